@@ -1,0 +1,74 @@
+# What one does here. Everything runs in $(VENV), made from the committed lock; only python3 (3.11 or newer) must exist.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+# libsumo is linked against these, although nothing is ever drawn with them.
+LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
+PYTEST := $(BIN)/python -m pytest
+.DEFAULT_GOAL := help
+.PHONY: help install libraries eval test test-all check lint types imports bench networks scenarios schemas validate lock clean
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "mdrive-sumo needs Python 3.11 or newer, found " + sys.version.split()[0])'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@$(BIN)/python -c 'import libsumo' 2>/dev/null || $(MAKE) --no-print-directory libraries
+	touch $@
+
+install: $(STAMP) ## the environment
+
+libraries: ## system libraries of SUMO, on Debian and Ubuntu
+	@test "$$(id -u)" = 0 || { echo 'libsumo does not load here; it needs: sudo apt-get install $(LIBRARIES)'; exit 1; }
+	apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $(LIBRARIES)
+
+eval: install ## drive the built-in InterDrive suite with the idm baseline
+	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
+
+test: install ## the tests (two cores: under 10 minutes)
+	$(PYTEST) -n 2 -m "not full"
+
+test-all: install ## every test: each scenario, each log, long soaks
+	$(PYTEST) -n 2
+
+check: lint types imports ## lint, types, import contracts, fast tests (under 2 minutes)
+	$(PYTEST) -n 2 -m "not slow and not full" -q
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: install
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+imports: install
+	$(BIN)/lint-imports --no-cache
+
+bench: install ## measure, print a table, write bench.json
+	$(BIN)/python tests/bench/bench.py
+
+networks: install ## compile networks/ anew from their recipes
+	$(BIN)/python -m mdrive_sumo.generate.networks
+
+scenarios: install ## write the built-in scenarios anew from their table
+	$(BIN)/python -m mdrive_sumo.generate.interdrive
+
+schemas: install ## write docs/schemas/ anew from the code
+	mkdir -p docs/schemas
+	for what in results contract scenario network suite; do \
+	  $(BIN)/mdrive-sumo schema $$what > docs/schemas/$$what.json || exit 1; done
+
+validate: install ## check the built-in suite: statistics, difficulty, feasibility
+	$(BIN)/mdrive-sumo validate interdrive
+
+lock: ## pin all versions anew (needs uv)
+	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 --generate-hashes \
+	  --no-emit-index-url --no-header --no-annotate --upgrade --quiet -o requirements.lock
+
+clean: ## remove the environment, caches and builds; runs/ stays
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,22 @@
+"""The built-in agents by name; a description of each is the first line of its class."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mdrive_sumo.agents.base import AgentFactory, Config
+from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
+from mdrive_sumo.agents.idm import IdmAgent
+from mdrive_sumo.agents.omniscient import OmniscientAgent
+from mdrive_sumo.agents.stationary import StationaryAgent
+
+__all__ = ["AGENTS", "AgentFactory", "Config"]
+
+AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
+    {
+        "stationary": StationaryAgent,
+        "constant-speed": ConstantSpeedAgent,
+        "idm": IdmAgent,
+        "omniscient": OmniscientAgent,
+    }
+)
+"""What `--agent NAME` may name."""

@@ -1,0 +1,39 @@
+"""`constant-speed`: the blind driver."""
+
+from mdrive_sumo.agents.base import Config, Option, read_options
+from mdrive_sumo.agents.path import Path, Reference, curve_speeds, make_path
+from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+
+OPTIONS = {"speed": Option(8.0, 1.0, 30.0)}
+ACCELERATION = 2.5
+LATERAL = 5.0
+"""[m/s2] A generous limit: at 8 m/s a car leaves the road in a 6 m bend (10.7 m/s2), so even a blind driver slows for it."""
+BRAKING = 4.0
+
+
+class ConstantSpeedAgent:
+    """Follows its route at a constant speed (8 m/s, slower only in sharp bends) and reacts to nobody.
+
+    The blind driver of the paper's difficulty screening (protocol 14.2): a scenario is a conflict if this driver gets into danger.
+    """
+
+    label = "single"
+
+    def __init__(self, config: Config) -> None:
+        self._speed = read_options("constant-speed", config, OPTIONS)["speed"]
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """None."""
+        return ()
+
+    def start(self, briefing: Briefing) -> None:
+        """Lays the path."""
+        path: Path = make_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
+        self._reference = Reference(path)
+        self._limits = curve_speeds(path, self._speed, LATERAL, BRAKING)
+        self._tick_s = briefing.tick_s
+
+    def act(self, seen: Observation) -> Reply:
+        """Faster until the speed is reached."""
+        self._reference.follow(seen.own.x, seen.own.y, seen.own.speed)
+        return Reply(plan=self._reference.plan(ACCELERATION, self._limits, self._tick_s))

@@ -1,0 +1,143 @@
+"""`idm`: a careful driver who is alone."""
+
+import math
+
+import numpy as np
+
+from mdrive_sumo.agents import yielding
+from mdrive_sumo.agents.base import Config, Option, read_options
+from mdrive_sumo.agents.path import SPACING_M, Reference, curve_speeds, make_path
+from mdrive_sumo.contract import Briefing, Objects, Observation, Reply, SensorSpec
+
+OPTIONS = {
+    "speed": Option(8.0, 1.0, 30.0),
+    "time_gap": Option(1.0, 0.2, 5.0),
+    "range": Option(60.0, 5.0, 200.0),
+}
+ACCELERATION = 2.0
+BRAKING = 2.5
+"""Comfortable [m/s2]."""
+HARD_BRAKING = 6.0
+STOP_BRAKING = 2.0
+RESPONSE_S = 0.5
+"""How fast it takes the speed that a stop asks for."""
+STANDING_GAP_M = 2.0
+LATERAL = 2.5
+DECIDE_TICKS = 4
+"""Decides at 5 Hz, as the paper's planners do, and holds its acceleration in between."""
+SIGN_MARGIN_M = 1.5
+"""Stops with the box centre that far before the line of a stop sign: inside its box."""
+LIGHT_MARGIN_M = 3.0
+"""Stops with the box centre that far before the line of a red light: front behind the line."""
+CROSSING_MARGIN_M = 1.0
+PATIENCE_S = (2.0, 8.0)
+"""Who has stood so long for others (everyone drew its own patience) insists on its turn for `BOLD_S`: four polite drivers would
+wait for each other for ever."""
+BOLD_S = 3.0
+
+
+class IdmAgent:
+    """Follows its route alone, by sight: keeps distance (IDM), stops at signs and red lights, yields by time-to-conflict.
+
+    Intelligent Driver Model: Treiber, Hennecke, Helbing, Congested traffic states in empirical observations and microscopic
+    simulations, Phys. Rev. E 62 (2000) 1805. It knows no intentions: a car that will turn is expected to go straight on.
+    """
+
+    label = "single"
+
+    def __init__(self, config: Config) -> None:
+        options = read_options("idm", config, OPTIONS)
+        self._cruise, self._time_gap, self._range = options["speed"], options["time_gap"], options["range"]
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """Boxes of what is near."""
+        return (SensorSpec("objects", range_m=self._range),)
+
+    def start(self, briefing: Briefing) -> None:
+        """Lays the path."""
+        self._me = briefing
+        self._path = make_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
+        stations = np.arange(len(self._path.xy)) * SPACING_M
+        legal = np.interp(stations, briefing.route_s, briefing.route_speed_limit)
+        self._limits = np.minimum(curve_speeds(self._path, self._cruise, LATERAL, BRAKING), legal)
+        self._reference = Reference(self._path)
+        self._signs = [sign.s for sign in briefing.stop_signs]
+        self._acceleration = 0.0
+        self._waited_s = 0.0
+        self._given_way: frozenset[str] = frozenset()
+        self._patience_s = float(np.random.default_rng(briefing.seed).uniform(*PATIENCE_S))
+
+    def act(self, seen: Observation) -> Reply:
+        """The plan that follows from the last decision."""
+        self._reference.follow(seen.own.x, seen.own.y, seen.own.speed)
+        if seen.tick % DECIDE_TICKS == 0:
+            self._acceleration = self._decide(seen)
+        return Reply(plan=self._reference.plan(self._acceleration, self._limits, self._me.tick_s))
+
+    def _decide(self, seen: Observation) -> float:
+        """Acceleration [m/s2]: the least that anything asks for."""
+        assert seen.objects is not None, "the objects sensor is declared"
+        ahead = yielding.outlook(self._path, self._reference.s, self._me.vehicle)
+        wishes = [self._free(), *(self._behind(leader) for leader in yielding.leaders(ahead, seen.objects))]
+        wishes += [self._stopping(line) for line in self._lines(seen)]
+        wishes.append(self._yielding(ahead, seen.objects))
+        return max(min(wishes), -HARD_BRAKING)
+
+    def _free(self) -> float:
+        return ACCELERATION * (1 - (self._reference.speed / self._cruise) ** 4)
+
+    def _behind(self, leader: yielding.Leader) -> float:
+        """IDM's acceleration behind a leader."""
+        speed = self._reference.speed
+        closing = speed * (speed - leader.speed) / (2 * math.sqrt(ACCELERATION * BRAKING))
+        wanted = STANDING_GAP_M + max(0.0, speed * self._time_gap + closing)
+        return self._free() - ACCELERATION * (wanted / max(leader.gap, 0.1)) ** 2
+
+    def _stopping(self, gap: float) -> float:
+        """Acceleration towards the speed from which comfortable braking ends within that distance [m]."""
+        allowed = math.sqrt(2 * STOP_BRAKING * max(gap, 0.0))
+        return (allowed - self._reference.speed) / RESPONSE_S
+
+    def _lines(self, seen: Observation) -> list[float]:
+        """Distances [m] to where signs and lights want the box centre to stop."""
+        s = self._reference.s
+        self._signs = [line for line in self._signs if not self._dealt_with(line, seen)]
+        signs = [line - SIGN_MARGIN_M - s for line in self._signs]
+        red = [light.s - LIGHT_MARGIN_M - s for light in self._me.traffic_lights if self._stops_for(seen, light.id, light.s)]
+        return signs + red
+
+    def _dealt_with(self, line: float, seen: Observation) -> bool:
+        """Whether I stand before the line of a stop sign or have passed it."""
+        here = self._reference.actual_s
+        return here > line or (abs(seen.own.speed) < 0.05 and here > line - SIGN_MARGIN_M - 1.5)
+
+    def _stops_for(self, seen: Observation, light: str, line: float) -> bool:
+        """Red, or yellow with room to stop; beyond the line nothing counts."""
+        gap = line - LIGHT_MARGIN_M - self._reference.s
+        letter = seen.signals.get(light, "g")
+        if self._reference.actual_s > line or letter not in "rRuyY":
+            return False
+        return letter in "rRu" or self._can_stop(gap)
+
+    def _can_stop(self, gap: float) -> bool:
+        return gap > 0 and self._reference.speed**2 / (2 * gap) < HARD_BRAKING
+
+    def _yielding(self, ahead: yielding.Outlook, objects: Objects) -> float:
+        """What those who cross first ask for: to wait before the first crossing at which one can still stop."""
+        speed = self._reference.speed
+        me = yielding.Mover(self._me.ego_id, speed, self._cruise, ACCELERATION)
+        bold = self._waited_s > self._patience_s
+        others = [c for c in yielding.crossings(ahead, objects) if self._can_stop(c.first - CROSSING_MARGIN_M)]
+        first = [c.id for c in others if yielding.gives_way(me, c, c.id in self._given_way, bold)]
+        self._given_way = frozenset(first)
+        self._wait(bool(first) and speed < yielding.MOVING_SPEED, bold)
+        if not first:
+            return math.inf
+        return self._stopping(min(other.first for other in others) - CROSSING_MARGIN_M)
+
+    def _wait(self, waiting: bool, bold: bool) -> None:
+        """Counts how long I have stood for others, and how long I have been bold."""
+        if waiting or bold:
+            self._waited_s += DECIDE_TICKS * self._me.tick_s
+        if self._waited_s > self._patience_s + BOLD_S:
+            self._waited_s = 0.0

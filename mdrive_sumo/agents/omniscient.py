@@ -1,0 +1,151 @@
+"""`omniscient`: the upper bound."""
+
+from functools import partial
+
+import numpy as np
+
+from mdrive_sumo.agents.base import Config, Option, read_options
+from mdrive_sumo.agents.overlap import CHECK_MARGIN, Margin, cells_of
+from mdrive_sumo.agents.path import Path, curve_speeds
+from mdrive_sumo.agents.precedence import planning_order
+from mdrive_sumo.agents.space_time import Profile, Task, braking, fastest, task_along
+from mdrive_sumo.agents.traffic import Fleet, expected_stations, fleet_of, objects_block
+from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, Plan, Privileged, Reply, SensorSpec
+from mdrive_sumo.geometry import Bool, Float, Int
+
+OPTIONS = {"speed": Option(9.0, 2.0, 10.0)}
+LATERAL = 3.0
+BRAKING = 2.0
+SPARE_S = 1.0
+"""Profiles end so long before the time limit."""
+INTERVAL_S = 0.25
+SHOWN_M = 6.0
+"""How far beyond the goal a published plan goes."""
+REVIEW_TICKS = 10
+"""Every CAV looks at its plan that often, each in a tick of its own, so that no two change their minds at once."""
+REVIEW_S = 8.0
+ASTRAY_M = 0.8
+"""A car that is so far from where its plan has it makes a new one."""
+STOP_BEFORE_M = (2.5, 1.0)
+"""Where to stop at a stop sign: box centre at most and at least that far before the line."""
+STOP_LAYERS = 3
+"""How long to stand there, in steps of a profile."""
+
+
+class OmniscientAgent:
+    """Knows every state and every plan, and times its way through the gaps: the upper bound.
+
+    Prioritised planning: all CAVs find the same order at the first tick; number r plans in tick r around the plans that it sees then,
+    keeps its plan, and makes a new one only when that has become unsafe or the car has strayed from it.
+    """
+
+    label = "privileged"
+
+    def __init__(self, config: Config) -> None:
+        self._cruise = read_options("omniscient", config, OPTIONS)["speed"]
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """Everything."""
+        return (SensorSpec("privileged"),)
+
+    def start(self, briefing: Briefing) -> None:
+        """Everything else needs the first observation."""
+        self._me = briefing
+        self._profile: Profile | None = None
+        self._made_tick = 0
+        self._s = 0.0
+
+    def act(self, seen: Observation) -> Reply:
+        """The plan, made or reviewed when it is my turn."""
+        assert seen.privileged is not None, "the privileged sensor is declared"
+        if seen.tick == 0:
+            self._survey(seen.privileged)
+        self._s = self._path.project(seen.own.x, seen.own.y, self._s)
+        self._signs = [line for line in self._signs if not self._dealt_with(line, seen.own.speed)]
+        turn = (seen.tick - self._rank) % REVIEW_TICKS == 0 and seen.tick >= self._rank
+        if turn and not self._still_good(seen, seen.privileged):
+            self._profile, self._made_tick = self._planned(seen, seen.privileged), seen.tick
+        return Reply(plan=self._published(seen))
+
+    def _survey(self, known: Privileged) -> None:
+        """Learns the paths of all CAVs and finds the order of planning."""
+        me = self._me
+        self._fleet: Fleet = fleet_of(known, me.vehicle)
+        self._path: Path = self._fleet.paths[me.ego_id]
+        self._speeds = np.minimum(_speeds(self._path, self._cruise), self._legal_speeds())
+        until_s = me.time_limit_s - SPARE_S
+        tasks = {
+            ego: task_along(path, _speeds(path, self._cruise), (0.0, 0.0), 0.0, until_s)
+            for ego, path in self._fleet.paths.items()
+        }
+        self._order = planning_order(self._fleet, tasks)
+        self._rank = self._order.index(me.ego_id)
+        self._signs = [self._along_path(sign.s) for sign in me.stop_signs]
+
+    def _along_path(self, route_s: float) -> float:
+        """Arc length on the (smoother, so shorter) path of an arc length on the route [m]."""
+        x, y = (float(np.interp(route_s, self._me.route_s, self._me.route_xy[:, axis])) for axis in (0, 1))
+        return self._path.project(x, y, route_s)
+
+    def _legal_speeds(self) -> Float:
+        """Speed limit (M,) [m/s] at the points of the path."""
+        stations = np.linspace(0.0, self._path.length, len(self._path.xy))
+        return np.interp(stations, self._me.route_s, self._me.route_speed_limit)
+
+    def _dealt_with(self, line: float, speed: float) -> bool:
+        """Whether a stop sign needs no more thought: I stand close before its line or have passed it."""
+        stood = abs(speed) < 0.05 and self._s > line - STOP_BEFORE_M[0] - 1.0
+        return stood or self._s > line - STOP_BEFORE_M[1] / 2
+
+    def _still_good(self, seen: Observation, known: Privileged) -> bool:
+        """Whether the profile arrives, the car is where it should be, and nobody will be in the way for `REVIEW_S`."""
+        profile = self._profile
+        if profile is None or not profile.arrives:
+            return False
+        age = (seen.tick - self._made_tick) * self._me.tick_s
+        if abs(float(profile.at(np.array([age]))[0]) - self._s) > ASTRAY_M:
+            return False
+        times = (np.arange(int(REVIEW_S / INTERVAL_S)) + 1) * INTERVAL_S
+        cells = cells_of(self._path, profile.at(age + times))
+        met = np.diagonal(self._blocked(known, cells, times, CHECK_MARGIN))
+        return not (met & ~np.logical_and.accumulate(met)).any()  # a margin violated from the start was meant
+
+    def _blocked(self, known: Privileged, cells: Int, times: Float, margin: Margin) -> Bool:
+        """Which of my cells (J,) anybody whose plan I respect blocks at times (T,) [s] from now: (T, J)."""
+        me = self._me
+        size = (me.vehicle.length + 2 * margin.along, me.vehicle.width + 2 * margin.across)
+        blocked = objects_block(self._path, cells, known.objects, times, size)
+        for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
+            if other != me.ego_id and (self._profile is not None or self._order.index(other) < self._rank):
+                stations = expected_stations(self._fleet.paths[other], state, plan, times, me.tick_s)
+                blocked |= self._fleet.blocked(me.ego_id, cells, other, stations, margin)
+        return blocked
+
+    def _planned(self, seen: Observation, known: Privileged) -> Profile:
+        """A new profile from here, with the stops that are due."""
+        now_s = seen.tick * self._me.tick_s
+        until_s = max(self._me.time_limit_s - SPARE_S, now_s + 10.0)
+        task = task_along(self._path, self._speeds, (self._s, seen.own.speed), now_s, until_s)
+        task = task.among(partial(self._blocked, known, task.cells, task.times))
+        done: Profile | None = None
+        for line in self._signs:
+            part = fastest(task.halted_at(line - STOP_BEFORE_M[0], line - STOP_BEFORE_M[1]))
+            if part is None or not part.arrives:
+                break
+            part = part.held(STOP_LAYERS)
+            task, done = task.after(part), part if done is None else done.then(part)
+        last = fastest(task) or braking(task)
+        return last if done is None else done.then(last)
+
+    def _published(self, seen: Observation) -> Plan:
+        """What the others may rely on: the profile from now on until beyond the goal, or standing here."""
+        if self._profile is None:
+            return Plan(np.array([(seen.own.x, seen.own.y)]), INTERVAL_S)
+        age = (seen.tick - self._made_tick) * self._me.tick_s
+        stations = self._profile.at(age + (np.arange(MAX_PLAN_POINTS) + 1) * INTERVAL_S)
+        count = int(np.searchsorted(stations, self._path.goal_s + SHOWN_M)) + 1
+        return Plan(self._path.points(stations[:count]), INTERVAL_S)
+
+
+def _speeds(path: Path, cruise: float) -> Float:
+    return curve_speeds(path, cruise, LATERAL, BRAKING)

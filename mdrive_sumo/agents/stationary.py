@@ -1,0 +1,24 @@
+"""`stationary`: the agent that never moves."""
+
+from mdrive_sumo.agents.base import Config, read_options
+from mdrive_sumo.contract import STANDSTILL, Briefing, Observation, Reply, SensorSpec
+
+
+class StationaryAgent:
+    """Stands at its start with the brake on: the lower bound of every score."""
+
+    label = "single"
+
+    def __init__(self, config: Config) -> None:
+        read_options("stationary", config, {})
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """None."""
+        return ()
+
+    def start(self, briefing: Briefing) -> None:  # noqa: ARG002 - the protocol's signature
+        """Nothing to prepare."""
+
+    def act(self, seen: Observation) -> Reply:  # noqa: ARG002 - the protocol's signature
+        """The brake."""
+        return Reply(control=STANDSTILL)

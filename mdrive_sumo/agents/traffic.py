@@ -1,0 +1,103 @@
+"""What an omniscient driver knows of everybody else: where they will be, and which of its own cells that blocks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mdrive_sumo.agents.overlap import PLAN_MARGIN, Margin, cells_of, footprints, overlaps, path_overlaps
+from mdrive_sumo.agents.path import SPACING_M, Path, make_path
+from mdrive_sumo.contract import Objects, OwnState, Plan, Privileged, VehicleFacts
+from mdrive_sumo.geometry import Bool, Float, Int, boxes_corners
+
+GONE_M = 2.0
+"""A CAV leaves the world when it passes its goal; by this far beyond it, it is surely gone."""
+FORESIGHT_S = 4.0
+"""How long background traffic is expected to go straight on."""
+STANDING_SPEED = 0.1
+WIDENING = 0.1
+"""[m/s] How fast the box of a background vehicle grows while it is predicted."""
+
+
+@dataclass
+class Fleet:
+    """The CAVs of a scenario: the path of each, and where any two are in each other's way (computed once, when asked)."""
+
+    paths: Mapping[str, Path]
+    size: tuple[float, float]
+    _overlaps: dict[tuple[str, str, Margin], Bool] = field(default_factory=dict[tuple[str, str, Margin], Bool])
+
+    def overlap(self, mine: str, other: str, margin: Margin = PLAN_MARGIN) -> Bool:
+        """See `path_overlaps`."""
+        key = (mine, other, margin)
+        if key not in self._overlaps:
+            self._overlaps[key] = path_overlaps(self.paths[mine], self.paths[other], self.size, margin)
+        return self._overlaps[key]
+
+    def blocked(self, mine: str, cells: Int, other: str, stations: Float, margin: Margin = PLAN_MARGIN) -> Bool:
+        """Which of my cells (J,) the other blocks while it is at arc lengths stations (T,) [m]: (T, J). Beyond its goal: none."""
+        path = self.paths[other]
+        table = self.overlap(mine, other, margin)[cells][:, cells_of(path, stations)]
+        return table.T & (stations < path.goal_s + GONE_M)[:, None]
+
+
+    def standing_in_way(self, ego: str) -> frozenset[str]:
+        """CAVs whose start lies in the way of ego: it cannot arrive before they have left."""
+        length, width = self.size
+        mine = footprints(self.paths[ego], length, width + 2 * PLAN_MARGIN.across)
+        others = [other for other in self.paths if other != ego]
+        starts = np.array([footprints(self.paths[other], length, width)[0] for other in others]).reshape(-1, 4, 2)
+        return frozenset(np.array(others)[overlaps(mine, starts).any(0)].tolist())
+
+
+def fleet_of(known: Privileged, vehicle: VehicleFacts) -> Fleet:
+    """All living CAVs; every CAV is taken to be a car like mine."""
+    paths = {
+        ego: make_path(route, vehicle.rear_to_centre)
+        for ego, route in zip(known.ego_ids, known.routes, strict=True)
+    }
+    return Fleet(paths, (vehicle.length, vehicle.width))
+
+
+def expected_stations(path: Path, state: OwnState, plan: Plan | None, times: Float, age_s: float) -> Float:
+    """Arc length (T,) [m] on its path at `times` from now of a CAV with that state, by its plan made `age_s` ago.
+
+    Beyond the end of its plan, and without one, it goes on at its last speed.
+    """
+    if plan is None:
+        here = path.project(state.x, state.y, 0.0, within_m=path.length)
+        return here + max(state.speed, 0.0) * times
+    gaps = ((plan.points[:, None] - path.xy[None]) ** 2).sum(-1)
+    stations = np.maximum.accumulate(gaps.argmin(1) * SPACING_M)
+    due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
+    speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
+    return np.interp(times, due, stations) + speed * np.maximum(times - due[-1], 0.0)
+
+
+def objects_block(path: Path, cells: Int, objects: Objects, times: Float, size: tuple[float, float]) -> Bool:
+    """Which of the cells (J,) of a car of that size [m] are blocked at `times` (T,) by actors that are no CAVs: (T, J).
+
+    They go straight on at their speed for `FORESIGHT_S` and are forgotten then; whoever stands stays for ever.
+    """
+    blocked = np.zeros((len(times), len(cells)), dtype=np.bool_)
+    if not objects.ids:
+        return blocked
+    mine = footprints(path, *size, cells)
+    standing = np.abs(objects.speed) < STANDING_SPEED
+    blocked |= overlaps(mine, _boxes(objects, standing, 0.0)).any(1)[None]
+    for row in np.flatnonzero(times <= FORESIGHT_S):
+        blocked[row] |= overlaps(mine, _boxes(objects, ~standing, float(times[row]))).any(1)
+    return blocked
+
+
+def _boxes(objects: Objects, chosen: Bool, t: float) -> Float:
+    """Corners (N, 4, 2) of the chosen objects' boxes after t seconds."""
+    ahead, yaw = objects.speed[chosen] * t, objects.yaw[chosen]
+    grown = 2 * WIDENING * t
+    return boxes_corners(
+        objects.x[chosen] + ahead * np.cos(yaw),
+        objects.y[chosen] + ahead * np.sin(yaw),
+        yaw,
+        objects.length[chosen] + grown,
+        objects.width[chosen] + grown,
+    )

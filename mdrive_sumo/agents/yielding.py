@@ -1,0 +1,165 @@
+"""Whom a lone driver must mind: what is on its way, and who will cross its way first.
+
+Nothing is known of the others but what is seen: they are expected to go straight on at their speed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.agents.overlap import cells_of, footprints, overlaps
+from mdrive_sumo.agents.path import Path
+from mdrive_sumo.contract import Objects, VehicleFacts
+from mdrive_sumo.geometry import Bool, Float, Int, boxes_corners, wrap_angle
+from mdrive_sumo.state import Kind
+
+LOOK_M = 40.0
+"""How far ahead a driver looks, on its own path and on the others' ways."""
+STRIDE_M = 1.0
+SIDE_M = 0.25
+"""Kept free on either side."""
+MOVING_SPEED = 0.5
+"""[m/s] Who is slower stands, and is taken to come at this speed: later than anybody who drives."""
+GAP_S = 1.0
+"""Two cars that use the same place less than this apart are in conflict."""
+TIE_S = 0.5
+"""Arrivals that differ by less are a tie."""
+HOLD_S = 1.5
+"""Who gives way does not change its mind until the other one would be so much later."""
+SIDE_ANGLES = (math.radians(20), math.radians(160))
+"""Who drives at such an angle to me comes from the side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mover:
+    """The own car: its name, speed [m/s], and how it will speed up [m/s2] to its cruising speed if nobody is in the way."""
+
+    id: str
+    speed: float
+    cruise: float
+    acceleration: float
+
+    def time_to(self, distance: float) -> float:
+        """How long it takes [s] for that distance [m]."""
+        cruise = max(self.cruise, self.speed, 0.1)
+        ramp = (cruise - self.speed) / self.acceleration
+        ramp_m = (cruise + self.speed) / 2 * ramp
+        if distance >= ramp_m:
+            return ramp + (distance - ramp_m) / cruise
+        return (math.sqrt(self.speed**2 + 2 * self.acceleration * distance) - self.speed) / self.acceleration
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """The next `LOOK_M` of the own path at stations (A,): distance [m], direction [rad], footprints (A, 4, 2)."""
+
+    distance: Float
+    yaw: Float
+    boxes: Float
+
+
+@dataclass(frozen=True, slots=True)
+class Leader:
+    """Something on the way: how far the own car can go [m] until it touches it, and its speed along the path [m/s]."""
+
+    gap: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """Somebody whose way crosses mine."""
+
+    id: str
+    first: float
+    """Where the common place begins and ends on my path [m from here]."""
+    last: float
+    arrives_s: float
+    """When the other one is there, from and until."""
+    leaves_s: float
+    standing: bool
+    bearing: float
+    """Direction of the other one against mine [rad], where I am now."""
+    turning: bool
+    """Whether my path turns before I am there."""
+
+
+def outlook(path: Path, s: float, vehicle: VehicleFacts) -> Outlook:
+    """What lies before the car at arc length s."""
+    distance = np.arange(STRIDE_M, LOOK_M, STRIDE_M)
+    cells = cells_of(path, s + distance)
+    boxes = footprints(path, vehicle.length, vehicle.width + 2 * SIDE_M, cells)
+    return Outlook(distance, path.yaw[cells], boxes)
+
+
+def leaders(ahead: Outlook, objects: Objects) -> list[Leader]:
+    """Everything that is on the path now."""
+    met = overlaps(ahead.boxes, _boxes(objects, np.arange(len(objects.ids)), 0.0))
+    rows = np.flatnonzero(met.any(0))
+    first: Int = met[:, rows].argmax(0)
+    along = np.maximum(objects.speed[rows] * np.cos(objects.yaw[rows] - ahead.yaw[first]), 0.0)
+    return [Leader(*pair) for pair in zip(ahead.distance[first].tolist(), along.tolist(), strict=True)]
+
+
+def crossings(ahead: Outlook, objects: Objects) -> list[Crossing]:
+    """Everybody near who will cross the path going straight on."""
+    near = np.hypot(*(ahead.boxes[0].mean(0)[:, None] - np.array((objects.x, objects.y)))) < LOOK_M
+    rows = np.flatnonzero(near & (objects.kind != Kind.STATIC))
+    travelled = np.arange(0.0, LOOK_M, STRIDE_M)
+    swept = _boxes(objects, rows[:, None], travelled)
+    met = overlaps(ahead.boxes, swept.reshape(-1, 4, 2)).reshape(len(ahead.distance), *swept.shape[:2])
+    return [
+        _crossing(ahead, objects, row, met[:, k]) for k, row in enumerate(rows.tolist()) if met[:, k].any()
+    ]
+
+
+def _crossing(ahead: Outlook, objects: Objects, row: int, met: Bool) -> Crossing:
+    """met: (A, K) which of my stations the other one overlaps after so many strides."""
+    mine, theirs = np.flatnonzero(met.any(1)), np.flatnonzero(met.any(0))
+    standing = float(objects.speed[row]) < MOVING_SPEED
+    speed = MOVING_SPEED if standing else float(objects.speed[row])
+    return Crossing(
+        id=objects.ids[row],
+        first=float(ahead.distance[mine[0]]),
+        last=float(ahead.distance[mine[-1]]),
+        arrives_s=float(theirs[0]) * STRIDE_M / speed,
+        leaves_s=float(theirs[-1] + 1) * STRIDE_M / speed,
+        standing=standing,
+        bearing=wrap_angle(float(objects.yaw[row] - ahead.yaw[0])),
+        turning=abs(float(ahead.yaw[mine[0]] - ahead.yaw[0])) > SIDE_ANGLES[0],
+    )
+
+
+def gives_way(me: Mover, other: Crossing, before: bool, bold: bool) -> bool:
+    """Whether I let the other one go first: it is there earlier, or wins a tie; if both stand that is one.
+
+    Whoever gave way `before` goes on to do so while the other one is not clearly later; the bold one wins every tie.
+    """
+    here_s, gone_s = me.time_to(other.first), me.time_to(other.last)
+    if here_s > other.leaves_s + GAP_S or gone_s + GAP_S < other.arrives_s:
+        return False
+    lead = other.arrives_s - here_s
+    if (other.standing and me.speed < MOVING_SPEED) or abs(lead) < TIE_S:
+        return not bold and _loses_tie(me, other)
+    return lead < (HOLD_S if before and not bold else 0.0)
+
+
+def _loses_tie(me: Mover, other: Crossing) -> bool:
+    """Right before left; straight before turning; then the smaller name goes first."""
+    low, high = SIDE_ANGLES
+    if low < abs(other.bearing) < high:
+        return other.bearing > 0  # it crosses from my right to my left
+    return other.turning or other.id < me.id
+
+
+def _boxes(objects: Objects, rows: Int, travelled: Float | float) -> Float:
+    """Corners of the chosen objects' boxes after they travelled so far [m]; rows and travelled broadcast."""
+    yaw = objects.yaw[rows]
+    return boxes_corners(
+        objects.x[rows] + travelled * np.cos(yaw),
+        objects.y[rows] + travelled * np.sin(yaw),
+        yaw,
+        objects.length[rows],
+        objects.width[rows],
+    )

@@ -1,0 +1,16 @@
+"""Which scenario a user means."""
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.catalog import Suite
+from mdrive_sumo.scenario.spec import Scenario
+
+
+def the_one(suite: Suite, pattern: str) -> Scenario:
+    """The only scenario whose id (or category) fits a glob; raises InputError if none or several do."""
+    found = suite.matching(pattern)
+    if len(found) == 1:
+        return found[0]
+    raise InputError(
+        f"suite {suite.name}: expected {pattern!r} to fit one scenario, found {len(found)}:"
+        f" {', '.join(scenario.id for scenario in found[:4])}{' ...' if len(found) > 4 else ''}"
+    )

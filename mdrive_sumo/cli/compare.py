@@ -1,0 +1,27 @@
+"""`mdrive-sumo compare`."""
+
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.compare import compare, comparison_table
+from mdrive_sumo.score import load_results
+
+
+@click.command("compare")
+@click.argument("run_a", type=click.Path(path_type=Path))
+@click.argument("run_b", type=click.Path(path_type=Path))
+def command(run_a: Path, run_b: Path) -> None:
+    """Compare two runs scenario by scenario: B minus A.
+
+    Mean paired differences of DS and SR come with 95 % bootstrap confidence intervals over the scenarios that
+    both runs have. RUN_A and RUN_B are folders written by `eval`, or results files.
+    """
+    click.echo(
+        comparison_table(compare(load_results(results_file(run_a)), load_results(results_file(run_b))))
+    )
+
+
+def results_file(run: Path) -> Path:
+    """The results file of a run's folder; a file stands for itself, e.g. one written by `rescore`."""
+    return run / "results.json" if run.is_dir() else run

@@ -1,0 +1,116 @@
+"""`mdrive-sumo eval`."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.cli.progress import ProgressDisplay
+from mdrive_sumo.report.markdown import report_markdown
+from mdrive_sumo.report.tables import summary_table
+from mdrive_sumo.score import Results, ScoreMode
+from mdrive_sumo.suite import (
+    RESULTS_FILE,
+    Prepared,
+    Settings,
+    available_cores,
+    evaluate,
+    load_agent_config,
+    prepare,
+)
+from mdrive_sumo.suite.journal import JOURNAL_FILE
+from mdrive_sumo.suite.preparation import EPISODES_FOLDER
+from mdrive_sumo.suite.run import writing
+
+REPORT_FILE = "report.md"
+MODES = tuple(mode.value for mode in ScoreMode)
+
+
+def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
+    """The option --workers: a positive number, or every core that this process may use."""
+    if value == "auto":
+        return available_cores()
+    if not value.isdecimal() or int(value) < 1:
+        raise click.BadParameter(f"expected a positive number or auto, found {value!r}")
+    return int(value)
+
+
+workers_option = click.option(
+    "--workers",
+    default="auto",
+    show_default=True,
+    metavar="N|auto",
+    callback=worker_count,
+    help="Worker processes; auto: one a core.",
+)
+
+
+@click.command("eval")
+@click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
+@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@click.option(
+    "--agent",
+    default="idm",
+    show_default=True,
+    metavar="NAME|module:Class|path.py:Class",
+    help="Who drives: one instance of it in every CAV.",
+)
+@click.option(
+    "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object."
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness."
+)
+@workers_option
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
+@click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
+@click.option(
+    "--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick."
+)
+@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
+@click.pass_context
+def command(
+    ctx: click.Context, agent_config: Path | None, no_record: bool, score_mode: str, **options: object
+) -> None:
+    """Drive a suite with an agent and score it.
+
+    The same command given again continues an interrupted run; it also tries void scenarios again. A scenario
+    whose worker died is retried once, then it is void: the benchmark's failure or SUMO's, never the agent's.
+
+    Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
+    """
+    config = load_agent_config(agent_config) if agent_config else {}
+    settings = Settings(
+        **options,  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+        agent_config=config,
+        record=not no_record,
+        score_mode=ScoreMode(score_mode),
+        command=("mdrive-sumo", *sys.argv[1:]),
+    )
+    run = prepare(settings)
+    whole = _evaluated(ctx, run)
+    with writing(run.folder / REPORT_FILE):
+        (run.folder / REPORT_FILE).write_text(report_markdown(whole))
+    click.echo(summary_table(whole))
+    click.echo("\n" + _written(run))
+    ctx.exit(1 if whole.void else 0)
+
+
+def _evaluated(ctx: click.Context, run: Prepared) -> Results:
+    progress = ProgressDisplay(sys.stderr)
+    try:
+        return evaluate(run, progress)
+    except KeyboardInterrupt:
+        progress.close()
+        again = "the same command" + (" without --fresh" if run.settings.fresh else "")
+        click.echo(f"interrupted; {again} continues {run.folder}", err=True)
+        ctx.exit(130)
+    finally:
+        progress.close()
+
+
+def _written(run: Prepared) -> str:
+    files = {RESULTS_FILE: "all numbers", REPORT_FILE: "to read", JOURNAL_FILE: "what was done"}
+    if run.settings.record:
+        files[f"{EPISODES_FOLDER}/"] = "one recording a scenario, for view, verify and rescore"
+    return "\n".join(f"{run.folder / name}  {what}" for name, what in files.items())

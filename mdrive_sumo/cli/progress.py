@@ -1,0 +1,85 @@
+"""How far an evaluation has come: one live line on a terminal, one plain line a scenario elsewhere."""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from shutil import get_terminal_size
+from statistics import fmean
+from typing import TextIO
+
+from mdrive_sumo.score import ScenarioResult
+
+BAR_WIDTH = 24
+
+
+class ProgressDisplay:
+    """Writes to `stream`; `clock` [s] only serves the estimate of the time left."""
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream, self._clock = stream, clock
+        self._live = stream.isatty()
+        self._total = self._kept = 0
+        self._results: list[ScenarioResult] = []
+        self._began = clock()
+
+    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+        """See suite.Progress."""
+        self._total, self._kept = total, len(kept)
+        self._results = list(kept.values())
+        self._began = self._clock()
+        if kept and len(kept) < total:
+            self.note(f"continuing: {len(kept)} of {total} scenarios are done already")
+        if len(kept) == total:
+            self.note("already complete; --fresh runs it again")
+        self._draw("")
+
+    def done(self, result: ScenarioResult) -> None:
+        """See suite.Progress."""
+        self._results.append(result)
+        if self._live:
+            self._draw(result.id)
+        else:
+            self._write(f"{self._state()}  {result.id} {_brief(result)}\n")
+
+    def note(self, text: str) -> None:
+        """See suite.Progress."""
+        self._write(("\r\x1b[K" if self._live else "") + text + "\n")
+        self._draw("")
+
+    def close(self) -> None:
+        """Clears the live line."""
+        if self._live:
+            self._write("\r\x1b[K")
+
+    def _draw(self, last: str) -> None:
+        if self._live and self._total:
+            full = BAR_WIDTH * len(self._results) // self._total
+            bar = "█" * full + "░" * (BAR_WIDTH - full)
+            width = max(get_terminal_size().columns, 40)
+            self._write("\r\x1b[K" + f"{bar} {self._state()}  {last}"[: width - 1])
+
+    def _state(self) -> str:
+        done = len(self._results)
+        if not done:
+            return f"{done}/{self._total}"
+        means = f"DS {_mean(r.ds for r in self._results)}  SR {_mean(r.sr for r in self._results)}"
+        return f"{done:{len(str(self._total))}}/{self._total}  {means}  eta {self._time_left()}"
+
+    def _time_left(self) -> str:
+        fresh = len(self._results) - self._kept
+        if not fresh:
+            return "-:--"
+        left_s = (self._clock() - self._began) / fresh * (self._total - len(self._results))
+        minutes, seconds = divmod(round(left_s), 60)
+        return f"{minutes}:{seconds:02}"
+
+    def _write(self, text: str) -> None:
+        self._stream.write(text)
+        self._stream.flush()
+
+
+def _mean(values: Iterable[float]) -> str:
+    return f"{fmean(values):5.1f}"
+
+
+def _brief(result: ScenarioResult) -> str:
+    return f"void: {result.reason}" if result.status == "void" else f"DS {result.ds:.1f}"

@@ -1,0 +1,29 @@
+"""`mdrive-sumo rescore`."""
+
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.cli.evaluate import MODES
+from mdrive_sumo.report.tables import summary_table
+from mdrive_sumo.score import ScoreMode
+from mdrive_sumo.suite.rescore import rescored, save_rescored
+from mdrive_sumo.suite.stored import open_run
+
+
+@click.command("rescore")
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--score-mode", type=click.Choice(MODES), help="[default: that of the run]")
+@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@click.pass_context
+def command(ctx: click.Context, run_folder: Path, score_mode: str | None, suite: str | None) -> None:
+    """Score the recordings of a run again, without simulation, and write RUN/results-MODE.json.
+
+    Exit codes: 0 done, 1 some scenarios are void, 2 unusable input.
+    """
+    run, results = open_run(run_folder, suite)
+    again = rescored(run, results, ScoreMode(score_mode or results.run.score_mode))
+    path = save_rescored(run, again)
+    click.echo(summary_table(again))
+    click.echo(f"\n{path}")
+    ctx.exit(1 if again.void else 0)

@@ -1,0 +1,31 @@
+"""`mdrive-sumo schema`."""
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import click
+
+from mdrive_sumo import contract
+from mdrive_sumo.roads import NetworkFile
+from mdrive_sumo.scenario.catalog import SuiteFile
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.score import results_schema
+
+SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
+    "results": results_schema,
+    "contract": contract.schema,
+    "scenario": Scenario.model_json_schema,
+    "network": NetworkFile.model_json_schema,
+    "suite": SuiteFile.model_json_schema,
+}
+
+
+@click.command("schema")
+@click.argument("what", type=click.Choice(tuple(SCHEMAS)))
+def command(what: str) -> None:
+    """Print a file format, or the contract between benchmark and agent, as JSON.
+
+    Files are described in JSON Schema; the contract by its message types with their fields.
+    """
+    click.echo(json.dumps(SCHEMAS[what](), indent=2))

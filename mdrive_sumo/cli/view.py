@@ -1,0 +1,74 @@
+"""`mdrive-sumo view`."""
+
+import webbrowser
+from pathlib import Path
+
+import click
+import numpy as np
+
+from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.episode import Ending, Episode, load_episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.report.viewer import Mark, viewer_html
+from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.score import EgoResult, Infraction, Results, ScenarioResult
+from mdrive_sumo.state import End
+from mdrive_sumo.suite.preparation import Prepared, recording
+from mdrive_sumo.suite.run import writing
+from mdrive_sumo.suite.stored import open_run
+
+
+@click.command("view")
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--scenario", metavar="GLOB", help="Which one: an id, or a glob that fits one [default: the first].")
+@click.option("--export", type=click.Path(path_type=Path, dir_okay=False), help="Write the page here, open nothing.")
+@click.option("--no-open", is_flag=True, help="Write RUN/view/SCENARIO.html and open nothing.")
+@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+def command(run_folder: Path, scenario: str | None, export: Path | None, no_open: bool, suite: str | None) -> None:
+    """Replay a recorded episode in the browser.
+
+    The page is one self-contained HTML file that never reaches the network; `?` in it lists the keys.
+    """
+    run, results = open_run(run_folder, suite)
+    chosen = the_one(run.suite, scenario) if scenario else run.scenarios[0]
+    path = export or run_folder / "view" / f"{chosen.id}.html"
+    page = _page(run, chosen, _result(results, chosen))
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page, encoding="utf-8")
+    click.echo(path)
+    if not (export or no_open) and not webbrowser.open(path.resolve().as_uri()):
+        click.echo("no browser found here: open the file above in one", err=True)
+
+
+def _result(results: Results, scenario: Scenario) -> ScenarioResult:
+    found = next((result for result in results.scenarios if result.id == scenario.id), None)
+    if found is None:
+        raise InputError(f"scenario {scenario.id}: expected one of this run's scenarios, found it was not driven")
+    if found.status == "void":
+        raise InputError(f"scenario {scenario.id}: expected a recorded episode, found a void one ({found.reason})")
+    return found
+
+
+def _page(run: Prepared, scenario: Scenario, result: ScenarioResult) -> str:
+    if not run.settings.record:
+        raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
+    episode = load_episode(recording(run.folder, scenario.id))
+    roads = load(network_folder(scenario.network, run.suite.folder))
+    infractions = [_infraction_mark(ego, event) for ego in result.egos for event in ego.infractions]
+    arrivals = [_arrival_mark(episode, ending) for ending in episode.endings if ending.end is End.ARRIVED]
+    return viewer_html(episode, scenario, roads, sorted((*infractions, *arrivals), key=lambda mark: mark.tick))
+
+
+def _infraction_mark(ego: EgoResult, event: Infraction) -> Mark:
+    cost = f", x {event.factor:.2f}" if event.factor < 1.0 else ""
+    whom = f" with {event.other}" if event.other else ""
+    return Mark(event.tick, ego.id, event.kind, f"{event.kind}{whom}{cost}", event.x, event.y)
+
+
+def _arrival_mark(episode: Episode, ending: Ending) -> Mark:
+    column = episode.ego_ids.index(ending.ego)
+    last = int(np.flatnonzero(episode.valid[:, column])[-1])
+    x, y = float(episode.x[last, column]), float(episode.y[last, column])
+    return Mark(last, ending.ego, str(ending.end), "arrived", x, y)

@@ -1,0 +1,223 @@
+"""How a CAV moves: a single-track model with slipping tyres, real pedals and a real steering wheel.
+
+The model is the linear single-track model (Riekert and Schunck 1940; Rajamani, Vehicle Dynamics and Control,
+ch. 2) with three additions: axle forces are limited by friction; slip angles are taken against at least
+`SLIP_SPEED`, so that at walking pace the model becomes the kinematic one instead of dividing by zero; pedals
+and wheel answer with a first-order lag. No load transfer, no gears. State in, new state out: `step` is pure.
+"""
+
+import math
+from dataclasses import dataclass
+
+from mdrive_sumo.contract import Control, VehicleFacts
+from mdrive_sumo.geometry import wrap_angle
+from mdrive_sumo.state import DT, EgoState
+
+Triple = tuple[float, float, float]
+GRAVITY = 9.81
+AIR_DENSITY = 1.2
+SUB_STEPS = 10
+"""Sub-steps of a tick, 5 ms each: after 8 s of hard driving the path is within 0.1 m of the converged one."""
+SLIP_SPEED = 3.0
+"""Least speed [m/s] that slip angles are taken against; it keeps the explicit step stable at any speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Parameters of a car. SI units; the centre of gravity is the centre of the box.
+
+    The defaults are the paper's car, a Lincoln MKZ 2017 (`vehicle.lincoln.mkz2017` in CARLA). "Apollo" is the
+    public calibration of that car in Baidu Apollo (data set `mkz_example`, lateral controller).
+    """
+
+    length: float = 4.90
+    """Twice the half extent 2.45 m that the original benchmark uses (spec/protocol.md, section 16)."""
+    width: float = 2.00
+    """Twice the half extent 1.00 m, as `length`."""
+    wheelbase: float = 2.845
+    """Apollo: 2.8448 m."""
+    rear_to_centre: float = 1.4225
+    """Half the wheelbase: Apollo has equal corner masses and its box centre 1.42 m before the rear axle."""
+    mass: float = 2080.0
+    """Apollo: four corners of 520 kg (with passengers and equipment)."""
+    yaw_inertia: float = 4210.0
+    """Apollo's rule: mass x (distance to front axle) x (distance to rear axle)."""
+    front_stiffness: float = 155_495.0
+    """Cornering stiffness of the front axle [N/rad], Apollo."""
+    rear_stiffness: float = 155_495.0
+    """Cornering stiffness of the rear axle [N/rad], Apollo; as the front's, so the car steers neutrally."""
+    friction: float = 0.9
+    """Tyre friction. Assumption: dry asphalt."""
+    max_steer_angle: float = 0.75
+    """Front wheels at full lock [rad]. Assumption within one source: the bicycle model that Chen et al. (World
+    on Rails, ICCV 2021) fitted to data of this car in CARLA has the curvature of 0.79 rad for small inputs
+    and of 0.65 rad at full lock. The real car reaches 0.51 rad (Apollo), CARLA's inner wheel 1.22 rad."""
+    max_steer_rate: float = 0.9
+    """[rad/s]. Assumption: a fast hand, 800 deg/s at the wheel, ratio 16; Apollo allows itself 0.44."""
+    steer_lag: float = 0.08
+    """Time constant of the steering [s]. Assumption."""
+    max_power: float = 155_000.0
+    """At the wheels [W]: the 183 kW (245 hp) of the 2.0 l engine less 15 % driveline losses (assumed)."""
+    max_acceleration: float = 4.5
+    """Limit of the drive force, as acceleration [m/s2]. Assumption; 0-100 km/h then takes 7.65 s."""
+    max_speed: float = 58.0
+    """Governed top speed [m/s]. Assumption: 130 mph."""
+    max_deceleration: float = 8.0
+    """At full brake [m/s2], a little under the friction limit 0.9 g. Assumption: anti-lock brakes."""
+    drive_lag: float = 0.25
+    """Time constant from throttle to force [s]. Assumption."""
+    brake_lag: float = 0.12
+    """Time constant from brake pedal to force [s]. Assumption: hydraulic brakes reach 90 % in under 0.3 s."""
+    rolling_resistance: float = 0.012
+    """Share of the weight. Assumption: textbook value for a car tyre on asphalt."""
+    drag_area: float = 0.68
+    """Drag coefficient x frontal area [m2]. Assumption: 0.30 (CARLA's blueprint value) x 2.27 m2."""
+
+    @property
+    def front_to_centre(self) -> float:
+        """Distance [m] from the box centre forward to the front axle."""
+        return self.wheelbase - self.rear_to_centre
+
+
+MKZ_2017 = Vehicle()
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The whole state of a moving car: pose of the box centre, velocity in the car's own frame, actuators."""
+
+    x: float
+    y: float
+    yaw: float
+    vx: float = 0.0
+    """Forward speed of the box centre [m/s]."""
+    vy: float = 0.0
+    """Leftward speed of the box centre [m/s]."""
+    yaw_rate: float = 0.0
+    steer_angle: float = 0.0
+    """Front wheels [rad], left positive."""
+    drive: float = 0.0
+    """Share of the drive force that is there, [0, 1]; follows the throttle."""
+    brake: float = 0.0
+    """Share of the brake force that is there, [0, 1]; follows the pedal."""
+    acceleration: float = 0.0
+    """Mean change of vx in the last tick [m/s2]."""
+
+
+def at_rest(x: float, y: float, yaw: float) -> Body:
+    """A car that stands at that pose [m, m, rad], pedals released, wheels straight."""
+    return Body(x, y, wrap_angle(yaw))
+
+
+def ego_state(body: Body) -> EgoState:
+    """What the world sees of a body; speed is signed, along yaw."""
+    return EgoState(body.x, body.y, body.yaw, body.vx, body.acceleration, body.yaw_rate, body.steer_angle)
+
+
+def facts(vehicle: Vehicle) -> VehicleFacts:
+    """What an agent is told about its car."""
+    return VehicleFacts(
+        length=vehicle.length,
+        width=vehicle.width,
+        wheelbase=vehicle.wheelbase,
+        rear_to_centre=vehicle.rear_to_centre,
+        mass=vehicle.mass,
+        max_steer_angle=vehicle.max_steer_angle,
+        max_speed=vehicle.max_speed,
+        max_acceleration=vehicle.max_acceleration,
+        max_deceleration=vehicle.max_deceleration,
+    )
+
+
+def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_steps: int = SUB_STEPS) -> Body:
+    """The body `dt` seconds later under a constant control.
+
+    There is no reverse gear: nothing but a push from outside makes vx negative, and a car that stands without
+    throttle stays exactly where it is.
+    """
+    h = dt / sub_steps
+    drive_share, brake_share = -math.expm1(-h / vehicle.drive_lag), -math.expm1(-h / vehicle.brake_lag)
+    pose = body.x, body.y, body.yaw
+    motion = body.vx, body.vy, body.yaw_rate
+    steer_angle, drive, brake = body.steer_angle, body.drive, body.brake
+    for _ in range(sub_steps):
+        # Mean actuators, mean velocity: second order when straight (the tyres' sideways answer is first).
+        turn = _turn(steer_angle, control.steer, vehicle, h)
+        press = (control.throttle - drive) * drive_share
+        clamp = (control.brake - brake) * brake_share
+        pushed = _accelerated(motion, steer_angle + turn / 2, drive + press / 2, brake + clamp / 2, vehicle, h)
+        pose, motion = _moved(pose, motion, pushed, h)
+        steer_angle, drive, brake = steer_angle + turn, drive + press, brake + clamp
+    vx, vy, yaw_rate = motion
+    if vx == 0.0 and abs(vy) + abs(yaw_rate) < 1e-3:  # tyres that stand stick
+        vy = yaw_rate = 0.0
+    acceleration = (vx - body.vx) / dt
+    return Body(pose[0], pose[1], wrap_angle(pose[2]), vx, vy, yaw_rate, steer_angle, drive, brake, acceleration)
+
+
+def _turn(angle: float, steer: float, vehicle: Vehicle, h: float) -> float:
+    """Change of the front wheel angle [rad] within h seconds: first-order lag, limited rate."""
+    change = (steer * vehicle.max_steer_angle - angle) * -math.expm1(-h / vehicle.steer_lag)
+    most = vehicle.max_steer_rate * h
+    return max(-most, min(most, change))
+
+
+def _accelerated(motion: Triple, steer_angle: float, drive: float, brake: float, vehicle: Vehicle, h: float) -> Triple:
+    """Motion (vx, vy, yaw rate) after all forces have acted for h seconds, in the frame before it."""
+    grip = _grip(motion[0], drive, brake, vehicle)
+    vx, vy, yaw_rate = _slipped(motion, steer_angle, grip, vehicle, h)
+    return _driven(vx, drive, brake, vehicle, h), vy, yaw_rate
+
+
+def _grip(vx: float, drive: float, brake: float, vehicle: Vehicle) -> float:
+    """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
+    used = drive * vehicle.max_acceleration - math.copysign(brake, vx) * vehicle.max_deceleration
+    return math.sqrt(max(0.0, (vehicle.friction * GRAVITY) ** 2 - used * used))
+
+
+def _slipped(motion: Triple, steer_angle: float, grip: float, vehicle: Vehicle, h: float) -> Triple:
+    """Motion after the lateral forces of both axles have acted for h seconds."""
+    vx, vy, yaw_rate = motion
+    a, b, wheelbase, mass = vehicle.front_to_centre, vehicle.rear_to_centre, vehicle.wheelbase, vehicle.mass
+    sin, cos = math.sin(steer_angle), math.cos(steer_angle)
+    sideways = vy + a * yaw_rate
+    front = _axle_force(
+        vx * cos + sideways * sin,
+        sideways * cos - vx * sin,
+        vehicle.front_stiffness,
+        grip * mass * b / wheelbase,
+    )
+    rear = _axle_force(vx, vy - b * yaw_rate, vehicle.rear_stiffness, grip * mass * a / wheelbase)
+    return (
+        vx - h * front * sin / mass,
+        vy + h * (front * cos + rear) / mass,
+        yaw_rate + h * (a * front * cos - b * rear) / vehicle.yaw_inertia,
+    )
+
+
+def _axle_force(rolling: float, sliding: float, stiffness: float, limit: float) -> float:
+    """Lateral force [N] of an axle that rolls and slides with these speeds [m/s]; it opposes the sliding."""
+    force = -stiffness * math.atan(sliding / max(abs(rolling), SLIP_SPEED))
+    return max(-limit, min(limit, force))
+
+
+def _driven(vx: float, drive: float, brake: float, vehicle: Vehicle, h: float) -> float:
+    """Forward speed after engine, air, brake and rolling resistance have acted for h seconds."""
+    most = min(vehicle.max_acceleration, vehicle.max_power / (vehicle.mass * max(vx, 0.1)))
+    governor = max(0.0, min(1.0, vehicle.max_speed - vx))
+    air = 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass
+    vx += h * (drive * governor * most - air)
+    # What only resists can stop a car but never turn it round.
+    resisted = h * (brake * vehicle.max_deceleration + vehicle.rolling_resistance * GRAVITY)
+    return math.copysign(max(0.0, abs(vx) - resisted), vx)
+
+
+def _moved(pose: Triple, before: Triple, after: Triple, h: float) -> tuple[Triple, Triple]:
+    """Pose after h seconds of mean velocity, and the motion `after` seen in the turned frame of the car."""
+    x, y, yaw = pose
+    vx, vy, yaw_rate = (before[0] + after[0]) / 2, (before[1] + after[1]) / 2, (before[2] + after[2]) / 2
+    turn = h * yaw_rate
+    sin, cos = math.sin(yaw + turn / 2), math.cos(yaw + turn / 2)
+    moved = x + h * (cos * vx - sin * vy), y + h * (sin * vx + cos * vy), yaw + turn
+    sin, cos = math.sin(turn), math.cos(turn)
+    return moved, (cos * after[0] + sin * after[1], cos * after[1] - sin * after[0], after[2])

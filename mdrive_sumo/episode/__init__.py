@@ -1,0 +1,17 @@
+"""The recorded episode: what happened, at the one resolution in which it is scored, stored and compared."""
+
+from mdrive_sumo.episode.episode import Ending, Episode, PlanRecord, SignalChange
+from mdrive_sumo.episode.quantise import quantised_frame
+from mdrive_sumo.episode.recorder import Recorder
+from mdrive_sumo.episode.storage import load_episode, save_episode
+
+__all__ = [
+    "Ending",
+    "Episode",
+    "PlanRecord",
+    "SignalChange",
+    "Recorder",
+    "load_episode",
+    "quantised_frame",
+    "save_episode",
+]

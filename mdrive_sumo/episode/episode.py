@@ -1,0 +1,126 @@
+"""Episode: the finished, read-only record of one run of one scenario."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract import CONTROL_STEP
+from mdrive_sumo.episode.quantise import Quanta, from_quanta
+from mdrive_sumo.geometry import Bool, Float
+from mdrive_sumo.state import Contact, End, Failure
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How one ego ended, and in which tick it was judged so. `failure` and `text` belong to `End.AGENT_FAILED`."""
+
+    ego: str
+    tick: int
+    end: End
+    failure: Failure | None = None
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRecord:
+    """A plan that an agent returned in `tick`: points (K, 2) [m], rounded to 1 cm."""
+
+    tick: int
+    ego: str
+    interval_s: float
+    points: Float
+
+
+@dataclass(frozen=True, slots=True)
+class SignalChange:
+    """From `tick` on the traffic light `light` shows `state` (SUMO letters)."""
+
+    tick: int
+    light: str
+    state: str
+
+
+@dataclass(frozen=True)
+class Episode:
+    """T ticks of N road users, CAVs first.
+
+    Arrays are (T, N): column i is `ids[i]`; the first `egos` columns are the CAVs in the order of the scenario file.
+    """
+
+    scenario: str
+    """Scenario id."""
+    about: Mapping[str, Any]
+    """Scalars that identify the run: seed, agent, versions ..."""
+    ids: tuple[str, ...]
+    egos: int
+    kind: npt.NDArray[np.uint8]
+    """(N,) values of `state.Kind`."""
+    length: Float
+    """(N,) [m]"""
+    width: Float
+    """(N,) [m]"""
+    valid: Bool
+    """(T, N): whether the road user is in the world."""
+    quanta: Quanta
+    """(T, N, 4): x, y, yaw, speed as whole multiples of `quantise.STEP`; 0 where not valid."""
+    controls: npt.NDArray[np.int16]
+    """(T, egos, 3): throttle, brake, steer applied after each tick, in multiples of `contract.CONTROL_STEP`."""
+    plans: tuple[PlanRecord, ...]
+    contacts: tuple[tuple[int, Contact], ...]
+    """(tick, contact), in order."""
+    signals: tuple[SignalChange, ...]
+    endings: tuple[Ending, ...]
+    digests: npt.NDArray[np.uint8]
+    """(T, 8): the chained digest after each tick."""
+
+    @property
+    def ticks(self) -> int:
+        """Number of recorded frames."""
+        return len(self.valid)
+
+    @property
+    def ego_ids(self) -> tuple[str, ...]:
+        """The CAVs in the order of the scenario file."""
+        return self.ids[: self.egos]
+
+    @property
+    def digest(self) -> str:
+        """Digest of the whole episode, hexadecimal."""
+        return self.digests[-1].tobytes().hex()
+
+    @cached_property
+    def _values(self) -> Float:
+        return from_quanta(self.quanta)
+
+    @property
+    def x(self) -> Float:
+        """(T, N) [m]"""
+        return self._values[..., 0]
+
+    @property
+    def y(self) -> Float:
+        """(T, N) [m]"""
+        return self._values[..., 1]
+
+    @property
+    def yaw(self) -> Float:
+        """(T, N) [rad]"""
+        return self._values[..., 2]
+
+    @property
+    def speed(self) -> Float:
+        """(T, N) along yaw [m/s]"""
+        return self._values[..., 3]
+
+    @property
+    def control_values(self) -> Float:
+        """(T, egos, 3) throttle, brake in [0, 1], steer in [-1, 1]."""
+        return self.controls.astype(np.float64) * CONTROL_STEP
+
+    def ending(self, ego: str) -> Ending:
+        """How that ego ended."""
+        return next(ending for ending in self.endings if ending.ego == ego)

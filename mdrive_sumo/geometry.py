@@ -1,0 +1,146 @@
+"""Plane geometry: angles, oriented boxes and polylines.
+
+Frames: metres, x to the right, y up, radians counter-clockwise from +x. A pose is the centre of a box.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+Int = npt.NDArray[np.int64]
+
+TAU = 2 * math.pi
+
+
+def wrap_angle(angle: float) -> float:
+    """The same angle [rad] in (-pi, pi]."""
+    wrapped = math.remainder(angle, TAU)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def wrap_angles(angles: Float) -> Float:
+    """The same angles [rad] in [-pi, pi), any shape."""
+    return (angles + math.pi) % TAU - math.pi
+
+
+def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> Float:
+    """Corners (4, 2) of an oriented box, counter-clockwise from front left."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    ahead = np.array((cos, sin)) * (length / 2)
+    left = np.array((-sin, cos)) * (width / 2)
+    centre = np.array((x, y))
+    return np.array(
+        (centre + ahead + left, centre - ahead + left, centre - ahead - left, centre + ahead - left)
+    )
+
+
+def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:
+    """Corners (..., 4, 2) of oriented boxes whose parameters broadcast to (...), as `box_corners`."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead = np.stack((cos * length, sin * length), axis=-1) / 2
+    left = np.stack((-sin * width, cos * width), axis=-1) / 2
+    centre = np.stack(np.broadcast_arrays(x, y), axis=-1)
+    return np.stack(
+        (centre + ahead + left, centre - ahead + left, centre - ahead - left, centre + ahead - left), axis=-2
+    )
+
+
+def boxes_overlap(first: Float, second: Float) -> Bool:
+    """Whether oriented boxes share area: corners (..., 4, 2) each, separating-axis test. Touching is no overlap."""
+    overlap = np.ones(np.broadcast_shapes(first.shape[:-2], second.shape[:-2]), dtype=np.bool_)
+    for corners in (first, second):
+        for start, end in ((0, 1), (1, 2)):
+            axis = corners[..., end, :] - corners[..., start, :]
+            a = np.einsum("...ij,...j->...i", first, axis)
+            b = np.einsum("...ij,...j->...i", second, axis)
+            overlap &= (a.max(-1) > b.min(-1)) & (b.max(-1) > a.min(-1))
+    return overlap
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """A chain of distinct points xy (N, 2) [m], N >= 2, measured by its arc length."""
+
+    xy: Float
+
+    def __post_init__(self) -> None:
+        if self.xy.ndim != 2 or self.xy.shape[1] != 2 or len(self.xy) < 2:
+            raise ValueError(f"a polyline needs an (N, 2) array with N >= 2, got shape {self.xy.shape}")
+        if not np.isfinite(self.xy).all():
+            raise ValueError("a polyline needs finite coordinates")
+
+    @cached_property
+    def _segments(self) -> Float:
+        return np.diff(self.xy, axis=0)
+
+    @cached_property
+    def _lengths(self) -> Float:
+        return np.hypot(self._segments[:, 0], self._segments[:, 1])
+
+    @cached_property
+    def s(self) -> Float:
+        """Arc length (N,) [m] at every point."""
+        return np.concatenate(((0.0,), np.cumsum(self._lengths)))
+
+    @property
+    def length(self) -> float:
+        """Total arc length [m]."""
+        return float(self.s[-1])
+
+    @cached_property
+    def yaws(self) -> Float:
+        """Direction (N-1,) [rad] of every segment."""
+        return np.arctan2(self._segments[:, 1], self._segments[:, 0])
+
+    def _segment_at(self, s: float) -> int:
+        return int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self._lengths) - 1))
+
+    def at(self, s: float) -> tuple[float, float]:
+        """Point [m] at arc length s; outside [0, length] the end segments are prolonged."""
+        i = self._segment_at(s)
+        share = (s - self.s[i]) / self._lengths[i] if self._lengths[i] else 0.0
+        x, y = self.xy[i] + share * self._segments[i]
+        return float(x), float(y)
+
+    def yaw_at(self, s: float) -> float:
+        """Direction [rad] of the segment at arc length s."""
+        return float(self.yaws[self._segment_at(s)])
+
+    def project(self, x: float, y: float, between: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Frenet coordinates (s, d) [m] of the nearest point; d > 0 lies to the left.
+
+        `between` limits the search to that range of arc length, for a path that crosses itself.
+        """
+        low, high = (0, len(self._lengths))
+        if between is not None:
+            low, high = self._segment_at(between[0]), self._segment_at(between[1]) + 1
+        start, segments, lengths = self.xy[low:high], self._segments[low:high], self._lengths[low:high]
+        relative = np.array((x, y)) - start
+        square = np.maximum(lengths**2, 1e-18)
+        share = np.clip((relative * segments).sum(1) / square, 0.0, 1.0)
+        gap = relative - share[:, None] * segments
+        i = int(np.argmin((gap**2).sum(1)))
+        side = segments[i, 0] * relative[i, 1] - segments[i, 1] * relative[i, 0]
+        distance = math.hypot(gap[i, 0], gap[i, 1])
+        return float(self.s[low + i] + share[i] * lengths[i]), math.copysign(distance, side)
+
+    def resampled(self, spacing: float) -> "Polyline":
+        """Points every `spacing` metres from the start; the last point is kept."""
+        stations = np.arange(0.0, self.length, spacing)
+        if self.length - stations[-1] < 1e-6:
+            stations = stations[:-1]
+        stations = np.append(stations, self.length)
+        return Polyline(np.column_stack([np.interp(stations, self.s, self.xy[:, axis]) for axis in (0, 1)]))
+
+
+def polyline(points: Sequence[Sequence[float]] | Float) -> Polyline:
+    """A polyline of the given points without consecutive repetitions (closer than 1 µm)."""
+    xy = np.asarray(points, dtype=np.float64)
+    steps = np.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)
+    return Polyline(xy[np.concatenate(((True,), steps > 1e-6))])

@@ -1,0 +1,260 @@
+// The page: player, input, and the loop that draws. `window.viewer` is for tests.
+
+const RATES = [0.25, 0.5, 1, 2, 4, 8];
+const LABELS = ["near", "all", "none"];
+const LONGEST_FRAME_MS = 100; // after a pause of the browser: go on from here, do not jump
+const LEAST_STAGE_PX = 260; // where less is left for the map, the strips start hidden
+const KEPT_TIMES = 1200;
+const SCALE_BARS_M = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000];
+
+const $ = (id) => document.getElementById(id);
+
+class Viewer {
+  constructor(replay) {
+    this.replay = replay;
+    Object.assign(this, { time: 0, playing: false, rate: 1, selected: 0, followed: -1, labels: "near" });
+    this.view = new View();
+    this.frameTimes = [];
+    this.drawTimes = [];
+    this.ctx = $("map").getContext("2d", { alpha: false });
+    this.roads = new RoadLayer(replay);
+    this.scene = new Scene(replay);
+    const seek = (tick) => this.seek(tick);
+    this.timeline = new Timeline(replay, seek);
+    this.panel = new Panel(replay, { seek, select: (ego) => this.select(ego), follow: (ego) => this.follow(ego === this.followed ? -1 : ego) });
+    $("duration").textContent = ` / ${replay.seconds(replay.lastTick).toFixed(2)} s`;
+    this.theme = readTheme();
+    this.resize();
+    if (this.stage.height < LEAST_STAGE_PX * devicePixelRatio) this.toggleStrips();
+    this.fit();
+    this.readLink();
+  }
+
+  // ---- player
+
+  play() {
+    if (this.time >= this.replay.lastTick) this.time = 0;
+    this.playing = true;
+    this.before = undefined;
+    this.changed();
+  }
+
+  pause() {
+    this.playing = false;
+    this.time = Math.floor(this.time);
+    this.changed();
+  }
+
+  seek(tick) {
+    this.time = Math.min(Math.max(Math.round(tick), 0), this.replay.lastTick);
+    this.changed();
+  }
+
+  /** Steps by whole ticks, and stops playing. */
+  step(ticks) {
+    this.playing = false;
+    this.seek(Math.floor(this.time) + ticks);
+  }
+
+  jumpToEvent(direction) {
+    const now = Math.floor(this.time);
+    const marks = this.replay.marks.filter((mark) => direction * (mark.tick - now) > 0);
+    if (marks.length) this.seek(marks.at(direction > 0 ? 0 : -1).tick);
+  }
+
+  setRate(rate) {
+    this.rate = rate;
+    $("rate").value = String(rate);
+  }
+
+  // ---- what is shown
+
+  select(ego) {
+    if (ego === this.selected) return;
+    this.selected = ego;
+    if (this.followed >= 0) this.followed = ego;
+    this.restyle();
+  }
+
+  follow(ego) {
+    this.followed = ego < this.replay.egos ? ego : -1;
+    if (this.followed >= 0) this.select(this.followed);
+    if (this.followed >= 0 && this.view.scale < 6 * devicePixelRatio) this.view.scale = 8 * devicePixelRatio;
+    this.changed();
+  }
+
+  /** Shows or hides the strips; without them the map is larger. */
+  toggleStrips() {
+    document.body.classList.toggle("compact");
+    this.resize();
+  }
+
+  cycleLabels() {
+    this.labels = LABELS[(LABELS.indexOf(this.labels) + 1) % LABELS.length];
+    this.changed();
+  }
+
+  fit() {
+    const { replay, stage } = this;
+    const points = replay.routes.flatMap(pairs);
+    for (let ego = 0; ego < replay.egos; ego++) points.push(...this.placesOf(ego));
+    const [xs, ys] = [0, 1].map((axis) => points.map((point) => point[axis]));
+    const least = (values) => values.reduce((a, b) => Math.min(a, b));
+    const most = (values) => values.reduce((a, b) => Math.max(a, b));
+    const room = 60 * devicePixelRatio;
+    this.followed = -1;
+    this.view.fit([least(xs), least(ys), most(xs), most(ys)], stage.width - room, stage.height - room);
+    this.changed();
+  }
+
+  placesOf(ego) {
+    const pose = {};
+    const ticks = Array.from({ length: Math.ceil(this.replay.ticks / 20) }, (_, i) => 20 * i);
+    return ticks.filter((tick) => this.replay.sample(ego, tick, pose)).map((tick) => (this.replay.sample(ego, tick, pose), [pose.x, pose.y]));
+  }
+
+  resize() {
+    const ratio = devicePixelRatio;
+    [$("map").width, $("map").height] = [Math.round(innerWidth * ratio), Math.round(innerHeight * ratio)];
+    this.timeline.draw(this.theme, this.selected); // first: its height decides how much is left for the stage
+    const { left, top, width, height } = $("stage").getBoundingClientRect();
+    this.stage = { width: width * ratio, height: height * ratio };
+    this.view.middleX = Math.round((left + width / 2) * ratio);
+    this.view.middleY = Math.round((top + height / 2) * ratio);
+    this.roads.invalidate();
+    this.changed();
+  }
+
+  /** Reads the theme's colours anew, and draws what is drawn only once. */
+  restyle() {
+    this.theme = readTheme();
+    this.roads.invalidate();
+    this.timeline.draw(this.theme, this.selected);
+    this.changed();
+  }
+
+  // ---- link "#t=12.4"
+
+  readLink() {
+    const seconds = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
+    if (seconds > 0) this.seek(seconds / this.replay.tick_s);
+  }
+
+  writeLink() {
+    clearTimeout(this.linkTimer);
+    if (this.playing) return;
+    const hash = `#t=${this.replay.seconds(Math.floor(this.time)).toFixed(2)}`;
+    this.linkTimer = setTimeout(() => history.replaceState(null, "", hash), 250); // browsers limit how often
+  }
+
+  // ---- drawing
+
+  changed() {
+    this.pending ??= requestAnimationFrame((now) => this.frame(now));
+  }
+
+  frame(now) {
+    this.pending = undefined;
+    if (this.playing) this.advance(now);
+    keep(this.frameTimes, now);
+    const begin = performance.now();
+    const unsettled = this.draw(now);
+    keep(this.drawTimes, performance.now() - begin);
+    if (this.playing || unsettled) this.changed();
+  }
+
+  advance(now) {
+    const elapsed = Math.min(now - (this.before ?? now), LONGEST_FRAME_MS);
+    this.before = now;
+    this.time += (elapsed * this.rate) / (1000 * this.replay.tick_s);
+    if (this.time < this.replay.lastTick) return;
+    this.time = this.replay.lastTick;
+    this.playing = false;
+  }
+
+  draw(now) {
+    const { ctx, view, theme, replay } = this;
+    const pose = {};
+    if (this.followed >= 0 && replay.sample(this.followed, this.time, pose)) [view.x, view.y] = [pose.x, pose.y];
+    ctx.setTransform(1, 0, 0, 1, 0, 0);
+    const unsettled = this.roads.blit(ctx, view, theme, this.selected, now);
+    this.scene.draw(ctx, view, theme, this);
+    this.timeline.show(this.time, this.selected);
+    this.panel.show(Math.floor(this.time), this.selected, this.followed);
+    this.showState();
+    return unsettled;
+  }
+
+  showState() {
+    const { replay } = this;
+    const tick = Math.floor(this.time);
+    setText($("time"), replay.seconds(tick).toFixed(2));
+    setText($("tick"), `tick ${tick} / ${replay.lastTick}`);
+    setText($("labels"), `Labels: ${this.labels}`);
+    setText($("follow"), this.followed < 0 ? "Follow: none" : `Follow: ${shortened(replay.ids[this.followed])}`);
+    document.body.classList.toggle("playing", this.playing);
+    const wanted = this.playing ? "Pause (Space)" : "Play (Space)";
+    if ($("play").getAttribute("aria-label") !== wanted) $("play").setAttribute("aria-label", wanted);
+    if (this.shownScale !== this.view.scale) this.showScale();
+    this.writeLink();
+  }
+
+  showScale() {
+    this.shownScale = this.view.scale;
+    const perMetre = this.view.scale / devicePixelRatio;
+    const metres = SCALE_BARS_M.find((m) => m * perMetre >= 70) ?? SCALE_BARS_M.at(-1);
+    $("scale-bar").style.width = `${metres * perMetre}px`;
+    setText($("scale-text"), metres < 1000 ? `${metres} m` : `${metres / 1000} km`);
+  }
+}
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+function keep(times, value) {
+  times.push(value);
+  if (times.length > KEPT_TIMES) times.shift();
+}
+
+// ---- start
+
+function showTrouble(text) {
+  const note = element("p", "", text);
+  note.id = "trouble";
+  document.body.append(note);
+}
+
+async function start() {
+  const viewer = new Viewer(await readReplay($("data").textContent.trim()));
+  listenToButtons(viewer);
+  listenToKeys(viewer);
+  listenToPointer(viewer);
+  window.viewer = {
+    get tick() {
+      return Math.floor(viewer.time);
+    },
+    get playing() {
+      return viewer.playing;
+    },
+    get followed() {
+      return viewer.followed;
+    },
+    get selected() {
+      return viewer.selected;
+    },
+    get view() {
+      return { x: viewer.view.x, y: viewer.view.y, scale: viewer.view.scale };
+    },
+    replay: viewer.replay,
+    ticks: viewer.replay.ticks,
+    seek: (tick) => viewer.seek(tick),
+    frameTimes: viewer.frameTimes,
+    drawTimes: viewer.drawTimes,
+  };
+}
+
+start().catch((error) => {
+  showTrouble(`The replay cannot be shown: ${error.message}`);
+  throw error;
+});

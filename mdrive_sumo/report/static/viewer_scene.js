@@ -1,0 +1,203 @@
+// What moves: road users, plans, lights, contacts. Drawn anew for every frame.
+
+const FLASH_TICKS = 20; // how long a contact glows after it ended
+const MARK_TICKS = 60; // how long an event stays on the map
+const NEAR_SCALE = 5; // px/m (of the style sheet) from which all labels are shown in "near"
+const LIGHTS = { r: "bad", u: "bad", y: "warn", g: "good", G: "good", s: "warn" };
+
+class Scene {
+  constructor(replay) {
+    this.replay = replay;
+    this.pose = { x: 0, y: 0, yaw: 0, speed: 0 };
+    this.heads = replay.map.lanes.filter((lane) => lane[5].length).map(([flat, width, , , , lights]) => {
+      const [[ax, ay], [x, y]] = pairs(flat).slice(-2);
+      return { x, y, yaw: Math.atan2(y - ay, x - ax), width, lights };
+    });
+  }
+
+  draw(ctx, view, theme, { time, selected, labels }) {
+    Object.assign(this, { ctx, view, theme, dpr: devicePixelRatio });
+    const tick = Math.floor(time);
+    const replay = this.replay;
+    for (const head of this.heads) this.drawHead(head, tick);
+    ctx.setTransform(1, 0, 0, 1, 0, 0);
+    const shown = [];
+    for (let i = replay.ids.length - 1; i >= 0; i--) { // CAVs last, on top
+      if (!replay.sample(i, time, this.pose)) continue;
+      const [px, py] = view.toScreen(this.pose.x, this.pose.y);
+      if (px < -200 || py < -200 || px > ctx.canvas.width + 200 || py > ctx.canvas.height + 200) continue;
+      this.drawRoadUser(i, px, py, i === selected);
+      shown.push([i, px, py - this.halfHeight(i)]);
+    }
+    ctx.setTransform(1, 0, 0, 1, 0, 0);
+    for (let ego = 0; ego < replay.egos; ego++) if (replay.present(ego, tick)) this.drawPlan(ego, tick);
+    for (const contact of replay.contactsWithin(time, FLASH_TICKS)) this.drawFlash(contact, time);
+    for (const mark of replay.marks) if (tick >= mark.tick && tick - mark.tick < MARK_TICKS) this.drawMark(mark, time);
+    if (labels !== "none") this.drawLabels(shown, labels);
+  }
+
+  drawHead({ x, y, yaw, width, lights }, tick) {
+    const { ctx, view, theme } = this;
+    this.place(x, y, yaw);
+    const thick = Math.max(0.35, (2.5 * this.dpr) / view.scale);
+    const share = (width - 0.4) / lights.length;
+    lights.forEach((light, i) => {
+      ctx.fillStyle = theme[LIGHTS[this.replay.signalAt(light, tick)]] ?? theme.muted;
+      ctx.fillRect(-thick - 0.2, width / 2 - 0.2 - (i + 1) * share + 0.05, thick, share - 0.1);
+    });
+  }
+
+  /** From here on, coordinates are metres ahead and to the left of the pose. */
+  place(x, y, yaw, enlarged = 1) {
+    const [px, py] = this.view.toScreen(x, y);
+    const scale = this.view.scale * enlarged;
+    const [cos, sin] = [scale * Math.cos(yaw), scale * Math.sin(yaw)];
+    this.ctx.setTransform(cos, -sin, -sin, -cos, px, py);
+  }
+
+  drawRoadUser(i, px, py, selected) {
+    const { ctx, view, theme, replay } = this;
+    const [length, width] = replay.sizes[i];
+    const isEgo = i < replay.egos;
+    const least = (isEgo ? 11 : 5) * this.dpr; // px: from afar everybody stays visible
+    const enlarged = Math.max(1, least / (Math.max(length, width) * view.scale));
+    const pixel = this.dpr / (view.scale * enlarged);
+    const kind = replay.kinds[i];
+    this.place(this.pose.x, this.pose.y, this.pose.yaw, enlarged);
+    if (selected) this.box(length + 10 * pixel, width + 10 * pixel, 7 * pixel, colourOf(i), 0.3);
+    if (kind === "pedestrian") disc(ctx, 0, 0, Math.max(length, width) / 2, theme.pedestrian);
+    else this.box(length, width, Math.min(0.5, width / 4), isEgo ? colourOf(i) : theme[kind], 1);
+    ctx.lineWidth = (isEgo ? 1.4 : 1) * pixel;
+    ctx.strokeStyle = isEgo ? theme.halo : theme["vehicle-edge"];
+    ctx.stroke();
+    if (kind === "pedestrian") this.tickAhead(length, pixel);
+    else if (kind !== "static" && 6 * pixel < width) this.heading(length, width, isEgo);
+  }
+
+  /** Of the box on the screen [px], turned as it is. */
+  halfHeight(i) {
+    const [length, width] = this.replay.sizes[i];
+    const { yaw } = this.pose;
+    return (this.view.scale * (length * Math.abs(Math.sin(yaw)) + Math.max(width, 1.2) * Math.abs(Math.cos(yaw)))) / 2;
+  }
+
+  box(length, width, radius, colour, alpha) {
+    const ctx = this.ctx;
+    ctx.beginPath();
+    ctx.roundRect(-length / 2, -width / 2, length, width, radius);
+    ctx.fillStyle = colour;
+    ctx.globalAlpha = alpha;
+    ctx.fill();
+    ctx.globalAlpha = 1;
+  }
+
+  tickAhead(length, pixel) {
+    const ctx = this.ctx;
+    ctx.beginPath();
+    ctx.moveTo(0, 0);
+    ctx.lineTo(length, 0);
+    ctx.strokeStyle = this.theme.pedestrian;
+    ctx.lineWidth = 1.5 * pixel;
+    ctx.stroke();
+  }
+
+  /** An arrow head in the front half of the box. */
+  heading(length, width, isEgo) {
+    const ctx = this.ctx;
+    ctx.beginPath();
+    ctx.moveTo(0.42 * length, 0);
+    ctx.lineTo(0.16 * length, 0.32 * width);
+    ctx.lineTo(0.16 * length, -0.32 * width);
+    ctx.closePath();
+    ctx.fillStyle = isEgo ? "#fff" : this.theme["vehicle-edge"];
+    ctx.fill();
+  }
+
+  drawPlan(ego, tick) {
+    const { ctx, view, theme, dpr } = this;
+    for (const [x, y] of this.replay.planAt(ego, tick)) {
+      const [px, py] = view.toScreen(x, y);
+      disc(ctx, px, py, 3.4 * dpr, theme.halo);
+      disc(ctx, px, py, 2.3 * dpr, colourOf(ego));
+    }
+  }
+
+  drawFlash({ ego, other, age }, time) {
+    const { ctx, theme, dpr, replay } = this;
+    const here = this.positionOf(ego, time - age);
+    const there = replay.columnOf.has(other) ? this.positionOf(replay.columnOf.get(other), time - age) : here;
+    const [px, py] = [(here[0] + there[0]) / 2, (here[1] + there[1]) / 2];
+    const share = age / FLASH_TICKS;
+    ctx.strokeStyle = ctx.fillStyle = theme.bad;
+    ctx.lineWidth = 3 * dpr;
+    ctx.beginPath();
+    ctx.arc(px, py, (12 + 26 * share) * dpr, 0, 2 * Math.PI);
+    ctx.globalAlpha = 0.25 * (1 - share);
+    ctx.fill();
+    ctx.globalAlpha = 1 - share;
+    ctx.stroke();
+    ctx.globalAlpha = 1;
+  }
+
+  positionOf(i, time) {
+    const pose = { x: NaN, y: NaN };
+    this.replay.sample(i, Math.floor(time), pose);
+    return this.view.toScreen(pose.x, pose.y);
+  }
+
+  /** A pin with the text of the event, fading at its end. */
+  drawMark(mark, time) {
+    const { ctx, view, theme, dpr } = this;
+    const [px, py] = view.toScreen(mark.x, mark.y);
+    ctx.globalAlpha = Math.min(1, (MARK_TICKS - (time - mark.tick)) / 15);
+    const colour = theme[gradeOf(mark.kind)];
+    disc(ctx, px, py, 6 * dpr, theme.halo);
+    disc(ctx, px, py, 4 * dpr, colour);
+    this.pill(mark.kind, px, py + 18 * dpr, colour, "#fff");
+    ctx.globalAlpha = 1;
+  }
+
+  /** CAVs get their place first; others, unless all are wanted, only where there is room. */
+  drawLabels(shown, labels) {
+    const { ctx, view, theme, dpr, replay } = this;
+    const near = view.scale >= NEAR_SCALE * dpr;
+    const taken = [];
+    const free = (px, py) => taken.every(([x, y]) => Math.abs(x - px) > 84 * dpr || Math.abs(y - py) > 17 * dpr);
+    for (const [i, px, top] of shown.toReversed()) {
+      const isEgo = i < replay.egos;
+      let above = top - 12 * dpr;
+      while (isEgo && !free(px, above)) above -= 6 * dpr;
+      if (isEgo || labels === "all" || (near && free(px, above))) taken.push([px, above, i]);
+    }
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    for (const [px, above, i] of taken.reverse()) {
+      const isEgo = i < replay.egos;
+      const text = `${shortened(replay.ids[i])} · ${isEgo ? "CAV" : replay.kinds[i]}`;
+      if (isEgo) this.pill(text, px, above, colourOf(i), "#fff");
+      else {
+        ctx.font = `${10.5 * dpr}px system-ui, sans-serif`;
+        ctx.fillStyle = theme.muted;
+        ctx.fillText(text, px, above + 2 * dpr);
+      }
+    }
+  }
+
+  pill(text, px, py, colour, ink) {
+    const { ctx, dpr } = this;
+    ctx.font = `600 ${11 * dpr}px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    const width = ctx.measureText(text).width + 12 * dpr;
+    ctx.beginPath();
+    ctx.roundRect(px - width / 2, py - 8.5 * dpr, width, 17 * dpr, 8.5 * dpr);
+    ctx.fillStyle = colour;
+    ctx.fill();
+    ctx.fillStyle = ink;
+    ctx.fillText(text, px, py + 0.5 * dpr);
+  }
+}
+
+function shortened(text) {
+  return text.length <= 32 ? text : `${text.slice(0, 31)}…`;
+}

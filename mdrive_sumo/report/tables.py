@@ -1,0 +1,72 @@
+"""A run's results as tables for the terminal, at most some 100 columns wide."""
+
+from collections import Counter
+from collections.abc import Iterable
+
+from mdrive_sumo.report.text import Row, text_table
+from mdrive_sumo.score import Means, Results, ScenarioResult
+
+SCORE_HEADER: Row = ("DS", "SR", "RC", "IP")
+
+
+def score_cells(means: Means | ScenarioResult) -> Row:
+    """DS, SR, RC in percent and IP, as every table shows them."""
+    return (f"{means.ds:.2f}", f"{means.sr:.2f}", f"{means.rc:.2f}", f"{means.ip:.3f}")
+
+
+def agent_name(results: Results) -> str:
+    """The agent with its labels, e.g. "omniscient [privileged]"."""
+    labels = ", ".join(results.run.labels)
+    return f"{results.run.agent} [{labels}]" if labels else results.run.agent
+
+
+def outcome_counts(results: Results) -> Counter[str]:
+    """How the CAVs ended, most frequent first: outcome, or "agent-failed (reason)"."""
+    return _sorted(
+        f"{ego.outcome} ({ego.reason})" if ego.outcome == "agent-failed" else ego.outcome
+        for scenario in results.scenarios
+        for ego in scenario.egos
+    )
+
+
+def infraction_counts(results: Results) -> Counter[str]:
+    """How often each kind of infraction happened, most frequent first, without marks that cost nothing."""
+    return _sorted(
+        infraction.kind
+        for scenario in results.scenarios
+        for ego in scenario.egos
+        for infraction in ego.infractions
+        if infraction.factor < 1.0
+    )
+
+
+def _sorted(names: Iterable[str]) -> Counter[str]:
+    counts = Counter(names)
+    return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
+
+
+def summary_table(results: Results) -> str:
+    """What a run ends with: scores per bucket and overall, how CAVs ended, infractions, void scenarios."""
+    run, overall = results.run, results.overall
+    rows = [(name, str(bucket.scenarios), *score_cells(bucket)) for name, bucket in results.buckets.items()]
+    rows.append(("bucket mean", str(len(results.buckets)), *score_cells(overall.bucket_mean)))
+    rows.append(("scenario mean", str(len(results.scenarios)), *score_cells(overall.scenario_mean)))
+    facts = (
+        ("outcomes", _listed(outcome_counts(results))),
+        ("infractions", _listed(infraction_counts(results))),
+        ("void", str(results.void)),
+    )
+    return "\n".join(
+        (
+            f"suite {run.suite}, agent {agent_name(results)}, seed {run.seed}, score mode {run.score_mode}",
+            "",
+            text_table(("bucket", "scenarios", *SCORE_HEADER), rows),
+            "",
+            *(f"{name:<13}{value}" for name, value in facts),
+            *(f"  {s.id}: {' '.join(s.reason.split())}" for s in results.scenarios if s.status == "void"),
+        )
+    )
+
+
+def _listed(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"

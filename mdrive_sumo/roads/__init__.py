@@ -1,0 +1,18 @@
+"""Road networks: lanes, routing, stop lines, buildings. The only room that imports sumolib."""
+
+from mdrive_sumo.roads.map import Lane, RoadMap, load, network_folder, packaged_networks
+from mdrive_sumo.roads.network_file import NetworkFile, StopSignBox
+from mdrive_sumo.roads.routing import Route, drivable_path, route_along
+
+__all__ = [
+    "Lane",
+    "RoadMap",
+    "load",
+    "network_folder",
+    "packaged_networks",
+    "NetworkFile",
+    "StopSignBox",
+    "Route",
+    "drivable_path",
+    "route_along",
+]

@@ -1,0 +1,219 @@
+"""RoadMap: a SUMO network as lanes in the world frame, with buildings and signs. sumolib's conventions end here."""
+
+# pyright: basic
+import gzip
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Bool, Float, Int, Polyline, polyline
+from mdrive_sumo.roads.network_file import (
+    NET_FILE,
+    Building,
+    NetworkFile,
+    StopSignBox,
+    net_checksum,
+    read_network_file,
+)
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A lane that cars may use. `centre` runs in driving direction."""
+
+    id: str
+    edge: str
+    index: int
+    """0 is the rightmost lane of the edge."""
+    width: float
+    speed_limit: float
+    centre: Polyline
+    junction: bool
+    """Whether the lane lies inside a junction (a SUMO internal lane)."""
+    successors: tuple[str, ...]
+    """Ids of the lanes reached at the end; from a road these are junction lanes where there are any."""
+    left: str
+    """Id of the neighbour to the left in the same direction, or ""."""
+    right: str
+    lights: Mapping[str, str]
+    """Successor id -> "tls:index" of the traffic light that controls the way there."""
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest lane of M points: all (M,)."""
+
+    lane: Int
+    """Index into `RoadMap.driving`."""
+    distance: Float
+    """To the centre line [m]."""
+    yaw: Float
+    """Direction of the lane there [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoadMap:
+    """A network: lanes by id, what is beside the road, and where the files lie."""
+
+    name: str
+    folder: Path
+    lanes: Mapping[str, Lane]
+    junctions: tuple[Float, ...]
+    """Outlines (K, 2) [m] of the junction areas, for pictures."""
+    footways: tuple[tuple[Float, float], ...]
+    """Centre lines (K, 2) [m] and widths [m] of pavements and crossings, for pictures."""
+    buildings: tuple[Building, ...]
+    stop_signs: tuple[StopSignBox, ...] | None
+    checksum: str
+
+    @property
+    def net_file(self) -> Path:
+        """The compiled net, as SUMO reads it."""
+        return self.folder / NET_FILE
+
+    @cached_property
+    def driving(self) -> tuple[Lane, ...]:
+        """All lanes, in the order that `Nearest.lane` indexes."""
+        return tuple(self.lanes.values())
+
+    @cached_property
+    def lane_width(self) -> Float:
+        """Width (L,) [m] of every lane of `driving`."""
+        return np.array([lane.width for lane in self.driving])
+
+    @cached_property
+    def in_junction(self) -> Bool:
+        """Whether each lane (L,) of `driving` lies in a junction."""
+        return np.array([lane.junction for lane in self.driving], dtype=np.bool_)
+
+    @cached_property
+    def _lines(self) -> Any:
+        return np.array([shapely.LineString(lane.centre.xy) for lane in self.driving], dtype=object)
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(self._lines)
+
+    def nearest(self, xy: Float) -> Nearest:
+        """Nearest driving lane to each of the points xy (M, 2) [m]; of equally near ones the first of `driving`."""
+        points = shapely.points(xy)
+        pairs, distance = self._tree.query_nearest(points, return_distance=True)
+        first = np.unique(pairs[0], return_index=True)[1]  # pairs are sorted by point, then by lane
+        lane = pairs[1][first].astype(np.int64)
+        station = shapely.line_locate_point(self._lines[lane], points)
+        yaw = np.array([self.driving[i].centre.yaw_at(s) for i, s in zip(lane, station, strict=True)])
+        return Nearest(lane, distance[first], yaw)
+
+    def lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
+        """Lanes whose centre line passes within `radius` [m] of the point, in the order of `driving`."""
+        found = self._tree.query(shapely.Point(x, y), predicate="dwithin", distance=radius)
+        return [self.driving[i] for i in sorted(found)]
+
+    @cached_property
+    def building_shapes(self) -> tuple[shapely.Polygon, ...]:
+        """The buildings' outlines."""
+        return tuple(shapely.Polygon(building.polygon) for building in self.buildings)
+
+
+def packaged_networks() -> dict[str, Path]:
+    """Networks that come with mdrive-sumo: name -> folder."""
+    root = Path(str(files("networks")))
+    return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / "network.json").is_file()}
+
+
+def network_folder(name: str, beside: Path | None = None) -> Path:
+    """Folder of a network: of `beside`/networks/NAME if it is there, else of the packaged one. Raises InputError."""
+    if beside is not None and (beside / "networks" / name / "network.json").is_file():
+        return beside / "networks" / name
+    packaged = packaged_networks()
+    if name not in packaged:
+        where = f"{beside / 'networks'} or " if beside is not None else ""
+        raise InputError(
+            f"network {name!r}: expected in {where}the packaged ones ({', '.join(packaged) or 'none'}), found nowhere"
+        )
+    return packaged[name]
+
+
+@lru_cache(maxsize=8)
+def load(folder: Path) -> RoadMap:
+    """Reads a network folder (`network.json`, `map.net.xml.gz`); raises InputError. Cached: a RoadMap never changes."""
+    about = read_network_file(folder)
+    path = folder / NET_FILE
+    try:
+        xml = gzip.decompress(path.read_bytes())
+    except (OSError, EOFError) as error:
+        raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {error}") from None
+    if (found := net_checksum(xml)) != about.checksum:
+        raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
+    return _road_map(folder, about, path)
+
+
+def _road_map(folder: Path, about: NetworkFile, path: Path) -> RoadMap:
+    import sumolib  # here, because it takes 0.1 s that `--help` should not pay
+
+    net = sumolib.net.readNet(str(path), withInternal=True, withPrograms=False)
+    raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
+    cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _chain(lane) is not None}
+    foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
+    return RoadMap(
+        name=about.name,
+        folder=folder,
+        lanes={lane_id: _lane(lane, cars) for lane_id, lane in sorted(cars.items())},
+        junctions=tuple(
+            np.array([point[:2] for point in node.getShape()])
+            for node in net.getNodes()
+            if len(node.getShape()) >= 3 and node.getType() != "dead_end"
+        ),
+        footways=tuple((np.array([p[:2] for p in lane.getShape()]), lane.getWidth()) for lane in foot),
+        buildings=about.buildings,
+        stop_signs=about.stop_signs,
+        checksum=about.checksum,
+    )
+
+
+def _chain(lane: Any) -> Polyline | None:
+    """Centre line of a sumolib lane; None if it has no extent (SUMO makes such junction lanes of zero length)."""
+    try:
+        return polyline([point[:2] for point in lane.getShape(includeJunctions=False)])
+    except ValueError:
+        return None
+
+
+def _lane(lane: Any, cars: Mapping[str, Any]) -> Lane:
+    centre = _chain(lane)
+    assert centre is not None
+    edge, index = lane.getEdge(), lane.getIndex()
+    neighbours = {other.getIndex(): other.getID() for other in edge.getLanes() if other.getID() in cars}
+    junction = edge.getFunction() == "internal"
+    ways = list(_ways(lane, cars))
+    return Lane(
+        id=lane.getID(),
+        edge=edge.getID(),
+        index=index,
+        width=lane.getWidth(),
+        speed_limit=lane.getSpeed(),
+        centre=centre,
+        junction=junction,
+        successors=tuple(dict.fromkeys(way for way, _ in ways)),
+        left="" if junction else neighbours.get(index + 1, ""),
+        right="" if junction else neighbours.get(index - 1, ""),
+        lights={way: light for way, light in ways if light},
+    )
+
+
+def _ways(lane: Any, cars: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
+    """(successor lane id, traffic light "tls:index" or "") of every way out of a lane, sorted."""
+    found: list[tuple[str, str]] = []
+    for connection in lane.getOutgoing():
+        via, light = connection.getViaLaneID(), connection.getTLSID()
+        target = via if via in cars else connection.getToLane().getID()
+        if target in cars:
+            found.append((target, f"{light}:{connection.getTLLinkIndex()}" if light else ""))
+    return sorted(found)

@@ -1,0 +1,77 @@
+"""`network.json`: what a compiled SUMO network cannot say about itself."""
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+
+NET_FILE = "map.net.xml.gz"
+NETWORK_FILE = "network.json"
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Building(_Part):
+    """A simple polygon [m] that blocks sight and stops cars."""
+
+    id: str
+    polygon: tuple[tuple[Coordinate, Coordinate], ...] = Field(min_length=3)
+
+    @property
+    def outline(self) -> Float:
+        """Corners (N, 2) [m]."""
+        return np.array(self.polygon)
+
+
+class StopSignBox(_Part):
+    """A stop sign. Its line lies at `line_pos_m` on `lane`; its box is the lane's width times `length_m` before it."""
+
+    id: str
+    lane: str
+    line_pos_m: float = Field(ge=0)
+    length_m: float = Field(gt=0)
+
+
+class NetworkFile(_Part):
+    """Origin and additions of a network, in the network's own frame."""
+
+    format: Literal["mdrive-sumo/network/1"] = "mdrive-sumo/network/1"
+    name: str
+    description: str = ""
+    origin: str
+    licence: str
+    offset: tuple[float, float]
+    """netOffset of the compiled net: source coordinates + offset = network coordinates."""
+    build: tuple[str, ...]
+    """Arguments of the netconvert call that made the net, run in this folder."""
+    checksum: str
+    """SHA-256 of the uncompressed net file."""
+    buildings: tuple[Building, ...] = ()
+    stop_signs: tuple[StopSignBox, ...] | None = None
+    """None: nobody knows (the report says 'signs unknown'); (): there are none."""
+
+
+def read_network_file(folder: Path) -> NetworkFile:
+    """Reads `network.json` of a network folder; raises InputError."""
+    path = folder / NETWORK_FILE
+    try:
+        return NetworkFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in problem["loc"]) or "the file"
+        raise InputError(f"{path}: {where}: {problem['msg']}") from None
+
+
+def net_checksum(net_xml: bytes) -> str:
+    """Checksum of an uncompressed net file."""
+    return "sha256:" + hashlib.sha256(net_xml).hexdigest()

@@ -1,0 +1,137 @@
+"""Lane-level routing: a drivable sequence of lanes, and the dense 1 m route along it."""
+
+import heapq
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float, Polyline
+from mdrive_sumo.roads.map import Lane, RoadMap
+
+HOP_M = 1.0
+"""Spacing of a dense route (protocol section 6)."""
+LANE_CHANGE_M = 20.0
+"""Length over which a route moves from one lane to its neighbour, where the lane is long enough."""
+LANE_CHANGE_COST_M = 30.0
+"""What a lane change costs in the search, so that routes change lanes only where they must."""
+
+
+@dataclass(frozen=True)
+class Route:
+    """A dense route: xy (N, 2) [m] every metre, direction of the assigned lane (N,) [rad], its lane ids in order."""
+
+    lanes: tuple[str, ...]
+    xy: Float
+    yaw: Float
+
+
+def drivable_path(roads: RoadMap, start: str, goal: str) -> tuple[str, ...]:
+    """Lane ids from start to goal with the least length plus lane-change cost; raises InputError if there are none."""
+    best: dict[str, float] = {start: 0.0}
+    came: dict[str, str] = {}
+    queue: list[tuple[float, str]] = [(0.0, start)]
+    while queue:
+        cost, here = heapq.heappop(queue)
+        if here == goal:
+            return _walk_back(came, goal)
+        if cost > best[here]:
+            continue
+        for there, step in _steps(roads.lanes, here):
+            if cost + step < best.get(there, np.inf):
+                best[there], came[there] = cost + step, here
+                heapq.heappush(queue, (cost + step, there))
+    raise InputError(f"network {roads.name}: expected a way from lane {start} to lane {goal}, found none")
+
+
+def _steps(lanes: Mapping[str, Lane], here: str) -> Iterable[tuple[str, float]]:
+    lane = lanes[here]
+    for successor in lane.successors:
+        yield successor, lane.centre.length
+    for neighbour in (lane.left, lane.right):
+        if neighbour:
+            yield neighbour, LANE_CHANGE_COST_M
+
+
+def _walk_back(came: Mapping[str, str], goal: str) -> tuple[str, ...]:
+    path = [goal]
+    while path[-1] in came:
+        path.append(came[path[-1]])
+    return tuple(reversed(path))
+
+
+def route_along(
+    roads: RoadMap,
+    lanes: Sequence[str],
+    start_s: float,
+    goal_s: float,
+    change_at: Mapping[int, float] | None = None,
+) -> Route:
+    """The dense route along connected lanes, from arc length start_s [m] on the first to goal_s [m] on the last.
+
+    Where two consecutive lanes are neighbours the route moves over within `LANE_CHANGE_M`, centred on the stretch that
+    both share, or beginning at arc length `change_at[i]` [m] of lane i. Raises InputError for lanes that do not connect.
+    """
+    pieces: list[tuple[Float, Float]] = []
+    begin = start_s
+    for i, lane_id in enumerate(lanes):
+        lane = _known(roads, lane_id)
+        last = i == len(lanes) - 1
+        if not last and lanes[i + 1] in (lane.left, lane.right):
+            neighbour = _known(roads, lanes[i + 1])
+            end = goal_s if i + 2 == len(lanes) else neighbour.centre.length
+            leave, arrive = _change_window(lane, begin, end, (change_at or {}).get(i))
+            pieces.append(_stretch(lane, begin, leave))
+            pieces.append(_change(lane, neighbour, leave, arrive))
+            begin = arrive
+        else:
+            if not last and lanes[i + 1] not in lane.successors:
+                raise InputError(
+                    f"network {roads.name}: expected lane {lanes[i + 1]} to follow {lane_id}, found {lane.successors}"
+                )
+            pieces.append(_stretch(lane, begin, goal_s if last else lane.centre.length))
+            begin = 0.0
+    return _dense(tuple(lanes), pieces)
+
+
+def _known(roads: RoadMap, lane_id: str) -> Lane:
+    if lane_id not in roads.lanes:
+        raise InputError(f"network {roads.name}: expected a lane for cars, found {lane_id!r}")
+    return roads.lanes[lane_id]
+
+
+def _change_window(lane: Lane, begin: float, end: float, wanted: float | None) -> tuple[float, float]:
+    room = max(end - begin, 0.0)
+    length = min(LANE_CHANGE_M, room)
+    leave = begin + (room - length) / 2 if wanted is None else min(max(wanted, begin), end - length)
+    if length < 1.0:
+        raise InputError(f"lane {lane.id}: expected at least 1 m to change lanes in, found {room:.1f} m")
+    return leave, leave + length
+
+
+def _stretch(lane: Lane, begin: float, end: float) -> tuple[Float, Float]:
+    """Points and directions (M, 2), (M,) about every 0.25 m of a lane between two arc lengths."""
+    stations = np.linspace(begin, end, max(int((end - begin) / 0.25), 1) + 1)
+    return np.array([lane.centre.at(s) for s in stations]), np.array(
+        [lane.centre.yaw_at(s) for s in stations]
+    )
+
+
+def _change(lane: Lane, neighbour: Lane, leave: float, arrive: float) -> tuple[Float, Float]:
+    """As `_stretch`, moving over to the neighbour along a smoothstep; the direction stays the lanes' own."""
+    before, yaw = _stretch(lane, leave, arrive)
+    after = np.array([neighbour.centre.at(neighbour.centre.project(x, y)[0]) for x, y in before])
+    share = np.linspace(0.0, 1.0, len(before))[:, None]
+    weight = share**2 * (3 - 2 * share)
+    return before * (1 - weight) + after * weight, yaw
+
+
+def _dense(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Float]]) -> Route:
+    xy = np.concatenate([piece[0] for piece in pieces])
+    yaw = np.unwrap(np.concatenate([piece[1] for piece in pieces]))
+    keep = np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-6))
+    line = Polyline(xy[keep])
+    dense = line.resampled(HOP_M)
+    stations = np.minimum(np.arange(len(dense.xy)) * HOP_M, line.length)
+    return Route(lanes, dense.xy, np.interp(stations, line.s, yaw[keep]))

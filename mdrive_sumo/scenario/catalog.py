@@ -1,0 +1,116 @@
+"""Suites: folders of scenarios, packaged with mdrive-sumo or anywhere on disk.
+
+SUITE/suite.json                    name, title, description
+SUITE/<scenario id>/scenario.json   one scenario
+SUITE/networks/<name>/              networks of the suite's own, if any
+"""
+
+import hashlib
+import re
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.spec import Identifier, Scenario, first_problem, load_scenario, save_scenario
+
+SUITE_FILE = "suite.json"
+SCENARIO_FILE = "scenario.json"
+
+
+class SuiteFile(BaseModel):
+    """`suite.json`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal["mdrive-sumo/suite/1"] = "mdrive-sumo/suite/1"
+    name: Identifier
+    title: str
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A loaded suite. Scenarios are sorted by id, numbers in it by value (r2 before r10)."""
+
+    about: SuiteFile
+    folder: Path
+    scenarios: tuple[Scenario, ...]
+
+    @property
+    def name(self) -> str:
+        """Short name, as users type it."""
+        return self.about.name
+
+    def checksum(self) -> str:
+        """SHA-256 over the scenarios, order and formatting of the files aside."""
+        digest = hashlib.sha256(self.name.encode())
+        for scenario in self.scenarios:
+            digest.update(scenario.model_dump_json().encode())
+        return "sha256:" + digest.hexdigest()
+
+    def matching(self, pattern: str) -> tuple[Scenario, ...]:
+        """Scenarios whose id or category matches a glob; raises InputError if none does."""
+        found = tuple(
+            s for s in self.scenarios if fnmatchcase(s.id, pattern) or fnmatchcase(s.category, pattern)
+        )
+        if not found:
+            raise InputError(
+                f"suite {self.name}: expected a scenario id or category like {pattern!r}, found none"
+            )
+        return found
+
+
+def packaged_suites() -> dict[str, Path]:
+    """Suites that come with mdrive-sumo: name -> folder."""
+    root = Path(str(files("mdrive_sumo") / "scenarios"))
+    return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
+
+
+def load_suite(name_or_folder: str) -> Suite:
+    """A packaged suite by name, or any suite by its folder; raises InputError."""
+    packaged = packaged_suites()
+    folder = packaged.get(name_or_folder, Path(name_or_folder))
+    if not folder.is_dir():
+        raise InputError(
+            f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither"
+        )
+    about = _suite_file(folder / SUITE_FILE)
+    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: _by_number(path.parent.name))
+    if not paths:
+        raise InputError(f"{folder}: expected scenarios in <id>/{SCENARIO_FILE}, found none")
+    return Suite(about, folder, tuple(_scenario(path) for path in paths))
+
+
+def save_suite(suite: Suite) -> None:
+    """Writes `suite.json` and every scenario into the suite's folder."""
+    suite.folder.mkdir(parents=True, exist_ok=True)
+    (suite.folder / SUITE_FILE).write_text(suite.about.model_dump_json(indent=2) + "\n")
+    for scenario in suite.scenarios:
+        save_scenario(scenario, suite.folder / scenario.id / SCENARIO_FILE)
+
+
+def _suite_file(path: Path) -> SuiteFile:
+    try:
+        return SuiteFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+
+
+def _scenario(path: Path) -> Scenario:
+    scenario = load_scenario(path)
+    if scenario.id != path.parent.name:
+        raise InputError(
+            f"{path}: id: expected {path.parent.name!r}, the name of its folder, found {scenario.id!r}"
+        )
+    return scenario
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

@@ -1,0 +1,151 @@
+"""The scenario file: JSON checked by pydantic, unknown keys refused.
+
+Coordinates are the SUMO network's frame after its netOffset: metres, radians counter-clockwise from +x; a pose is the
+box centre.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+
+FORMAT = "mdrive-sumo/scenario/1"
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}$")]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Pose(_Part):
+    """Box centre [m] and yaw [rad]."""
+
+    x: Coordinate
+    y: Coordinate
+    yaw: Coordinate
+
+
+class Ego(_Part):
+    """One CAV: where it stands at tick 0 (speed 0, as the original) and the route it shall drive."""
+
+    id: Identifier
+    start: Pose
+    lanes: tuple[str, ...] = Field(min_length=1)
+    """SUMO lane ids in driving order, junction-internal lanes included; a lane change lists both lanes."""
+    route: tuple[Point, ...] = Field(min_length=2)
+    """Dense points (x, y, yaw of the assigned lane), 1 m apart; the last hop may be shorter."""
+
+    @property
+    def xy(self) -> Float:
+        """Route points (N, 2) [m]."""
+        return np.array([point[:2] for point in self.route])
+
+    @property
+    def yaw(self) -> Float:
+        """Lane direction (N,) [rad] at the route points."""
+        return np.array([point[2] for point in self.route])
+
+    @model_validator(mode="after")
+    def _evenly_spaced(self) -> "Ego":
+        hops = np.hypot(*np.diff(self.xy, axis=0).T)
+        worst = int(np.argmax(hops))
+        if hops[worst] > 1.5 or hops.min() <= 0.0:
+            raise ValueError(
+                f"route of {self.id}: expected points 1 m apart (over 0, at most 1.5 m),"
+                f" found {hops[worst]:.2f} m after point {worst} (least {hops.min():.3f} m)"
+            )
+        return self
+
+
+class BackgroundVehicle(_Part):
+    """A vehicle driven by SUMO along `edges`."""
+
+    id: Identifier
+    depart_s: float = Field(ge=0, le=3600)
+    edges: tuple[str, ...] = Field(min_length=1)
+    depart_lane: int = Field(default=0, ge=0)
+    depart_pos_m: float = Field(default=0.0, ge=0)
+    depart_speed: float = Field(default=0.0, ge=0, le=60)
+
+
+class Background(_Part):
+    """SUMO's traffic. Every vehicle is a passenger car of SUMO's default model unless said otherwise."""
+
+    vehicles: tuple[BackgroundVehicle, ...] = ()
+    action_step_s: float = Field(default=0.5, ge=0.05, le=1.0, multiple_of=0.05)
+    """Reaction interval of background drivers (spec/sumo_pitfalls 6.1)."""
+
+
+class Scenario(_Part):
+    """One closed-loop episode: map, CAVs with routes, traffic, conditions."""
+
+    format: Literal["mdrive-sumo/scenario/1"] = FORMAT
+    id: Identifier
+    bucket: Identifier
+    category: Identifier
+    network: str = Field(min_length=1)
+    """Name of a network: a folder of the suite's own `networks/`, else of the packaged ones."""
+    description: str = ""
+    signals: Literal["frozen-green", "program"] = "frozen-green"
+    egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)
+    background: Background = Background()
+    notes: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _unique_ids(self) -> "Scenario":
+        ids = [ego.id for ego in self.egos] + [vehicle.id for vehicle in self.background.vehicles]
+        if len(set(ids)) < len(ids):
+            twice = sorted({i for i in ids if ids.count(i) > 1})
+            raise ValueError(f"expected every road user to have its own id, found twice: {', '.join(twice)}")
+        return self
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Reads a scenario file; raises InputError with one sentence."""
+    try:
+        return Scenario.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+
+
+def save_scenario(scenario: Scenario, path: Path) -> None:
+    """Writes a scenario file, coordinates rounded to 1 mm and 0.1 mrad, one route point a line."""
+    data = scenario.model_dump(mode="json", exclude_defaults=False)
+    for ego in data["egos"]:
+        ego["start"] = {
+            "x": round(ego["start"]["x"], 3),
+            "y": round(ego["start"]["y"], 3),
+            "yaw": round(ego["start"]["yaw"], 4),
+        }
+        ego["route"] = [(round(x, 3), round(y, 3), round(yaw, 4)) for x, y, yaw in ego["route"]]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(data, separators=(",", ":")) + "\n")
+
+
+def first_problem(error: ValidationError) -> str:
+    """The first thing that is wrong with a file, as one sentence: where, expected, found."""
+    problem = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in problem["loc"]) or "the file"
+    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    found = (
+        ""
+        if problem["type"] in ("missing", "json_invalid", "value_error")
+        else f", found {shortened(problem['input'])}"
+    )
+    return f"{where}: {problem['msg']}{found}{more}"
+
+
+def shortened(value: object) -> str:
+    """A value in a sentence: at most 60 characters."""
+    text = "NaN" if isinstance(value, float) and math.isnan(value) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,67 @@
+"""How large a set of scenarios is, in the terms of the paper's table of scenario distribution."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.spec import Ego, Scenario
+
+SMOOTHING_REACH = 2
+"""Route points averaged on each side before headings are taken (5 points of 1 m).
+
+The paper names a mean heading change of 65.85 deg for InterDrive, but no formula. Calibrated on the 175
+original routes as `convert interdrive` lays them (a lane change takes 5 m, as in CARLA's planner), mean over
+the CAVs: without smoothing 76 deg, over 3 points 72, over 5 points 67.7 (2.8 % above the paper), over 7
+points 61. The mean route is 53.07 m (paper 51.83). Means over scenarios instead, 49.9 m and 60 deg, fit worse.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteStatistics:
+    """Means of a set of scenarios: lengths and heading changes over all CAVs, the rest over the scenarios."""
+
+    scenarios: int
+    cavs: int
+    mean_cavs: float
+    mean_route_m: float
+    mean_heading_change_deg: float
+    mean_actors: float
+    """Background vehicles; CAVs do not count."""
+
+
+def statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
+    """Statistics of at least one scenario."""
+    egos = [ego for scenario in scenarios for ego in scenario.egos]
+    return SuiteStatistics(
+        scenarios=len(scenarios),
+        cavs=len(egos),
+        mean_cavs=len(egos) / len(scenarios),
+        mean_route_m=fmean(map(route_length, egos)),
+        mean_heading_change_deg=fmean(map(heading_change_deg, egos)),
+        mean_actors=fmean(len(scenario.background.vehicles) for scenario in scenarios),
+    )
+
+
+def route_length(ego: Ego) -> float:
+    """Length of a CAV's dense route [m]."""
+    return float(np.hypot(*np.diff(ego.xy, axis=0).T).sum())
+
+
+def heading_change_deg(ego: Ego) -> float:
+    """Cumulative heading change [deg]: sum of absolute heading differences along the smoothed route."""
+    steps = np.diff(_smoothed(ego.xy), axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    return float(np.degrees(np.abs(np.diff(headings)).sum()))
+
+
+def _smoothed(xy: Float) -> Float:
+    """Centred moving average of points (N, 2); the window shrinks towards both ends, which stay."""
+    smooth = xy.copy()
+    for reach in range(1, SMOOTHING_REACH + 1):
+        if len(xy) > 2 * reach:
+            smooth[reach:-reach] = sliding_window_view(xy, 2 * reach + 1, axis=0).mean(axis=-1)
+    return smooth

@@ -1,0 +1,106 @@
+"""One episode as a job for a worker process: everything is named, nothing is shared. The composition root of a run."""
+
+from collections.abc import Generator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.agents import AGENTS
+from mdrive_sumo.agents.driver import Driver, LocalDriver
+from mdrive_sumo.agents.lookup import split_locator
+from mdrive_sumo.agents.remote import Limits, RemoteDriver
+from mdrive_sumo.episode import Ending, Episode, load_episode, save_episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.scenario.catalog import Suite, load_suite
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.sumo import SumoWorld
+
+
+@dataclass(frozen=True)
+class Job:
+    """Which episode to run, and how. Plain values, so that it can be sent to any process or machine."""
+
+    suite_folder: str
+    scenario: str
+    agent: str
+    agent_config: Mapping[str, Any]
+    seed: int
+    score_mode: str
+    recording: str = ""
+    """Path of the episode file to write; "" for none."""
+    log_folder: str = ""
+    """Where third-party agents' output goes; "" throws it away."""
+    limits: Limits = field(default_factory=Limits)
+    replayed: tuple[Ending, ...] = ()
+    """Agent failures of the recorded run, for re-execution."""
+
+
+def run_job(job: Job) -> ScenarioResult:
+    """Drives, scores and (if asked to) records one scenario. Raises WorldError, InputError or OSError."""
+    scenario, roads = prepared(job)
+    episode = _driven(job, scenario, roads)
+    if job.recording:
+        save_episode(episode, Path(job.recording))
+    return score_episode(episode, scenario, roads, ScoreMode(job.score_mode), job.seed)
+
+
+def reexecute(job: Job) -> Episode:
+    """Drives one scenario again, for comparison with its recording."""
+    return _driven(job, *prepared(job))
+
+
+def rescore(job: Job) -> ScenarioResult:
+    """Scores the recording of a job without simulating. Raises InputError."""
+    scenario, roads = prepared(job)
+    return score_episode(
+        load_episode(Path(job.recording)), scenario, roads, ScoreMode(job.score_mode), job.seed
+    )
+
+
+def prepared(job: Job) -> tuple[Scenario, RoadMap]:
+    """The scenario of a job and its network. Raises InputError."""
+    suite = _suite(job.suite_folder)
+    scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
+    if scenario is None:
+        raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
+    return scenario, load(network_folder(scenario.network, suite.folder))
+
+
+@lru_cache(maxsize=2)
+def _suite(folder: str) -> Suite:
+    return load_suite(folder)
+
+
+def open_driver(agent: str, config: Mapping[str, Any], limits: Limits, log: Path | None = None) -> Driver:
+    """An agent for one CAV: a built-in one in this process, any other in a child of its own. Raises InputError."""
+    if agent in AGENTS:
+        return LocalDriver(AGENTS[agent](config))
+    split_locator(agent)
+    return RemoteDriver(agent, config, limits, log)
+
+
+@contextmanager
+def _drivers(job: Job, scenario: Scenario) -> Generator[dict[str, Driver]]:
+    folder = Path(job.log_folder) if job.log_folder else None
+    with ExitStack() as stack:
+        drivers: dict[str, Driver] = {}
+        for ego in scenario.egos:
+            log = folder / f"{scenario.id}.{ego.id}.log" if folder else None
+            drivers[ego.id] = open_driver(job.agent, job.agent_config, job.limits, log)
+            stack.callback(drivers[ego.id].close)
+        yield drivers
+
+
+def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
+    about = {"agent": job.agent, "seed": job.seed}
+    setting = Setting(scenario, roads, job.seed, about, job.replayed)
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    sumo_seed = derived_seed(job.seed, scenario.id, "sumo")
+    with _drivers(job, scenario) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed) as world:
+        return run_episode(setting, world, drivers)

@@ -1,0 +1,107 @@
+"""Everything that can be wrong with an evaluation is found here, before the first tick."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.agents import AGENTS
+from mdrive_sumo.agents.driver import AgentFailure
+from mdrive_sumo.agents.remote import Limits
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.catalog import Suite, load_suite
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.score import RunInfo
+from mdrive_sumo.suite.fingerprint import fingerprint, located, versions
+from mdrive_sumo.suite.job import Job, open_driver
+from mdrive_sumo.suite.journal import Fingerprint
+from mdrive_sumo.suite.settings import Settings, config_hash, default_folder
+
+EPISODES_FOLDER = "episodes"
+LOGS_FOLDER = "logs"
+LIMITS = Limits()
+SIMULATION_LIMIT_S = 600.0
+"""Wall clock for all but the agents in one episode; only a simulator that hangs takes longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """An evaluation that is ready to start."""
+
+    settings: Settings
+    suite: Suite
+    scenarios: tuple[Scenario, ...]
+    folder: Path
+    info: RunInfo
+    fingerprint: Fingerprint
+
+    def job(self, scenario: Scenario) -> Job:
+        """The job that drives one of its scenarios."""
+        settings = self.settings
+        return Job(
+            suite_folder=str(self.suite.folder.resolve()),
+            scenario=scenario.id,
+            agent=located(settings.agent),
+            agent_config=settings.agent_config,
+            seed=settings.seed,
+            score_mode=settings.score_mode,
+            recording=str(recording(self.folder, scenario.id)) if settings.record else "",
+            log_folder="" if settings.agent in AGENTS else str(self.folder / LOGS_FOLDER),
+            limits=LIMITS,
+        )
+
+    def make_folders(self) -> None:
+        """Makes what the jobs write into; raises OSError."""
+        if self.settings.record:
+            (self.folder / EPISODES_FOLDER).mkdir(parents=True, exist_ok=True)
+        if self.settings.agent not in AGENTS:
+            (self.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
+
+    def limit_s(self) -> float:
+        """Wall clock after which an episode counts as hung: more than its agents may take together."""
+        if self.settings.agent in AGENTS:
+            return SIMULATION_LIMIT_S
+        most = max(len(scenario.egos) for scenario in self.scenarios)
+        return SIMULATION_LIMIT_S + most * (2 * LIMITS.start_s + LIMITS.episode_s)
+
+
+def prepare(settings: Settings) -> Prepared:
+    """Loads the suite and tries the agent; raises InputError for whatever the user has to mend."""
+    suite = load_suite(settings.suite)
+    scenarios = suite.matching(settings.scenario)
+    info = RunInfo(
+        agent=settings.agent,
+        labels=_labels(settings),
+        agent_config=config_hash(settings.agent_config),
+        suite=suite.name,
+        suite_checksum=suite.checksum(),
+        seed=settings.seed,
+        score_mode=settings.score_mode,
+        versions=versions(),
+        command=settings.command,
+    )
+    folder = settings.out or default_folder(settings, suite.name)
+    return Prepared(settings, suite, scenarios, folder, info, fingerprint(settings, suite, scenarios))
+
+
+def recording(run_folder: Path, scenario: str) -> Path:
+    """Where a run keeps the episode of a scenario."""
+    return run_folder / EPISODES_FOLDER / f"{scenario}.npz"
+
+
+def _labels(settings: Settings) -> tuple[str, ...]:
+    """What the agent calls itself, and "privileged" if it declares that sensor; one is made to find out."""
+    agent = settings.agent
+    if agent not in AGENTS and ":" not in agent:
+        raise InputError(
+            f"agent {agent!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither"
+        )
+    driver = open_driver(located(agent), settings.agent_config, LIMITS)
+    try:
+        privileged = any(sensor.kind == "privileged" for sensor in driver.sensors())
+        own = driver.label
+    except AgentFailure as error:
+        raise InputError(
+            f"agent {agent!r}: cannot be created: {error.text.removeprefix('InputError: ')}"
+        ) from None
+    finally:
+        driver.close()
+    return (own, "privileged") if privileged and own != "privileged" else (own,)

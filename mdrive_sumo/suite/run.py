@@ -1,0 +1,116 @@
+"""`evaluate`: scenarios through worker processes into results, with a journal that survives everything."""
+
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from pydantic import ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.spec import Scenario, first_problem
+from mdrive_sumo.score import Results, ScenarioResult, save_results, summarise, void_result
+from mdrive_sumo.suite.job import Job, run_job
+from mdrive_sumo.suite.journal import JOURNAL_FILE, Journal, open_journal
+from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure, cannot_write
+from mdrive_sumo.suite.preparation import Prepared, recording
+
+RESULTS_FILE = "results.json"
+TRIES = 2
+"""A scenario without a result is tried once more, after all others; then it is void."""
+
+
+class Progress(Protocol):
+    """Who wants to know how far a run has come."""
+
+    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+        """Told once: how many scenarios there are, and the results of an earlier start that are kept."""
+        ...
+
+    def done(self, result: ScenarioResult) -> None:
+        """A scenario has its result."""
+        ...
+
+    def note(self, text: str) -> None:
+        """Something worth a line: a failed try, a dropped line of the journal."""
+        ...
+
+
+def evaluate(run: Prepared, progress: Progress) -> Results:
+    """Drives what the journal does not hold yet, and writes `results.json`.
+
+    Results of earlier starts are kept, void ones are tried again. Raises InputError and KeyboardInterrupt;
+    the journal then keeps what was finished.
+    """
+    with open_journal(run.folder, run.fingerprint, fresh=run.settings.fresh) as journal:
+        found = _kept(run, journal)
+        if journal.torn:
+            progress.note("the last line of the journal was incomplete and has been dropped")
+        progress.begin(len(run.scenarios), found)
+        todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
+        if todo:
+            with writing(run.folder):
+                run.make_folders()
+            for result in _driven(run, todo, journal, progress):
+                journal.add_result(result.model_dump(mode="json"))
+                found[result.id] = result
+                progress.done(result)
+        whole = summarise(run.info, [found[scenario.id] for scenario in run.scenarios])
+        with writing(run.folder / RESULTS_FILE):
+            save_results(whole, run.folder / RESULTS_FILE)
+    return whole
+
+
+@contextmanager
+def writing(path: Path) -> Generator[None]:
+    """Turns a full disk or a missing permission into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(cannot_write(error, path)) from None
+
+
+def _kept(run: Prepared, journal: Journal) -> dict[str, ScenarioResult]:
+    """Results of earlier starts: not void, and with their recording if there shall be one."""
+    try:
+        entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
+    except ValidationError as error:
+        raise InputError(
+            f"{run.folder / JOURNAL_FILE}: {first_problem(error)}; --fresh starts anew"
+        ) from None
+    return {
+        entry.id: entry
+        for entry in entries
+        if entry.status == "ok" and (not run.settings.record or recording(run.folder, entry.id).is_file())
+    }
+
+
+def _driven(
+    run: Prepared, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
+) -> Generator[ScenarioResult]:
+    """A result for every scenario as they finish. Long ones start first: no worker idles at the end."""
+    jobs = [run.job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
+    workers = min(run.settings.workers, len(jobs))
+    with Pool[Job, ScenarioResult](run_job, workers, run.limit_s()) as pool:
+        for tries_left in reversed(range(TRIES)):
+            failed: list[Job] = []
+            for job, outcome in pool.run(jobs):
+                if not isinstance(outcome, WorkerFailure):
+                    yield outcome
+                    continue
+                if outcome.kind is FailureKind.INPUT:
+                    raise InputError(outcome.reason)
+                journal.add_failure(job.scenario, outcome.reason)
+                progress.note(
+                    f"{job.scenario}: {outcome.reason}" + ("; tried again later" if tries_left else "")
+                )
+                failed.append(job)
+                if not tries_left:
+                    yield void_result(todo[job.scenario], job.seed, outcome.reason)
+            jobs = failed
+
+
+def _cost(scenario: Scenario) -> int:
+    """Roughly how long an episode takes: its limit grows with the first route, a tick with the road users."""
+    road_users = 4 * len(scenario.egos) + len(scenario.background.vehicles)
+    return len(scenario.egos[0].route) * road_users

@@ -1,0 +1,191 @@
+"""Is a suite sound, difficult and solvable? What `mdrive-sumo validate` reports.
+
+Sound: routes follow connected lanes, no CAV starts inside another one or a building. Difficult: blind driving at
+constant speed has a near miss, as in the paper's screening (protocol 14.2). Solvable: `omniscient` reaches DS 100.
+The suite `interdrive` is also held against the paper's table of scenario distribution and the number of its
+scenarios in which a building or another CAV hides the conflict until late.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Bool, Float, box_corners, boxes_corners
+from mdrive_sumo.loop import VEHICLE
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.catalog import Suite
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.statistics import statistics
+from mdrive_sumo.score import ScoreMode, score_episode
+from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.soundness import check_scenario
+from mdrive_sumo.state import TICKS_PER_SECOND
+from mdrive_sumo.suite.job import Job, prepared, reexecute, run_job
+from mdrive_sumo.suite.pool import Pool, WorkerFailure
+
+NEAR_MISS_TTC_S = 0.9
+"""Blind driving must come closer to a collision than this (paper, CR; protocol 14.2)."""
+FULL_SCORE = 100.0
+LATE_S = 2.5
+"""A conflict that shows itself later than this before the collision of blind drivers counts as hidden until late."""
+LEAST_HIDDEN = 15
+"""Of the 46 scenarios of `interdrive`."""
+TOLERANCE = 0.05
+PAPER_MEANS = {
+    "CAVs": ("mean_cavs", 3.80),
+    "route [m]": ("mean_route_m", 51.83),
+    "heading change [deg]": ("mean_heading_change_deg", 65.85),
+}
+"""What the paper's table of scenario distribution says of InterDrive, by field of `SuiteStatistics`."""
+PAPER_SCENARIOS = 46
+LIMIT_S = 300.0
+"""Wall clock for one scenario."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A scenario to examine; plain values, so that it can be sent to a worker process."""
+
+    suite_folder: str
+    scenario: str
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """What was found in a scenario; it passes if `problems` is empty."""
+
+    scenario: str
+    problems: tuple[str, ...]
+    blind_ttc_s: float | None = None
+    """Least time to collision of constant-speed driving; None: never within 1.8 s, or not driven."""
+    omniscient_ds: float | None = None
+    hidden: bool = False
+    """Whether the conflict is hidden until late, see `hidden_until_late`."""
+
+
+def sampled(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
+    """All scenarios of a suite, or `size` of them: always the same ones, in the order of the suite."""
+    drawn = sorted(suite.scenarios, key=lambda scenario: derived_seed(0, scenario.id, "validate"))[:size]
+    return tuple(scenario for scenario in suite.scenarios if scenario in drawn)
+
+
+def examine_suite(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[Examination]:
+    """Examines scenarios of a suite in worker processes; they come in the order in which they finish."""
+    questions = [Question(str(suite.folder.resolve()), scenario.id) for scenario in scenarios]
+    with Pool[Question, Examination](examine, min(workers, len(questions)), LIMIT_S) as pool:
+        for question, found in pool.run(questions):
+            failed = isinstance(found, WorkerFailure)
+            yield Examination(question.scenario, (found.reason,)) if failed else found
+
+
+def examine(question: Question) -> Examination:
+    """Drives a scenario blind and omniscient and says what is wrong with it. Raises WorldError."""
+    blind = _job(question, "constant-speed")
+    scenario, roads = prepared(blind)
+    unsound = tuple(_unsound(scenario, roads))
+    if unsound:
+        return Examination(scenario.id, unsound)
+    episode = reexecute(blind)
+    ttc = score_episode(episode, scenario, roads, ScoreMode.MDRIVE, blind.seed).min_ttc
+    ds = run_job(_job(question, "omniscient")).ds
+    problems: list[str] = []
+    if ttc is None or ttc >= NEAR_MISS_TTC_S:
+        problems.append(f"not difficult: expected a blind TTC below {NEAR_MISS_TTC_S} s, found {_shown(ttc)}")
+    if ds < FULL_SCORE:
+        problems.append(f"not solvable: expected omniscient to reach DS {FULL_SCORE:g}, found {ds:.2f}")
+    return Examination(scenario.id, tuple(problems), ttc, ds, hidden_until_late(episode, roads))
+
+
+def _shown(ttc: float | None) -> str:
+    return "none" if ttc is None else f"{ttc:.2f} s"
+
+
+def _job(question: Question, agent: str) -> Job:
+    return Job(question.suite_folder, question.scenario, agent, {}, 0, ScoreMode.MDRIVE)
+
+
+def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+    try:
+        check_scenario(scenario, roads)
+    except InputError as error:
+        yield str(error)
+    poses = {ego.id: ego.start for ego in scenario.egos}
+    boxes = {
+        name: shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, VEHICLE.length, VEHICLE.width))
+        for name, pose in poses.items()
+    }
+    for one, other in combinations(boxes, 2):
+        if boxes[one].intersects(boxes[other]):
+            yield f"CAVs {one} and {other} start inside each other"
+    for name, box in boxes.items():
+        if any(box.intersects(building) for building in roads.building_shapes):
+            yield f"CAV {name} starts inside a building"
+
+
+def hidden_until_late(episode: Episode, roads: RoadMap) -> bool:
+    """Whether two CAVs of a blind drive collide that could not see each other until less than `LATE_S` before.
+
+    Only the first collision of either CAV counts. They see each other when no building and no third CAV's box
+    lies on the line between their box centres; from the first tick on it has to be blocked.
+    """
+    return any(_late(episode, roads, tick, pair) for tick, pair in _first_collisions(episode))
+
+
+def _first_collisions(episode: Episode) -> Iterator[tuple[int, tuple[int, int]]]:
+    """(tick, columns) of collisions between CAVs that had none before."""
+    column = {name: i for i, name in enumerate(episode.ids[: episode.egos])}
+    struck: dict[int, int] = {}
+    for tick, contact in episode.contacts:
+        if contact.other in column and contact.ego in column:
+            pair = (column[contact.ego], column[contact.other])
+            if all(struck.setdefault(one, tick) == tick for one in pair) and pair[0] < pair[1]:
+                yield tick, pair
+
+
+def _late(episode: Episode, roads: RoadMap, tick: int, pair: tuple[int, int]) -> bool:
+    free = np.flatnonzero(~_blocked(episode, roads, tick, pair))
+    first_seen = int(free[0]) if len(free) else tick
+    return first_seen > 0 and tick - first_seen < LATE_S * TICKS_PER_SECOND
+
+
+def _blocked(episode: Episode, roads: RoadMap, tick: int, pair: tuple[int, int]) -> Bool:
+    """Whether something lies on the line of sight in each of the ticks 0 to `tick` (tick + 1,)."""
+    ends = np.stack([np.column_stack((episode.x[: tick + 1, i], episode.y[: tick + 1, i])) for i in pair], 1)
+    lines = shapely.linestrings(ends)
+    blocked = shapely.intersects(lines, shapely.union_all(roads.building_shapes))
+    for third in set(range(episode.egos)) - set(pair):
+        boxes = shapely.polygons(_boxes(episode, tick, third))
+        blocked |= episode.valid[: tick + 1, third] & shapely.intersects(lines, boxes)
+    return blocked
+
+
+def _boxes(episode: Episode, tick: int, column: int) -> Float:
+    """Corners (tick + 1, 4, 2) [m] of a CAV up to a tick."""
+    x, y, yaw = (part[: tick + 1, column] for part in (episode.x, episode.y, episode.yaw))
+    return boxes_corners(x, y, yaw, episode.length[column], episode.width[column])
+
+
+def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[str, ...]:
+    """What is wrong with a suite as a whole; asked of `interdrive` only.
+
+    The number of hidden conflicts is asked for if every scenario was examined.
+    """
+    if suite.name != "interdrive":
+        return ()
+    found = statistics(suite.scenarios)
+    problems = [
+        f"{what}: expected {paper:g} (+-{TOLERANCE:.0%}) on average, found {mean:.2f}"
+        for what, (field, paper) in PAPER_MEANS.items()
+        if abs((mean := getattr(found, field)) / paper - 1) > TOLERANCE
+    ]
+    if found.scenarios != PAPER_SCENARIOS:
+        problems.append(f"expected {PAPER_SCENARIOS} scenarios, found {found.scenarios}")
+    hidden = sum(examination.hidden for examination in examinations)
+    if len(examinations) == found.scenarios and hidden < LEAST_HIDDEN:
+        problems.append(f"expected {LEAST_HIDDEN} conflicts or more that are hidden until late, found {hidden}")
+    return tuple(problems)

@@ -1,0 +1,1 @@
+"""Recordings and foreign scenario files become scenarios of mdrive-sumo."""

@@ -1,0 +1,95 @@
+"""The dense 1 m route along matched legs. Lane changes begin as early as they can, as in CARLA's planner."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.roads import Lane, RoadMap, Route
+from real2sim.matching import Leg
+
+HOP_M = 1.0
+"""Spacing of a dense route (protocol section 6)."""
+CHANGE_M = 5.0
+"""Length of the move over one lane, if there is room: five 1 m points, as in CARLA's GlobalRoutePlanner."""
+FINE_M = 0.25
+END_SKEW_M = 5.0
+"""How far the ends of neighbouring lanes may be apart along the road."""
+
+Piece = tuple[Float, Float]
+"""Points (M, 2) [m] and lane directions (M,) [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Drive:
+    """Lanes that follow one another, after that many lane changes at their beginning."""
+
+    changes: int
+    lanes: tuple[Lane, ...]
+
+
+def start_pose(roads: RoadMap, legs: Sequence[Leg]) -> tuple[float, float, float]:
+    """Where the route begins: x, y [m] on the centre line of its first lane, direction of that lane [rad]."""
+    centre = roads.lanes[legs[0].lanes[0]].centre
+    return (*centre.at(legs[0].start_s), centre.yaw_at(legs[0].start_s))
+
+
+def dense_route(roads: RoadMap, legs: Sequence[Leg]) -> Route:
+    """The route along legs that join: points 1 m apart (but the last hop), direction of the assigned lane."""
+    pieces = [piece for leg in legs for piece in _leg_pieces(roads, leg)]
+    lanes = legs[0].lanes + tuple(lane for leg in legs[1:] for lane in leg.lanes[1:])
+    xy = np.concatenate([points for points, _ in pieces])
+    yaw = np.unwrap(np.concatenate([directions for _, directions in pieces]))
+    keep = np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-6))
+    line = Polyline(xy[keep])
+    stations = _stations(line.length)
+    points = np.column_stack([np.interp(stations, line.s, line.xy[:, axis]) for axis in (0, 1)])
+    return Route(lanes, points, np.interp(stations, line.s, yaw[keep]))
+
+
+def _stations(length: float) -> Float:
+    """Every metre and the end; a last hop under 0.1 m, which rounding could undo, joins the one before."""
+    whole = np.arange(0.0, length, HOP_M)
+    if len(whole) > 1 and length - whole[-1] < 0.1:
+        whole = whole[:-1]
+    return np.append(whole, length)
+
+
+def _leg_pieces(roads: RoadMap, leg: Leg) -> Iterator[Piece]:
+    drives = _drives([roads.lanes[lane] for lane in leg.lanes])
+    here = roads.lanes[leg.lanes[0]].centre.at(leg.start_s)
+    for drive in drives:
+        path = polyline(np.concatenate([lane.centre.xy for lane in drive.lanes]))
+        rest = drive.lanes[-1].centre.length - leg.goal_s if drive is drives[-1] else 0.0
+        start, aside = path.project(*here, between=(0.0, drive.lanes[0].centre.length + END_SKEW_M))
+        end = max(path.length - rest, start)
+        yield _moving_over(path, (start, end), aside, CHANGE_M * drive.changes)
+        here = path.at(end)
+
+
+def _drives(lanes: Sequence[Lane]) -> list[_Drive]:
+    """Splits a leg where it changes lanes; a lane is left at its beginning."""
+    drives: list[_Drive] = []
+    changes, chain = 0, [lanes[0]]
+    for before, lane in pairwise(lanes):
+        if lane.id not in (before.left, before.right):
+            chain.append(lane)
+            continue
+        if len(chain) > 1:
+            drives.append(_Drive(changes, tuple(chain[:-1])))
+            changes = 0
+        changes, chain = changes + 1, [lane]
+    return [*drives, _Drive(changes, tuple(chain))]
+
+
+def _moving_over(path: Polyline, between: tuple[float, float], aside: float, room: float) -> Piece:
+    """Along the path, from `aside` [m] (positive: left) onto it within `room` [m], on a smoothstep."""
+    start, end = between
+    stations = np.linspace(start, end, max(int((end - start) / FINE_M), 1) + 1)
+    xy = np.array([path.at(s) for s in stations])
+    yaw = np.array([path.yaw_at(s) for s in stations])
+    share = np.clip((stations - start) / max(min(room, end - start), 1e-6), 0.0, 1.0)
+    offset = aside * (1 - share**2 * (3 - 2 * share))
+    return xy + offset[:, None] * np.column_stack((-np.sin(yaw), np.cos(yaw))), yaw

@@ -1,0 +1,39 @@
+"""XML from strangers: document types are refused, because entity-expansion bombs come in by them."""
+
+import math
+from pathlib import Path
+from typing import NoReturn
+from xml.etree import ElementTree
+
+from mdrive_sumo.errors import InputError
+
+Element = ElementTree.Element
+
+
+class _NoDoctype(ElementTree.TreeBuilder):
+    def doctype(self, name: str, *_: str | None) -> NoReturn:
+        raise InputError(f"expected XML without a document type, found <!DOCTYPE {name}>")
+
+
+def read_xml(path: Path) -> Element:
+    """Root element of an XML file; raises InputError if it cannot be read, is broken or has a DOCTYPE."""
+    try:
+        return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoDoctype()))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: expected well-formed XML, found: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def number(path: Path, element: Element, name: str) -> float:
+    """A finite number in an attribute; raises InputError."""
+    text = element.get(name)
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{path}: {element.tag}: {name}: expected a finite number, found {text!r}")
+    return value

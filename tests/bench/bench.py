@@ -1,0 +1,282 @@
+"""`make bench`: the figures of issue A, measured in one run, as a table and as bench.json.
+
+Ratios compare medians of interleaved runs in the same process; wall-clock times say what this machine did.
+"""
+
+import gzip
+import json
+import os
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import libsumo
+import numpy as np
+
+from mdrive_sumo.agents.driver import Driver, LocalDriver
+from mdrive_sumo.agents.remote import Limits
+from mdrive_sumo.contract import Reply
+from mdrive_sumo.episode import save_episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.roads import NetworkFile, RoadMap, load, route_along
+from mdrive_sumo.roads.network_file import net_checksum
+from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, Scenario
+from mdrive_sumo.state import TICKS_PER_SECOND
+from mdrive_sumo.suite.job import open_driver
+from mdrive_sumo.sumo import SumoWorld
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+BIN = Path(sys.executable).parent
+VEHICLES = 84
+ROUNDS = 5
+Row = tuple[str, float, str, str]
+
+
+def grid(folder: Path) -> RoadMap:
+    """A 4 x 4 grid with 120 m blocks and two lanes a direction, as in spec/sumo_pitfalls."""
+    netgenerate = shutil.which("netgenerate", path=str(BIN))
+    if netgenerate is None:
+        raise InputError("bench: expected netgenerate (pip install 'mdrive-sumo[convert]'), found none")
+    subprocess.run(
+        [netgenerate, "--grid", "--grid.number", "6", "--grid.length", "120", "-L", "2", "--no-turnarounds",
+         "-o", "grid.net.xml"],
+        cwd=folder, check=True, capture_output=True,
+    )  # fmt: skip
+    xml = (folder / "grid.net.xml").read_bytes()
+    (folder / "map.net.xml.gz").write_bytes(gzip.compress(xml, mtime=0))
+    about = NetworkFile(
+        name="grid", origin="netgenerate", licence="none", offset=(0, 0), build=(), checksum=net_checksum(xml)
+    )
+    (folder / "network.json").write_text(about.model_dump_json())
+    return load(folder)
+
+
+def walk(roads: RoadMap, rng: np.random.Generator, lane_id: str, length: float) -> list[str]:
+    """A random way along lanes without lane changes."""
+    lanes, gone = [lane_id], roads.lanes[lane_id].centre.length
+    while gone < length and roads.lanes[lanes[-1]].successors:
+        lanes.append(str(rng.choice(roads.lanes[lanes[-1]].successors)))
+        gone += roads.lanes[lanes[-1]].centre.length
+    return lanes
+
+
+def busy_scenario(roads: RoadMap, cavs: int, vehicles: int, action_step_s: float) -> Scenario:
+    """CAVs and background vehicles spread over the grid, all with ways for a minute."""
+    rng = np.random.default_rng(7)
+    roadway = [lane.id for lane in roads.driving if not lane.junction and lane.centre.length > 80]
+    starts = [str(lane) for lane in rng.permutation(roadway)]
+    egos = [_ego(str(i), roads, walk(roads, rng, starts[i], 700.0)) for i in range(cavs)]
+    slots = [(lane, pos) for lane in starts[cavs:] for pos in (20.0, 50.0, 80.0)][:vehicles]
+    background = [
+        _vehicle(f"bg{i}", roads, walk(roads, rng, lane, 900.0), pos) for i, (lane, pos) in enumerate(slots)
+    ]
+    return Scenario(
+        id=f"bench-{cavs}-{vehicles}", bucket="Bench", category="bench", network="grid", egos=tuple(egos),
+        background=Background(vehicles=tuple(background), action_step_s=action_step_s),
+    )  # fmt: skip
+
+
+def _ego(name: str, roads: RoadMap, lanes: list[str]) -> Ego:
+    route = route_along(roads, lanes, 10.0, roads.lanes[lanes[-1]].centre.length)
+    points = tuple((float(x), float(y), float(yaw)) for (x, y), yaw in zip(route.xy, route.yaw, strict=True))
+    x, y, yaw = points[0]
+    return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), lanes=route.lanes, route=points)
+
+
+def _vehicle(name: str, roads: RoadMap, lanes: list[str], pos: float) -> BackgroundVehicle:
+    edges = tuple(dict.fromkeys(roads.lanes[lane].edge for lane in lanes if not roads.lanes[lane].junction))
+    return BackgroundVehicle(
+        id=name, depart_s=0, edges=edges, depart_lane=roads.lanes[lanes[0]].index, depart_pos_m=pos
+    )
+
+
+class TimedDriver(LocalDriver):
+    """A built-in agent whose thinking time is taken out of the evaluator's."""
+
+    spent_s = 0.0
+
+    def answer(self) -> Reply:
+        begin = time.perf_counter()
+        reply = super().answer()
+        TimedDriver.spent_s += time.perf_counter() - begin
+        return reply
+
+
+def evaluator_ticks(scenario: Scenario, roads: RoadMap, agent: str) -> list[float]:
+    """Seconds of every tick, agents' thinking taken out."""
+    from mdrive_sumo.agents import AGENTS
+
+    times: list[float] = []
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+
+    class Clocked(SumoWorld):
+        def advance(self, egos: Any, struck: Any) -> Any:
+            times.append(time.perf_counter() - TimedDriver.spent_s)
+            return super().advance(egos, struck)
+
+    TimedDriver.spent_s = 0.0
+    drivers: dict[str, Driver] = {ego.id: TimedDriver(AGENTS[agent]({})) for ego in scenario.egos}
+    with Clocked(scenario, roads, sizes, 1) as world:
+        run_episode(Setting(scenario, roads, 0), world, drivers)
+    return list(np.diff(times))
+
+
+def bare_ticks(scenario: Scenario, roads: RoadMap, ticks: int) -> list[float]:
+    """Seconds of every step of libsumo alone, reading position, angle and speed of every vehicle."""
+    times: list[float] = []
+    with SumoWorld(scenario, roads, {}, 1):
+        vehicle = libsumo.vehicle
+        for _ in range(ticks):
+            begin = time.perf_counter()
+            libsumo.simulationStep()
+            for name in vehicle.getIDList():
+                vehicle.getPosition(name), vehicle.getAngle(name), vehicle.getSpeed(name)
+            times.append(time.perf_counter() - begin)
+    return times
+
+
+def tick_ratios(roads: RoadMap) -> Iterator[Row]:
+    """Evaluator against bare libsumo: 2 CAVs and 84 background vehicles, the first 20 s, interleaved."""
+    ticks = 20 * TICKS_PER_SECOND
+    for action_step_s, target in ((0.05, 2.0), (0.5, 3.0)):
+        scenario = busy_scenario(roads, 2, VEHICLES, action_step_s)
+        ours: list[float] = []
+        bare: list[float] = []
+        for _ in range(ROUNDS):
+            ours.append(sum(evaluator_ticks(scenario, roads, "constant-speed")[:ticks]))
+            bare.append(sum(bare_ticks(scenario, roads, ticks)))
+        ratio = statistics.median(ours) / statistics.median(bare)
+        yield (
+            f"tick ratio, 2 CAVs + {VEHICLES} vehicles, action step {action_step_s:g} s",
+            ratio,
+            "x",
+            f"<= {target:g}",
+        )
+        yield (
+            f"  bare libsumo, action step {action_step_s:g} s",
+            statistics.median(bare) / ticks * 1e3,
+            "ms/tick",
+            "",
+        )
+
+
+def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
+    """Four CAVs without background: time of a tick, and size of the recording."""
+    scenario = busy_scenario(roads, 4, 0, 0.5)
+    ticks = [tick for _ in range(ROUNDS) for tick in evaluator_ticks(scenario, roads, "constant-speed")]
+    yield "tick, 4 CAVs, no background", statistics.mean(ticks) * 1e3, "ms", "<= 1.0"
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    drivers = {ego.id: open_driver("constant-speed", {}, Limits()) for ego in scenario.egos}
+    with SumoWorld(scenario, roads, sizes, 1) as world:
+        episode = run_episode(Setting(scenario, roads, 0), world, drivers)
+    save_episode(episode, folder / "e.npz")
+    minutes = episode.ticks / TICKS_PER_SECOND / 60
+    yield (
+        "recording, 4 CAVs, a simulated minute",
+        (folder / "e.npz").stat().st_size / 1e3 / minutes,
+        "kB",
+        "< 200",
+    )
+
+
+def command(*arguments: str) -> float:
+    """Wall-clock seconds of a command line."""
+    begin = time.perf_counter()
+    subprocess.run([str(BIN / "mdrive-sumo"), *arguments], check=True, capture_output=True)
+    return time.perf_counter() - begin
+
+
+def command_rows(folder: Path) -> Iterator[Row]:
+    """What a user waits for."""
+    yield "mdrive-sumo --help", statistics.median(command("--help") for _ in range(7)), "s", "< 0.4"
+    if not SHARED.is_dir():
+        return
+    real = folder / "real"
+    command(
+        "convert",
+        "interdrive",
+        str(SHARED / "mdrive" / "interdrive"),
+        "--towns",
+        str(SHARED / "carla_towns"),
+        "--out",
+        str(real),
+    )
+    one = [str(real), "--agent", "constant-speed", "--out"]
+    took = statistics.median(
+        command("eval", "--suite", *one, str(folder / f"w{i}"), "--workers", "2") for i in range(3)
+    )
+    yield "46 real InterDrive scenarios, constant-speed, 2 workers", took, "s", "<= 30"
+
+
+def parallel_row(folder: Path) -> Iterator[Row]:
+    """Two workers against one on the built-in suite, start-up (a run of one scenario) taken out."""
+    agent = ("--suite", "interdrive", "--agent", "stationary")
+    idle = statistics.median(
+        command("eval", *agent, "--scenario", "i01*", "--workers", "1", "--out", str(folder / f"i{i}"))
+        for i in range(3)
+    )
+    times: dict[int, list[float]] = {1: [], 2: []}
+    for i in range(2):
+        for workers in (1, 2):
+            out = str(folder / f"p{workers}{i}")
+            times[workers].append(command("eval", *agent, "--workers", str(workers), "--out", out) - idle)
+    yield "two workers against one (start-up aside)", min(times[1]) / min(times[2]), "x", ">= 1.8"
+    yield "  work of one worker", min(times[1]), "s", ""
+
+
+def memory_rows(roads: RoadMap) -> Iterator[Row]:
+    """Growth of a worker over 500 short episodes, and its peak."""
+    scenario = busy_scenario(roads, 2, 20, 0.5)
+    short = scenario.model_copy(update={"egos": tuple(_cut(ego) for ego in scenario.egos)})
+    sizes: list[float] = []
+    for i in range(520):
+        evaluator_ticks(short, roads, "constant-speed")
+        if i >= 20:
+            sizes.append(_resident_mb())
+    yield "worker, growth over 500 episodes", sizes[-1] - sizes[0], "MB", "< 5"
+    yield "worker, peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MB", "< 400"
+
+
+def _cut(ego: Ego) -> Ego:
+    return ego.model_copy(update={"route": ego.route[:12]})
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def main() -> None:
+    """Measures everything, prints the table, writes bench.json into the current folder."""
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "grid").mkdir()
+        roads = grid(folder / "grid")
+        parts: list[Callable[[], Iterator[Row]]] = [
+            lambda: tick_ratios(roads), lambda: lone_tick(roads, folder), lambda: memory_rows(roads),
+            lambda: command_rows(folder), lambda: parallel_row(folder),
+        ]  # fmt: skip
+        for part in parts:
+            for row in part():
+                rows.append(row)
+                sys.stdout.write(f"{row[0]:<66}{row[1]:>10.2f} {row[2]:<8}{row[3]}\n")
+                sys.stdout.flush()
+    result = {
+        name.strip(): {"value": round(value, 4), "unit": unit, "target": target}
+        for name, value, unit, target in rows
+    }
+    Path("bench.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

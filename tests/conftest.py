@@ -1,0 +1,64 @@
+"""Shared by all tests: hypothesis profiles, material that may be absent, which skips are accepted."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).resolve().parents[1]
+SHARED_DATA = ROOT.parent / "shared" / "data"
+
+NEEDS_SHARED_DATA = "needs ../shared/data"
+SKIP_REASONS = (NEEDS_SHARED_DATA, "needs Chromium", "needs netconvert")
+"""Why a test may skip. The gate (MDRIVE_STRICT_SKIPS) installs the rest: there only the first counts."""
+
+settings.register_profile("laptop", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "laptop")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The read-only material beside the repository."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip(NEEDS_SHARED_DATA)
+    return SHARED_DATA
+
+
+def accepted_reasons() -> tuple[str, ...]:
+    """Reasons that do not fail this session."""
+    if not os.environ.get("MDRIVE_STRICT_SKIPS"):
+        return SKIP_REASONS
+    return () if SHARED_DATA.is_dir() else (NEEDS_SHARED_DATA,)
+
+
+class SkipGuard:
+    """Fails the session when a test was skipped without an accepted reason."""
+
+    def __init__(self) -> None:
+        self.refused: list[str] = []
+
+    def _look_at(self, report: pytest.TestReport | pytest.CollectReport) -> None:
+        if not report.skipped or hasattr(report, "wasxfail"):
+            return
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if reason.removeprefix("Skipped: ") not in accepted_reasons():
+            self.refused.append(f"{report.nodeid}: {reason}")
+
+    pytest_runtest_logreport = _look_at
+    pytest_collectreport = _look_at
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if self.refused:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        for line in self.refused:
+            terminalreporter.write_line(f"SKIPPED WITHOUT AN ACCEPTED REASON {line}", red=True)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # Workers of pytest-xdist send their reports to the process that has no workerinput.
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(SkipGuard(), "skip-guard")

@@ -1,0 +1,137 @@
+"""The worker pool: whatever happens to a worker, every job ends with a result or a reason."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure, available_cores
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(HERE))
+    import suite_fakes
+
+    return suite_fakes
+
+
+def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0, folder: str = "") -> list:
+    tasks = [fakes.Task(f"{i}", deed, folder) for i, deed in enumerate(deeds)]
+    with Pool(fakes.perform, workers, limit_s) as pool:
+        found = {task.name: outcome for task, outcome in pool.run(tasks)}
+    return [found[task.name] for task in tasks]
+
+
+def wait_for(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_one_worker_serves_all_jobs(fakes: ModuleType) -> None:
+    names, pids = zip(*(answer.split() for answer in run(fakes, "answer", "answer", "answer")), strict=True)
+    assert names == ("0", "1", "2")
+    assert len(set(pids)) == 1
+    assert pids[0] != str(os.getpid())
+
+
+def test_two_workers_share_the_jobs(fakes: ModuleType) -> None:
+    answers = run(fakes, "nap", "nap", "nap", "nap", workers=2)
+    assert len({answer.split()[1] for answer in answers}) == 2
+
+
+@pytest.mark.parametrize(
+    ("deed", "kind", "reason"),
+    [
+        ("kill", FailureKind.DIED, "the worker process was ended by SIGKILL"),
+        ("segfault", FailureKind.DIED, "the worker process was ended by SIGSEGV"),
+        ("leave", FailureKind.DIED, "the worker process ended with exit code 7"),
+        ("raise", FailureKind.RAISED, "ZeroDivisionError in suite_fakes.py:"),
+        ("input", FailureKind.INPUT, "the map: expected a road, found the sea"),
+        ("world", FailureKind.RAISED, "SUMO lost the road"),
+        ("full", FailureKind.INPUT, "the run folder: cannot be written: No space left on device"),
+    ],
+)
+def test_a_failed_job_has_a_reason_and_the_next_one_a_result(
+    fakes: ModuleType, deed: str, kind: FailureKind, reason: str
+) -> None:
+    failure, answer = run(fakes, deed, "answer")
+    assert isinstance(failure, WorkerFailure)
+    assert failure.kind is kind
+    assert failure.reason.startswith(reason)
+    assert "\n" not in failure.reason
+    assert answer.startswith("1 ")
+
+
+def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_path: Path) -> None:
+    failure, answer = run(fakes, "hang with child", "answer", limit_s=2.0, folder=str(tmp_path))
+    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 2 s")
+    assert answer.startswith("1 ")
+    child = int((tmp_path / "child").read_text())
+    wait_for(lambda: not alive(child))
+
+
+def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=2.0)
+    assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
+
+
+def test_workers_ignore_sigint(fakes: ModuleType) -> None:
+    assert run(fakes, "interrupt self")[0].startswith("0 ")
+
+
+def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) -> None:
+    tasks = [fakes.Task("quick"), fakes.Task("slow", "hang", str(tmp_path))]
+    with Pool(fakes.perform, 2, 60.0) as pool:
+        next(pool.run(tasks))
+        wait_for((tmp_path / "slow.started").exists)
+    assert not alive(int((tmp_path / "slow.started").read_text()))
+
+
+PARENT = """
+import sys
+sys.path.insert(0, {here!r})
+import suite_fakes
+from mdrive_sumo.suite.pool import Pool
+if __name__ == "__main__":
+    with Pool(suite_fakes.perform, 1, 600.0) as pool:
+        list(pool.run([suite_fakes.Task("x", "hang", {folder!r})]))
+"""
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_worker_dies_with_its_parent(tmp_path: Path, sign: signal.Signals) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(here=str(HERE), folder=str(tmp_path)))
+    started = tmp_path / "x.started"
+    with subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL) as parent:
+        wait_for(lambda: started.exists() and started.read_text() != "")
+        parent.send_signal(sign)
+    wait_for(lambda: not alive(int(started.read_text())))
+
+
+def test_available_cores_respects_the_affinity() -> None:
+    before = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(before)})
+        assert available_cores() == 1
+    finally:
+        os.sched_setaffinity(0, before)
