@@ -59,7 +59,7 @@ class Trial(NamedTuple):
     """Last tick with at least 0.5 m/s; 0 if there was none: the clock starts with the scenario (7.5)."""
 
 
-def course(ego: Ego) -> Course:
+def course_of(ego: Ego) -> Course:
     """The course of a CAV of a scenario file."""
     return course_along(ego.xy, ego.yaw)
 
@@ -73,7 +73,7 @@ def course_along(xy: Float, yaw: Float) -> Course:
 
 def time_limit_ticks(scenario: Scenario) -> int:
     """The route time-out: int(0.8 s/m * L0 + 8 s), L0 being ego 0's route length for every ego (7.6, K3)."""
-    return int(0.8 * course(scenario.egos[0]).length + 8.0) * TICKS_PER_SECOND
+    return int(0.8 * course_of(scenario.egos[0]).length + 8.0) * TICKS_PER_SECOND
 
 
 def advanced(course: Course, index: int, window: int, x: float, y: float) -> int:
@@ -88,12 +88,11 @@ def advanced(course: Course, index: int, window: int, x: float, y: float) -> int
     return index
 
 
-def observe(trial: Trial, course: Course, tick: int, at: tuple[float, float], speed: float) -> Trial:
-    """The trial after the frame of `tick`: box centre `at` (x, y) [m], signed speed along yaw [m/s].
+def observe(trial: Trial, course: Course, tick: int, x: float, y: float, speed: float) -> Trial:
+    """The trial after the frame of `tick`: box centre at (x, y) [m], signed speed along yaw [m/s].
 
     To be called for every tick from 0 on. The original's speed is the length of the velocity: it has no sign.
     """
-    x, y = at
     passed, arrived_tick, nearest, off_route_m, deviated, moving_tick = trial
     if arrived_tick is None:
         passed = advanced(course, passed, COMPLETION_WINDOW, x, y)

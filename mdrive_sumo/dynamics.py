@@ -149,8 +149,8 @@ def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_ste
         pose, motion = _moved(pose, motion, pushed, h)
         steer_angle, drive, brake = steer_angle + turn, drive + press, brake + clamp
     vx, vy, yaw_rate = motion
-    if vx == 0.0 and abs(vy) + abs(yaw_rate) < 1e-3:  # tyres that stand stick
-        vy = yaw_rate = 0.0
+    if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # tyres that stand stick
+        vx = vy = yaw_rate = 0.0
     acceleration = (vx - body.vx) / dt
     return Body(pose[0], pose[1], wrap_angle(pose[2]), vx, vy, yaw_rate, steer_angle, drive, brake, acceleration)
 

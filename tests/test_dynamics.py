@@ -102,7 +102,8 @@ def test_braking_stops_and_never_reverses() -> None:
 
 
 def test_a_car_pushed_backwards_or_sideways_comes_to_rest() -> None:
-    for body in (Body(0, 0, 0, vx=-3.0), Body(0, 0, 0, vy=4.0), Body(0, 0, 0, yaw_rate=3.0)):
+    spun = Body(0, 0, 0, vx=-1.0, vy=2.0, yaw_rate=3.0, steer_angle=0.5)
+    for body in (spun, Body(0, 0, 0, vx=-3.0), Body(0, 0, 0, vy=4.0), Body(0, 0, 0, yaw_rate=3.0)):
         last = driven(body, STANDSTILL, 3.0)[-1]
         assert (last.vx, last.vy, last.yaw_rate) == (0.0, 0.0, 0.0)
     assert driven(Body(0, 0, 0, vx=-3.0), COAST, 30.0)[-1].vx == 0.0

@@ -19,9 +19,9 @@ HERE = Path(__file__).parent
 @pytest.fixture
 def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(HERE))
-    import suite_fakes
+    import pool_fakes
 
-    return suite_fakes
+    return pool_fakes
 
 
 def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0, folder: str = "") -> list:
@@ -64,7 +64,7 @@ def test_two_workers_share_the_jobs(fakes: ModuleType) -> None:
         ("kill", FailureKind.DIED, "the worker process was ended by SIGKILL"),
         ("segfault", FailureKind.DIED, "the worker process was ended by SIGSEGV"),
         ("leave", FailureKind.DIED, "the worker process ended with exit code 7"),
-        ("raise", FailureKind.RAISED, "ZeroDivisionError in suite_fakes.py:"),
+        ("raise", FailureKind.RAISED, "ZeroDivisionError in pool_fakes.py:"),
         ("input", FailureKind.INPUT, "the map: expected a road, found the sea"),
         ("world", FailureKind.RAISED, "SUMO lost the road"),
         ("full", FailureKind.INPUT, "the run folder: cannot be written: No space left on device"),
@@ -90,7 +90,7 @@ def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_pat
 
 
 def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
-    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=2.0)
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=4.0)
     assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
 
 
@@ -109,11 +109,11 @@ def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) 
 PARENT = """
 import sys
 sys.path.insert(0, {here!r})
-import suite_fakes
+import pool_fakes
 from mdrive_sumo.suite.pool import Pool
 if __name__ == "__main__":
-    with Pool(suite_fakes.perform, 1, 600.0) as pool:
-        list(pool.run([suite_fakes.Task("x", "hang", {folder!r})]))
+    with Pool(pool_fakes.perform, 1, 600.0) as pool:
+        list(pool.run([pool_fakes.Task("x", "hang", {folder!r})]))
 """
 
 

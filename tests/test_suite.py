@@ -8,8 +8,9 @@ import pytest
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.score import Results, ScenarioResult, load_results
-from mdrive_sumo.suite import Settings, evaluate, load_agent_config, prepare
-from mdrive_sumo.suite.settings import default_folder
+from mdrive_sumo.suite.preparation import prepare
+from mdrive_sumo.suite.run import evaluate
+from mdrive_sumo.suite.settings import Settings, default_folder, load_agent_config
 
 HERE = Path(__file__).parent
 
@@ -107,7 +108,7 @@ def test_a_killed_worker_costs_one_try(fakes: ModuleType, tmp_path: Path) -> Non
     [
         ("segfault", "the worker process was ended by SIGSEGV"),
         ("world", "SUMO lost the road"),
-        ("raise", "ZeroDivisionError in suite_fakes.py"),
+        ("raise", "ZeroDivisionError in pool_fakes.py"),
     ],
 )
 def test_two_failed_tries_make_a_void_that_counts_as_zero(

@@ -9,18 +9,11 @@ from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.tables import summary_table
 from mdrive_sumo.score import Results, ScoreMode
-from mdrive_sumo.suite import (
-    RESULTS_FILE,
-    Prepared,
-    Settings,
-    available_cores,
-    evaluate,
-    load_agent_config,
-    prepare,
-)
 from mdrive_sumo.suite.journal import JOURNAL_FILE
-from mdrive_sumo.suite.preparation import EPISODES_FOLDER
-from mdrive_sumo.suite.run import writing
+from mdrive_sumo.suite.pool import available_cores
+from mdrive_sumo.suite.preparation import EPISODES_FOLDER, Prepared, prepare
+from mdrive_sumo.suite.run import RESULTS_FILE, evaluate, writing
+from mdrive_sumo.suite.settings import Settings, load_agent_config
 
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)

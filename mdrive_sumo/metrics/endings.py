@@ -29,7 +29,7 @@ def route_completion(track: Track) -> float:
     end: End | None = None
     tick = -1
     for tick, ((x, y), speed) in enumerate(zip(track.xy.tolist(), track.speed.tolist(), strict=True)):
-        trial = observe(trial, course, tick, (x, y), speed)
+        trial = observe(trial, course, tick, x, y, speed)
         end = verdict(trial, tick, limit)
         if end is not None:
             break

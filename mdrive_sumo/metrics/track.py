@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mdrive_sumo.criteria import Course, course
+from mdrive_sumo.criteria import Course, course_of
 from mdrive_sumo.episode import Ending, Episode
 from mdrive_sumo.geometry import Float
 from mdrive_sumo.metrics.infraction import PENALTY, Infraction
@@ -36,7 +36,7 @@ class Track:
     @cached_property
     def course(self) -> Course:
         """The route as the criteria read it."""
-        return course(self.ego)
+        return course_of(self.ego)
 
     @cached_property
     def nearest(self) -> Nearest:
