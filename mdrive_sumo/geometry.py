@@ -112,6 +112,10 @@ class Polyline:
         """Direction [rad] of the segment at arc length s."""
         return float(self.yaws[self._segment_at(s)])
 
+    def yaws_at(self, s: Float) -> Float:
+        """Directions (M,) [rad] of the segments at arc lengths s (M,)."""
+        return self.yaws[np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.yaws) - 1)]
+
     def project(self, x: float, y: float, between: tuple[float, float] | None = None) -> tuple[float, float]:
         """Frenet coordinates (s, d) [m] of the nearest point; d > 0 lies to the left.
 

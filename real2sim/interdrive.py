@@ -100,7 +100,8 @@ def _to_network(xy_carla: Float, town: Town) -> Float:
 def _ego(route: RouteFile, roads: RoadMap, legs: Legs) -> Ego:
     dense = dense_route(roads, legs)
     x, y, yaw = start_pose(roads, legs)
-    points = zip(dense.xy[:, 0].tolist(), dense.xy[:, 1].tolist(), dense.yaw.tolist(), strict=True)
+    xy, yaws = dense.xy.round(3), dense.yaw.round(4)  # as the file is written: the report counts what is in it
+    points = zip(xy[:, 0].tolist(), xy[:, 1].tolist(), yaws.tolist(), strict=True)
     return Ego(id=str(route.index), start=Pose(x=x, y=y, yaw=yaw), lanes=dense.lanes, route=tuple(points))
 
 

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -253,6 +254,8 @@ def test_the_originals_statistics_are_the_papers(original: Suite) -> None:
     assert found.mean_cavs == pytest.approx(3.80, rel=0.05)
     assert found.mean_route_m == pytest.approx(51.83, rel=0.05)
     assert found.mean_heading_change_deg == pytest.approx(65.85, rel=0.05)
+    reported = json.loads((original.folder / "conversion.json").read_text())["statistics"]
+    assert reported == pytest.approx(asdict(found)), "the report tells of the suite as written"
 
 
 @needs_data

@@ -24,6 +24,9 @@ from mdrive_sumo.roads.network_file import (
 )
 
 
+NEARBY_M = 4.0
+
+
 @dataclass(frozen=True)
 class Lane:
     """A lane that cars may use. `centre` runs in driving direction."""
@@ -104,12 +107,23 @@ class RoadMap:
     def nearest(self, xy: Float) -> Nearest:
         """Nearest driving lane to each of the points xy (M, 2) [m]; of equally near ones the first of `driving`."""
         points = shapely.points(xy)
-        pairs, distance = self._tree.query_nearest(points, return_distance=True)
-        first = np.unique(pairs[0], return_index=True)[1]  # pairs are sorted by point, then by lane
-        lane = pairs[1][first].astype(np.int64)
+        lane, distance = self._nearest_lanes(points)
         station = shapely.line_locate_point(self._lines[lane], points)
-        yaw = np.array([self.driving[i].centre.yaw_at(s) for i, s in zip(lane, station, strict=True)])
-        return Nearest(lane, distance[first], yaw)
+        yaw = np.empty(len(lane))
+        for i in np.unique(lane):
+            yaw[lane == i] = self.driving[i].centre.yaws_at(station[lane == i])
+        return Nearest(lane, distance, yaw)
+
+    def _nearest_lanes(self, points: Any) -> tuple[Int, Float]:
+        """Index and distance (M,) of the nearest lanes; a search nearby comes first, for `query_nearest` is dear."""
+        point, lane = self._tree.query(points, predicate="dwithin", distance=NEARBY_M)
+        if len(far := np.setdiff1d(np.arange(len(points)), point)):
+            pairs = self._tree.query_nearest(points[far])
+            point, lane = np.concatenate((point, far[pairs[0]])), np.concatenate((lane, pairs[1]))
+        distance = shapely.distance(points[point], self._lines[lane])
+        order = np.lexsort((lane, distance, point))
+        first = order[np.unique(point[order], return_index=True)[1]]
+        return lane[first].astype(np.int64), distance[first]
 
     def lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
         """Lanes whose centre line passes within `radius` [m] of the point, in the order of `driving`."""
