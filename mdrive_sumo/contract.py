@@ -226,9 +226,7 @@ def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
     if not isinstance(reply, Reply):
         raise ReplyError(f"expected a Reply, found {type(reply).__name__}")
     if (reply.control is None) == (reply.plan is None):
-        raise ReplyError(
-            "expected either a control or a plan, found " + ("neither" if reply.plan is None else "both")
-        )
+        raise ReplyError("expected either a control or a plan, found " + ("neither" if reply.plan is None else "both"))
     messages = tuple(_checked_message(message) for message in reply.messages)
     if reply.control is not None:
         return Reply(control=_checked_control(reply.control), messages=messages)
@@ -237,9 +235,7 @@ def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
 
 def _checked_message(message: object) -> Message:
     if not isinstance(message, Message) or not isinstance(cast(object, message.payload), bytes):
-        raise ReplyError(
-            f"expected messages of type Message with a bytes payload, found {type(message).__name__}"
-        )
+        raise ReplyError(f"expected messages of type Message with a bytes payload, found {type(message).__name__}")
     return message
 
 
@@ -278,9 +274,7 @@ def _checked_plan(plan: object, controllers: frozenset[str]) -> Plan:
     if not (math.isfinite(interval_s) and 0.01 <= interval_s <= 10.0):
         raise ReplyError(f"plan: expected interval_s in [0.01, 10] s, found {interval_s}")
     if plan.controller not in controllers:
-        raise ReplyError(
-            f"plan: unknown controller {plan.controller!r}, expected one of {sorted(controllers)}"
-        )
+        raise ReplyError(f"plan: unknown controller {plan.controller!r}, expected one of {sorted(controllers)}")
     return Plan(points, interval_s, plan.controller)
 
 

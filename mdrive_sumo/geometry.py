@@ -35,9 +35,7 @@ def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> 
     ahead = np.array((cos, sin)) * (length / 2)
     left = np.array((-sin, cos)) * (width / 2)
     centre = np.array((x, y))
-    return np.array(
-        (centre + ahead + left, centre - ahead + left, centre - ahead - left, centre + ahead - left)
-    )
+    return np.array((centre + ahead + left, centre - ahead + left, centre - ahead - left, centre + ahead - left))
 
 
 def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:
@@ -134,12 +132,19 @@ class Polyline:
         distance = math.hypot(gap[i, 0], gap[i, 1])
         return float(self.s[low + i] + share[i] * lengths[i]), math.copysign(distance, side)
 
+    def stations(self, spacing: float) -> Float:
+        """Arc lengths (M,) every `spacing` metres from the start to the end.
+
+        The last step is 0.1 to 1.1 spacings long, so that none is so short that it vanishes when it is rounded.
+        """
+        whole = np.arange(0.0, self.length, spacing)
+        if len(whole) > 1 and self.length - whole[-1] < 0.1 * spacing:
+            whole = whole[:-1]
+        return np.append(whole, self.length)
+
     def resampled(self, spacing: float) -> "Polyline":
-        """Points every `spacing` metres from the start; the last point is kept."""
-        stations = np.arange(0.0, self.length, spacing)
-        if self.length - stations[-1] < 1e-6:
-            stations = stations[:-1]
-        stations = np.append(stations, self.length)
+        """Points every `spacing` metres, as `stations` has them."""
+        stations = self.stations(spacing)
         return Polyline(np.column_stack([np.interp(stations, self.s, self.xy[:, axis]) for axis in (0, 1)]))
 
 

@@ -80,9 +80,7 @@ class Senses:
                     )
         self._sensors, self._briefings = sensors, briefings
 
-    def observe(
-        self, frame: Frame, plans: Mapping[str, Plan], living: tuple[str, ...]
-    ) -> dict[str, Observation]:
+    def observe(self, frame: Frame, plans: Mapping[str, Plan], living: tuple[str, ...]) -> dict[str, Observation]:
         """What the living CAVs see of the frame; `plans` are the CAVs' latest, for whoever is privileged.
 
         A CAV that ended in this frame is seen once more: it leaves the world with the coming tick.
@@ -93,9 +91,7 @@ class Senses:
     def _boxes(self, frame: Frame) -> Objects:
         """Every road user of the frame, CAVs first."""
         actors, egos = frame.actors, tuple(frame.egos.values())
-        sizes = [
-            (self._briefings[ego].vehicle.length, self._briefings[ego].vehicle.width) for ego in frame.egos
-        ]
+        sizes = [(self._briefings[ego].vehicle.length, self._briefings[ego].vehicle.width) for ego in frame.egos]
         table = np.array([(e.x, e.y, e.yaw, e.speed, *size) for e, size in zip(egos, sizes, strict=True)])
         return Objects(
             ids=(*frame.egos, *actors.ids),
@@ -117,9 +113,7 @@ class Senses:
                 privileged = self._privileged(frame, boxes, plans)
         lights = self._briefings[ego].traffic_lights
         signals = {light.id: _letter(frame.signals, light.id) for light in lights}
-        return Observation(
-            frame.tick, own_state(frame.egos[ego]), objects, MappingProxyType(signals), (), privileged
-        )
+        return Observation(frame.tick, own_state(frame.egos[ego]), objects, MappingProxyType(signals), (), privileged)
 
     def _privileged(self, frame: Frame, boxes: Objects, plans: Mapping[str, Plan]) -> Privileged:
         ids = tuple(sorted(frame.egos))

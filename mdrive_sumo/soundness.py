@@ -29,9 +29,7 @@ def _check_lanes(where: str, ego: Ego, roads: RoadMap) -> None:
     for here, there in zip(ego.lanes, ego.lanes[1:], strict=False):
         lane = roads.lanes[here]
         if there not in (*lane.successors, lane.left, lane.right):
-            raise InputError(
-                f"{where}: expected a lane after or beside {here}, found {there}, which is not connected"
-            )
+            raise InputError(f"{where}: expected a lane after or beside {here}, found {there}, which is not connected")
 
 
 def _check_points(where: str, ego: Ego, roads: RoadMap) -> None:

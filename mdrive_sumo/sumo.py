@@ -68,9 +68,7 @@ class Ghost:
 class SumoWorld:
     """One simulation; a context manager. SUMO holds one simulation a process, so a second one is refused."""
 
-    def __init__(
-        self, scenario: Scenario, roads: RoadMap, sizes: Mapping[str, tuple[float, float]], seed: int
-    ) -> None:
+    def __init__(self, scenario: Scenario, roads: RoadMap, sizes: Mapping[str, tuple[float, float]], seed: int) -> None:
         """`sizes`: (length, width) [m] of every ego. `seed` drives all of SUMO's own randomness."""
         self._scenario, self._roads, self._sizes, self._seed = scenario, roads, sizes, seed
         self._known: dict[str, tuple[float, float]] = {}

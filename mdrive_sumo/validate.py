@@ -157,10 +157,10 @@ def _blocked(episode: Episode, roads: RoadMap, tick: int, pair: tuple[int, int])
     """Whether something lies on the line of sight in each of the ticks 0 to `tick` (tick + 1,)."""
     ends = np.stack([np.column_stack((episode.x[: tick + 1, i], episode.y[: tick + 1, i])) for i in pair], 1)
     lines = shapely.linestrings(ends)
-    blocked = shapely.intersects(lines, shapely.union_all(roads.building_shapes))
+    blocked = np.asarray(shapely.intersects(lines, shapely.union_all(roads.building_shapes)))
     for third in set(range(episode.egos)) - set(pair):
         boxes = shapely.polygons(_boxes(episode, tick, third))
-        blocked |= episode.valid[: tick + 1, third] & shapely.intersects(lines, boxes)
+        blocked |= episode.valid[: tick + 1, third] & np.asarray(shapely.intersects(lines, boxes))
     return blocked
 
 

@@ -7,11 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from mdrive_sumo.geometry import Float, Polyline, polyline
-from mdrive_sumo.roads import Lane, RoadMap, Route
+from mdrive_sumo.roads import Lane, RoadMap, Route, dense_route
 from real2sim.matching import Leg
 
-HOP_M = 1.0
-"""Spacing of a dense route (protocol section 6)."""
 CHANGE_M = 5.0
 """Length of the move over one lane, if there is room: five 1 m points, as in CARLA's GlobalRoutePlanner."""
 FINE_M = 0.25
@@ -36,25 +34,10 @@ def start_pose(roads: RoadMap, legs: Sequence[Leg]) -> tuple[float, float, float
     return (*centre.at(legs[0].start_s), centre.yaw_at(legs[0].start_s))
 
 
-def dense_route(roads: RoadMap, legs: Sequence[Leg]) -> Route:
-    """The route along legs that join: points 1 m apart (but the last hop), direction of the assigned lane."""
+def route_of(roads: RoadMap, legs: Sequence[Leg]) -> Route:
+    """The dense route along legs that join."""
     pieces = [piece for leg in legs for piece in _leg_pieces(roads, leg)]
-    lanes = legs[0].lanes + tuple(lane for leg in legs[1:] for lane in leg.lanes[1:])
-    xy = np.concatenate([points for points, _ in pieces])
-    yaw = np.unwrap(np.concatenate([directions for _, directions in pieces]))
-    keep = np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-6))
-    line = Polyline(xy[keep])
-    stations = _stations(line.length)
-    points = np.column_stack([np.interp(stations, line.s, line.xy[:, axis]) for axis in (0, 1)])
-    return Route(lanes, points, np.interp(stations, line.s, yaw[keep]))
-
-
-def _stations(length: float) -> Float:
-    """Every metre and the end; a last hop under 0.1 m, which rounding could undo, joins the one before."""
-    whole = np.arange(0.0, length, HOP_M)
-    if len(whole) > 1 and length - whole[-1] < 0.1:
-        whole = whole[:-1]
-    return np.append(whole, length)
+    return dense_route(legs[0].lanes + tuple(lane for leg in legs[1:] for lane in leg.lanes[1:]), pieces)
 
 
 def _leg_pieces(roads: RoadMap, leg: Leg) -> Iterator[Piece]:

@@ -15,7 +15,7 @@ from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
 from mdrive_sumo.scenario.statistics import statistics
 from real2sim.conversion_report import ConversionReport, LeftOut, OffLane, Point, Shift, write_report
-from real2sim.dense import dense_route, start_pose
+from real2sim.dense import route_of, start_pose
 from real2sim.matching import REACH_M, Match, match_waypoints
 from real2sim.route_file import RouteFile, RouteFolder, read_route_folders
 from real2sim.separation import Legs, moved, moved_apart
@@ -98,7 +98,7 @@ def _to_network(xy_carla: Float, town: Town) -> Float:
 
 
 def _ego(route: RouteFile, roads: RoadMap, legs: Legs) -> Ego:
-    dense = dense_route(roads, legs)
+    dense = route_of(roads, legs)
     x, y, yaw = start_pose(roads, legs)
     xy, yaws = dense.xy.round(3), dense.yaw.round(4)  # as the file is written: the report counts what is in it
     points = zip(xy[:, 0].tolist(), xy[:, 1].tolist(), yaws.tolist(), strict=True)

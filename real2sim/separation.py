@@ -11,7 +11,7 @@ import numpy as np
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float, box_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
-from real2sim.dense import dense_route, start_pose
+from real2sim.dense import route_of, start_pose
 from real2sim.matching import Leg
 
 CAR_LENGTH_M = 4.90
@@ -81,7 +81,7 @@ def _box(roads: RoadMap, legs: Legs, steps: int) -> Float:
 
 def _most_steps(roads: RoadMap, legs: Legs) -> int:
     """Steps that leave at least 2 m of the route."""
-    length = float(np.hypot(*np.diff(dense_route(roads, legs).xy, axis=0).T).sum())
+    length = float(np.hypot(*np.diff(route_of(roads, legs).xy, axis=0).T).sum())
     return max(int((min(length - 2.0, LONGEST_SHIFT_M)) / STEP_M), 0)
 
 

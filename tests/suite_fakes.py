@@ -1,24 +1,34 @@
 """A suite without a simulation: tiny scenarios on disk, and a stand-in for `run_job`. No tests in here."""
 
+import gzip
 import json
 from pathlib import Path
 
 from pool_fakes import Task, perform
 
 from mdrive_sumo import cli
+from mdrive_sumo.roads.network_file import net_checksum
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
 from mdrive_sumo.score import ScenarioResult, void_result
 from mdrive_sumo.suite import run
 from mdrive_sumo.suite.job import Job
 
+NET = b"""<net version="1.20">
+    <location netOffset="0,0" convBoundary="0,0,100,0" origBoundary="0,0,100,0" projParameter="!"/>
+    <edge id="a" from="x" to="y" priority="1">
+        <lane id="a_0" index="0" speed="13.89" length="100" shape="0,0 100,0"/>
+    </edge>
+    <junction id="x" type="dead_end" x="0" y="0" incLanes="" intLanes="" shape="0,0"/>
+    <junction id="y" type="dead_end" x="100" y="0" incLanes="a_0" intLanes="" shape="100,0"/>
+</net>"""
 NETWORK = {
     "name": "flat",
     "origin": "made for this test",
     "licence": "Apache-2.0",
     "offset": (0.0, 0.0),
     "build": (),
-    "checksum": "sha256:",
+    "checksum": net_checksum(NET),
 }
 
 
@@ -29,7 +39,7 @@ def make_suite(folder: Path, *deeds: str) -> Suite:
     network = folder / "networks" / "flat"
     network.mkdir(parents=True, exist_ok=True)
     (network / "network.json").write_text(json.dumps(NETWORK))
-    (network / "map.net.xml.gz").touch()
+    (network / "map.net.xml.gz").write_bytes(gzip.compress(NET, mtime=0))
     return load_suite(str(folder))
 
 

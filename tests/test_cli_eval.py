@@ -39,9 +39,7 @@ def arguments(tmp_path: Path, *more: str) -> list[str]:
     return [*FAKE_MAIN, "eval", "--suite", str(tmp_path / "suite"), "--agent", "stationary", *out, *more]
 
 
-def evaluate(
-    tmp_path: Path, *more: str, limit: Callable[[], None] | None = None
-) -> subprocess.CompletedProcess[str]:
+def evaluate(tmp_path: Path, *more: str, limit: Callable[[], None] | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         arguments(tmp_path, *more),
         capture_output=True,
@@ -79,9 +77,7 @@ def test_a_run_ends_with_a_table_and_the_files_that_exist(fakes: ModuleType, tmp
     ended = evaluate(tmp_path, "--workers", "2")
     assert (ended.returncode, ended.stderr.count("\n")) == (0, 2)
     assert "Tiny" in ended.stdout and "scenario mean" in ended.stdout
-    files = [
-        Path(line.split("  ")[0]) for line in ended.stdout.splitlines() if line.startswith(str(tmp_path))
-    ]
+    files = [Path(line.split("  ")[0]) for line in ended.stdout.splitlines() if line.startswith(str(tmp_path))]
     assert [file.name for file in files] == ["results.json", "report.md", "journal.jsonl", "episodes"]
     assert all(file.exists() for file in files)
     assert ended.stderr.splitlines()[1].startswith("2/2  DS   5.0  SR   0.0  eta 0:00  s")
@@ -125,9 +121,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_continues(fakes: ModuleT
     assert suite.name in ended.stdout
 
 
-def test_a_killed_parent_takes_its_workers_along_and_the_run_continues(
-    fakes: ModuleType, tmp_path: Path
-) -> None:
+def test_a_killed_parent_takes_its_workers_along_and_the_run_continues(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "answer", "hang once")
     with start(tmp_path, "--workers", "1") as process:
         wait_for(tmp_path / "run" / "s1.started")
@@ -147,8 +141,7 @@ def test_two_at_once_on_one_run(fakes: ModuleType, tmp_path: Path) -> None:
         process.kill()
     assert ended.returncode == 2
     assert (
-        ended.stderr
-        == f"Error: {tmp_path / 'run'}: expected a free run folder, found another process at work in it\n"
+        ended.stderr == f"Error: {tmp_path / 'run'}: expected a free run folder, found another process at work in it\n"
     )
 
 
@@ -157,13 +150,9 @@ def test_a_disk_that_is_full(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", *["answer"] * 8)
     evaluate(tmp_path)
     room = (tmp_path / "run" / "journal.jsonl").stat().st_size - 100
-    ended = evaluate(
-        tmp_path, "--fresh", limit=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-    )
+    ended = evaluate(tmp_path, "--fresh", limit=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
     assert ended.returncode == 2
-    assert ended.stderr.splitlines()[-1].startswith(
-        f"Error: {tmp_path / 'run' / 'journal.jsonl'}: cannot be written"
-    )
+    assert ended.stderr.splitlines()[-1].startswith(f"Error: {tmp_path / 'run' / 'journal.jsonl'}: cannot be written")
     assert "Traceback" not in ended.stderr
     done = evaluate(tmp_path)
     assert done.returncode == 0
@@ -193,9 +182,7 @@ def test_a_full_disk_under_a_recording(fakes: ModuleType, tmp_path: Path) -> Non
         (("--what",), "Error: No such option"),
     ],
 )
-def test_usage_and_input_errors_exit_2(
-    fakes: ModuleType, tmp_path: Path, more: tuple[str, ...], sentence: str
-) -> None:
+def test_usage_and_input_errors_exit_2(fakes: ModuleType, tmp_path: Path, more: tuple[str, ...], sentence: str) -> None:
     fakes.make_suite(tmp_path / "suite", "answer")
     ended = evaluate(tmp_path, *more)
     assert ended.returncode == 2
@@ -269,9 +256,7 @@ def test_help_starts_within_the_time_that_a_user_does_not_notice() -> None:
     assert min(times) < 0.4
 
 
-@pytest.mark.parametrize(
-    "command", ["eval", "list", "show", "view", "verify", "rescore", "compare", "validate"]
-)
+@pytest.mark.parametrize("command", ["eval", "list", "show", "view", "verify", "rescore", "compare", "validate"])
 def test_every_command_explains_itself(command: str) -> None:
     answer = CliRunner().invoke(main, [command, "--help"])
     assert answer.exit_code == 0, answer.output

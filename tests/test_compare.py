@@ -45,9 +45,7 @@ def run(*scenarios: ScenarioResult, **facts: object) -> Results:
 
 def test_differences_are_b_minus_a_and_sorted_by_loss() -> None:
     a = run(scenario("r1", 50.0), scenario("r2", 80.0, 50.0), scenario("r3", 100.0, 100.0))
-    b = run(
-        scenario("r3", 100.0, 100.0), scenario("r2", 60.0), scenario("r1", 100.0, 100.0), agent="omniscient"
-    )
+    b = run(scenario("r3", 100.0, 100.0), scenario("r2", 60.0), scenario("r1", 100.0, 100.0), agent="omniscient")
     found = compare(a, b)
     assert [(p.scenario, p.difference) for p in found.pairs] == [("r2", -20.0), ("r3", 0.0), ("r1", 50.0)]
     assert found.ds.mean == pytest.approx(10.0)
@@ -87,9 +85,7 @@ def test_what_cannot_be_paired_is_listed() -> None:
     assert "r4: only in B" in comparison_table(found)
 
 
-@pytest.mark.parametrize(
-    "fact", [{"seed": 1}, {"suite_checksum": "sha256:1"}, {"versions": {"libsumo": "2"}}]
-)
+@pytest.mark.parametrize("fact", [{"seed": 1}, {"suite_checksum": "sha256:1"}, {"versions": {"libsumo": "2"}}])
 def test_different_circumstances_are_a_warning(fact: dict[str, object]) -> None:
     found = compare(run(scenario("r1", 1.0)), run(scenario("r1", 2.0), **fact))
     assert len(found.warnings) == 1

@@ -30,18 +30,14 @@ good_plan = Plan(np.array([(1.0, 2.0), (2.0, 2.0)]), 0.2)
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(-1, 1))
-def test_controls_are_rounded_to_the_step_that_is_recorded(
-    throttle: float, brake: float, steer: float
-) -> None:
+def test_controls_are_rounded_to_the_step_that_is_recorded(throttle: float, brake: float, steer: float) -> None:
     control = check_reply(Reply(control=Control(throttle, brake, steer)), CONTROLLERS).control
     assert control is not None
     for given_value, value in zip(
         (throttle, brake, steer), (control.throttle, control.brake, control.steer), strict=True
     ):
         assert abs(given_value - value) <= CONTROL_STEP / 2 + 1e-12
-        assert value == round(value / CONTROL_STEP) * CONTROL_STEP or value == pytest.approx(
-            round(value, 4), abs=0
-        )
+        assert value == round(value / CONTROL_STEP) * CONTROL_STEP or value == pytest.approx(round(value, 4), abs=0)
 
 
 @pytest.mark.parametrize(
@@ -76,9 +72,7 @@ def test_a_bad_answer_is_named(reply: object, message: str) -> None:
 
 def test_the_schema_is_data_and_names_every_type() -> None:
     data = json.loads(json.dumps(schema()))
-    assert {"SensorSpec", "Briefing", "Observation", "Reply", "Plan", "Control", "Privileged"} <= set(
-        data["types"]
-    )
+    assert {"SensorSpec", "Briefing", "Observation", "Reply", "Plan", "Control", "Privileged"} <= set(data["types"])
     assert data["types"]["Reply"]["fields"] == {
         "control": "Control | null", "plan": "Plan | null", "messages": "tuple[Message]",
     }  # fmt: skip

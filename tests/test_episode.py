@@ -69,9 +69,7 @@ def equal(a: Episode, b: Episode) -> bool:
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 1000), ticks=st.integers(2, 60))
-def test_what_is_loaded_is_what_was_saved(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, ticks: int
-) -> None:
+def test_what_is_loaded_is_what_was_saved(tmp_path_factory: pytest.TempPathFactory, seed: int, ticks: int) -> None:
     episode = recorded(ticks, seed)
     path = tmp_path_factory.mktemp("e") / "e.npz"
     save_episode(episode, path)
@@ -124,9 +122,7 @@ def test_the_digest_covers(what: str) -> None:
         recorder = Recorder("s", {}, SIZES)
         for tick in range(3):
             now = change and tick == 1
-            around = actors(
-                ("b" if now and what == "name" else "a",), 1.001 if now and what == "actor" else 1.0
-            )
+            around = actors(("b" if now and what == "name" else "a",), 1.001 if now and what == "actor" else 1.0)
             contacts = (Contact("0", "a", Kind.VEHICLE),) if now and what == "contact" else ()
             ego = EgoState(0.001 if now and what == "ego" else 0.0, 0, 0, 0)
             signals = {"t": "r" if now and what == "signal" else "g"}
@@ -149,9 +145,7 @@ def test_a_corrupt_recording_gets_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="found a corrupt file"):
             load_episode(path)
     np.savez(path, header=np.frombuffer(b'{"format": "mdrive-sumo/episode/9"}', dtype=np.uint8))
-    with pytest.raises(
-        InputError, match=r"expected the format mdrive-sumo/episode/1, found 'mdrive-sumo/episode/9'"
-    ):
+    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/episode/1, found 'mdrive-sumo/episode/9'"):
         load_episode(path)
     np.savez(path, header=np.array([object()], dtype=object))
     with pytest.raises(InputError, match="found a corrupt file"):

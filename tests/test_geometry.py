@@ -92,9 +92,9 @@ def test_resampling_keeps_ends_and_spacing(length: float) -> None:
     dense = Polyline(np.array([(0.0, 0.0), (length, 0.0)])).resampled(1.0)
     assert np.allclose(dense.xy[-1], (length, 0))
     hops = np.diff(dense.xy[:, 0])
-    assert (hops > 0).all()
-    assert (hops < 1 + 1e-6).all()
     assert np.allclose(hops[:-1], 1.0)
+    assert hops[-1] < 1.1 + 1e-6
+    assert hops[-1] > 0.1 - 1e-6
 
 
 @pytest.mark.parametrize("points", [[(0, 0)], [(0, 0), (0, 0)], [(0, 0), (math.nan, 1)]])

@@ -52,9 +52,7 @@ def test_fresh_forgets(tmp_path: Path) -> None:
 
 
 @given(cut=st.integers(min_value=1, max_value=400))
-def test_any_torn_end_loses_at_most_the_lines_that_were_cut(
-    tmp_path_factory: pytest.TempPathFactory, cut: int
-) -> None:
+def test_any_torn_end_loses_at_most_the_lines_that_were_cut(tmp_path_factory: pytest.TempPathFactory, cut: int) -> None:
     folder = tmp_path_factory.mktemp("torn")
     path = folder / JOURNAL_FILE
     write(folder, "a", "b", "c")
@@ -97,9 +95,7 @@ def test_a_journal_of_another_command_is_refused_and_left_alone(tmp_path: Path) 
 
 def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:
     (tmp_path / JOURNAL_FILE).write_text('{"format": "mdrive-sumo/journal/2"}\n')
-    with pytest.raises(
-        InputError, match=r"expected the format mdrive-sumo/journal/1, found 'mdrive-sumo/journal/2'"
-    ):
+    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/journal/1, found 'mdrive-sumo/journal/2'"):
         read(tmp_path)
 
 

@@ -18,9 +18,7 @@ go = pedals(throttle=0.5)
 stand = pedals(brake=1.0)
 
 
-def drive(
-    scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()
-) -> tuple[Episode, EmptyWorld]:
+def drive(scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()) -> tuple[Episode, EmptyWorld]:
     world = EmptyWorld()
     setting = Setting(scenario, straight_road(), seed=0, replayed=replayed)
     return run_episode(setting, world, {ego: LocalDriver(agent) for ego, agent in agents.items()}), world
@@ -135,17 +133,13 @@ def test_an_agent_that_fails_before_the_first_tick_never_drives() -> None:
             raise RuntimeError("no weights")
 
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Broken(lambda seen: go)})
-    assert episode.ending("0") == Ending(
-        "0", 0, End.AGENT_FAILED, Failure.CRASHED, "RuntimeError: no weights"
-    )
+    assert episode.ending("0") == Ending("0", 0, End.AGENT_FAILED, Failure.CRASHED, "RuntimeError: no weights")
     assert episode.ticks == 1
 
 
 def test_a_recorded_timeout_happens_again_without_waiting() -> None:
     timeout = Ending("0", 12, End.AGENT_FAILED, Failure.TIMEOUT, "act: no answer within the time limit")
-    episode, _ = drive(
-        straight_scenario(straight_ego("0")), {"0": Says(lambda seen: go)}, replayed=(timeout,)
-    )
+    episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Says(lambda seen: go)}, replayed=(timeout,))
     assert episode.endings == (timeout,)
     assert episode.ticks == 13
 

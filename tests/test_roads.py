@@ -116,7 +116,10 @@ def test_a_changed_net_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda folder: (folder / "map.net.xml.gz").write_bytes(b"no gzip"), "cannot be read as a gzipped SUMO network"),
+        (
+            lambda folder: (folder / "map.net.xml.gz").write_bytes(b"no gzip"),
+            "cannot be read as a gzipped SUMO network",
+        ),
         (lambda folder: (folder / "map.net.xml.gz").unlink(), "cannot be read as a gzipped SUMO network"),
         (lambda folder: (folder / "network.json").unlink(), r"network\.json: cannot be read: No such file"),
         (lambda folder: (folder / "network.json").write_text("{"), r"network\.json: the file: Invalid JSON"),

@@ -36,10 +36,19 @@ def test_a_saved_scenario_is_loaded_as_it_was(tmp_path: Path) -> None:
         (lambda d: d.update(format="mdrive-sumo/scenario/2"), r"format: Input should be 'mdrive-sumo/scenario/1'"),
         (lambda d: d.pop("egos"), "egos: Field required"),
         (lambda d: d.update(egos=[]), "egos: Tuple should have at least 1 item"),
-        (lambda d: d["egos"][0]["start"].update(x=float("nan")), r"egos.0.start.x: Input should be a finite number, found NaN"),
+        (
+            lambda d: d["egos"][0]["start"].update(x=float("nan")),
+            r"egos.0.start.x: Input should be a finite number, found NaN",
+        ),
         (lambda d: d["egos"][0]["start"].update(x=float("inf")), r"egos.0.start.x: Input should be"),
-        (lambda d: d["egos"][0]["start"].update(x=2e6), r"egos.0.start.x: Input should be less than or equal to 1000000"),
-        (lambda d: d["egos"][0]["route"].__setitem__(1, ["a", 0, 0]), "egos.0.route.1.0: Input should be a valid number"),
+        (
+            lambda d: d["egos"][0]["start"].update(x=2e6),
+            r"egos.0.start.x: Input should be less than or equal to 1000000",
+        ),
+        (
+            lambda d: d["egos"][0]["route"].__setitem__(1, ["a", 0, 0]),
+            "egos.0.route.1.0: Input should be a valid number",
+        ),
         (lambda d: d["egos"][0]["route"].__setitem__(1, [500, 0, 0]), "found 490.00 m after point 0"),
         (lambda d: d["egos"][0]["route"].__setitem__(1, [10, 0, 0]), r"over 0, at most 1.5 m"),
         (lambda d: d["egos"][1].update(id="0"), "expected every road user to have its own id, found twice: 0"),
@@ -72,8 +81,14 @@ def changed(**ego: Any) -> Scenario:
     [
         (changed(lanes=("nowhere_0",)), "expected lanes of network straight, found 'nowhere_0'"),
         (changed(lanes=("r_0", "r_0")), "expected a lane after or beside r_0, found r_0, which is not connected"),
-        (changed(route=straight_ego("0", y=9.0).route), r"route point 0 \(10.0, 9.0\): expected within 4 m of its lanes, found 9.0 m"),
-        (changed(start=straight_ego("0", x=20).start), "start: expected within 2 m of the first route point, found 10.0 m"),
+        (
+            changed(route=straight_ego("0", y=9.0).route),
+            r"route point 0 \(10.0, 9.0\): expected within 4 m of its lanes, found 9.0 m",
+        ),
+        (
+            changed(start=straight_ego("0", x=20).start),
+            "start: expected within 2 m of the first route point, found 10.0 m",
+        ),
     ],
 )
 def test_a_scenario_that_does_not_fit_its_network_is_refused(scenario: Scenario, message: str) -> None:
@@ -112,7 +127,10 @@ def test_the_checksum_covers_every_scenario(tmp_path: Path) -> None:
     [
         (lambda folder: (folder / "suite.json").unlink(), r"suite\.json: cannot be read"),
         (lambda folder: (folder / "suite.json").write_text("{}"), "name: Field required"),
-        (lambda folder: (folder / "r1_x").rename(folder / "r3_x"), r"id: expected 'r3_x', the name of its folder, found 'r1_x'"),
+        (
+            lambda folder: (folder / "r1_x").rename(folder / "r3_x"),
+            r"id: expected 'r3_x', the name of its folder, found 'r1_x'",
+        ),
     ],
 )
 def test_a_damaged_suite_gets_one_sentence(tmp_path: Path, damage: Any, message: str) -> None:

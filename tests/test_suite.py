@@ -43,9 +43,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def run(tmp_path: Path, progress: Notes | None = None, **options: object) -> Results:
-    settings = Settings(
-        **{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options}
-    )
+    settings = Settings(**{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options})
     return evaluate(prepare(settings), progress or Notes())
 
 
@@ -131,9 +129,7 @@ def test_the_same_command_tries_voids_again(fakes: ModuleType, tmp_path: Path) -
     assert (again.kept, again.finished) == (("s0",), ["s1"])
 
 
-def test_a_hung_episode_becomes_void(
-    fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hung_episode_becomes_void(fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mdrive_sumo.suite.preparation.SIMULATION_LIMIT_S", 1.0)
     fakes.make_suite(tmp_path / "suite", "hang")
     assert run(tmp_path).scenarios[0].reason == "hung: no result within 1 s"
@@ -174,9 +170,7 @@ class Driver:
 """
 
 
-def test_an_agent_from_a_file_is_labelled_and_part_of_the_fingerprint(
-    fakes: ModuleType, tmp_path: Path
-) -> None:
+def test_an_agent_from_a_file_is_labelled_and_part_of_the_fingerprint(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "answer")
     (tmp_path / "mine.py").write_text(AGENT)
     options = {"agent": f"{tmp_path}/mine.py:Driver", "agent_config": {"speed": 3}}

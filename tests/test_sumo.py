@@ -25,16 +25,16 @@ NODES = """<nodes>
     <node id="west" x="-150" y="0"/><node id="east" x="150" y="0"/><node id="x" x="0" y="0" type="{kind}"/>
     <node id="south" x="0" y="-150"/><node id="north" x="0" y="150"/></nodes>"""
 EDGES = """<edges>
-    <edge id="a" from="west" to="x" numLanes="2" speed="13.89"/><edge id="b" from="x" to="east" numLanes="2" speed="13.89"/>
-    <edge id="c" from="south" to="x" numLanes="1" speed="13.89"/><edge id="d" from="x" to="north" numLanes="1" speed="13.89"/>
+    <edge id="a" from="west" to="x" numLanes="2" speed="13.89"/>
+    <edge id="b" from="x" to="east" numLanes="2" speed="13.89"/>
+    <edge id="c" from="south" to="x" numLanes="1" speed="13.89"/>
+    <edge id="d" from="x" to="north" numLanes="1" speed="13.89"/>
     </edges>"""
 
 
 def compiled(folder: Path, kind: str) -> RoadMap:
     """A crossing of a road with two lanes (eastbound, y = -4.8 and -1.6) and one with one lane (northbound)."""
-    netconvert = shutil.which("netconvert", path=str(Path(sys.executable).parent)) or shutil.which(
-        "netconvert"
-    )
+    netconvert = shutil.which("netconvert", path=str(Path(sys.executable).parent)) or shutil.which("netconvert")
     if netconvert is None:
         pytest.skip("needs netconvert")
     (folder / "n.nod.xml").write_text(NODES.format(kind=kind))
@@ -63,9 +63,7 @@ def lit_roads(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
     return compiled(tmp_path_factory.mktemp("lit"), "traffic_light")
 
 
-def scenario(
-    *vehicles: BackgroundVehicle, action_step_s: float = 0.5, signals: str = "frozen-green"
-) -> Scenario:
+def scenario(*vehicles: BackgroundVehicle, action_step_s: float = 0.5, signals: str = "frozen-green") -> Scenario:
     ego = Ego(id="e", start=Pose(x=0, y=0, yaw=0), lanes=("a_0",), route=((0, 0, 0), (1, 0, 0)))
     return Scenario(
         id="s", bucket="Test", category="test", network="cross", egos=(ego,), signals=signals,
@@ -76,9 +74,7 @@ def scenario(
 def car(
     name: str, edges: tuple[str, ...] = ("a", "b"), lane: int = 0, pos: float = 20.0, speed: float = 12.0
 ) -> BackgroundVehicle:
-    return BackgroundVehicle(
-        id=name, depart_s=0, edges=edges, depart_lane=lane, depart_pos_m=pos, depart_speed=speed
-    )
+    return BackgroundVehicle(id=name, depart_s=0, edges=edges, depart_lane=lane, depart_pos_m=pos, depart_speed=speed)
 
 
 def overlap(ego: EgoState, actors: Actors) -> bool:
@@ -87,9 +83,7 @@ def overlap(ego: EgoState, actors: Actors) -> bool:
     return bool(boxes_overlap(mine, boxes).any())
 
 
-def standing(
-    roads: RoadMap, ego: EgoState, *vehicles: BackgroundVehicle, ticks: int = 600
-) -> tuple[int, Actors]:
+def standing(roads: RoadMap, ego: EgoState, *vehicles: BackgroundVehicle, ticks: int = 600) -> tuple[int, Actors]:
     """Ticks with an overlap while the ego stands, and the actors at the end."""
     overlaps = 0
     with SumoWorld(scenario(*vehicles), roads, {"e": SIZE}, seed=1) as world:
@@ -162,9 +156,7 @@ def test_a_follower_keeps_its_distance_to_a_slow_ego(roads: RoadMap) -> None:
         (EgoState(-60.0, -3.2, math.pi / 2, 0.0), 1),
     ],
 )
-def test_nobody_drives_through_an_ego_that_straddles_or_stands_across(
-    roads: RoadMap, ego: EgoState, lane: int
-) -> None:
+def test_nobody_drives_through_an_ego_that_straddles_or_stands_across(roads: RoadMap, ego: EgoState, lane: int) -> None:
     overlaps, actors = standing(roads, ego, car("bg", lane=lane), ticks=400)
     assert overlaps == 0
     if ego.yaw == math.pi / 2:
@@ -204,10 +196,7 @@ def test_a_struck_vehicle_is_held_for_two_seconds(roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
         before = world.start(away).actors
-        speeds = [
-            float(world.advance(away, ("bg",) if i == 0 else ()).actors.speed[0])
-            for i in range(HELD_TICKS + 20)
-        ]
+        speeds = [float(world.advance(away, ("bg",) if i == 0 else ()).actors.speed[0]) for i in range(HELD_TICKS + 20)]
     assert before.speed[0] > 11.0
     assert max(speeds[:HELD_TICKS]) == 0.0
     assert speeds[-1] > 0.5

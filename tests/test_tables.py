@@ -12,10 +12,7 @@ from mdrive_sumo.score import Results, RunInfo, ScenarioResult, summarise
 
 
 def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, float]) -> dict[str, Any]:
-    marks = [
-        {"kind": kind, "tick": 9, "x": 0, "y": 0, "factor": factor, "other": ""}
-        for kind, factor in infractions
-    ]
+    marks = [{"kind": kind, "tick": 9, "x": 0, "y": 0, "factor": factor, "other": ""} for kind, factor in infractions]
     return {"id": name, "outcome": outcome, "reason": reason, "ds": 0, "rc": 0, "ip": 1, "infractions": marks}
 
 
@@ -37,9 +34,7 @@ def results() -> Results:
         versions={"libsumo": "1.28.0", "mdrive-sumo": "0.1.0"},
         command=("mdrive-sumo", "eval", "--scenario", "r*"),
     )
-    void = scenario("r3", "V2XPnP", "log", 0.0).model_copy(
-        update={"status": "void", "reason": "a <b> | worker\ndied"}
-    )
+    void = scenario("r3", "V2XPnP", "log", 0.0).model_copy(update={"status": "void", "reason": "a <b> | worker\ndied"})
     clean, hit = ego("0", "arrived"), ego("1", "arrived", "", ("collision-vehicle", 0.6), ("blocked", 1.0))
     return summarise(
         info,

@@ -1,5 +1,10 @@
 """`verify` and `rescore`: what a recording and a second execution have in common, and what not."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,9 +95,7 @@ def invoke(*words: str | Path) -> Result:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished") / "run"
-    ended = invoke(
-        "eval", "--scenario", SCENARIOS, "--agent", "constant-speed", "--workers", 1, "--out", folder
-    )
+    ended = invoke("eval", "--scenario", SCENARIOS, "--agent", "constant-speed", "--workers", 1, "--out", folder)
     assert ended.exit_code == 0, ended.output
     return folder
 
@@ -191,9 +194,7 @@ def test_rescoring_in_another_mode(copied: Path) -> None:
 
 
 def test_without_recordings_final_digests_are_compared(tmp_path: Path) -> None:
-    ended = invoke(
-        "eval", "--scenario", "i01_*", "--agent", "constant-speed", "--out", tmp_path, "--no-record"
-    )
+    ended = invoke("eval", "--scenario", "i01_*", "--agent", "constant-speed", "--out", tmp_path, "--no-record")
     assert ended.exit_code == 0, ended.output
     assert not (tmp_path / "episodes").exists()
     ended = invoke("verify", tmp_path)
@@ -233,3 +234,48 @@ def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, Failure.TIMEOUT)
     ended = invoke("verify", tmp_path / "run")
     assert (ended.exit_code, "identical" in ended.stdout) == (0, True), ended.output
+
+
+def test_a_run_of_another_version_is_warned_about(copied: Path) -> None:
+    path = copied / "journal.jsonl"
+    path.write_text(path.read_text().replace('"libsumo":"1.28.0"', '"libsumo":"1.27.0"'))
+    ended = invoke("verify", copied, "--sample", 1)
+    assert ended.exit_code == 0
+    assert ended.stderr == "warning: the run was made with another libsumo 1.27.0\n"
+
+
+COMMAND = [sys.executable, "-c", "from mdrive_sumo.cli import main; main()"]
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {result.id: result.digest for result in load_results(folder / "results.json").scenarios}
+
+
+def interrupted_run(words: list[str], journal: Path) -> None:
+    """Starts a run, kills one of its workers, presses Ctrl-C when some scenarios are done."""
+    with subprocess.Popen([*COMMAND, *words], stderr=subprocess.DEVNULL) as process:
+        while not journal.exists() or journal.read_text().count("\n") < 3:
+            time.sleep(0.1)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        os.kill(int(children[-1]), signal.SIGKILL)
+        while "SIGKILL" not in journal.read_text():
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+    assert process.returncode == 130
+
+
+@pytest.mark.full
+def test_every_scenario_is_the_same_however_it_is_run(tmp_path: Path) -> None:
+    """One worker or two, interrupted, with a killed worker, in a fresh process or a used one: equal digests."""
+    folders = {name: tmp_path / name for name in ("one", "two", "interrupted")}
+    words = {name: ["eval", "--agent", "constant-speed", "--out", str(path)] for name, path in folders.items()}
+    interrupted_run([*words["interrupted"], "--workers", "2"], folders["interrupted"] / "journal.jsonl")
+    for name, workers in (("one", 1), ("two", 2), ("interrupted", 1)):
+        ended = invoke(*words[name], "--workers", workers)
+        assert ended.exit_code == 0, ended.output
+    expected = digests(folders["one"])
+    assert len(expected) == 46
+    assert digests(folders["two"]) == expected
+    assert digests(folders["interrupted"]) == expected
+    ended = invoke("verify", folders["interrupted"], "--workers", 2)
+    assert (ended.exit_code, ended.stdout.splitlines()[-1]) == (0, "46 of 46 scenarios are identical")

@@ -93,9 +93,7 @@ def test_hostile_texts_stay_data() -> None:
 def test_the_page_is_self_contained_and_the_same_every_time() -> None:
     pages = [viewer_html(record(), scenario(2), crossing(), some_marks(40)) for _ in range(2)]
     assert pages[0] == pages[1]
-    reaching_out = (
-        r"https?:|//[a-z]+\.|@import|url\(|<link(?! rel=\"icon\" href=\"data:,\")|\bsrc=|\bimport\b"
-    )
+    reaching_out = r"https?:|//[a-z]+\.|@import|url\(|<link(?! rel=\"icon\" href=\"data:,\")|\bsrc=|\bimport\b"
     assert not re.findall(reaching_out, pages[0])
     assert "default-src 'none'" in pages[0]
 
@@ -209,9 +207,7 @@ def test_follow_keeps_the_cav_in_the_middle(page: Any) -> None:
     seen = page.evaluate("({follow: viewer.followed, ...viewer.view})")
     truth = ego_state(1, 300)
     assert seen["follow"] == 1
-    assert (seen["x"], seen["y"]) == pytest.approx(
-        (truth.x + 100, truth.y + 5), abs=0.01
-    )  # the page's origin
+    assert (seen["x"], seen["y"]) == pytest.approx((truth.x + 100, truth.y + 5), abs=0.01)  # the page's origin
     page.mouse.move(300, 200)
     page.mouse.down()
     page.mouse.move(400, 240)
@@ -228,9 +224,7 @@ def test_the_wheel_zooms_at_the_pointer(page: Any) -> None:
     wait(page, f"viewer.view.scale > {scale * 1.5}")
     page.mouse.move(201, 150)
     page.mouse.move(200, 150)
-    then, now = (
-        [float(n) for n in re.findall(r"-?\d+\.\d", text)] for text in (before, page.inner_text("#pointer"))
-    )
+    then, now = ([float(n) for n in re.findall(r"-?\d+\.\d", text)] for text in (before, page.inner_text("#pointer")))
     assert then == pytest.approx(now, abs=0.5)
     page.keyboard.press("0")
     wait(page, f"Math.abs(viewer.view.scale - {scale}) < 1e-9")

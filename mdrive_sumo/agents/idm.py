@@ -103,7 +103,11 @@ class IdmAgent:
         s = self._reference.s
         self._signs = [line for line in self._signs if not self._dealt_with(line, seen)]
         signs = [line - SIGN_MARGIN_M - s for line in self._signs]
-        red = [light.s - LIGHT_MARGIN_M - s for light in self._me.traffic_lights if self._stops_for(seen, light.id, light.s)]
+        red = [
+            light.s - LIGHT_MARGIN_M - s
+            for light in self._me.traffic_lights
+            if self._stops_for(seen, light.id, light.s)
+        ]
         return signs + red
 
     def _dealt_with(self, line: float, seen: Observation) -> bool:

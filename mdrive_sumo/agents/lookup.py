@@ -37,9 +37,7 @@ def _from_name(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
-        raise InputError(
-            f"agent module {name!r}: expected an importable module, found none ({error})"
-        ) from None
+        raise InputError(f"agent module {name!r}: expected an importable module, found none ({error})") from None
 
 
 def _from_file(path: Path) -> Any:

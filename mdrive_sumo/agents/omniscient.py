@@ -8,7 +8,7 @@ from mdrive_sumo.agents.base import Config, Option, read_options
 from mdrive_sumo.agents.overlap import CHECK_MARGIN, Margin, cells_of
 from mdrive_sumo.agents.path import Path, curve_speeds
 from mdrive_sumo.agents.precedence import planning_order
-from mdrive_sumo.agents.space_time import Profile, Task, braking, fastest, task_along
+from mdrive_sumo.agents.space_time import Profile, braking, fastest, task_along
 from mdrive_sumo.agents.traffic import Fleet, expected_stations, fleet_of, objects_block
 from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, Plan, Privileged, Reply, SensorSpec
 from mdrive_sumo.geometry import Bool, Float, Int

@@ -35,9 +35,7 @@ class Limits:
 class RemoteDriver:
     """A Driver whose agent runs in `host`. Every method raises AgentFailure; after one the child is gone."""
 
-    def __init__(
-        self, locator: str, config: Mapping[str, Any], limits: Limits, log: Path | None = None
-    ) -> None:
+    def __init__(self, locator: str, config: Mapping[str, Any], limits: Limits, log: Path | None = None) -> None:
         """`log`: file for what the agent prints; None throws it away."""
         self._limits = limits
         self._spent_s = 0.0
@@ -104,9 +102,10 @@ class RemoteDriver:
         self._child.wait()
 
     def _creation(self) -> dict[str, Any]:
-        if self._created is None:
-            self._created = self._receive(self._limits.start_s, "create")
-        return self._created
+        created = self._created
+        if created is None:
+            created = self._created = dict(self._receive(self._limits.start_s, "create"))
+        return created
 
     def _send(self, call: str, value: object) -> None:
         """Writes a request without ever waiting longer than the agent may think: it may have stopped reading."""
@@ -117,9 +116,7 @@ class RemoteDriver:
             descriptor = self._child.stdin.fileno()
             while data:
                 if not select.select([], [descriptor], [], max(deadline - time.monotonic(), 0.0))[1]:
-                    raise self._ended(
-                        Failure.TIMEOUT, f"{call}: the agent does not read within the time limit"
-                    )
+                    raise self._ended(Failure.TIMEOUT, f"{call}: the agent does not read within the time limit")
                 data = data[os.write(descriptor, data) :]
         except (BrokenPipeError, ValueError):
             raise self._ended(Failure.CRASHED, f"{call}: the agent's process is gone") from None
@@ -150,9 +147,7 @@ class RemoteDriver:
                 raise self._ended(Failure.TIMEOUT, f"{call}: no answer within the time limit")
             piece = os.read(descriptor, min(size - len(data), 2**20))
             if not piece:
-                raise self._ended(
-                    Failure.CRASHED, f"{call}: the agent's process ended (exit code {self._exit_code()})"
-                )
+                raise self._ended(Failure.CRASHED, f"{call}: the agent's process ended (exit code {self._exit_code()})")
             data += piece
         return data
 

@@ -16,7 +16,7 @@ class StationaryAgent:
         """None."""
         return ()
 
-    def start(self, briefing: Briefing) -> None:  # noqa: ARG002 - the protocol's signature
+    def start(self, briefing: Briefing) -> None:
         """Nothing to prepare."""
 
     def act(self, seen: Observation) -> Reply:  # noqa: ARG002 - the protocol's signature

@@ -40,7 +40,6 @@ class Fleet:
         table = self.overlap(mine, other, margin)[cells][:, cells_of(path, stations)]
         return table.T & (stations < path.goal_s + GONE_M)[:, None]
 
-
     def standing_in_way(self, ego: str) -> frozenset[str]:
         """CAVs whose start lies in the way of ego: it cannot arrive before they have left."""
         length, width = self.size
@@ -53,8 +52,7 @@ class Fleet:
 def fleet_of(known: Privileged, vehicle: VehicleFacts) -> Fleet:
     """All living CAVs; every CAV is taken to be a car like mine."""
     paths = {
-        ego: make_path(route, vehicle.rear_to_centre)
-        for ego, route in zip(known.ego_ids, known.routes, strict=True)
+        ego: make_path(route, vehicle.rear_to_centre) for ego, route in zip(known.ego_ids, known.routes, strict=True)
     }
     return Fleet(paths, (vehicle.length, vehicle.width))
 

@@ -109,9 +109,7 @@ def crossings(ahead: Outlook, objects: Objects) -> list[Crossing]:
     travelled = np.arange(0.0, LOOK_M, STRIDE_M)
     swept = _boxes(objects, rows[:, None], travelled)
     met = overlaps(ahead.boxes, swept.reshape(-1, 4, 2)).reshape(len(ahead.distance), *swept.shape[:2])
-    return [
-        _crossing(ahead, objects, row, met[:, k]) for k, row in enumerate(rows.tolist()) if met[:, k].any()
-    ]
+    return [_crossing(ahead, objects, row, met[:, k]) for k, row in enumerate(rows.tolist()) if met[:, k].any()]
 
 
 def _crossing(ahead: Outlook, objects: Objects, row: int, met: Bool) -> Crossing:

@@ -17,9 +17,7 @@ def command(run_a: Path, run_b: Path) -> None:
     Mean paired differences of DS and SR come with 95 % bootstrap confidence intervals over the scenarios that
     both runs have. RUN_A and RUN_B are folders written by `eval`, or results files.
     """
-    click.echo(
-        comparison_table(compare(load_results(results_file(run_a)), load_results(results_file(run_b))))
-    )
+    click.echo(comparison_table(compare(load_results(results_file(run_a)), load_results(results_file(run_b)))))
 
 
 def results_file(run: Path) -> Path:

@@ -48,23 +48,15 @@ workers_option = click.option(
     metavar="NAME|module:Class|path.py:Class",
     help="Who drives: one instance of it in every CAV.",
 )
-@click.option(
-    "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object."
-)
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness."
-)
+@click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
 @workers_option
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
 @click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
-@click.option(
-    "--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick."
-)
+@click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
 @click.pass_context
-def command(
-    ctx: click.Context, agent_config: Path | None, no_record: bool, score_mode: str, **options: object
-) -> None:
+def command(ctx: click.Context, agent_config: Path | None, no_record: bool, score_mode: str, **options: object) -> None:
     """Drive a suite with an agent and score it.
 
     The same command given again continues an interrupted run; it also tries void scenarios again. A scenario

@@ -11,15 +11,11 @@ from mdrive_sumo.verify import sampled, verify
 
 @click.command("verify")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option(
-    "--sample", type=click.IntRange(min=1), metavar="N", help="Only N scenarios, always the same ones."
-)
+@click.option("--sample", type=click.IntRange(min=1), metavar="N", help="Only N scenarios, always the same ones.")
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
 @workers_option
 @click.pass_context
-def command(
-    ctx: click.Context, run_folder: Path, sample: int | None, suite: str | None, workers: int
-) -> None:
+def command(ctx: click.Context, run_folder: Path, sample: int | None, suite: str | None, workers: int) -> None:
     """Execute the scenarios of a run again and compare the digest of every tick.
 
     Names the first tick that differs and what differs in it. Failures of agents are replayed from the

@@ -20,9 +20,7 @@ DIGEST_BYTES = 8
 class Recorder:
     """The only writer of an Episode. `sizes` are (length, width) [m] of the CAVs, in the order of the scenario."""
 
-    def __init__(
-        self, scenario: str, about: Mapping[str, Any], sizes: Mapping[str, tuple[float, float]]
-    ) -> None:
+    def __init__(self, scenario: str, about: Mapping[str, Any], sizes: Mapping[str, tuple[float, float]]) -> None:
         self._scenario, self._about = scenario, about
         self._egos = tuple(sizes)
         self._columns = {ego: i for i, ego in enumerate(self._egos)}

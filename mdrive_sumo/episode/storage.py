@@ -44,9 +44,7 @@ def save_episode(episode: Episode, path: Path) -> None:
         "valid": np.packbits(episode.valid, axis=0),
         "quanta": _second_differences(episode.quanta, episode.valid),
         "controls": _narrowest(np.diff(episode.controls, axis=0, prepend=np.int16(0)).astype(np.int32)),
-        "plan_points": _narrowest(
-            np.concatenate([_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])
-        ),
+        "plan_points": _narrowest(np.concatenate([_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])),
         "digests": episode.digests,
     }
     temporary = path.with_suffix(".tmp")
@@ -66,19 +64,13 @@ def load_episode(path: Path) -> Episode:
     except FileNotFoundError:
         raise InputError(f"{path}: expected a recording, found no file") from None
     except _CORRUPT as error:
-        raise InputError(
-            f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({error})"
-        ) from None
+        raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({error})") from None
 
 
 def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
     ticks = len(data["quanta"])
     valid = np.unpackbits(data["valid"], axis=0, count=ticks).astype(np.bool_)
-    if (
-        valid.shape != data["quanta"].shape[:2]
-        or len(header["ids"]) != valid.shape[1]
-        or len(data["digests"]) != ticks
-    ):
+    if valid.shape != data["quanta"].shape[:2] or len(header["ids"]) != valid.shape[1] or len(data["digests"]) != ticks:
         raise ValueError("arrays of different shapes")
     plans, begin = [], 0
     for tick, ego, interval_s, count in header["plans"]:
@@ -97,9 +89,7 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
         quanta=_undo_second_differences(data["quanta"], valid),
         controls=np.cumsum(data["controls"], axis=0, dtype=np.int32).astype(np.int16),
         plans=tuple(plans),
-        contacts=tuple(
-            (tick, Contact(ego, other, Kind(kind))) for tick, ego, other, kind in header["contacts"]
-        ),
+        contacts=tuple((tick, Contact(ego, other, Kind(kind))) for tick, ego, other, kind in header["contacts"]),
         signals=tuple(SignalChange(*change) for change in header["signals"]),
         endings=tuple(_ending(**ending) for ending in header["endings"]),
         digests=data["digests"],

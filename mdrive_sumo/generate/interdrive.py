@@ -1,4 +1,4 @@
-"""Writes the built-in `interdrive` suite from its recipe: `python -m mdrive_sumo.generate.interdrive [--check]`.
+"""Writes the built-in `interdrive` suite from its recipe: `python -m mdrive_sumo.generate.interdrive`.
 
 The recipe (`scenarios/interdrive/recipe.toml`) says for every CAV which lanes it takes, as steps joined by ">":
 
@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.roads import Route, RoadMap, drivable_path, load, network_folder, route_along
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, SUITE_FILE, Suite, SuiteFile, packaged_suites, save_suite
+from mdrive_sumo.roads import RoadMap, Route, drivable_path, load, network_folder, route_along
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
 
 RECIPE_FILE = "recipe.toml"
@@ -104,9 +104,7 @@ def scenario(entry: dict[str, Any]) -> Scenario:
 def interdrive(folder: Path) -> Suite:
     """The suite that the recipe in `folder` describes."""
     recipe = tomllib.loads((folder / RECIPE_FILE).read_text())
-    return Suite(
-        SuiteFile(**recipe["suite"]), folder, tuple(scenario(entry) for entry in recipe["scenario"])
-    )
+    return Suite(SuiteFile(**recipe["suite"]), folder, tuple(scenario(entry) for entry in recipe["scenario"]))
 
 
 def main() -> None:

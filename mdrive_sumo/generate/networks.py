@@ -16,7 +16,13 @@ from shutil import which
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import network_folder, packaged_networks
-from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, NetworkFile, net_checksum, read_network_file
+from mdrive_sumo.roads.network_file import (
+    NET_FILE,
+    NETWORK_FILE,
+    NetworkFile,
+    net_checksum,
+    read_network_file,
+)
 
 
 def netconvert() -> str | None:
@@ -47,9 +53,7 @@ def build_network(folder: Path) -> NetworkFile:
     """Compiles a recipe, writes `map.net.xml.gz` and renews offset and checksum in `network.json`."""
     net = compile_net(folder)
     (folder / NET_FILE).write_bytes(gzip.compress(net, 9, mtime=0))
-    about = read_network_file(folder).model_copy(
-        update={"offset": _offset(net), "checksum": net_checksum(net)}
-    )
+    about = read_network_file(folder).model_copy(update={"offset": _offset(net), "checksum": net_checksum(net)})
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
     return about
 

@@ -84,8 +84,7 @@ def _category_table(results: Results) -> str:
 
 def _scenario_table(results: Results) -> str:
     rows = [
-        (s.id, s.category, *score_cells(s), _seconds(s.min_ttc), str(s.ticks), _endings(s))
-        for s in results.scenarios
+        (s.id, s.category, *score_cells(s), _seconds(s.min_ttc), str(s.ticks), _endings(s)) for s in results.scenarios
     ]
     header = ("scenario", "category", *SCORE_HEADER, "min TTC [s]", "ticks", "CAVs")
     return _table(header, rows, left=2)

@@ -105,8 +105,7 @@ def _canvas(view: _View) -> tuple[Figure, Axes]:
 def _draw_ground(axes: Axes, roads: RoadMap, view: _View) -> BaseGeometry:
     """Pavements and asphalt; returns the road surface."""
     lanes = [
-        shapely.LineString(lane.centre.xy).buffer(lane.width / 2 + 0.05, cap_style="flat")
-        for lane in roads.driving
+        shapely.LineString(lane.centre.xy).buffer(lane.width / 2 + 0.05, cap_style="flat") for lane in roads.driving
     ]
     areas = [shapely.Polygon(outline).buffer(0.05) for outline in roads.junctions]
     near = [shape for shape in (*lanes, *areas) if view.holds(shape)]
@@ -118,7 +117,12 @@ def _draw_ground(axes: Axes, roads: RoadMap, view: _View) -> BaseGeometry:
 
 
 def _add(
-    axes: Axes, shapes: Iterable[BaseGeometry], colour: str, order: float, edge: str = "none", alpha: float = 1.0
+    axes: Axes,
+    shapes: Iterable[BaseGeometry],
+    colour: str,
+    order: float,
+    edge: str = "none",
+    alpha: float = 1.0,
 ) -> None:
     patches = [PathPatch(_outline(part)) for shape in shapes for part in _polygons(shape)]
     axes.add_collection(
@@ -218,7 +222,15 @@ def _draw_ego(axes: Axes, ego: Ego, colour: str) -> None:
     glass = np.array((corners[0] * 0.8 + corners[1] * 0.2, nose, corners[3] * 0.8 + corners[2] * 0.2))
     axes.add_patch(Polygon(glass, facecolor="white", alpha=0.75, zorder=12))
     axes.text(
-        start.x, start.y, ego.id, color="white", fontsize=9, weight="bold", ha="center", va="center", zorder=13
+        start.x,
+        start.y,
+        ego.id,
+        color="white",
+        fontsize=9,
+        weight="bold",
+        ha="center",
+        va="center",
+        zorder=13,
     )
 
 
@@ -229,7 +241,13 @@ def _draw_arrows(axes: Axes, xy: Float, colour: str) -> None:
             "",
             xy=(float(xy[i + 1, 0]), float(xy[i + 1, 1])),
             xytext=(float(xy[i, 0]), float(xy[i, 1])),
-            arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 13, "shrinkA": 0, "shrinkB": 0},
+            arrowprops={
+                "arrowstyle": "-|>",
+                "color": colour,
+                "mutation_scale": 13,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            },
             zorder=10,
         )
 
@@ -261,5 +279,11 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
         x = 0.012 + 0.976 * i / max(len(scenario.egos), 6)
         length = polyline(ego.xy).length
         figure.text(
-            x, 0.17 / height, f"■ {ego.id}: {length:.0f} m", color=colour, fontsize=9, weight="bold", va="center"
+            x,
+            0.17 / height,
+            f"■ {ego.id}: {length:.0f} m",
+            color=colour,
+            fontsize=9,
+            weight="bold",
+            va="center",
         )

@@ -2,7 +2,7 @@
 
 from mdrive_sumo.roads.map import Lane, RoadMap, load, network_folder, packaged_networks
 from mdrive_sumo.roads.network_file import NetworkFile, StopSignBox
-from mdrive_sumo.roads.routing import Route, drivable_path, route_along
+from mdrive_sumo.roads.routing import Route, dense_route, drivable_path, route_along
 
 __all__ = [
     "Lane",
@@ -13,6 +13,7 @@ __all__ = [
     "NetworkFile",
     "StopSignBox",
     "Route",
+    "dense_route",
     "drivable_path",
     "route_along",
 ]

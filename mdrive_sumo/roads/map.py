@@ -23,7 +23,6 @@ from mdrive_sumo.roads.network_file import (
     read_network_file,
 )
 
-
 NEARBY_M = 4.0
 
 

@@ -71,7 +71,7 @@ def route_along(
     """The dense route along connected lanes, from arc length start_s [m] on the first to goal_s [m] on the last.
 
     Where two consecutive lanes are neighbours the route moves over within `LANE_CHANGE_M`, centred on the stretch that
-    both share, or beginning at arc length `change_at[i]` [m] of lane i. Raises InputError for lanes that do not connect.
+    both share, or begins at arc length `change_at[i]` [m] of lane i. Raises InputError for lanes that do not connect.
     """
     pieces: list[tuple[Float, Float]] = []
     begin = start_s
@@ -80,11 +80,12 @@ def route_along(
         last = i == len(lanes) - 1
         if not last and lanes[i + 1] in (lane.left, lane.right):
             neighbour = _known(roads, lanes[i + 1])
-            end = goal_s if i + 2 == len(lanes) else neighbour.centre.length
+            goal = neighbour.centre.at(goal_s) if i + 2 == len(lanes) else neighbour.centre.xy[-1]
+            end = lane.centre.project(*goal)[0]
             leave, arrive = _change_window(lane, begin, end, (change_at or {}).get(i))
             pieces.append(_stretch(lane, begin, leave))
             pieces.append(_change(lane, neighbour, leave, arrive))
-            begin = arrive
+            begin = neighbour.centre.project(*lane.centre.at(arrive))[0]  # in a bend the lanes differ in length
         else:
             if not last and lanes[i + 1] not in lane.successors:
                 raise InputError(
@@ -92,7 +93,7 @@ def route_along(
                 )
             pieces.append(_stretch(lane, begin, goal_s if last else lane.centre.length))
             begin = 0.0
-    return _dense(tuple(lanes), pieces)
+    return dense_route(tuple(lanes), pieces)
 
 
 def _known(roads: RoadMap, lane_id: str) -> Lane:
@@ -113,9 +114,7 @@ def _change_window(lane: Lane, begin: float, end: float, wanted: float | None) -
 def _stretch(lane: Lane, begin: float, end: float) -> tuple[Float, Float]:
     """Points and directions (M, 2), (M,) about every 0.25 m of a lane between two arc lengths."""
     stations = np.linspace(begin, end, max(int((end - begin) / 0.25), 1) + 1)
-    return np.array([lane.centre.at(s) for s in stations]), np.array(
-        [lane.centre.yaw_at(s) for s in stations]
-    )
+    return np.array([lane.centre.at(s) for s in stations]), np.array([lane.centre.yaw_at(s) for s in stations])
 
 
 def _change(lane: Lane, neighbour: Lane, leave: float, arrive: float) -> tuple[Float, Float]:
@@ -127,11 +126,10 @@ def _change(lane: Lane, neighbour: Lane, leave: float, arrive: float) -> tuple[F
     return before * (1 - weight) + after * weight, yaw
 
 
-def _dense(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Float]]) -> Route:
-    xy = np.concatenate([piece[0] for piece in pieces])
-    yaw = np.unwrap(np.concatenate([piece[1] for piece in pieces]))
+def dense_route(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Float]]) -> Route:
+    """The route through finely sampled pieces: points (M, 2) [m] and lane directions (M,) [rad] each."""
+    xy = np.concatenate([points for points, _ in pieces])
+    yaw = np.unwrap(np.concatenate([directions for _, directions in pieces]))
     keep = np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-6))
     line = Polyline(xy[keep])
-    dense = line.resampled(HOP_M)
-    stations = np.minimum(np.arange(len(dense.xy)) * HOP_M, line.length)
-    return Route(lanes, dense.xy, np.interp(stations, line.s, yaw[keep]))
+    return Route(lanes, line.resampled(HOP_M).xy, np.interp(line.stations(HOP_M), line.s, yaw[keep]))

@@ -55,13 +55,9 @@ class Suite:
 
     def matching(self, pattern: str) -> tuple[Scenario, ...]:
         """Scenarios whose id or category matches a glob; raises InputError if none does."""
-        found = tuple(
-            s for s in self.scenarios if fnmatchcase(s.id, pattern) or fnmatchcase(s.category, pattern)
-        )
+        found = tuple(s for s in self.scenarios if fnmatchcase(s.id, pattern) or fnmatchcase(s.category, pattern))
         if not found:
-            raise InputError(
-                f"suite {self.name}: expected a scenario id or category like {pattern!r}, found none"
-            )
+            raise InputError(f"suite {self.name}: expected a scenario id or category like {pattern!r}, found none")
         return found
 
 
@@ -76,9 +72,7 @@ def load_suite(name_or_folder: str) -> Suite:
     packaged = packaged_suites()
     folder = packaged.get(name_or_folder, Path(name_or_folder))
     if not folder.is_dir():
-        raise InputError(
-            f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither"
-        )
+        raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither")
     about = _suite_file(folder / SUITE_FILE)
     paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: _by_number(path.parent.name))
     if not paths:
@@ -106,9 +100,7 @@ def _suite_file(path: Path) -> SuiteFile:
 def _scenario(path: Path) -> Scenario:
     scenario = load_scenario(path)
     if scenario.id != path.parent.name:
-        raise InputError(
-            f"{path}: id: expected {path.parent.name!r}, the name of its folder, found {scenario.id!r}"
-        )
+        raise InputError(f"{path}: id: expected {path.parent.name!r}, the name of its folder, found {scenario.id!r}")
     return scenario
 
 

@@ -58,9 +58,7 @@ def reexecute(job: Job) -> Episode:
 def rescore(job: Job) -> ScenarioResult:
     """Scores the recording of a job without simulating. Raises InputError."""
     scenario, roads = prepared(job)
-    return score_episode(
-        load_episode(Path(job.recording)), scenario, roads, ScoreMode(job.score_mode), job.seed
-    )
+    return score_episode(load_episode(Path(job.recording)), scenario, roads, ScoreMode(job.score_mode), job.seed)
 
 
 def prepared(job: Job) -> tuple[Scenario, RoadMap]:

@@ -75,9 +75,7 @@ def _lock(path: Path, descriptor: int) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise InputError(
-            f"{path.parent}: expected a free run folder, found another process at work in it"
-        ) from None
+        raise InputError(f"{path.parent}: expected a free run folder, found another process at work in it") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be locked: {error.strerror}") from None
 
@@ -101,9 +99,7 @@ def _read(path: Path) -> tuple[list[dict[str, Any]], int, bool]:
         line = _parsed(text)
         if line is None:
             if good_bytes + len(text) < len(raw):
-                raise InputError(
-                    f"{path}: line {number}: expected a JSON object, found none (--fresh starts anew)"
-                )
+                raise InputError(f"{path}: line {number}: expected a JSON object, found none (--fresh starts anew)")
             return lines, good_bytes, True
         lines.append(line)
         good_bytes += len(text)
@@ -122,9 +118,7 @@ def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprin
     before = _header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
-        what = ", ".join(
-            f"{key} {_short(before.get(key))} (now {_short(fingerprint.get(key))})" for key in differing
-        )
+        what = ", ".join(f"{key} {_short(before.get(key))} (now {_short(fingerprint.get(key))})" for key in differing)
         raise InputError(
             f"{path.parent}: expected a run of this command, found one with another {what};"
             " --fresh starts anew, --out names another folder"

@@ -28,9 +28,7 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
-_CANNOT_WRITE = frozenset(
-    (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
-)
+_CANNOT_WRITE = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO))
 
 
 class FailureKind(StrEnum):
@@ -93,9 +91,7 @@ class Pool(Generic[J, R]):
     def _hand_out(self, job: J) -> None:
         worker = self._idle.pop() if self._idle else self._start()
         worker.job, worker.started = job, time.monotonic()
-        with suppress(
-            BrokenPipeError, ConnectionResetError
-        ):  # died idle: seen as a dead worker by `_finished`
+        with suppress(BrokenPipeError, ConnectionResetError):  # died idle: seen as a dead worker by `_finished`
             worker.pipe.send(job)
         self._busy.append(worker)
 

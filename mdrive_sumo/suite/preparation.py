@@ -7,9 +7,11 @@ from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.agents.driver import AgentFailure
 from mdrive_sumo.agents.remote import Limits
 from mdrive_sumo.errors import InputError
+from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.score import RunInfo
+from mdrive_sumo.soundness import check_scenario
 from mdrive_sumo.suite.fingerprint import fingerprint, located, versions
 from mdrive_sumo.suite.job import Job, open_driver
 from mdrive_sumo.suite.journal import Fingerprint
@@ -67,6 +69,8 @@ def prepare(settings: Settings) -> Prepared:
     """Loads the suite and tries the agent; raises InputError for whatever the user has to mend."""
     suite = load_suite(settings.suite)
     scenarios = suite.matching(settings.scenario)
+    for scenario in scenarios:
+        check_scenario(scenario, load(network_folder(scenario.network, suite.folder)))
     info = RunInfo(
         agent=settings.agent,
         labels=_labels(settings),
@@ -91,17 +95,13 @@ def _labels(settings: Settings) -> tuple[str, ...]:
     """What the agent calls itself, and "privileged" if it declares that sensor; one is made to find out."""
     agent = settings.agent
     if agent not in AGENTS and ":" not in agent:
-        raise InputError(
-            f"agent {agent!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither"
-        )
+        raise InputError(f"agent {agent!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
     driver = open_driver(located(agent), settings.agent_config, LIMITS)
     try:
         privileged = any(sensor.kind == "privileged" for sensor in driver.sensors())
         own = driver.label
     except AgentFailure as error:
-        raise InputError(
-            f"agent {agent!r}: cannot be created: {error.text.removeprefix('InputError: ')}"
-        ) from None
+        raise InputError(f"agent {agent!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
     finally:
         driver.close()
     return (own, "privileged") if privileged and own != "privileged" else (own,)

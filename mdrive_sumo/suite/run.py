@@ -75,9 +75,7 @@ def _kept(run: Prepared, journal: Journal) -> dict[str, ScenarioResult]:
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
     except ValidationError as error:
-        raise InputError(
-            f"{run.folder / JOURNAL_FILE}: {first_problem(error)}; --fresh starts anew"
-        ) from None
+        raise InputError(f"{run.folder / JOURNAL_FILE}: {first_problem(error)}; --fresh starts anew") from None
     return {
         entry.id: entry
         for entry in entries
@@ -101,9 +99,7 @@ def _driven(
                 if outcome.kind is FailureKind.INPUT:
                     raise InputError(outcome.reason)
                 journal.add_failure(job.scenario, outcome.reason)
-                progress.note(
-                    f"{job.scenario}: {outcome.reason}" + ("; tried again later" if tries_left else "")
-                )
+                progress.note(f"{job.scenario}: {outcome.reason}" + ("; tried again later" if tries_left else ""))
                 failed.append(job)
                 if not tries_left:
                     yield void_result(todo[job.scenario], job.seed, outcome.reason)

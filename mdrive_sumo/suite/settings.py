@@ -48,9 +48,7 @@ def load_agent_config(path: Path) -> dict[str, Scalar]:
         raise InputError(f"{path}: expected a JSON object, found a {type(config).__name__}")
     for key, value in config.items():
         if not isinstance(value, int | Scalar) or (isinstance(value, float) and not math.isfinite(value)):
-            raise InputError(
-                f"{path}: {key}: expected a finite number, a string or a boolean, found {value!r}"
-            )
+            raise InputError(f"{path}: {key}: expected a finite number, a string or a boolean, found {value!r}")
     return config
 
 

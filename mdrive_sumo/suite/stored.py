@@ -35,9 +35,7 @@ def changed_since(run: Prepared) -> str:
     """What differs between the run and this installation, as far as results depend on it; "" if nothing."""
     now = versions() | {"code": code_checksum()}
     then = run.fingerprint
-    found = [
-        name if name == "code" else f"{name} {then.get(name)}" for name in now if now[name] != then.get(name)
-    ]
+    found = [name if name == "code" else f"{name} {then.get(name)}" for name in now if now[name] != then.get(name)]
     return ", ".join(found)
 
 

@@ -76,9 +76,7 @@ def busy_scenario(roads: RoadMap, cavs: int, vehicles: int, action_step_s: float
     starts = [str(lane) for lane in rng.permutation(roadway)]
     egos = [_ego(str(i), roads, walk(roads, rng, starts[i], 700.0)) for i in range(cavs)]
     slots = [(lane, pos) for lane in starts[cavs:] for pos in (20.0, 50.0, 80.0)][:vehicles]
-    background = [
-        _vehicle(f"bg{i}", roads, walk(roads, rng, lane, 900.0), pos) for i, (lane, pos) in enumerate(slots)
-    ]
+    background = [_vehicle(f"bg{i}", roads, walk(roads, rng, lane, 900.0), pos) for i, (lane, pos) in enumerate(slots)]
     return Scenario(
         id=f"bench-{cavs}-{vehicles}", bucket="Bench", category="bench", network="grid", egos=tuple(egos),
         background=Background(vehicles=tuple(background), action_step_s=action_step_s),
@@ -272,8 +270,7 @@ def main() -> None:
                 sys.stdout.write(f"{row[0]:<66}{row[1]:>10.2f} {row[2]:<8}{row[3]}\n")
                 sys.stdout.flush()
     result = {
-        name.strip(): {"value": round(value, 4), "unit": unit, "target": target}
-        for name, value, unit, target in rows
+        name.strip(): {"value": round(value, 4), "unit": unit, "target": target} for name, value, unit, target in rows
     }
     Path("bench.json").write_text(json.dumps(result, indent=1) + "\n")
 
