@@ -152,6 +152,15 @@ def test_another_command_does_not_continue_the_run(fakes: ModuleType, tmp_path: 
         run(tmp_path)
 
 
+def test_old_results_do_not_outlive_a_fresh_start(fakes: ModuleType, tmp_path: Path) -> None:
+    suite = fakes.make_suite(tmp_path / "suite", "answer")
+    run(tmp_path)
+    fakes.make_suite(suite.folder, "input")
+    with pytest.raises(InputError):
+        run(tmp_path, fresh=True)
+    assert not (tmp_path / "run" / "results.json").exists()
+
+
 def test_a_glob_chooses_scenarios(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "answer", "answer", "answer")
     assert [s.id for s in run(tmp_path, scenario="s[02]").scenarios] == ["s0", "s2"]
@@ -204,7 +213,7 @@ def test_bad_settings_are_one_sentence(
 def test_a_missing_network_is_found_before_any_work(fakes: ModuleType, tmp_path: Path) -> None:
     suite = fakes.make_suite(tmp_path / "suite", "answer")
     (suite.folder / "networks" / "flat" / "map.net.xml.gz").unlink()
-    with pytest.raises(InputError, match="expected a compiled network, found no file"):
+    with pytest.raises(InputError, match="cannot be read as a gzipped SUMO network"):
         run(tmp_path)
 
 

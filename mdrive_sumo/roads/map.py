@@ -162,7 +162,8 @@ def load(folder: Path) -> RoadMap:
     try:
         xml = gzip.decompress(path.read_bytes())
     except (OSError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
     if (found := net_checksum(xml)) != about.checksum:
         raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
     return _road_map(folder, about, path)

@@ -9,9 +9,8 @@ from platform import python_version
 
 from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.agents.lookup import split_locator
-from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import network_folder
-from mdrive_sumo.roads.network_file import NET_FILE, read_network_file
+from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, packaged_suites
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.suite.journal import Fingerprint
@@ -56,10 +55,7 @@ def _networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
     """Over the networks in use, what is beside their roads included."""
     digest = hashlib.sha256()
     for name in sorted({scenario.network for scenario in scenarios}):
-        folder = network_folder(name, suite.folder)
-        if not (folder / NET_FILE).is_file():
-            raise InputError(f"{folder / NET_FILE}: expected a compiled network, found no file")
-        digest.update(read_network_file(folder).model_dump_json().encode())
+        digest.update(read_network_file(network_folder(name, suite.folder)).model_dump_json().encode())
     return "sha256:" + digest.hexdigest()
 
 

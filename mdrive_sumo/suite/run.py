@@ -51,6 +51,7 @@ def evaluate(run: Prepared, progress: Progress) -> Results:
         if todo:
             with writing(run.folder):
                 run.make_folders()
+                (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
             for result in _driven(run, todo, journal, progress):
                 journal.add_result(result.model_dump(mode="json"))
                 found[result.id] = result

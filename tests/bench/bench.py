@@ -91,7 +91,7 @@ def _ego(name: str, roads: RoadMap, lanes: list[str]) -> Ego:
 
 
 def _vehicle(name: str, roads: RoadMap, lanes: list[str], pos: float) -> BackgroundVehicle:
-    edges = tuple(dict.fromkeys(roads.lanes[lane].edge for lane in lanes if not roads.lanes[lane].junction))
+    edges = tuple(roads.lanes[lane].edge for lane in lanes if not roads.lanes[lane].junction)
     return BackgroundVehicle(
         id=name, depart_s=0, edges=edges, depart_lane=roads.lanes[lanes[0]].index, depart_pos_m=pos
     )
