@@ -6,11 +6,11 @@ counter-clockwise from +x. Ghosts, egos' doubles and SUMO's own ids stay behind 
 
 # pyright: basic
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import TracebackType
-from typing import Self, cast
+from typing import Any, Self
 
 import libsumo
 import numpy as np
@@ -20,13 +20,17 @@ from mdrive_sumo.errors import InputError, WorldError
 from mdrive_sumo.geometry import box_corners, wrap_angle, wrap_angles
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors, EgoState, Kind
+from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors, EgoState, Kind, no_actors
 
 EGO, GHOST = "ego:", "ghost:"
 HELD_TICKS = 2 * TICKS_PER_SECOND
 """How long a struck background vehicle stands (design/architecture, decisions)."""
 CORRIDOR_M = 1.8
 """Width of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
+MATCH_M = 8.0
+"""How far [m] SUMO looks for a lane to put a placed vehicle on. Its default, 100 m, takes twice as long."""
+GHOST_TICKS = 3
+"""Which lanes an ego overlaps is found every 0.15 s; between, its ghosts move along. SUMO's drivers look less often."""
 KEEP_ROUTE = 2
 """moveToXY: take x, y, angle as they are, on any lane and off the road too (sumo_pitfalls 1.1)."""
 
@@ -58,11 +62,16 @@ class Surroundings:
 class Ghost:
     """A stand-in on a lane that an ego overlaps without being on it, so that SUMO's traffic sees it there."""
 
+    ego: str
     lane: Lane
     front_s: float
     """Arc length [m] on the lane of the foremost point of the overlap."""
     length: float
     speed: float
+
+    def moved(self) -> "Ghost":
+        """The ghost one tick later, if its ego goes on as it does."""
+        return Ghost(self.ego, self.lane, self.front_s + self.speed * DT, self.length, self.speed)
 
 
 class SumoWorld:
@@ -72,6 +81,8 @@ class SumoWorld:
         """`sizes`: (length, width) [m] of every ego. `seed` drives all of SUMO's own randomness."""
         self._scenario, self._roads, self._sizes, self._seed = scenario, roads, sizes, seed
         self._known: dict[str, tuple[float, float]] = {}
+        self._present: Sequence[str] = ()
+        self._cast = no_actors()
         self._held: dict[str, int] = {}
         self._egos: tuple[str, ...] = ()
         self._ghosts: dict[str, Ghost] = {}
@@ -188,7 +199,10 @@ class SumoWorld:
     def _place_ghosts(self, egos: Mapping[str, EgoState]) -> None:
         if not self._known and not self._scenario.background.vehicles:
             return  # nobody is there to see them
-        wanted = dict(ghost for ego_id, ego in egos.items() for ghost in self._ghosts_of(ego_id, ego).items())
+        if self._tick % GHOST_TICKS == 0:
+            wanted = dict(ghost for ego_id, ego in egos.items() for ghost in self._ghosts_of(ego_id, ego).items())
+        else:
+            wanted = {name: ghost.moved() for name, ghost in self._ghosts.items() if ghost.ego in egos}
         for name in [name for name in self._ghosts if name not in wanted]:
             libsumo.vehicle.remove(name)
         for name, ghost in wanted.items():
@@ -202,16 +216,19 @@ class SumoWorld:
 
     def _ghosts_of(self, ego_id: str, ego: EgoState) -> dict[str, Ghost]:
         """A ghost for every lane whose vehicle corridor the ego's box overlaps, but the one where SUMO sees the ego."""
-        length, width = self._sizes[ego_id]
-        box = shapely.Polygon(box_corners(ego.x, ego.y, ego.yaw, length, width))
+        box = shapely.polygons(box_corners(ego.x, ego.y, ego.yaw, *self._sizes[ego_id]))
         seen_on = libsumo.vehicle.getLaneID(EGO + ego_id) if self._tick else ""
+        strips = _corridors(self._roads)
         found: dict[str, Ghost] = {}
-        corridors = _corridors(self._roads)
-        for i in sorted(corridors.query(box, predicate="intersects")):
+        for i in sorted(strips.tree.query(box, predicate="intersects")):
             lane = self._roads.driving[i]
-            overlap = shapely.intersection(box, cast(shapely.Polygon, corridors.geometries[i]))
-            if lane.id != seen_on and overlap.area > 1e-3:
-                found[f"{GHOST}{ego_id}:{lane.id}"] = _ghost(lane, overlap, ego)
+            if lane.id == seen_on:
+                continue
+            corners = shapely.get_coordinates(shapely.intersection(box, strips.tree.geometries[i]))
+            stations = shapely.line_locate_point(strips.lines[i], shapely.points(corners))
+            front, along = float(stations.max()), ego.speed * math.cos(ego.yaw - lane.centre.yaw_at(stations.max()))
+            length = max(front - float(stations.min()), 0.5)
+            found[f"{GHOST}{ego_id}:{lane.id}"] = Ghost(ego_id, lane, front, length, max(along, 0.0))
         return found
 
     def _hold(self, struck: Collection[str]) -> None:
@@ -233,27 +250,30 @@ class SumoWorld:
 
     def _actors(self) -> Actors:
         """One pass of direct getters (sumo_pitfalls 9.1), then array arithmetic."""
-        ids = tuple(i for i in sorted(libsumo.vehicle.getIDList()) if not i.startswith((EGO, GHOST)))
+        present = libsumo.vehicle.getIDList()
+        if present != self._present:
+            self._present, self._cast = present, self._casting(present)
+        cast = self._cast
+        ids = cast.ids
         if not ids:
-            return _NOBODY
-        known, vehicle = self._known, libsumo.vehicle
+            return cast
+        vehicle = libsumo.vehicle
+        front = np.array(list(map(vehicle.getPosition, ids)))
+        yaw = wrap_angles(np.pi / 2 - np.radians(list(map(vehicle.getAngle, ids))))
+        speed = np.array(list(map(vehicle.getSpeed, ids)))
+        half = cast.length / 2
+        x, y = front[:, 0] - np.cos(yaw) * half, front[:, 1] - np.sin(yaw) * half
+        return Actors(ids, cast.kind, x, y, yaw, speed, cast.length, cast.width)
+
+    def _casting(self, present: Sequence[str]) -> Actors:
+        """Who of the vehicles in SUMO is background, with sizes; poses are filled in on every tick."""
+        ids = tuple(sorted(i for i in present if not i.startswith((EGO, GHOST))))
         for new in ids:
-            if new not in known:
-                known[new] = (vehicle.getLength(new), vehicle.getWidth(new))
-        position, angle, speed = vehicle.getPosition, vehicle.getAngle, vehicle.getSpeed
-        front = np.array([position(i) for i in ids])
-        yaw = wrap_angles(np.pi / 2 - np.radians([angle(i) for i in ids]))
-        size = np.array([known[i] for i in ids])
-        return Actors(
-            ids=ids,
-            kind=np.full(len(ids), Kind.VEHICLE, dtype=np.uint8),
-            x=front[:, 0] - np.cos(yaw) * size[:, 0] / 2,
-            y=front[:, 1] - np.sin(yaw) * size[:, 0] / 2,
-            yaw=yaw,
-            speed=np.array([speed(i) for i in ids]),
-            length=size[:, 0],
-            width=size[:, 1],
-        )
+            if new not in self._known:
+                self._known[new] = (libsumo.vehicle.getLength(new), libsumo.vehicle.getWidth(new))
+        size = np.array([self._known[i] for i in ids]).reshape(-1, 2)
+        nil = np.zeros(len(ids))
+        return Actors(ids, np.full(len(ids), Kind.VEHICLE, dtype=np.uint8), nil, nil, nil, nil, size[:, 0], size[:, 1])
 
     def _signals(self) -> Mapping[str, str]:
         if self._frozen is not None:
@@ -262,24 +282,21 @@ class SumoWorld:
         return {light: lights.getRedYellowGreenState(light) for light in sorted(lights.getIDList())}
 
 
-_NOBODY = Actors((), np.zeros(0, dtype=np.uint8), *(np.zeros(0) for _ in range(6)))
-
-
 def _place(name: str, x: float, y: float, yaw: float, speed: float, hint: tuple[str, int] = ("", -1)) -> None:
     """Puts a vehicle there for the coming step. Without setSpeed SUMO reports a phantom speed (sumo_pitfalls 1.6)."""
-    libsumo.vehicle.moveToXY(name, *hint, x, y, angle_to_sumo(yaw), KEEP_ROUTE)
+    libsumo.vehicle.moveToXY(name, *hint, x, y, angle_to_sumo(yaw), KEEP_ROUTE, MATCH_M)
     libsumo.vehicle.setSpeed(name, max(speed, 0.0))
 
 
+@dataclass(frozen=True, slots=True)
+class _Corridors:
+    """Centre lines (L,) and the strips that background vehicles sweep, in the order of `RoadMap.driving`."""
+
+    lines: Any
+    tree: shapely.STRtree
+
+
 @lru_cache(maxsize=8)
-def _corridors(roads: RoadMap) -> shapely.STRtree:
-    """The strips that background vehicles sweep, in the order of `roads.driving`."""
-    lines = [shapely.LineString(lane.centre.xy) for lane in roads.driving]
-    return shapely.STRtree(shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat"))
-
-
-def _ghost(lane: Lane, overlap: shapely.Geometry, ego: EgoState) -> Ghost:
-    stations = [lane.centre.project(*point)[0] for point in shapely.get_coordinates(overlap)]
-    front = max(stations)
-    along = ego.speed * math.cos(ego.yaw - lane.centre.yaw_at(front))
-    return Ghost(lane, front, max(front - min(stations), 0.5), max(along, 0.0))
+def _corridors(roads: RoadMap) -> _Corridors:
+    lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
+    return _Corridors(lines, shapely.STRtree(shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat")))

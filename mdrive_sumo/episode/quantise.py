@@ -26,9 +26,12 @@ def from_quanta(quanta: Quanta) -> Float:
 def quantised_frame(frame: Frame) -> Frame:
     """The frame at recording resolution. What instruments show beyond pose and speed stays as it is."""
     actors = frame.actors
-    table = np.stack((actors.x, actors.y, actors.yaw, actors.speed), axis=-1)
-    x, y, yaw, speed = from_quanta(to_quanta(table)).T
-    rounded = Actors(actors.ids, actors.kind, x, y, yaw, speed, actors.length, actors.width)
+    rounded = actors
+    if len(actors):
+        table = np.array((actors.x, actors.y, actors.yaw, actors.speed))
+        table /= _COLUMN
+        x, y, yaw, speed = np.multiply(np.rint(table, out=table), _COLUMN, out=table)
+        rounded = Actors(actors.ids, actors.kind, x, y, yaw, speed, actors.length, actors.width)
     egos = {ego_id: _quantised_ego(state) for ego_id, state in frame.egos.items()}
     return replace(frame, egos=egos, actors=rounded)
 
@@ -41,3 +44,4 @@ def _quantised_ego(ego: EgoState) -> EgoState:
 
 
 _STEPS = tuple(float(step) for step in STEP)
+_COLUMN = STEP[:, None]
