@@ -64,9 +64,10 @@ def test_the_page_carries_the_episode() -> None:
 def test_only_roads_near_something_are_carried() -> None:
     header, _ = carried(viewer_html(record(), scenario(2), crossing(), ()))
     assert len(header["map"]["lanes"]) == len(crossing().lanes) - 1  # all but the one 5 km away
-    assert [len(header["map"][kind]) for kind in ("junctions", "footways", "buildings", "stops")] == [
+    assert [len(header["map"][kind]) for kind in ("junctions", "pavements", "crossings", "buildings", "stops")] == [
         1,
-        2,
+        1,
+        1,
         1,
         1,
     ]

@@ -51,10 +51,12 @@ def crossing() -> RoadMap:
     side = 2 * WIDTH_M
     outline = [(side, CORE_M), (-side, CORE_M), (-CORE_M, side), (-CORE_M, -side)]
     outline += [(-side, -CORE_M), (side, -CORE_M), (CORE_M, -side), (CORE_M, side)]
-    pavement, zebra = np.array([(-ARM_M, 9.5), (-CORE_M, 9.5)]), np.array([(14.0, -8.0), (14.0, 8.0)])
+    pavement = np.array([(-ARM_M, 8.0), (-CORE_M, 8.0), (-CORE_M, 11.0), (-ARM_M, 11.0)])
+    zebra = np.array([(14.0, -8.0), (14.0, 8.0)])
     return RoadMap(
         name="crossing", folder=Path(), lanes={lane.id: lane for lane in lanes}, junctions=(np.array(outline),),
-        footways=((pavement, 3.0), (zebra, 4.0)),
+        pavements=(pavement,),
+        crossings=((zebra, 4.0),),
         buildings=(Building(id="b", polygon=((20, 20), (40, 20), (40, 40), (20, 40))),),
         stop_signs=(StopSignBox(id="s", lane="in3_0", line_pos_m=247.0, length_m=3.0),), checksum="",
     )  # fmt: skip

@@ -17,7 +17,7 @@ from mdrive_sumo.sumo import Surroundings
 def straight_road(length: float = 300.0) -> RoadMap:
     """One eastbound lane along y = 0."""
     lane = Lane("r_0", "r", 0, 3.5, 13.89, Polyline(np.array([(0.0, 0.0), (length, 0.0)])), False, (), "", "", {})
-    return RoadMap("straight", Path("/nowhere"), {"r_0": lane}, (), (), (), (), "none")
+    return RoadMap("straight", Path("/nowhere"), {"r_0": lane}, (), (), (), (), (), "none")
 
 
 def straight_ego(name: str, x: float = 10.0, length: int = 50, y: float = 0.0) -> Ego:

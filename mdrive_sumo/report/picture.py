@@ -60,9 +60,9 @@ def draw_scenario(scenario: Scenario, roads: RoadMap, path: FilePath, dpi: int =
     """Writes a PNG (or what the suffix of `path` says) of a scenario; `roads` is its network."""
     view = _view_of(scenario)
     figure, axes = _canvas(view)
-    surface = _draw_ground(axes, roads, view)
+    _draw_ground(axes, roads, view)
     _draw_markings(axes, roads, view)
-    _draw_crossings(axes, roads, surface)
+    _draw_crossings(axes, roads)
     _draw_signs(axes, roads, view)
     _add(axes, (b for b in roads.building_shapes if view.holds(b)), BUILDING, 5, edge=BUILDING_EDGE)
     for vehicle in scenario.background.vehicles:
@@ -102,18 +102,16 @@ def _canvas(view: _View) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _draw_ground(axes: Axes, roads: RoadMap, view: _View) -> BaseGeometry:
-    """Pavements and asphalt; returns the road surface."""
+def _draw_ground(axes: Axes, roads: RoadMap, view: _View) -> None:
+    """Pavements and asphalt."""
     lanes = [
         shapely.LineString(lane.centre.xy).buffer(lane.width / 2 + 0.05, cap_style="flat") for lane in roads.driving
     ]
     areas = [shapely.Polygon(outline).buffer(0.05) for outline in roads.junctions]
     near = [shape for shape in (*lanes, *areas) if view.holds(shape)]
     surface = shapely.union_all(near)
-    pavement = [shapely.LineString(xy).buffer(width / 2, cap_style="flat") for xy, width in roads.footways]
-    _add(axes, pavement, PAVEMENT, 1)
+    _add(axes, [shapely.make_valid(shapely.Polygon(outline)) for outline in roads.pavements], PAVEMENT, 1)
     _add(axes, (surface,), ASPHALT, 2)
-    return surface
 
 
 def _add(
@@ -159,14 +157,11 @@ def _beside(line: shapely.LineString, left_m: float) -> Float:
     return shapely.get_coordinates(line.offset_curve(left_m))
 
 
-def _draw_crossings(axes: Axes, roads: RoadMap, surface: BaseGeometry) -> None:
-    """Zebra stripes where a straight footway lies on the road."""
-    for xy, width in roads.footways:
-        line = shapely.LineString(xy)
-        if len(xy) == 2 and line.intersection(surface).length > 0.9 * line.length:
-            stations = np.arange(0.5, line.length, 1.0)
-            bars = [_bar(xy, s, width) for s in stations]
-            axes.add_collection(LineCollection(bars, colors=PAINT, linewidths=2.0, zorder=3))
+def _draw_crossings(axes: Axes, roads: RoadMap) -> None:
+    """Zebra stripes."""
+    for xy, width in roads.crossings:
+        bars = [_bar(xy, s, width) for s in np.arange(0.5, polyline(xy).length, 1.0)]
+        axes.add_collection(LineCollection(bars, colors=PAINT, linewidths=2.0, zorder=3))
 
 
 def _bar(xy: Float, s: float, width: float) -> Float:

@@ -172,7 +172,8 @@ def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
     return {
         "lanes": [_lane(lane, origin) for lane in lanes],
         "junctions": [_line(outline, origin) for outline in roads.junctions if near(outline)],
-        "footways": [(_line(xy, origin), round(width, 2)) for xy, width in roads.footways if near(xy)],
+        "pavements": [_line(outline, origin) for outline in roads.pavements if near(outline)],
+        "crossings": [(_line(xy, origin), round(width, 2)) for xy, width in roads.crossings if near(xy)],
         "buildings": [_line(outline, origin) for outline in buildings if near(outline)],
         "stops": [_stop(sign, roads.lanes[sign.lane], origin) for sign in signs],
         "signs_known": roads.stop_signs is not None,

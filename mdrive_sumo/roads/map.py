@@ -69,8 +69,10 @@ class RoadMap:
     lanes: Mapping[str, Lane]
     junctions: tuple[Float, ...]
     """Outlines (K, 2) [m] of the junction areas, for pictures."""
-    footways: tuple[tuple[Float, float], ...]
-    """Centre lines (K, 2) [m] and widths [m] of pavements and crossings, for pictures."""
+    pavements: tuple[Float, ...]
+    """Outlines (K, 2) [m] of what pedestrians walk on beside the road, for pictures."""
+    crossings: tuple[tuple[Float, float], ...]
+    """Centre lines (K, 2) [m] and widths [m] of pedestrian crossings, for pictures."""
     buildings: tuple[Building, ...]
     stop_signs: tuple[StopSignBox, ...] | None
     checksum: str
@@ -176,20 +178,35 @@ def _road_map(folder: Path, about: NetworkFile, path: Path) -> RoadMap:
     raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
     cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _chain(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
+    zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]
     return RoadMap(
         name=about.name,
         folder=folder,
         lanes={lane_id: _lane(lane, cars) for lane_id, lane in sorted(cars.items())},
         junctions=tuple(
-            np.array([point[:2] for point in node.getShape()])
+            _points(node.getShape())
             for node in net.getNodes()
             if len(node.getShape()) >= 3 and node.getType() != "dead_end"
         ),
-        footways=tuple((np.array([p[:2] for p in lane.getShape()]), lane.getWidth()) for lane in foot),
+        pavements=tuple(_outline(lane) for lane in foot if lane not in zebras),
+        crossings=tuple((_points(lane.getShape()), lane.getWidth()) for lane in zebras),
         buildings=about.buildings,
         stop_signs=about.stop_signs,
         checksum=about.checksum,
     )
+
+
+def _points(shape: Any) -> Float:
+    return np.array([point[:2] for point in shape])
+
+
+def _outline(lane: Any) -> Float:
+    """Outline of a pavement; where pavements meet SUMO's shape is that already."""
+    shape = _points(lane.getShape())
+    if lane.getEdge().getFunction() == "walkingarea":
+        return shape
+    strip = shapely.buffer(shapely.LineString(shape), lane.getWidth() / 2, cap_style="flat")
+    return shapely.get_coordinates(shapely.get_exterior_ring(strip))
 
 
 def _chain(lane: Any) -> Polyline | None:

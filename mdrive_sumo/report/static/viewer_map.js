@@ -84,7 +84,8 @@ class RoadLayer {
     for (const [flat, width, junction, left, right] of replay.map.lanes) this.addLane(pairs(flat), width, junction, left, right);
     this.junctions = polygons(replay.map.junctions);
     this.buildings = polygons(replay.map.buildings);
-    this.footways = replay.map.footways.map(([flat, width]) => [lines([flat]), width]);
+    this.pavements = polygons(replay.map.pavements);
+    this.crossings = replay.map.crossings.map(([flat, width]) => [lines([flat]), width]);
     this.routes = replay.routes.map((flat) => ({ path: lines([flat]), ends: [pairs(flat)[0], pairs(flat).at(-1)] }));
     this.stops = replay.map.stops;
   }
@@ -143,12 +144,15 @@ class RoadLayer {
   }
 
   drawRoads(ctx, theme, pixel) {
+    ctx.fillStyle = theme.footway;
+    ctx.fill(this.pavements);
     ctx.fillStyle = ctx.strokeStyle = theme.road;
     ctx.fill(this.junctions);
     for (const [width, path] of this.surfaces) stroke(ctx, path, width + pixel); // a pixel more: no seam between lanes
-    ctx.strokeStyle = theme.footway;
-    for (const [path, width] of this.footways) stroke(ctx, path, width);
     ctx.strokeStyle = theme.line;
+    ctx.setLineDash([0.5, 0.5]); // zebra stripes
+    for (const [path, width] of this.crossings) stroke(ctx, path, width);
+    ctx.setLineDash([]);
     if (this.scale < 1.2) return; // from afar lines would only grey the road
     const thin = Math.max(0.13, 0.9 * pixel);
     stroke(ctx, this.edges, thin);
