@@ -169,6 +169,16 @@ def test_cavs_collide_and_do_not_pass_through_each_other() -> None:
     assert (episode.x[both, 0] - episode.x[both, 1]).min() > 4.85
 
 
+def test_pass_through_records_contacts_and_lets_boxes_overlap() -> None:
+    scenario = straight_scenario(straight_ego("0", x=40, length=100), straight_ego("1", x=10, length=100))
+    agents = {"0": Says(lambda seen: stand), "1": Says(lambda seen: pedals(throttle=1.0))}
+    setting = Setting(scenario, straight_road(), seed=0, pass_through=True)
+    episode = run_episode(setting, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in agents.items()})
+    both = episode.valid[:, :2].all(axis=1)
+    assert (episode.x[both, 0] - episode.x[both, 1]).min() < 0.0
+    assert {(c.ego, c.other) for _, c in episode.contacts} == {("0", "1"), ("1", "0")}
+
+
 def test_controls_are_recorded_as_they_were_applied() -> None:
     episode, _ = drive(
         straight_scenario(straight_ego("0")),
