@@ -7,14 +7,14 @@ from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 OPTIONS = {"speed": Option(8.0, 1.0, 30.0)}
 ACCELERATION = 2.5
 LATERAL = 5.0
-"""[m/s2] A generous limit: at 8 m/s a car leaves the road in a 6 m bend (10.7 m/s2), so even a blind driver slows for it."""
+"""[m/s2] Generous: at 8 m/s (10.7 m/s2) a car leaves the road in a 6 m bend, so even the blind slow down there."""
 BRAKING = 4.0
 
 
 class ConstantSpeedAgent:
     """Follows its route at a constant speed (8 m/s, slower only in sharp bends) and reacts to nobody.
 
-    The blind driver of the paper's difficulty screening (protocol 14.2): a scenario is a conflict if this driver gets into danger.
+    The driver of the paper's difficulty screening (protocol 14.2): what endangers it is a conflict.
     """
 
     label = "single"

@@ -7,7 +7,7 @@ import numpy as np
 from mdrive_sumo.agents import yielding
 from mdrive_sumo.agents.base import Config, Option, read_options
 from mdrive_sumo.agents.path import SPACING_M, Reference, curve_speeds, make_path
-from mdrive_sumo.contract import Briefing, Objects, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 
 OPTIONS = {
     "speed": Option(8.0, 1.0, 30.0),
@@ -20,7 +20,7 @@ BRAKING = 2.5
 HARD_BRAKING = 6.0
 STOP_BRAKING = 2.0
 RESPONSE_S = 0.5
-"""How fast it takes the speed that a stop asks for."""
+"""How fast it goes up to the speed from which it could just stop comfortably."""
 STANDING_GAP_M = 2.0
 LATERAL = 2.5
 DECIDE_TICKS = 4
@@ -29,18 +29,19 @@ SIGN_MARGIN_M = 1.5
 """Stops with the box centre that far before the line of a stop sign: inside its box."""
 LIGHT_MARGIN_M = 3.0
 """Stops with the box centre that far before the line of a red light: front behind the line."""
-CROSSING_MARGIN_M = 1.0
+CROSSING_MARGIN_M = 2.0
 PATIENCE_S = (2.0, 8.0)
-"""Who has stood so long for others (everyone drew its own patience) insists on its turn for `BOLD_S`: four polite drivers would
-wait for each other for ever."""
+"""Who has stood so long for others (everyone draws its own patience) insists on its turn for `BOLD_S`: four polite
+drivers would wait for each other for ever."""
 BOLD_S = 3.0
 
 
 class IdmAgent:
-    """Follows its route alone, by sight: keeps distance (IDM), stops at signs and red lights, yields by time-to-conflict.
+    """Drives alone and by sight: keeps distance (IDM), stops at signs and red lights, yields by time-to-conflict.
 
-    Intelligent Driver Model: Treiber, Hennecke, Helbing, Congested traffic states in empirical observations and microscopic
-    simulations, Phys. Rev. E 62 (2000) 1805. It knows no intentions: a car that will turn is expected to go straight on.
+    Intelligent Driver Model: Treiber, Hennecke, Helbing, Congested traffic states in empirical observations and
+    microscopic simulations, Phys. Rev. E 62 (2000) 1805. It knows no intentions: whoever will turn is expected to go
+    straight on until he does.
     """
 
     label = "single"
@@ -64,6 +65,7 @@ class IdmAgent:
         self._signs = [sign.s for sign in briefing.stop_signs]
         self._acceleration = 0.0
         self._waited_s = 0.0
+        self._memory = yielding.Memory()
         self._given_way: frozenset[str] = frozenset()
         self._patience_s = float(np.random.default_rng(briefing.seed).uniform(*PATIENCE_S))
 
@@ -77,10 +79,12 @@ class IdmAgent:
     def _decide(self, seen: Observation) -> float:
         """Acceleration [m/s2]: the least that anything asks for."""
         assert seen.objects is not None, "the objects sensor is declared"
+        me = yielding.Mover(self._me.ego_id, self._reference.speed, self._cruise, ACCELERATION)
         ahead = yielding.outlook(self._path, self._reference.s, self._me.vehicle)
-        wishes = [self._free(), *(self._behind(leader) for leader in yielding.leaders(ahead, seen.objects))]
+        curvature = self._memory.curvature(seen.objects, DECIDE_TICKS * self._me.tick_s)
+        wishes = [self._free(), self._yielding(me, yielding.crossings(ahead, seen.objects, curvature))]
+        wishes += [self._behind(leader) for leader in yielding.leaders(me, ahead, seen.objects)]
         wishes += [self._stopping(line) for line in self._lines(seen)]
-        wishes.append(self._yielding(ahead, seen.objects))
         return max(min(wishes), -HARD_BRAKING)
 
     def _free(self) -> float:
@@ -94,9 +98,12 @@ class IdmAgent:
         return self._free() - ACCELERATION * (wanted / max(leader.gap, 0.1)) ** 2
 
     def _stopping(self, gap: float) -> float:
-        """Acceleration towards the speed from which comfortable braking ends within that distance [m]."""
-        allowed = math.sqrt(2 * STOP_BRAKING * max(gap, 0.0))
-        return (allowed - self._reference.speed) / RESPONSE_S
+        """Acceleration that ends within that distance [m]: as hard as needed once comfortable braking is due."""
+        speed = self._reference.speed
+        if gap < 0.1:
+            return -HARD_BRAKING
+        allowed = math.sqrt(2 * STOP_BRAKING * gap)
+        return -(speed**2) / (2 * gap) if speed > allowed else (allowed - speed) / RESPONSE_S
 
     def _lines(self, seen: Observation) -> list[float]:
         """Distances [m] to where signs and lights want the box centre to stop."""
@@ -121,20 +128,18 @@ class IdmAgent:
         letter = seen.signals.get(light, "g")
         if self._reference.actual_s > line or letter not in "rRuyY":
             return False
-        return letter in "rRu" or self._can_stop(gap)
+        return letter in "rRu" or (gap > 0 and self._can_stop(gap))
 
     def _can_stop(self, gap: float) -> bool:
-        return gap > 0 and self._reference.speed**2 / (2 * gap) < HARD_BRAKING
+        return self._reference.speed**2 / (2 * max(gap, 0.5)) < HARD_BRAKING
 
-    def _yielding(self, ahead: yielding.Outlook, objects: Objects) -> float:
+    def _yielding(self, me: yielding.Mover, crossings: list[yielding.Crossing]) -> float:
         """What those who cross first ask for: to wait before the first crossing at which one can still stop."""
-        speed = self._reference.speed
-        me = yielding.Mover(self._me.ego_id, speed, self._cruise, ACCELERATION)
         bold = self._waited_s > self._patience_s
-        others = [c for c in yielding.crossings(ahead, objects) if self._can_stop(c.first - CROSSING_MARGIN_M)]
+        others = [c for c in crossings if c.first > 0 and self._can_stop(c.first - CROSSING_MARGIN_M)]
         first = [c.id for c in others if yielding.gives_way(me, c, c.id in self._given_way, bold)]
         self._given_way = frozenset(first)
-        self._wait(bool(first) and speed < yielding.MOVING_SPEED, bold)
+        self._wait(bool(first) and me.speed < yielding.MOVING_SPEED, bold)
         if not first:
             return math.inf
         return self._stopping(min(other.first for other in others) - CROSSING_MARGIN_M)

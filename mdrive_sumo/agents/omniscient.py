@@ -35,8 +35,8 @@ STOP_LAYERS = 3
 class OmniscientAgent:
     """Knows every state and every plan, and times its way through the gaps: the upper bound.
 
-    Prioritised planning: all CAVs find the same order at the first tick; number r plans in tick r around the plans that it sees then,
-    keeps its plan, and makes a new one only when that has become unsafe or the car has strayed from it.
+    Prioritised planning: all CAVs find the same order at the first tick; number r plans in tick r around the plans that
+    it sees then, keeps its plan, and makes a new one only when that has become unsafe or the car has strayed from it.
     """
 
     label = "privileged"
@@ -103,20 +103,26 @@ class OmniscientAgent:
         if profile is None or not profile.arrives:
             return False
         age = (seen.tick - self._made_tick) * self._me.tick_s
-        if abs(float(profile.at(np.array([age]))[0]) - self._s) > ASTRAY_M:
+        if abs(float(profile.at(np.full(1, age))[0]) - self._s) > ASTRAY_M:
             return False
-        times = (np.arange(int(REVIEW_S / INTERVAL_S)) + 1) * INTERVAL_S
+        times = np.arange(1, int(REVIEW_S / INTERVAL_S) + 1, dtype=np.float64) * INTERVAL_S
         cells = cells_of(self._path, profile.at(age + times))
         met = np.diagonal(self._blocked(known, cells, times, CHECK_MARGIN))
         return not (met & ~np.logical_and.accumulate(met)).any()  # a margin violated from the start was meant
 
     def _blocked(self, known: Privileged, cells: Int, times: Float, margin: Margin) -> Bool:
-        """Which of my cells (J,) anybody whose plan I respect blocks at times (T,) [s] from now: (T, J)."""
+        """Which of my cells (J,) anybody whose plan I respect blocks at times (T,) [s] from now: (T, J).
+
+        Those who come later in the order mind me: a leader must not brake for a follower. A new plan in the middle of
+        the drive minds them too, for it surprises them.
+        """
         me = self._me
+        earlier = self._order[: self._rank]
+        everyone = self._profile is not None and margin != CHECK_MARGIN
         size = (me.vehicle.length + 2 * margin.along, me.vehicle.width + 2 * margin.across)
         blocked = objects_block(self._path, cells, known.objects, times, size)
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
-            if other != me.ego_id and (self._profile is not None or self._order.index(other) < self._rank):
+            if other in earlier or (other != me.ego_id and everyone):
                 stations = expected_stations(self._fleet.paths[other], state, plan, times, me.tick_s)
                 blocked |= self._fleet.blocked(me.ego_id, cells, other, stations, margin)
         return blocked
@@ -142,7 +148,7 @@ class OmniscientAgent:
         if self._profile is None:
             return Plan(np.array([(seen.own.x, seen.own.y)]), INTERVAL_S)
         age = (seen.tick - self._made_tick) * self._me.tick_s
-        stations = self._profile.at(age + (np.arange(MAX_PLAN_POINTS) + 1) * INTERVAL_S)
+        stations = self._profile.at(age + np.arange(1, MAX_PLAN_POINTS + 1, dtype=np.float64) * INTERVAL_S)
         count = int(np.searchsorted(stations, self._path.goal_s + SHOWN_M)) + 1
         return Plan(self._path.points(stations[:count]), INTERVAL_S)
 

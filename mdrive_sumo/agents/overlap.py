@@ -9,26 +9,24 @@ from mdrive_sumo.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 
 
 class Margin(NamedTuple):
-    """Free space around a car [m]: ahead and behind, and on either side."""
+    """Free space between two cars [m]: lengthwise, and sideways."""
 
     along: float
     across: float
 
 
-PLAN_MARGIN = Margin(0.8, 0.35)
+PLAN_MARGIN = Margin(0.9, 0.4)
 """When planning: for tracking errors and the motion between two samples."""
 CHECK_MARGIN = Margin(0.3, 0.15)
 """Of a plan that is still good: less, so that rounding does not upset it."""
-NO_MARGIN = Margin(0.0, 0.0)
-
-COARSE = 2
-"""Footprints are compared at every second point of a path, 0.5 m apart."""
+TOUCHING = Margin(0.05, 0.1)
+"""Where the plan's margin is violated already."""
 
 
 def footprints(path: Path, length: float, width: float, cells: Int | slice = slice(None)) -> Float:
     """Corners (K, 4, 2) [m] of a box of that size at the given points of a path."""
     xy = path.xy[cells]
-    return boxes_corners(xy[:, 0], xy[:, 1], path.body_yaw[cells], np.float64(length), np.float64(width))
+    return boxes_corners(xy[:, 0], xy[:, 1], path.body_yaw[cells], np.asarray(length), np.asarray(width))
 
 
 def overlaps(mine: Float, others: Float) -> Bool:
@@ -43,19 +41,15 @@ def overlaps(mine: Float, others: Float) -> Bool:
 
 def _reach(corners: Float) -> float:
     """Greatest distance [m] of a corner from its box's centre."""
-    return float(np.linalg.norm(corners - corners.mean(1, keepdims=True), axis=-1).max()) if len(corners) else 0.0
+    if not len(corners):
+        return 0.0
+    return float(np.linalg.norm(corners - corners.mean(1, keepdims=True), axis=-1).max())
 
 
-def path_overlaps(mine: Path, other: Path, size: tuple[float, float], margin: Margin) -> Bool:
-    """Whether a car at my cell i would come too near to one at the other's cell j: (cells of mine, cells of other).
-
-    size: length and width [m] of both cars.
-    """
-    every = slice(None, None, COARSE)
-    inflated = footprints(mine, size[0] + 2 * margin.along, size[1] + 2 * margin.across, every)
-    coarse = overlaps(inflated, footprints(other, *size, every))
-    fine = np.repeat(np.repeat(coarse, COARSE, axis=0), COARSE, axis=1)
-    return fine[: len(mine.xy), : len(other.xy)]
+def path_overlaps(one: Path, other: Path, size: tuple[float, float], margin: Margin) -> Bool:
+    """Whether two cars of that size [m] would be closer than the margin: (cells of one, cells of other)."""
+    inflated = (size[0] + margin.along, size[1] + margin.across)  # each keeps half of the margin
+    return overlaps(footprints(one, *inflated), footprints(other, *inflated))
 
 
 def cells_of(path: Path, s: Float) -> Int:

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mdrive_sumo.contract import Plan
-from mdrive_sumo.geometry import Float, polyline
+from mdrive_sumo.geometry import Float, Polyline, polyline, wrap_angle
 
 SPACING_M = 0.25
 """Between the points of a path."""
@@ -20,6 +20,9 @@ RUN_OUT_M = 10.0
 """A path goes on beyond the goal, so that a car passes it at speed: a route is completed by passing its end."""
 SMOOTHING_M = 2.0
 """Half width of the moving average that rounds kinks of lane geometry; it cuts a 6 m bend by 4 / (6 · 6) = 0.11 m."""
+ASKEW = 0.15
+"""[rad]"""
+JOIN_M = 16.0
 PLAN_INTERVAL_S = 0.2
 PLAN_POINTS = 15
 
@@ -63,9 +66,15 @@ class Path:
         return min(max(i * SPACING_M + along, 0.0), self.length)
 
 
-def make_path(route_xy: Float, rear_to_centre: float) -> Path:
-    """The path of a route (N, 2) for a car whose box centre lies `rear_to_centre` [m] before its rear axle."""
+def make_path(route_xy: Float, rear_to_centre: float, start_yaw: float | None = None) -> Path:
+    """The path of a route (N, 2) for a car whose box centre lies `rear_to_centre` [m] before its rear axle.
+
+    start_yaw: the car's direction [rad]; where the route leaves at an angle to it (a lane change from the first metre
+    on) the path begins straight and joins the route within `JOIN_M`.
+    """
     route = polyline(route_xy)
+    if start_yaw is not None and abs(wrap_angle(float(route.yaws[0]) - start_yaw)) > ASKEW:
+        route = _joined(route, start_yaw)
     ends = [route.at(-SMOOTHING_M), *route.xy, route.at(route.length + RUN_OUT_M + SMOOTHING_M)]
     fine = polyline(ends).resampled(SPACING_M).xy
     half = round(SMOOTHING_M / SPACING_M)
@@ -74,8 +83,18 @@ def make_path(route_xy: Float, rear_to_centre: float) -> Path:
     line = polyline(smooth).resampled(SPACING_M)
     xy = line.xy[:-1]
     yaw = np.unwrap(np.arctan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
-    goal_s = polyline(xy).project(*map(float, route.xy[-1]))[0]
-    return Path(xy, yaw, _body_yaw(yaw, rear_to_centre), _curvature(yaw), goal_s)
+    goal_x, goal_y = route.xy[-1].tolist()
+    goal_s = polyline(xy).project(goal_x, goal_y)[0]
+    return Path(xy, yaw, _body_yaw(yaw, rear_to_centre, start_yaw), _curvature(yaw), goal_s)
+
+
+def _joined(route: Polyline, start_yaw: float) -> Polyline:
+    """The route with its beginning bent towards the straight line that a car of that direction would drive."""
+    s = np.minimum(route.s, JOIN_M)[:, None]
+    straight = route.xy[0] + s * np.array((math.cos(start_yaw), math.sin(start_yaw)))
+    share = s / JOIN_M
+    weight = share**2 * (3 - 2 * share)
+    return polyline(straight * (1 - weight) + route.xy * weight)
 
 
 def _curvature(yaw: Float) -> Float:
@@ -85,16 +104,17 @@ def _curvature(yaw: Float) -> Float:
     return (padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * SPACING_M)
 
 
-def _body_yaw(yaw: Float, rear_to_centre: float) -> Float:
+def _body_yaw(yaw: Float, rear_to_centre: float, start_yaw: float | None) -> Float:
     """Kinematic single-track model: d body / ds = sin(yaw - body) / rear_to_centre."""
-    body = [float(yaw[0])]
-    for direction in yaw[1:].tolist():
+    first = float(yaw[0])
+    body = [first if start_yaw is None else first + wrap_angle(start_yaw - first)]
+    for direction in yaw[:-1].tolist():
         body.append(body[-1] + SPACING_M * math.sin(direction - body[-1]) / rear_to_centre)
     return np.array(body)
 
 
 def curve_speeds(path: Path, cruise: float, lateral: float, braking: float) -> Float:
-    """Highest speed (M,) [m/s] at every point: at most cruise, at most `lateral` [m/s2] across, reached by `braking` [m/s2]."""
+    """Highest speed (M,) [m/s] at every point: cruise, or what keeps within `lateral` and `braking` [m/s2]."""
     bend = np.minimum(cruise, np.sqrt(lateral / np.maximum(np.abs(path.curvature), 1e-6)))
     speeds = bend.tolist()
     for i in range(len(speeds) - 2, -1, -1):
@@ -105,8 +125,9 @@ def curve_speeds(path: Path, cruise: float, lateral: float, braking: float) -> F
 class Reference:
     """Where on its path an agent wants to be: arc length s [m] and speed [m/s], kept from tick to tick.
 
-    A plan that began at the measured state anew on every tick would ask a standing car for almost nothing; this one runs ahead of the
-    car by what its actuators lag, and never by more than LEAD_M and LEAD_SPEED, so that a car that was stopped by force does not chase it.
+    A plan that began at the measured state anew on every tick would ask a standing car for almost nothing; this one
+    runs ahead of the car by what its actuators lag, and never by more than `LEAD_M` and `LEAD_SPEED`, so that a car
+    that was stopped by force does not chase it.
     """
 
     LEAD_M = 1.0
@@ -125,7 +146,7 @@ class Reference:
         self.speed = min(max(self.speed, speed - self.LEAD_SPEED, 0.0), max(speed, 0.0) + self.LEAD_SPEED)
 
     def plan(self, acceleration: float, limits: Float, tick_s: float) -> Plan:
-        """Moves on by one tick and plans 3 s ahead: constant acceleration [m/s2] below `limits` (M,) [m/s], no reversing."""
+        """Moves on by one tick; plans 3 s of constant acceleration [m/s2] below `limits` (M,) [m/s], no reversing."""
         stations: list[float] = []
         s, speed = self.s, self.speed
         for _ in range(PLAN_POINTS):

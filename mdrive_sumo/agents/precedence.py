@@ -14,10 +14,10 @@ TRIES = 24
 
 
 def planning_order(fleet: Fleet, tasks: Mapping[str, Task]) -> tuple[str, ...]:
-    """An order in which prioritised planning succeeds for all, or the best of `TRIES`. The tasks are those of a free road.
+    """An order in which prioritised planning succeeds for all, or the best of `TRIES`; tasks are those of a free road.
 
-    A car that stands in the way of another must leave first. Apart from that whoever is nearest to a conflict comes first, and
-    whoever finds no way is moved to the front for the next try.
+    A car that stands in the way of another must leave first. Apart from that whoever is nearest to a conflict comes
+    first, and whoever finds no way is moved to the front for the next try.
     """
     leaders = {ego: fleet.standing_in_way(ego) for ego in tasks}
     urgency = {ego: _first_conflict(fleet, ego) for ego in tasks}
@@ -41,7 +41,7 @@ def _first_conflict(fleet: Fleet, ego: str) -> float:
 
 
 def _sorted(leaders: Mapping[str, frozenset[str]], urgency: Mapping[str, float]) -> tuple[str, ...]:
-    """Leaders first, then the urgent; whom an urgent one waits for is as urgent. A circle of leaders is cut at the most urgent."""
+    """Leaders first, then the urgent; whom the urgent wait for is as urgent. A circle is cut at its most urgent."""
     inherited = dict(urgency)
     for _ in leaders:
         for ego, before in leaders.items():

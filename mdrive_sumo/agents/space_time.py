@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mdrive_sumo.agents.overlap import NO_MARGIN, PLAN_MARGIN, Margin
+from mdrive_sumo.agents.overlap import PLAN_MARGIN, TOUCHING, Margin
 from mdrive_sumo.agents.path import SPACING_M, Path
 from mdrive_sumo.geometry import Bool, Float, Int
 
@@ -28,13 +28,14 @@ FURTHEST = 2 * TOP_SPEED
 ARRIVED_M = 1.0
 """How far beyond the goal a profile ends: the goal must be passed."""
 NEAR_CELLS = 6
+"""How far ahead of a standing car, besides stopping distance, a violated margin is forgiven."""
 IDLE_S = 24.0
 """A CAV that stands for 30 s is out (protocol 7.5): at every multiple of this time it moves."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Motion along a path: arc length (K,) [m] and speed (K,) [m/s] every `STEP_S`, constant acceleration in between."""
+    """Motion along a path: arc length (K,) [m] and speed (K,) [m/s] every `STEP_S`, linear speed in between."""
 
     s: Float
     speed: Float
@@ -82,19 +83,19 @@ class Task:
     @property
     def times(self) -> Float:
         """(T,) [s] from the start: when cells must be free."""
-        return (np.arange(len(self.blocked)) + 1) * SAMPLE_S
+        return np.arange(1, len(self.blocked) + 1, dtype=np.float64) * SAMPLE_S
 
     def among(self, block: Callable[[Margin], Bool]) -> "Task":
         """The same task where others block cells: block(margin) tells which, (T, J).
 
-        Where the plan's margin is violated from the start on (cars may start bumper to bumper, closer than a profile would ever bring
-        them), only what really touches counts within stopping distance until the margin is whole again.
+        Where the plan's margin is violated from the start on (cars may start bumper to bumper, closer than a profile
+        would ever bring them), only what really touches counts within stopping distance until the margin is whole.
         """
         blocked = block(PLAN_MARGIN)
         near = NEAR_CELLS + int(self.speed**2 / 8 / SPACING_M)
         violated = np.logical_and.accumulate(blocked[:, :near], axis=0)
         if violated.any():
-            blocked[:, :near] &= ~violated | block(NO_MARGIN)[:, :near]
+            blocked[:, :near] &= ~violated | block(TOUCHING)[:, :near]
             blocked[:, 0] &= ~violated[:, 0]
         return replace(self, blocked=blocked)
 
@@ -118,7 +119,10 @@ class Task:
 
 
 def task_along(path: Path, speeds: Float, start: tuple[float, float], now_s: float, until_s: float) -> Task:
-    """The task of driving on to the goal on a free road: `speeds` (M,) [m/s] limit each point, start is (arc length, speed)."""
+    """The task of driving on to the goal on a free road.
+
+    speeds: (M,) limit [m/s] at each point of the path; start: arc length [m] and speed [m/s].
+    """
     goal = max(math.ceil((path.goal_s + ARRIVED_M - start[0]) / SPACING_M), 0)
     ahead = np.arange(goal + FURTHEST + 1)
     cells = np.minimum(round(start[0] / SPACING_M) + ahead, len(path.xy) - 1)
@@ -165,7 +169,7 @@ def _tables(cells: int) -> _Tables:
 
 
 def fastest(task: Task) -> Profile | None:
-    """The profile that arrives first, gentlest among equals; or the furthest one if none arrives; None if all collide."""
+    """The profile that arrives first, gentlest among equals; the furthest one if none arrives; None if all collide."""
     cells, tables = len(task.cells), _tables(len(task.cells))
     goals = np.zeros((TOP_SPEED + 1, cells), dtype=np.bool_)
     goals[: 1 if task.stop else None, task.goals] = True
@@ -181,7 +185,7 @@ def fastest(task: Task) -> Profile | None:
         if not np.isfinite(cost).any():
             return None
     arrives = bool(np.isfinite(cost[goals]).any())
-    furthest = np.arange(cells) == np.isfinite(cost).any(0).nonzero()[0][-1]
+    furthest = np.arange(cells) == np.flatnonzero(np.isfinite(cost).any(axis=0))[-1]
     return _trace(task, tables, choices, _best(cost, goals if arrives else furthest), arrives)
 
 
@@ -197,7 +201,7 @@ def _advanced(cost: Float, tables: _Tables, blocked: Bool) -> tuple[Float, Int]:
 
 
 def _forbid(cost: Float, task: Task, layer: int) -> None:
-    """Rules out standing too long, and states above the speed limit, which a car that is too fast may reach by gentle braking."""
+    """Rules out standing too long, and speeds above the limit, which a car that is too fast may reach gently."""
     limits = np.maximum(task.limits, round(task.speed) - 1 - layer)
     cost[np.arange(TOP_SPEED + 1)[:, None] > limits[None, :]] = np.inf
     if task.moving[layer]:

@@ -21,21 +21,23 @@ WIDENING = 0.1
 
 @dataclass
 class Fleet:
-    """The CAVs of a scenario: the path of each, and where any two are in each other's way (computed once, when asked)."""
+    """The CAVs of a scenario: the path of each, and where any two are in each other's way."""
 
     paths: Mapping[str, Path]
     size: tuple[float, float]
     _overlaps: dict[tuple[str, str, Margin], Bool] = field(default_factory=dict[tuple[str, str, Margin], Bool])
 
     def overlap(self, mine: str, other: str, margin: Margin = PLAN_MARGIN) -> Bool:
-        """See `path_overlaps`."""
+        """See `path_overlaps`; computed when first asked."""
+        if mine > other:
+            return self.overlap(other, mine, margin).T
         key = (mine, other, margin)
         if key not in self._overlaps:
             self._overlaps[key] = path_overlaps(self.paths[mine], self.paths[other], self.size, margin)
         return self._overlaps[key]
 
     def blocked(self, mine: str, cells: Int, other: str, stations: Float, margin: Margin = PLAN_MARGIN) -> Bool:
-        """Which of my cells (J,) the other blocks while it is at arc lengths stations (T,) [m]: (T, J). Beyond its goal: none."""
+        """Which of my cells (J,) the other blocks at arc lengths `stations` (T,) [m]: (T, J); beyond its goal none."""
         path = self.paths[other]
         table = self.overlap(mine, other, margin)[cells][:, cells_of(path, stations)]
         return table.T & (stations < path.goal_s + GONE_M)[:, None]
@@ -52,7 +54,8 @@ class Fleet:
 def fleet_of(known: Privileged, vehicle: VehicleFacts) -> Fleet:
     """All living CAVs; every CAV is taken to be a car like mine."""
     paths = {
-        ego: make_path(route, vehicle.rear_to_centre) for ego, route in zip(known.ego_ids, known.routes, strict=True)
+        ego: make_path(route, vehicle.rear_to_centre, state.yaw)
+        for ego, route, state in zip(known.ego_ids, known.routes, known.states, strict=True)
     }
     return Fleet(paths, (vehicle.length, vehicle.width))
 
@@ -82,9 +85,9 @@ def objects_block(path: Path, cells: Int, objects: Objects, times: Float, size: 
         return blocked
     mine = footprints(path, *size, cells)
     standing = np.abs(objects.speed) < STANDING_SPEED
-    blocked |= overlaps(mine, _boxes(objects, standing, 0.0)).any(1)[None]
+    blocked[:] = overlaps(mine, _boxes(objects, standing, 0.0)).any(axis=1)
     for row in np.flatnonzero(times <= FORESIGHT_S):
-        blocked[row] |= overlaps(mine, _boxes(objects, ~standing, float(times[row]))).any(1)
+        blocked[row] |= overlaps(mine, _boxes(objects, ~standing, float(times[row]))).any(axis=1)
     return blocked
 
 

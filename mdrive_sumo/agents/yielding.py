@@ -1,6 +1,6 @@
 """Whom a lone driver must mind: what is on its way, and who will cross its way first.
 
-Nothing is known of the others but what is seen: they are expected to go straight on at their speed.
+Nothing is known of the others but what is seen: they are expected to go on at their speed, turning as they do now.
 """
 
 import math
@@ -27,13 +27,18 @@ TIE_S = 0.5
 """Arrivals that differ by less are a tie."""
 HOLD_S = 1.5
 """Who gives way does not change its mind until the other one would be so much later."""
+SAME_WAY = math.radians(60)
+LEVEL_M = 0.5
+"""Cars whose middles are less apart along the road are level."""
+SHARPEST = 0.15
+"""[1/m] Nobody is expected to turn more sharply than this."""
 SIDE_ANGLES = (math.radians(20), math.radians(160))
 """Who drives at such an angle to me comes from the side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """The own car: its name, speed [m/s], and how it will speed up [m/s2] to its cruising speed if nobody is in the way."""
+    """The own car: its name, speed [m/s], and how it will speed up [m/s2] to its cruising speed on a free road."""
 
     id: str
     speed: float
@@ -87,27 +92,36 @@ class Crossing:
 
 def outlook(path: Path, s: float, vehicle: VehicleFacts) -> Outlook:
     """What lies before the car at arc length s."""
-    distance = np.arange(STRIDE_M, LOOK_M, STRIDE_M)
+    distance = np.arange(0.0, LOOK_M, STRIDE_M)
     cells = cells_of(path, s + distance)
     boxes = footprints(path, vehicle.length, vehicle.width + 2 * SIDE_M, cells)
     return Outlook(distance, path.yaw[cells], boxes)
 
 
-def leaders(ahead: Outlook, objects: Objects) -> list[Leader]:
-    """Everything that is on the path now."""
-    met = overlaps(ahead.boxes, _boxes(objects, np.arange(len(objects.ids)), 0.0))
-    rows = np.flatnonzero(met.any(0))
-    first: Int = met[:, rows].argmax(0)
+def leaders(me: Mover, ahead: Outlook, objects: Objects) -> list[Leader]:
+    """Everything that is on the path now, but for cars beside me that go my way and have less of a lead than I have."""
+    met = overlaps(ahead.boxes[1:], _boxes(objects, np.arange(len(objects.ids)), 0.0))
+    rows = np.flatnonzero(met.any(0) & ~_beside(me, ahead, objects))
+    first: Int = met[:, rows].argmax(0) + 1
     along = np.maximum(objects.speed[rows] * np.cos(objects.yaw[rows] - ahead.yaw[first]), 0.0)
     return [Leader(*pair) for pair in zip(ahead.distance[first].tolist(), along.tolist(), strict=True)]
 
 
-def crossings(ahead: Outlook, objects: Objects) -> list[Crossing]:
-    """Everybody near who will cross the path going straight on."""
+def _beside(me: Mover, ahead: Outlook, objects: Objects) -> Bool:
+    """Who drives as I do and is behind my middle, or level with it and bears the greater name: they mind me (N,)."""
+    x, y = ahead.boxes[0].mean(0)
+    lead = (objects.x - x) * np.cos(ahead.yaw[0]) + (objects.y - y) * np.sin(ahead.yaw[0])
+    later = np.array([other > me.id for other in objects.ids], dtype=np.bool_)
+    same_way = np.cos(objects.yaw - ahead.yaw[0]) > math.cos(SAME_WAY)
+    return same_way & ((lead < -LEVEL_M) | ((lead < LEVEL_M) & later))
+
+
+def crossings(ahead: Outlook, objects: Objects, curvature: Float) -> list[Crossing]:
+    """Everybody near who will cross the path, turning on as they do now: curvature (N,) [1/m] of the objects' ways."""
     near = np.hypot(*(ahead.boxes[0].mean(0)[:, None] - np.array((objects.x, objects.y)))) < LOOK_M
     rows = np.flatnonzero(near & (objects.kind != Kind.STATIC))
     travelled = np.arange(0.0, LOOK_M, STRIDE_M)
-    swept = _boxes(objects, rows[:, None], travelled)
+    swept = _boxes(objects, rows[:, None], travelled, curvature[rows, None])
     met = overlaps(ahead.boxes, swept.reshape(-1, 4, 2)).reshape(len(ahead.distance), *swept.shape[:2])
     return [_crossing(ahead, objects, row, met[:, k]) for k, row in enumerate(rows.tolist()) if met[:, k].any()]
 
@@ -151,13 +165,30 @@ def _loses_tie(me: Mover, other: Crossing) -> bool:
     return other.turning or other.id < me.id
 
 
-def _boxes(objects: Objects, rows: Int, travelled: Float | float) -> Float:
-    """Corners of the chosen objects' boxes after they travelled so far [m]; rows and travelled broadcast."""
-    yaw = objects.yaw[rows]
+def _boxes(objects: Objects, rows: Int, travelled: Float | float, curvature: Float | float = 0.0) -> Float:
+    """Corners of the chosen objects' boxes after so many metres on circles (a right angle at most); all broadcast."""
+    turned = np.clip(curvature * travelled, -math.pi / 2, math.pi / 2)
+    # A chord of length travelled: exact for small turns, and long turns are guesses anyway.
+    middle = objects.yaw[rows] + turned / 2
     return boxes_corners(
-        objects.x[rows] + travelled * np.cos(yaw),
-        objects.y[rows] + travelled * np.sin(yaw),
-        yaw,
+        objects.x[rows] + travelled * np.cos(middle),
+        objects.y[rows] + travelled * np.sin(middle),
+        objects.yaw[rows] + turned,
         objects.length[rows],
         objects.width[rows],
     )
+
+
+class Memory:
+    """How the others turn: their directions when last seen, for nobody says how fast he turns."""
+
+    def __init__(self) -> None:
+        self._yaws: dict[str, float] = {}
+
+    def curvature(self, objects: Objects, elapsed_s: float) -> Float:
+        """(N,) [1/m] of the ways of the objects since they were last seen; 0 for whoever is new or stands."""
+        seen = dict(zip(objects.ids, objects.yaw.tolist(), strict=True))
+        turned = np.array([wrap_angle(yaw - self._yaws.get(name, yaw)) for name, yaw in seen.items()])
+        self._yaws = seen
+        way = np.maximum(np.abs(objects.speed), 2 * MOVING_SPEED) * elapsed_s
+        return np.clip(turned / way, -SHARPEST, SHARPEST)

@@ -1,0 +1,84 @@
+"""Right of way by sight: who goes first, who is in the way, who will turn."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdrive_sumo.agents import yielding
+from mdrive_sumo.agents.path import make_path
+from mdrive_sumo.contract import Objects, VehicleFacts
+from mdrive_sumo.state import Kind
+
+REAR = 1.42
+
+
+def cars(*rows: tuple[float, float, float, float]) -> Objects:
+    """Cars of x, y [m], yaw [rad], speed [m/s]."""
+    table = np.array(rows).reshape(-1, 4)
+    names = tuple(f"b{i}" for i in range(len(table)))
+    kind = np.full(len(table), Kind.VEHICLE, dtype=np.uint8)
+    return Objects(names, kind, *table.T, np.full(len(table), 4.5), np.full(len(table), 1.8))
+
+
+def mover(name: str = "m", speed: float = 8.0) -> yielding.Mover:
+    return yielding.Mover(name, speed, 8.0, 2.0)
+
+
+def crossing(
+    bearing: float, arrives_s: float, leaves_s: float, name: str = "x", turning: bool = False
+) -> yielding.Crossing:
+    return yielding.Crossing(name, 16.0, 22.0, arrives_s, leaves_s, False, bearing, turning)
+
+
+@pytest.mark.parametrize(
+    ("other", "yields"),
+    [
+        (crossing(math.pi / 2, 1.0, 2.0), True),  # it is there first: 2 s to my 16 m
+        (crossing(math.pi / 2, 3.0, 4.0), False),  # I am there first
+        (crossing(math.pi / 2, 2.1, 3.0), True),  # tie, it comes from my right
+        (crossing(-math.pi / 2, 2.1, 3.0), False),  # tie, it comes from my left
+        (crossing(math.pi, 2.1, 3.0, turning=True), True),  # tie, oncoming, I turn
+        (crossing(math.pi, 2.1, 3.0, name="a"), True),  # tie, oncoming, the smaller name goes
+        (crossing(math.pi, 2.1, 3.0, name="z"), False),
+        (crossing(math.pi / 2, 0.1, 0.9), False),  # gone before I come
+    ],
+)
+def test_right_of_way(other: yielding.Crossing, yields: bool) -> None:
+    assert yielding.gives_way(mover(), other, before=False, bold=False) is yields
+
+
+def test_who_gave_way_goes_on_to_do_so_and_the_bold_do_not() -> None:
+    slightly_later = crossing(math.pi / 2, 3.0, 4.0)
+    assert yielding.gives_way(mover(), slightly_later, before=True, bold=False)
+    assert not yielding.gives_way(mover(), slightly_later, before=True, bold=True)
+
+
+@given(speed=st.floats(0.0, 12.0), distance=st.floats(0.0, 100.0))
+def test_time_to_a_distance_is_the_motion_inverted(speed: float, distance: float) -> None:
+    t = mover(speed=speed).time_to(distance)
+    cruise = max(8.0, speed)
+    ramp = min(t, (cruise - speed) / 2.0)
+    assert speed * ramp + ramp**2 + cruise * (t - ramp) == pytest.approx(distance, abs=1e-6)
+
+
+def test_leaders_are_seen_but_for_followers_beside() -> None:
+    path = make_path(np.column_stack((np.arange(61.0), np.zeros(61))), REAR)
+    ahead = yielding.outlook(path, 10.0, _vehicle())
+    found = yielding.leaders(mover(), ahead, cars((30.0, 0.0, 0.0, 3.0), (30.0, 3.5, 0.0, 3.0), (8.0, 1.5, 0.0, 8.0)))
+    assert len(found) == 1
+    assert found[0].gap == pytest.approx(30 - 2.25 - 10 - 2.45, abs=1.0)
+    assert found[0].speed == 3.0
+
+
+def test_a_turning_car_is_expected_to_turn_on() -> None:
+    memory = yielding.Memory()
+    memory.curvature(cars((0.0, 0.0, 0.0, 5.0)), 0.2)
+    assert memory.curvature(cars((1.0, 0.0, 0.1, 5.0)), 0.2) == pytest.approx([0.1])
+    assert memory.curvature(cars(), 0.2).shape == (0,)
+
+
+def _vehicle() -> VehicleFacts:
+    return VehicleFacts(4.9, 2.0, 2.845, REAR, 2080.0, 0.75, 58.0, 4.5, 8.0)
