@@ -4,6 +4,7 @@ The model is the linear single-track model (Riekert and Schunck 1940; Rajamani, 
 ch. 2) with three additions: axle forces are limited by friction; slip angles are taken against at least
 `SLIP_SPEED`, so that at walking pace the model becomes the kinematic one instead of dividing by zero; pedals
 and wheel answer with a first-order lag. No load transfer, no gears. State in, new state out: `step` is pure.
+It integrates by leapfrog (Störmer-Verlet; Hairer, Lubich and Wanner 2003) with tyre forces taken at mid sub-step.
 """
 
 import math
@@ -16,10 +17,11 @@ from mdrive_sumo.state import DT, EgoState
 Triple = tuple[float, float, float]
 GRAVITY = 9.81
 AIR_DENSITY = 1.2
-SUB_STEPS = 10
-"""Sub-steps of a tick, 5 ms each: after 8 s of hard driving the path is within 0.1 m of the converged one."""
+SUB_STEPS = 5
+"""Sub-steps of a tick, 10 ms each. Measured on 31 drives of 8 s with hard swerving (64 to 108 m): the path ends within
+0.05 m (median 0.01 m) of the converged one."""
 SLIP_SPEED = 3.0
-"""Least speed [m/s] that slip angles are taken against; it keeps the explicit step stable at any speed."""
+"""Least speed [m/s] that slip angles are taken against."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,34 +138,40 @@ def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_ste
     throttle stays exactly where it is.
     """
     h = dt / sub_steps
-    drive_share, brake_share = -math.expm1(-h / vehicle.drive_lag), -math.expm1(-h / vehicle.brake_lag)
-    pose = body.x, body.y, body.yaw
-    motion = body.vx, body.vy, body.yaw_rate
-    steer_angle, drive, brake = body.steer_angle, body.drive, body.brake
+    x, y, yaw, steer_angle, drive, brake = body.x, body.y, body.yaw, body.steer_angle, body.drive, body.brake
+    target, most_turn = control.steer * vehicle.max_steer_angle, vehicle.max_steer_rate * h
+    lags = vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag
+    turned, pressed, clamped = [-math.expm1(-h / lag) for lag in lags]  # shares of the way that a sub-step goes
+    sin, cos = math.sin(yaw), math.cos(yaw)
+    # Velocity in the world frame, so that a turning car needs no Coriolis terms.
+    u, v, yaw_rate = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy, body.yaw_rate
     for _ in range(sub_steps):
-        # Mean actuators, mean velocity: second order when straight (the tyres' sideways answer is first).
-        turn = _turn(steer_angle, control.steer, vehicle, h)
-        press = (control.throttle - drive) * drive_share
-        clamp = (control.brake - brake) * brake_share
-        pushed = _accelerated(motion, steer_angle + turn / 2, drive + press / 2, brake + clamp / 2, vehicle, h)
-        pose, motion = _moved(pose, motion, pushed, h)
+        # Leapfrog: half a sub-step of motion, the forces there with the actuators' mean, the other half of motion.
+        turn = _within(most_turn, (target - steer_angle) * turned)
+        press, clamp = (control.throttle - drive) * pressed, (control.brake - brake) * clamped
+        x, y, yaw = x + h / 2 * u, y + h / 2 * v, yaw + h / 2 * yaw_rate
+        sin, cos = math.sin(yaw), math.cos(yaw)
+        motion = cos * u + sin * v, cos * v - sin * u, yaw_rate
+        vx, vy, yaw_rate = _accelerated(
+            motion, steer_angle + turn / 2, drive + press / 2, brake + clamp / 2, vehicle, h
+        )
+        u, v = cos * vx - sin * vy, sin * vx + cos * vy
+        x, y, yaw = x + h / 2 * u, y + h / 2 * v, yaw + h / 2 * yaw_rate
         steer_angle, drive, brake = steer_angle + turn, drive + press, brake + clamp
-    vx, vy, yaw_rate = motion
+    sin, cos = math.sin(yaw), math.cos(yaw)
+    vx, vy = cos * u + sin * v, cos * v - sin * u
     if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # tyres that stand stick
         vx = vy = yaw_rate = 0.0
-    acceleration = (vx - body.vx) / dt
-    return Body(pose[0], pose[1], wrap_angle(pose[2]), vx, vy, yaw_rate, steer_angle, drive, brake, acceleration)
+    return Body(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / dt)
 
 
-def _turn(angle: float, steer: float, vehicle: Vehicle, h: float) -> float:
-    """Change of the front wheel angle [rad] within h seconds: first-order lag, limited rate."""
-    change = (steer * vehicle.max_steer_angle - angle) * -math.expm1(-h / vehicle.steer_lag)
-    most = vehicle.max_steer_rate * h
-    return max(-most, min(most, change))
+def _within(limit: float, value: float) -> float:
+    """The value, or the nearest of +-limit. (Written out: the built-ins min and max cost more than all the rest.)"""
+    return value if -limit <= value <= limit else math.copysign(limit, value)
 
 
 def _accelerated(motion: Triple, steer_angle: float, drive: float, brake: float, vehicle: Vehicle, h: float) -> Triple:
-    """Motion (vx, vy, yaw rate) after all forces have acted for h seconds, in the frame before it."""
+    """Motion (vx, vy, yaw rate) after all forces have acted for h seconds, in the same frame."""
     grip = _grip(motion[0], drive, brake, vehicle)
     vx, vy, yaw_rate = _slipped(motion, steer_angle, grip, vehicle, h)
     return _driven(vx, drive, brake, vehicle, h), vy, yaw_rate
@@ -172,52 +180,48 @@ def _accelerated(motion: Triple, steer_angle: float, drive: float, brake: float,
 def _grip(vx: float, drive: float, brake: float, vehicle: Vehicle) -> float:
     """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
     used = drive * vehicle.max_acceleration - math.copysign(brake, vx) * vehicle.max_deceleration
-    return math.sqrt(max(0.0, (vehicle.friction * GRAVITY) ** 2 - used * used))
+    left = (vehicle.friction * GRAVITY) ** 2 - used * used
+    return math.sqrt(left) if left > 0.0 else 0.0
 
 
 def _slipped(motion: Triple, steer_angle: float, grip: float, vehicle: Vehicle, h: float) -> Triple:
     """Motion after the lateral forces of both axles have acted for h seconds."""
     vx, vy, yaw_rate = motion
-    a, b, wheelbase, mass = vehicle.front_to_centre, vehicle.rear_to_centre, vehicle.wheelbase, vehicle.mass
+    mass, inertia, b = vehicle.mass, vehicle.yaw_inertia, vehicle.rear_to_centre
+    a = vehicle.wheelbase - b
     sin, cos = math.sin(steer_angle), math.cos(steer_angle)
     sideways = vy + a * yaw_rate
-    front = _axle_force(
-        vx * cos + sideways * sin,
-        sideways * cos - vx * sin,
-        vehicle.front_stiffness,
-        grip * mass * b / wheelbase,
-    )
-    rear = _axle_force(vx, vy - b * yaw_rate, vehicle.rear_stiffness, grip * mass * a / wheelbase)
+    rolling, sliding = vx * cos + sideways * sin, sideways * cos - vx * sin
+    press = grip * mass / vehicle.wheelbase
+    # An axle's own sliding dies with the time constant of the mass that it sees: 1 / mass + lever^2 / inertia.
+    front = _axle_force(rolling, sliding, vehicle.front_stiffness, h * (1 / mass + a * a / inertia), press * b)
+    rear = _axle_force(vx, vy - b * yaw_rate, vehicle.rear_stiffness, h * (1 / mass + b * b / inertia), press * a)
     return (
         vx - h * front * sin / mass,
         vy + h * (front * cos + rear) / mass,
-        yaw_rate + h * (a * front * cos - b * rear) / vehicle.yaw_inertia,
+        yaw_rate + h * (a * front * cos - b * rear) / inertia,
     )
 
 
-def _axle_force(rolling: float, sliding: float, stiffness: float, limit: float) -> float:
-    """Lateral force [N] of an axle that rolls and slides with these speeds [m/s]; it opposes the sliding."""
-    force = -stiffness * math.atan(sliding / max(abs(rolling), SLIP_SPEED))
-    return max(-limit, min(limit, force))
+def _axle_force(rolling: float, sliding: float, stiffness: float, response: float, limit: float) -> float:
+    """Mean lateral force [N] of an axle that rolls and slides with these speeds [m/s]; it opposes the sliding.
+
+    `response` [m/s/N] is how much slower each newton makes it slide by the end of the sub-step: the force is the one
+    in the middle (linearly implicit midpoint rule), which is of second order and stable for any sub-step.
+    """
+    rolling = abs(rolling) if abs(rolling) > SLIP_SPEED else SLIP_SPEED
+    force = -stiffness * math.atan(sliding / rolling) / (1 + stiffness * response / (2 * rolling))
+    return _within(limit, force)
 
 
 def _driven(vx: float, drive: float, brake: float, vehicle: Vehicle, h: float) -> float:
     """Forward speed after engine, air, brake and rolling resistance have acted for h seconds."""
-    most = min(vehicle.max_acceleration, vehicle.max_power / (vehicle.mass * max(vx, 0.1)))
-    governor = max(0.0, min(1.0, vehicle.max_speed - vx))
-    air = 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass
-    vx += h * (drive * governor * most - air)
+    power = vehicle.max_power / vehicle.mass
+    most = vehicle.max_acceleration if vx * vehicle.max_acceleration < power else power / vx
+    spare = vehicle.max_speed - vx
+    if spare < 1.0:  # governor
+        most *= max(0.0, spare)
+    vx += h * (drive * most - 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass)
     # What only resists can stop a car but never turn it round.
     resisted = h * (brake * vehicle.max_deceleration + vehicle.rolling_resistance * GRAVITY)
-    return math.copysign(max(0.0, abs(vx) - resisted), vx)
-
-
-def _moved(pose: Triple, before: Triple, after: Triple, h: float) -> tuple[Triple, Triple]:
-    """Pose after h seconds of mean velocity, and the motion `after` seen in the turned frame of the car."""
-    x, y, yaw = pose
-    vx, vy, yaw_rate = (before[0] + after[0]) / 2, (before[1] + after[1]) / 2, (before[2] + after[2]) / 2
-    turn = h * yaw_rate
-    sin, cos = math.sin(yaw + turn / 2), math.cos(yaw + turn / 2)
-    moved = x + h * (cos * vx - sin * vy), y + h * (sin * vx + cos * vy), yaw + turn
-    sin, cos = math.sin(turn), math.cos(turn)
-    return moved, (cos * after[0] + sin * after[1], cos * after[1] - sin * after[0], after[2])
+    return vx - math.copysign(resisted, vx) if abs(vx) > resisted else 0.0

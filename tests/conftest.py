@@ -33,32 +33,38 @@ def accepted_reasons() -> tuple[str, ...]:
     return () if SHARED_DATA.is_dir() else (NEEDS_SHARED_DATA,)
 
 
-class SkipGuard:
-    """Fails the session when a test was skipped without an accepted reason."""
+class Guard:
+    """Fails the session for what pytest would let pass: skips without an accepted reason, and lost workers.
+
+    When the last test of a session breaks its worker of pytest-xdist, it is dropped and the session counts as passed.
+    """
 
     def __init__(self) -> None:
-        self.refused: list[str] = []
+        self.problems: list[str] = []
+
+    def pytest_internalerror(self) -> None:
+        self.problems.append("INTERNAL ERROR: a worker was lost, and with it the tests it had not reported")
 
     def _look_at(self, report: pytest.TestReport | pytest.CollectReport) -> None:
         if not report.skipped or hasattr(report, "wasxfail"):
             return
         reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
         if reason.removeprefix("Skipped: ") not in accepted_reasons():
-            self.refused.append(f"{report.nodeid}: {reason}")
+            self.problems.append(f"SKIPPED WITHOUT AN ACCEPTED REASON: {report.nodeid}: {reason}")
 
     pytest_runtest_logreport = _look_at
     pytest_collectreport = _look_at
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if self.refused:
+        if self.problems and session.exitstatus == pytest.ExitCode.OK:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        for line in self.refused:
-            terminalreporter.write_line(f"SKIPPED WITHOUT AN ACCEPTED REASON {line}", red=True)
+        for problem in self.problems:
+            terminalreporter.write_line(problem, red=True)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     # Workers of pytest-xdist send their reports to the process that has no workerinput.
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(SkipGuard(), "skip-guard")
+        config.pluginmanager.register(Guard(), "guard")

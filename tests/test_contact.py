@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdrive_sumo.contact import Obstacles, obstacles, settle, walls
+from mdrive_sumo.contact import obstacles, settle, walls
 from mdrive_sumo.contract import Control
 from mdrive_sumo.dynamics import MKZ_2017, Body, Vehicle, step
 from mdrive_sumo.geometry import Float, box_corners
@@ -233,11 +233,13 @@ def test_a_cav_never_enters_a_building(ego: Body) -> None:
 def test_actors_are_matched_by_id_and_newcomers_do_not_sweep() -> None:
     before = actors(("a", 0, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
     after = actors(("b", 11, 0, 0), ("far", 90, 50, 0), ("new", 5, 5, 0))
-    moved: Obstacles = obstacles(before, after)
-    assert moved.before[0].tolist() == [10.0, 90.0, 5.0]  # b moved, far was put there, new stands
-    assert moved.after[0].tolist() == [11.0, 90.0, 5.0]
-    still = obstacles(before, before)
-    assert (still.before == still.after).all()
+    moved = obstacles(before, after)
+    assert moved.before.x.tolist() == [10.0, 0.0, 5.0]  # b moved, new stands
+    assert moved.after.x.tolist() == [11.0, 90.0, 5.0]
+    body = Body(45.0, 50.0, 0.0)  # far was put there: it did not sweep what lies between
+    assert settle({"e": body}, {"e": body}, {"e": MKZ_2017}, moved, NOTHING) == ({"e": body}, ())
+    same = actors(("a", 1, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
+    assert obstacles(before, same).before is before
 
 
 def test_order_of_egos_does_not_matter() -> None:

@@ -151,6 +151,19 @@ def test_tracker_stands_for_plans_here_or_behind(points: list[tuple[float, float
     assert controller.follow(plan_of(*points), own(6.0), 0).brake > 0.5
 
 
+@pytest.mark.parametrize("age_ticks", [0, 7])
+def test_tracker_looks_at_the_next_seconds_only(age_ticks: int) -> None:
+    """A way round a block comes back to where the car is; only its first part counts, however near the last is."""
+    round_trip = circle(10.0)
+    whole = plan_of(*[round_trip.at(8.0 * 0.2 * (k + 1)) for k in range(80)])
+    soon = Plan(whole.points[:18], whole.interval_s)  # 3 s from tick 7 on
+    for y in (-0.3, 0.0, 0.3):
+        first, second = (
+            CONTROLLERS["tracker"](facts(MKZ_2017)).follow(p, own(8.0, y=y), age_ticks) for p in (whole, soon)
+        )
+        assert first == second
+
+
 # The paper's controllers.
 
 

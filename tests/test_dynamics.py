@@ -164,30 +164,33 @@ def test_actuators_lag() -> None:
 
 
 def test_sub_steps_are_fine_enough() -> None:
-    """8 s of hard driving against 200 sub-steps: measured 0.081 m of 71 m (5 sub-steps: 0.17 m)."""
+    """8 s of hard driving against 200 sub-steps: measured 0.047 m of 71 m and 0.001 rad."""
     few = many = at_rest(0, 0, 0)
     for tick in range(160):
         control = Control(0.6, 0.0, 0.3 * math.sin(2 * tick * DT))
         few, many = step(few, control, MKZ_2017), step(many, control, MKZ_2017, sub_steps=200)
-    assert math.hypot(few.x - many.x, few.y - many.y) < 0.1
+    assert math.hypot(few.x - many.x, few.y - many.y) < 0.06
     assert abs(few.yaw - many.yaw) < 0.002
 
 
-def st_derivative(state: Float, steer_rate: float, parameters: object) -> Float:
-    return np.array(vehicle_dynamics_st(state.tolist(), [steer_rate, 0.0], parameters))
+def st_derivative(state: Float, inputs: list[float], parameters: object) -> Float:
+    return np.array(vehicle_dynamics_st(state.tolist(), inputs, parameters))
 
 
-def runge_kutta(state: Float, steer_rate: float, parameters: object, h: float) -> Float:
-    a = st_derivative(state, steer_rate, parameters)
-    b = st_derivative(state + h / 2 * a, steer_rate, parameters)
-    c = st_derivative(state + h / 2 * b, steer_rate, parameters)
-    d = st_derivative(state + h * c, steer_rate, parameters)
+def runge_kutta(state: Float, inputs: list[float], parameters: object, h: float) -> Float:
+    a = st_derivative(state, inputs, parameters)
+    b = st_derivative(state + h / 2 * a, inputs, parameters)
+    c = st_derivative(state + h / 2 * b, inputs, parameters)
+    d = st_derivative(state + h * c, inputs, parameters)
     return state + h / 6 * (a + 2 * b + 2 * c + d)
 
 
 @pytest.mark.parametrize("speed", [8.0, 15.0, 25.0])
 def test_agrees_with_commonroads_single_track_model(speed: float) -> None:
-    """Same BMW 320i, same wheel angles, 4 s of swerving at 2 to 3 m/s2 sideways."""
+    """Same BMW 320i, same wheel angles and speeds, 4 s of swerving at 2 to 3 m/s2 sideways.
+
+    Theirs takes the change of speed as an input and knows no drag of the turned wheels (ours loses 1 % by it).
+    """
     p = parameters_vehicle2()
     stiffness = -p.tire.p_ky1 * p.m * GRAVITY / (p.a + p.b)
     car = Vehicle(
@@ -206,13 +209,14 @@ def test_agrees_with_commonroads_single_track_model(speed: float) -> None:
     most = 0.0
     for tick in range(80):
         after = step(body, Control(0, 0, amplitude * math.sin(3 * tick * DT)), car)
+        slowed = math.hypot(after.vx, after.vy) - math.hypot(body.vx, body.vy)
         for _ in range(10):
-            state = runge_kutta(state, (after.steer_angle - body.steer_angle) / DT, p, DT / 10)
+            state = runge_kutta(state, [(after.steer_angle - body.steer_angle) / DT, slowed / DT], p, DT / 10)
         body = after
         most = max(most, abs(body.vx * body.yaw_rate))
-        assert (body.x, body.y) == pytest.approx((state[0], state[1]), abs=0.005 * speed * 4)
-        assert body.yaw == pytest.approx(state[4], abs=0.01)
-        assert body.yaw_rate == pytest.approx(state[5], abs=0.01)
+        assert (body.x, body.y) == pytest.approx((state[0], state[1]), abs=0.01)
+        assert body.yaw == pytest.approx(state[4], abs=0.003)
+        assert body.yaw_rate == pytest.approx(state[5], abs=0.003)
         assert math.atan2(body.vy, body.vx) == pytest.approx(state[6], abs=0.003)
     assert most > 1.5  # it did swerve
 

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contact.impact import Points, Pose, Thing, box, collided, meeting, wall
@@ -28,16 +27,10 @@ MARGIN = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
-    """Boxes that nobody can push, at the start and the end of one tick."""
+    """Boxes that nobody can push, at the start and the end of one tick, row by row the same."""
 
-    ids: tuple[str, ...]
-    kind: npt.NDArray[np.uint8]
-    before: Float
-    """(3, N) x [m], y [m], yaw [rad]."""
-    after: Float
-    """(3, N), as `before`."""
-    size: Float
-    """(2, N) length, width [m]."""
+    before: Actors
+    after: Actors
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,21 +46,14 @@ class Walls:
 
 def obstacles(before: Actors, after: Actors) -> Obstacles:
     """The actors of two successive ticks; one that is new in this tick stands where it appeared."""
-    end = np.array((after.x, after.y, after.yaw))
-    if before.ids == after.ids:
-        start = np.array((before.x, before.y, before.yaw))
-    else:
-        start, row = end.copy(), {actor: i for i, actor in enumerate(before.ids)}
-        for i, j in ((i, row[actor]) for i, actor in enumerate(after.ids) if actor in row):
-            start[:, i] = before.x[j], before.y[j], before.yaw[j]
-    jumped = _swept(start, end) > JUMP
-    if jumped.any():
-        start = np.where(jumped, end, start)
-    return Obstacles(after.ids, after.kind, start, end, np.array((after.length, after.width)))
-
-
-def _swept(start: Float, end: Float) -> Float:
-    return np.abs(end[:2] - start[:2]).max(axis=0)
+    if before.ids is after.ids or before.ids == after.ids:
+        return Obstacles(before, after)
+    row = {actor: i for i, actor in enumerate(before.ids)}
+    stay = [(i, row[actor]) for i, actor in enumerate(after.ids) if actor in row]
+    x, y, yaw = after.x.copy(), after.y.copy(), after.yaw.copy()
+    for i, j in stay:
+        x[i], y[i], yaw[i] = before.x[j], before.y[j], before.yaw[j]
+    return Obstacles(replace(after, x=x, y=y, yaw=yaw), after)
 
 
 def walls(rings: Iterable[Float]) -> Walls:
@@ -92,6 +78,8 @@ Key = str | int
 """A CAV's id, an actor's index, or ~index of a piece of wall (negative)."""
 Link = tuple[str, Key]
 """A CAV and what it may meet."""
+Axes = Float | tuple[Float, Float]
+"""Two rows (N,), along x and along y."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,10 +118,10 @@ def settle(
             break
     changed = {ego for ego in after if things.get(ego) is not untouched.get(ego)}
     settled = {ego: _body(scene, ego, things[ego]) if ego in changed else body for ego, body in after.items()}
-    return settled, _contacts(met, actors)
+    return settled, _contacts(met, actors.after)
 
 
-def _contacts(met: set[Link], actors: Obstacles) -> tuple[Contact, ...]:
+def _contacts(met: set[Link], actors: Actors) -> tuple[Contact, ...]:
     found: set[Contact] = set()
     for ego, other in met:
         if isinstance(other, str):
@@ -148,19 +136,19 @@ def _contacts(met: set[Link], actors: Obstacles) -> tuple[Contact, ...]:
 def _close_pairs(scene: _Scene) -> list[Link]:
     """Pairs whose bounding squares may meet in this tick: CAVs in order of their ids, then actors, then walls."""
     egos = sorted(scene.after)
-    if not egos:
-        return []
-    spots = [_spot(scene, ego) for ego in egos]
+    spots = [(ego, _spot(scene, ego)) for ego in egos]
     pairs: list[Link] = [
         (first, second)
-        for i, (first, (x, y, reach)) in enumerate(zip(egos, spots, strict=True))
-        for second, (u, v, other) in zip(egos[i + 1 :], spots[i + 1 :], strict=True)
+        for i, (first, (x, y, reach)) in enumerate(spots)
+        for second, (u, v, other) in spots[i + 1 :]
         if abs(u - x) < reach + other and abs(v - y) < reach + other
     ]
-    actors = scene.actors
-    radius = actors.size.sum(axis=0) / 2 + _swept(actors.before, actors.after)
-    pairs += [(egos[i], j) for i, j in _near(spots, actors.after, np.array((radius, radius)))]
-    return pairs + [(egos[i], ~j) for i, j in _near(spots, scene.walls.centre, scene.walls.half)]
+    if len(scene.actors.after):
+        centre, half = _squares(scene.actors)
+        pairs += [(ego, j) for ego, spot in spots for j in _near(spot, centre, half)]
+    if scene.walls.pieces:
+        pairs += [(ego, ~j) for ego, spot in spots for j in _near(spot, scene.walls.centre, scene.walls.half)]
+    return pairs
 
 
 def _spot(scene: _Scene, ego: str) -> Pose:
@@ -170,15 +158,19 @@ def _spot(scene: _Scene, ego: str) -> Pose:
     return end.x, end.y, (vehicle.length + vehicle.width) / 2 + swept + MARGIN
 
 
-def _near(spots: list[Pose], centre: Float, half: Float) -> list[tuple[int, int]]:
-    """Index pairs (spot, rectangle) that meet; rectangles have `centre` (2.., N) and `half` sizes (2, N) [m]."""
-    spot = np.array(spots)[:, :, None]
-    close = np.abs(centre[0] - spot[:, 0]) < half[0] + spot[:, 2]
-    close &= np.abs(centre[1] - spot[:, 1]) < half[1] + spot[:, 2]
-    if not close.any():
-        return []
-    rows, columns = np.nonzero(close)
-    return list(zip(rows.tolist(), columns.tolist(), strict=True))
+def _squares(actors: Obstacles) -> tuple[Axes, Axes]:
+    """Centres and half sizes [m] of squares that hold the actors during the tick."""
+    start, end = actors.before, actors.after
+    swept = np.maximum(np.abs(end.x - start.x), np.abs(end.y - start.y))
+    radius = (end.length + end.width) / 2 + swept
+    return (end.x, end.y), (radius, radius)
+
+
+def _near(spot: Pose, centre: Axes, half: Axes) -> list[int]:
+    """Which rectangles the spot's square meets."""
+    x, y, reach = spot
+    gap = np.maximum(np.abs(centre[0] - x) - half[0], np.abs(centre[1] - y) - half[1])
+    return (gap < reach).nonzero()[0].tolist()
 
 
 def _thing(key: Key, scene: _Scene) -> Thing:
@@ -199,13 +191,20 @@ def _ego(before: Body, after: Body, vehicle: Vehicle) -> Thing:
 
 
 def _actor(actors: Obstacles, row: int) -> Thing:
-    (x0, y0, yaw0), (x1, y1, yaw1) = actors.before[:, row].tolist(), actors.after[:, row].tolist()
-    length, width = actors.size[:, row].tolist()
+    end = actors.after
+    x1, y1, yaw1 = _pose(end, row)
+    x0, y0, yaw0 = _pose(actors.before, row)
+    if max(abs(x1 - x0), abs(y1 - y0)) > JUMP:
+        x0, y0, yaw0 = x1, y1, yaw1
     return replace(
-        box((x0, y0, yaw0), (x1, y1, yaw1), length, width),
+        box((x0, y0, yaw0), (x1, y1, yaw1), float(end.length[row]), float(end.width[row])),
         velocity=((x1 - x0) / DT, (y1 - y0) / DT),
         yaw_rate=wrap_angle(yaw1 - yaw0) / DT,
     )
+
+
+def _pose(actors: Actors, row: int) -> Pose:
+    return float(actors.x[row]), float(actors.y[row]), float(actors.yaw[row])
 
 
 def _parted(pair: Link, things: dict[Key, Thing], met: set[Link]) -> bool:

@@ -1,12 +1,10 @@
 """Our own trajectory tracker: pure pursuit for the wheel, a short deadbeat for the pedals."""
 
 import math
-
-import numpy as np
+from bisect import bisect
 
 from mdrive_sumo.contract import Control, Plan, VehicleFacts
-from mdrive_sumo.control.plan import Own, in_ego_frame, rounded
-from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.control.plan import Own, point_in_ego_frame, rounded
 from mdrive_sumo.state import DT, EgoState
 
 PREVIEW_S = 0.8
@@ -21,8 +19,15 @@ HOLD = 0.3
 """Brake while standing."""
 COLLAPSED = 0.1
 """A plan shorter than this [m] is one point."""
+DISTINCT = 1e-6
+"""A hop shorter than this [m] has no direction."""
 ENDS = 100.0
 """How far [m] a plan's line is prolonged."""
+HORIZON_S, HORIZON_M = 3.0, 20.0
+"""How much of a plan is looked at: what is due so soon, and at least so far."""
+
+Hop = tuple[float, float, float, float, float, float]
+"""A straight piece of line: arc length [m] at its start, its start x, y [m], unit vector along it, length [m]."""
 
 
 class Tracker:
@@ -40,11 +45,11 @@ class Tracker:
     def follow(self, plan: Plan, own: Own, age_ticks: int) -> Control:
         """See `Controller.follow`."""
         soon = _predicted(own)
-        path, stations = _path(plan, own)
-        here, _ = path.project(soon.x, soon.y)
+        stations, hops = _line(plan, own, age_ticks * DT)
+        here = _nearest(hops, soon.x, soon.y)
         goal = _station(stations, plan.interval_s, age_ticks * DT)
         throttle, brake = self._pedals(soon.speed, goal - here)
-        return rounded(throttle, brake, self._steer(path, here, soon))
+        return rounded(throttle, brake, self._steer(hops, here, soon))
 
     def _pedals(self, speed: float, distance: float) -> tuple[float, float]:
         """Throttle and brake that cover the distance [m] within `PREVIEW_S`."""
@@ -57,12 +62,13 @@ class Tracker:
             return max(0.0, acceleration + COASTING) / self._vehicle.max_acceleration, 0.0
         return 0.0, -(acceleration + COASTING) / self._vehicle.max_deceleration
 
-    def _steer(self, path: Polyline, here: float, own: EgoState) -> float:
-        """Share of the full lock that leads the centre through a point ahead on the path."""
+    def _steer(self, hops: list[Hop], here: float, own: EgoState) -> float:
+        """Share of the full lock that leads the centre through a point ahead on the line."""
         vehicle = self._vehicle
         speed = abs(own.speed)
-        ahead = LOOK_AHEAD_M + LOOK_AHEAD_S * speed + LOOK_AHEAD_S2 * speed * speed
-        x, y = in_ego_frame(np.array((path.at(here + ahead),)), own)[0].tolist()
+        target = here + LOOK_AHEAD_M + LOOK_AHEAD_S * speed + LOOK_AHEAD_S2 * speed * speed
+        start, px, py, ux, uy, _ = hops[max(bisect(hops, (target, math.inf)) - 1, 0)]
+        x, y = point_in_ego_frame(px + (target - start) * ux, py + (target - start) * uy, own)
         # Circle through centre and aim whose middle lies abeam of the rear axle.
         x += vehicle.rear_to_centre
         curvature = 2 * y / max(x * x + y * y - vehicle.rear_to_centre**2, 1e-3)
@@ -77,43 +83,66 @@ def _predicted(own: Own) -> EgoState:
     return EgoState(own.x + way * math.cos(yaw), own.y + way * math.sin(yaw), own.yaw + turn, speed)
 
 
-def _path(plan: Plan, own: Own) -> tuple[Polyline, Float]:
-    """The plan's line, prolonged straight at both ends, and the arc length (N,) [m] of its points on it."""
-    points = plan.points
-    along = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    if along[-1] < COLLAPSED:
-        return _path_to(points[-1], len(points), own)
-    line = polyline(points).xy
-    first, last = line[1] - line[0], line[-1] - line[-2]
-    start = line[0] - first * (ENDS / np.hypot(*first))
-    end = line[-1] + last * (ENDS / np.hypot(*last))
-    return Polyline(np.vstack((start, line, end))), ENDS + along
+def _line(plan: Plan, own: Own, now_s: float) -> tuple[list[float], list[Hop]]:
+    """Arc length [m] of the plan's points, repeated ones too, and the line through them, prolonged at both ends.
 
-
-def _path_to(point: Float, count: int, own: Own) -> tuple[Polyline, Float]:
-    """The line to a plan that is one point: towards it, or straight ahead if it is too near or behind.
-
-    The car itself is at arc length `ENDS`.
+    It ends where nothing that comes matters yet: beyond both `HORIZON_S` from now and `HORIZON_M`.
     """
-    x, y = in_ego_frame(point[None], own)[0].tolist()
-    distance = math.hypot(x, y) if x > COLLAPSED else x
-    yaw = own.yaw + (math.atan2(y, x) if x > COLLAPSED else 0.0)
-    here, ahead = np.array((own.x, own.y)), ENDS * np.array((math.cos(yaw), math.sin(yaw)))
-    return Polyline(np.array((here - ahead, here + ahead))), np.full(count, ENDS + distance)
+    points: list[list[float]] = plan.points.tolist()
+    s, (x, y) = 0.0, points[0]
+    stations, hops = [s], []
+    enough = (now_s + HORIZON_S) / plan.interval_s
+    for u, v in points[1:]:
+        length = math.hypot(u - x, v - y)
+        if length > DISTINCT:
+            hops.append((s, x, y, (u - x) / length, (v - y) / length, length))
+            s, x, y = s + length, u, v
+        stations.append(s)
+        if s > HORIZON_M and len(stations) > enough:
+            break
+    if s < COLLAPSED:
+        return _line_to(x, y, len(stations), own)
+    start, x, y, ux, uy, length = hops[0]
+    hops[0] = start - ENDS, x - ENDS * ux, y - ENDS * uy, ux, uy, length + ENDS
+    hops[-1] = *hops[-1][:5], hops[-1][5] + ENDS
+    return stations, hops
 
 
-def _station(stations: Float, interval_s: float, now_s: float) -> float:
+def _line_to(x: float, y: float, count: int, own: Own) -> tuple[list[float], list[Hop]]:
+    """As `_line`, of a plan that is one point: towards it, or straight ahead if it is too near or behind.
+
+    The car itself is at arc length 0.
+    """
+    ahead, left = point_in_ego_frame(x, y, own)
+    distance = math.hypot(ahead, left) if ahead > COLLAPSED else ahead
+    yaw = own.yaw + (math.atan2(left, ahead) if ahead > COLLAPSED else 0.0)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return [distance] * count, [(-ENDS, own.x - ENDS * cos, own.y - ENDS * sin, cos, sin, 2 * ENDS)]
+
+
+def _nearest(hops: list[Hop], x: float, y: float) -> float:
+    """Arc length [m] of the point of the line that is nearest to (x, y)."""
+    least, here = math.inf, 0.0
+    for start, px, py, ux, uy, length in hops:
+        dx, dy = x - px, y - py
+        along, aside = dx * ux + dy * uy, dx * uy - dy * ux
+        on = 0.0 if along < 0.0 else length if along > length else along
+        gap = aside * aside + (along - on) * (along - on)
+        if gap < least:
+            least, here = gap, start + on
+    return here
+
+
+def _station(stations: list[float], interval_s: float, now_s: float) -> float:
     """Arc length [m] where the plan wants the car `LAG_S` + `PREVIEW_S` from now, when `now_s` seconds have passed.
 
     Before its first and after its last point a plan has the speed of its first and last hop.
     """
     count, later = len(stations), LAG_S + PREVIEW_S
     if now_s > count * interval_s:
-        return float(stations[-1])
+        return stations[-1]
     if count == 1:
-        return ENDS + float(stations[0] - ENDS) * later / max(interval_s - now_s, DT)
+        return stations[0] * later / max(interval_s - now_s, DT)
     index = (now_s + later) / interval_s - 1
-    if index < 0:
-        return float(stations[0] + index * (stations[1] - stations[0]))
-    over = max(0.0, index - (count - 1))
-    return float(np.interp(index, np.arange(count), stations) + over * (stations[-1] - stations[-2]))
+    hop = min(max(int(index), 0), count - 2)
+    return stations[hop] + (index - hop) * (stations[hop + 1] - stations[hop])
