@@ -5,7 +5,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.errors import InputError
@@ -30,7 +30,7 @@ def agent_class(locator: str) -> Callable[[Config], Agent]:
     found: Any = getattr(module, name, None)
     if not callable(found):
         raise InputError(f"agent {locator!r}: expected a class {name} in {place}, found none")
-    return found
+    return cast("Callable[[Config], Agent]", found)
 
 
 def _from_name(name: str) -> Any:

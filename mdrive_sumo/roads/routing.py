@@ -81,7 +81,7 @@ def route_along(
         if not last and lanes[i + 1] in (lane.left, lane.right):
             neighbour = _known(roads, lanes[i + 1])
             goal = neighbour.centre.at(goal_s) if i + 2 == len(lanes) else neighbour.centre.xy[-1]
-            end = lane.centre.project(*goal)[0]
+            end = lane.centre.project(float(goal[0]), float(goal[1]))[0]
             leave, arrive = _change_window(lane, begin, end, (change_at or {}).get(i))
             pieces.append(_stretch(lane, begin, leave))
             pieces.append(_change(lane, neighbour, leave, arrive))
