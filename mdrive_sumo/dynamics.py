@@ -166,7 +166,7 @@ def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_ste
 
 
 def _within(limit: float, value: float) -> float:
-    """The value, or the nearest of +-limit. (Written out: the built-ins min and max cost more than all the rest.)"""
+    """The value, or the nearer of +-limit. Not max(min()): those calls would cost more than the forces."""
     return value if -limit <= value <= limit else math.copysign(limit, value)
 
 
@@ -179,7 +179,8 @@ def _accelerated(motion: Triple, steer_angle: float, drive: float, brake: float,
 
 def _grip(vx: float, drive: float, brake: float, vehicle: Vehicle) -> float:
     """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
-    used = drive * vehicle.max_acceleration - math.copysign(brake, vx) * vehicle.max_deceleration
+    braking = brake * vehicle.max_deceleration
+    used = drive * vehicle.max_acceleration + (braking if vx < 0.0 else -braking)
     left = (vehicle.friction * GRAVITY) ** 2 - used * used
     return math.sqrt(left) if left > 0.0 else 0.0
 

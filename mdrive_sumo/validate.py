@@ -20,7 +20,7 @@ from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.scenario.statistics import statistics
+from mdrive_sumo.scenario.statistics import PAPER, statistics
 from mdrive_sumo.score import ScoreMode, score_episode
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.soundness import check_scenario
@@ -36,13 +36,8 @@ LATE_S = 2.5
 LEAST_HIDDEN = 15
 """Of the 46 scenarios of `interdrive`."""
 TOLERANCE = 0.05
-PAPER_MEANS = {
-    "CAVs": ("mean_cavs", 3.80),
-    "route [m]": ("mean_route_m", 51.83),
-    "heading change [deg]": ("mean_heading_change_deg", 65.85),
-}
-"""What the paper's table of scenario distribution says of InterDrive, by field of `SuiteStatistics`."""
-PAPER_SCENARIOS = 46
+MEANS = {"CAVs": "mean_cavs", "route [m]": "mean_route_m", "heading change [deg]": "mean_heading_change_deg"}
+"""Fields of `SuiteStatistics` in which a suite shall be like the paper's."""
 LIMIT_S = 300.0
 """Wall clock for one scenario."""
 
@@ -171,20 +166,20 @@ def _boxes(episode: Episode, tick: int, column: int) -> Float:
 
 
 def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[str, ...]:
-    """What is wrong with a suite as a whole; asked of `interdrive` only.
+    """What is wrong with a suite as a whole; asked of the paper's suites only.
 
     The number of hidden conflicts is asked for if every scenario was examined.
     """
-    if suite.name != "interdrive":
+    if suite.name not in PAPER:
         return ()
-    found = statistics(suite.scenarios)
+    found, paper = statistics(suite.scenarios), PAPER[suite.name]
     problems = [
-        f"{what}: expected {paper:g} (+-{TOLERANCE:.0%}) on average, found {mean:.2f}"
-        for what, (field, paper) in PAPER_MEANS.items()
-        if abs((mean := getattr(found, field)) / paper - 1) > TOLERANCE
+        f"{what}: expected {wanted:g} (+-{TOLERANCE:.0%}) on average, found {mean:.2f}"
+        for what, field in MEANS.items()
+        if abs((mean := getattr(found, field)) / (wanted := getattr(paper, field)) - 1) > TOLERANCE
     ]
-    if found.scenarios != PAPER_SCENARIOS:
-        problems.append(f"expected {PAPER_SCENARIOS} scenarios, found {found.scenarios}")
+    if found.scenarios != paper.scenarios:
+        problems.append(f"expected {paper.scenarios} scenarios, found {found.scenarios}")
     hidden = sum(examination.hidden for examination in examinations)
     if len(examinations) == found.scenarios and hidden < LEAST_HIDDEN:
         problems.append(f"expected {LEAST_HIDDEN} conflicts or more that are hidden until late, found {hidden}")

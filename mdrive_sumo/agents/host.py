@@ -10,7 +10,8 @@ import signal
 import struct
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any, BinaryIO
+from io import TextIOWrapper
+from typing import Any, BinaryIO, cast
 
 from mdrive_sumo.agents import wire
 from mdrive_sumo.agents.lookup import agent_class
@@ -41,6 +42,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
+    cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # what the agent prints survives its end
     requests = sys.stdin.buffer
     handle = _handler(sys.argv[1])
     while True:

@@ -11,19 +11,8 @@ from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.scenario.statistics import SuiteStatistics, statistics
+from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
 
-PAPER: Mapping[str, SuiteStatistics] = {
-    "interdrive": SuiteStatistics(
-        scenarios=46,
-        cavs=175,
-        mean_cavs=3.80,
-        mean_route_m=51.83,
-        mean_heading_change_deg=65.85,
-        mean_actors=0.0,
-    )
-}
-"""The paper's table of scenario distribution, by suite; the number of CAVs is from the original files."""
 STATISTICS_HEADER: Row = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
 

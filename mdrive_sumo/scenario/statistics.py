@@ -1,6 +1,6 @@
 """How large a set of scenarios is, in the terms of the paper's table of scenario distribution."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
@@ -31,6 +31,19 @@ class SuiteStatistics:
     mean_heading_change_deg: float
     mean_actors: float
     """Background vehicles; CAVs do not count."""
+
+
+PAPER: Mapping[str, SuiteStatistics] = {
+    "interdrive": SuiteStatistics(
+        scenarios=46,
+        cavs=175,
+        mean_cavs=3.80,
+        mean_route_m=51.83,
+        mean_heading_change_deg=65.85,
+        mean_actors=0.0,
+    )
+}
+"""The paper's table of scenario distribution, by suite; the number of CAVs is from the original files."""
 
 
 def statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
