@@ -112,7 +112,7 @@ def test_a_bad_agent_fails_with_its_reason(path: Path, mode: str, failure: Failu
 
 
 def test_an_episode_has_a_time_limit_too(path: Path) -> None:
-    remote = driver(path, "good", tick_s=5.0, episode_s=0.0)
+    remote = driver(path, "sleep", tick_s=30.0, episode_s=0.5)
     remote.sensors()
     remote.ask(SEEN)
     with pytest.raises(AgentFailure, match="time limit"):
