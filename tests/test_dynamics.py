@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
@@ -78,6 +78,7 @@ def test_energy_never_grows_without_throttle(body: Body, brake: float, steer: fl
 
 @settings(max_examples=100, deadline=None)
 @given(bodies, st.lists(controls, min_size=1, max_size=10))
+@example(Body(0, 0, 0, vx=-0.0, yaw_rate=3.0, drive=1.0, brake=0.5), [Control(1.0, 0.5, 0.0)])  # the sign of nothing
 def test_mirrored_input_gives_the_mirrored_path(body: Body, orders: list[Control]) -> None:
     body = replace(body, x=0.0, y=0.0, yaw=0.3)
     other = replace(body, yaw=-0.3, vy=-body.vy, yaw_rate=-body.yaw_rate, steer_angle=-body.steer_angle)
