@@ -9,6 +9,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import repeat
 from types import TracebackType
 from typing import Any, Self
 
@@ -17,11 +18,15 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.errors import InputError, WorldError
-from mdrive_sumo.geometry import box_corners, wrap_angle, wrap_angles
+from mdrive_sumo.geometry import box_corners, wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors, EgoState, Kind, no_actors
 
+_position, _angle, _speed = (
+    getattr(libsumo.libsumo._libsumo, f"vehicle_get{what}") for what in ("Position", "Angle", "Speed")
+)
+"""libsumo's own functions below its Python wrappers, which take as long again; called for every vehicle and tick."""
 EGO, GHOST = "ego:", "ghost:"
 HELD_TICKS = 2 * TICKS_PER_SECOND
 """How long a struck background vehicle stands (design/architecture, decisions)."""
@@ -29,8 +34,8 @@ CORRIDOR_M = 1.8
 """Width of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
 MATCH_M = 8.0
 """How far [m] SUMO looks for a lane to put a placed vehicle on. Its default, 100 m, takes twice as long."""
-GHOST_TICKS = 3
-"""Which lanes an ego overlaps is found every 0.15 s; between, its ghosts move along. SUMO's drivers look less often."""
+GHOST_TICKS = 4
+"""Which lanes an ego overlaps is found every 0.2 s; between, its ghosts move along. SUMO's drivers look less often."""
 KEEP_ROUTE = 2
 """moveToXY: take x, y, angle as they are, on any lane and off the road too (sumo_pitfalls 1.1)."""
 
@@ -257,12 +262,11 @@ class SumoWorld:
         ids = cast.ids
         if not ids:
             return cast
-        vehicle = libsumo.vehicle
-        front = np.array(list(map(vehicle.getPosition, ids)))
-        yaw = wrap_angles(np.pi / 2 - np.radians(list(map(vehicle.getAngle, ids))))
-        speed = np.array(list(map(vehicle.getSpeed, ids)))
+        front = np.array(list(map(_position, ids, repeat(False)))).T
+        yaw = np.radians((270.0 - np.array(list(map(_angle, ids)))) % 360.0 - 180.0)
+        speed = np.array(list(map(_speed, ids)))
         half = cast.length / 2
-        x, y = front[:, 0] - np.cos(yaw) * half, front[:, 1] - np.sin(yaw) * half
+        x, y = front[0] - np.cos(yaw) * half, front[1] - np.sin(yaw) * half
         return Actors(ids, cast.kind, x, y, yaw, speed, cast.length, cast.width)
 
     def _casting(self, present: Sequence[str]) -> Actors:

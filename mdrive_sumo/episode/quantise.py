@@ -1,7 +1,5 @@
 """The one quantisation: 1 mm, 0.1 mrad, 1 mm/s. Live and stored scoring read the same values."""
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
@@ -33,14 +31,14 @@ def quantised_frame(frame: Frame) -> Frame:
         x, y, yaw, speed = np.multiply(np.rint(table, out=table), _COLUMN, out=table)
         rounded = Actors(actors.ids, actors.kind, x, y, yaw, speed, actors.length, actors.width)
     egos = {ego_id: _quantised_ego(state) for ego_id, state in frame.egos.items()}
-    return replace(frame, egos=egos, actors=rounded)
+    return Frame(frame.tick, egos, rounded, frame.signals, frame.contacts)
 
 
 def _quantised_ego(ego: EgoState) -> EgoState:
     x, y, yaw, speed = (
         round(v / step) * step for v, step in zip((ego.x, ego.y, ego.yaw, ego.speed), _STEPS, strict=True)
     )
-    return replace(ego, x=x, y=y, yaw=yaw, speed=speed)
+    return EgoState(x, y, yaw, speed, ego.acceleration, ego.yaw_rate, ego.steer_angle)
 
 
 _STEPS = tuple(float(step) for step in STEP)
