@@ -33,10 +33,16 @@ def wrap_angles(angles: Float) -> Float:
 def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> Float:
     """Corners (4, 2) of an oriented box, counter-clockwise from front left."""
     cos, sin = math.cos(yaw), math.sin(yaw)
-    ahead = np.array((cos, sin)) * (length / 2)
-    left = np.array((-sin, cos)) * (width / 2)
-    centre = np.array((x, y))
-    return np.array((centre + ahead + left, centre - ahead + left, centre - ahead - left, centre + ahead - left))
+    ahead_x, ahead_y = cos * length / 2, sin * length / 2
+    left_x, left_y = -sin * width / 2, cos * width / 2
+    return np.array(
+        (
+            (x + ahead_x + left_x, y + ahead_y + left_y),
+            (x - ahead_x + left_x, y - ahead_y + left_y),
+            (x - ahead_x - left_x, y - ahead_y - left_y),
+            (x + ahead_x - left_x, y + ahead_y - left_y),
+        )
+    )
 
 
 def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import repeat
+from itertools import chain, repeat
 from types import TracebackType
 from typing import Any, Self
 
@@ -32,10 +32,10 @@ HELD_TICKS = 2 * TICKS_PER_SECOND
 """How long a struck background vehicle stands (design/architecture, decisions)."""
 CORRIDOR_M = 1.8
 """Width of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
-MATCH_M = 8.0
+MATCH_M = 5.0
 """How far [m] SUMO looks for a lane to put a placed vehicle on. Its default, 100 m, takes twice as long."""
-GHOST_TICKS = 4
-"""Which lanes an ego overlaps is found every 0.2 s; between, its ghosts move along. SUMO's drivers look less often."""
+GHOST_TICKS = 5
+"""Which lanes an ego overlaps is found every 0.25 s; between, its ghosts move along. SUMO's drivers look less often."""
 KEEP_ROUTE = 2
 """moveToXY: take x, y, angle as they are, on any lane and off the road too (sumo_pitfalls 1.1)."""
 
@@ -213,7 +213,8 @@ class SumoWorld:
         for name, ghost in wanted.items():
             if name not in self._ghosts:
                 self._add_remote(name, GHOST, ghost.length, CORRIDOR_M, ghost.lane.edge)
-            libsumo.vehicle.setLength(name, ghost.length)
+            elif ghost.length != self._ghosts[name].length:
+                libsumo.vehicle.setLength(name, ghost.length)
             x, y = ghost.lane.centre.at(ghost.front_s)
             hint = (ghost.lane.edge, ghost.lane.index)
             _place(name, x, y, ghost.lane.centre.yaw_at(ghost.front_s), ghost.speed, hint)
@@ -262,7 +263,8 @@ class SumoWorld:
         ids = cast.ids
         if not ids:
             return cast
-        front = np.array(list(map(_position, ids, repeat(False)))).T
+        places = chain.from_iterable(map(_position, ids, repeat(False)))
+        front = np.fromiter(places, dtype=np.float64, count=2 * len(ids)).reshape(-1, 2).T
         yaw = np.radians((270.0 - np.array(list(map(_angle, ids)))) % 360.0 - 180.0)
         speed = np.array(list(map(_speed, ids)))
         half = cast.length / 2

@@ -88,12 +88,10 @@ class Recorder:
                 self._signals.append(SignalChange(frame.tick, light, state))
 
     def _note_digest(self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16]) -> None:
-        chain = self._chain
-        chain.update(self._names)
-        chain.update(quanta.astype("<i4", copy=False).tobytes())
-        chain.update(applied.astype("<i2", copy=False).tobytes())
-        chain.update(repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode())
-        self._digests.append(chain.digest())
+        facts = repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode()
+        states, controls = quanta.astype("<i4", copy=False), applied.astype("<i2", copy=False)
+        self._chain.update(b"".join((self._names, states.tobytes(), controls.tobytes(), facts)))
+        self._digests.append(self._chain.digest())
 
     def finish(self, endings: Sequence[Ending]) -> Episode:
         """The read-only Episode of all that was added."""
