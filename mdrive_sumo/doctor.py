@@ -26,7 +26,6 @@ PACKAGES = (
     ("sumolib", "eval, verify, show, view", ""),
     ("matplotlib", "show", ""),
     ("eclipse-sumo", "convert", "convert"),
-    ("pyproj", "convert", "convert"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
 
