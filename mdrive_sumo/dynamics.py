@@ -75,11 +75,6 @@ class Vehicle:
     drag_area: float = 0.68
     """Drag coefficient x frontal area [m2]. Assumption: 0.30 (CARLA's blueprint value) x 2.27 m2."""
 
-    @property
-    def front_to_centre(self) -> float:
-        """Distance [m] from the box centre forward to the front axle."""
-        return self.wheelbase - self.rear_to_centre
-
 
 MKZ_2017 = Vehicle()
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
+import shapely
 
 from mdrive_sumo.contract import (
     Briefing,
@@ -19,7 +20,7 @@ from mdrive_sumo.contract import (
 )
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Int, Polyline
-from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.spec import Ego
 from mdrive_sumo.state import DT, EgoState, Frame, Kind
 
@@ -30,7 +31,7 @@ SENSORS = ("objects", "privileged")
 def briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_limit_s: float) -> Briefing:
     """All that the agent of one CAV is told before the first tick."""
     route = Polyline(ego.xy)
-    lanes = [roads.driving[i] for i in roads.nearest(ego.xy).lane]
+    lanes = _assigned_lanes(ego, roads)
     return Briefing(
         ego_id=ego.id,
         seed=seed,
@@ -45,6 +46,14 @@ def briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_li
         stop_signs=tuple(StopSign(s) for s in _sign_stations(ego, roads, route)),
         traffic_lights=tuple(_lights(ego, roads, route)),
     )
+
+
+def _assigned_lanes(ego: Ego, roads: RoadMap) -> list[Lane]:
+    """The lane of the route that is nearest to each route point; others may cross there."""
+    lanes = [roads.lanes[name] for name in ego.lanes]
+    lines = np.array([shapely.LineString(lane.centre.xy) for lane in lanes], dtype=object)
+    gaps = np.asarray(shapely.distance(np.array(shapely.points(ego.xy), dtype=object)[:, None], lines))
+    return [lanes[i] for i in gaps.argmin(axis=1)]
 
 
 def _sign_stations(ego: Ego, roads: RoadMap, route: Polyline) -> list[float]:

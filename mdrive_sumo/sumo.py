@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.errors import InputError, WorldError
-from mdrive_sumo.geometry import box_corners, wrap_angle
+from mdrive_sumo.geometry import Float, box_corners
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors, EgoState, Kind, no_actors
@@ -40,9 +40,9 @@ KEEP_ROUTE = 2
 """moveToXY: take x, y, angle as they are, on any lane and off the road too (sumo_pitfalls 1.1)."""
 
 
-def yaw_from_sumo(angle_deg: float) -> float:
-    """SUMO heading [deg, clockwise from north] -> yaw [rad, counter-clockwise from +x]."""
-    return wrap_angle(math.pi / 2 - math.radians(angle_deg))
+def yaws_from_sumo(angles_deg: Float) -> Float:
+    """SUMO headings (N,) [deg, clockwise from north] -> yaws [rad, counter-clockwise from +x] in [-pi, pi)."""
+    return np.radians((270.0 - angles_deg) % 360.0 - 180.0)
 
 
 def angle_to_sumo(yaw: float) -> float:
@@ -265,7 +265,7 @@ class SumoWorld:
             return cast
         places = chain.from_iterable(map(_position, ids, repeat(False)))
         front = np.fromiter(places, dtype=np.float64, count=2 * len(ids)).reshape(-1, 2).T
-        yaw = np.radians((270.0 - np.array(list(map(_angle, ids)))) % 360.0 - 180.0)
+        yaw = yaws_from_sumo(np.array(list(map(_angle, ids))))
         speed = np.array(list(map(_speed, ids)))
         half = cast.length / 2
         x, y = front[0] - np.cos(yaw) * half, front[1] - np.sin(yaw) * half

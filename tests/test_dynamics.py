@@ -119,7 +119,7 @@ def test_steady_yaw_rate_is_that_of_the_linear_model(speed: float, rear_stiffnes
     car = replace(FRICTIONLESS, rear_stiffness=rear_stiffness)
     angle = 0.01
     body = driven(Body(0, 0, 0, vx=speed), Control(0, 0, angle / car.max_steer_angle), 3.0, car)[-1]
-    front, rear, length = car.front_to_centre, car.rear_to_centre, car.wheelbase
+    front, rear, length = car.wheelbase - car.rear_to_centre, car.rear_to_centre, car.wheelbase
     understeer = (
         car.mass
         * (rear * car.rear_stiffness - front * car.front_stiffness)
