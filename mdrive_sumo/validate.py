@@ -6,16 +6,16 @@ The suite `interdrive` is also held against the paper's table of scenario distri
 scenarios in which a building or another CAV hides the conflict until late.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import numpy as np
 import shapely
 
+from mdrive_sumo.certificate import DRIVES, Certificate, Drive, certify
 from mdrive_sumo.episode import Episode
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Bool, Float, box_corners, boxes_corners
+from mdrive_sumo.geometry import box_corners
 from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.catalog import Suite
@@ -24,15 +24,12 @@ from mdrive_sumo.scenario.statistics import PAPER, statistics
 from mdrive_sumo.score import ScoreMode, score_episode
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.soundness import check_scenario
-from mdrive_sumo.state import TICKS_PER_SECOND
-from mdrive_sumo.suite.job import Job, prepared, reexecute, run_job
+from mdrive_sumo.suite.job import Job, prepared, reexecute
 from mdrive_sumo.suite.pool import Pool, WorkerFailure
 
 NEAR_MISS_TTC_S = 0.9
 """Blind driving must come closer to a collision than this (paper, CR; protocol 14.2)."""
 FULL_SCORE = 100.0
-LATE_S = 2.5
-"""A conflict that shows itself later than this before the collision of blind drivers counts as hidden until late."""
 LEAST_HIDDEN = 15
 """Of the 46 scenarios of `interdrive`."""
 TOLERANCE = 0.05
@@ -59,8 +56,13 @@ class Examination:
     blind_ttc_s: float | None = None
     """Least time to collision of constant-speed driving; None: never within 1.8 s, or not driven."""
     omniscient_ds: float | None = None
-    hidden: bool = False
-    """Whether the conflict is hidden until late, see `hidden_until_late`."""
+    certificate: Certificate | None = None
+    """Where somebody is hidden from a CAV on the way to a conflict; None if it was not driven."""
+
+    @property
+    def hidden(self) -> bool:
+        """Whether a conflict is hidden until late, see `certificate.Hidden.matters`."""
+        return self.certificate is not None and self.certificate.occluded
 
 
 def sampled(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
@@ -85,15 +87,15 @@ def examine(question: Question) -> Examination:
     unsound = tuple(_unsound(scenario, roads))
     if unsound:
         return Examination(scenario.id, unsound)
-    episode = reexecute(blind)
-    ttc = score_episode(episode, scenario, roads, ScoreMode.MDRIVE, blind.seed).min_ttc
-    ds = run_job(_job(question, "omniscient")).ds
+    drives: dict[Drive, Episode] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
+    scores = {d: score_episode(episode, scenario, roads, ScoreMode.MDRIVE, blind.seed) for d, episode in drives.items()}
+    ttc, ds = scores["constant-speed"].min_ttc, scores["omniscient"].ds
     problems: list[str] = []
     if ttc is None or ttc >= NEAR_MISS_TTC_S:
         problems.append(f"not difficult: expected a blind TTC below {NEAR_MISS_TTC_S} s, found {_shown(ttc)}")
     if ds < FULL_SCORE:
         problems.append(f"not solvable: expected omniscient to reach DS {FULL_SCORE:g}, found {ds:.2f}")
-    return Examination(scenario.id, tuple(problems), ttc, ds, hidden_until_late(episode, roads))
+    return Examination(scenario.id, tuple(problems), ttc, ds, _certificate(question, drives))
 
 
 def _shown(ttc: float | None) -> str:
@@ -122,47 +124,10 @@ def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
             yield f"CAV {name} starts inside a building"
 
 
-def hidden_until_late(episode: Episode, roads: RoadMap) -> bool:
-    """Whether two CAVs of a blind drive collide that could not see each other until less than `LATE_S` before.
-
-    Only the first collision of either CAV counts. They see each other when no building and no third CAV's box
-    lies on the line between their box centres; from the first tick on it has to be blocked.
-    """
-    return any(_late(episode, roads, tick, pair) for tick, pair in _first_collisions(episode))
-
-
-def _first_collisions(episode: Episode) -> Iterator[tuple[int, tuple[int, int]]]:
-    """(tick, columns) of collisions between CAVs that had none before."""
-    column = {name: i for i, name in enumerate(episode.ids[: episode.egos])}
-    struck: dict[int, int] = {}
-    for tick, contact in episode.contacts:
-        if contact.other in column and contact.ego in column:
-            pair = (column[contact.ego], column[contact.other])
-            if all(struck.setdefault(one, tick) == tick for one in pair) and pair[0] < pair[1]:
-                yield tick, pair
-
-
-def _late(episode: Episode, roads: RoadMap, tick: int, pair: tuple[int, int]) -> bool:
-    free = np.flatnonzero(~_blocked(episode, roads, tick, pair))
-    first_seen = int(free[0]) if len(free) else tick
-    return first_seen > 0 and tick - first_seen < LATE_S * TICKS_PER_SECOND
-
-
-def _blocked(episode: Episode, roads: RoadMap, tick: int, pair: tuple[int, int]) -> Bool:
-    """Whether something lies on the line of sight in each of the ticks 0 to `tick` (tick + 1,)."""
-    ends = np.stack([np.column_stack((episode.x[: tick + 1, i], episode.y[: tick + 1, i])) for i in pair], 1)
-    lines = shapely.linestrings(ends)
-    blocked = np.asarray(shapely.intersects(lines, shapely.union_all(roads.building_shapes)))
-    for third in set(range(episode.egos)) - set(pair):
-        boxes = shapely.polygons(_boxes(episode, tick, third))
-        blocked |= episode.valid[: tick + 1, third] & np.asarray(shapely.intersects(lines, boxes))
-    return blocked
-
-
-def _boxes(episode: Episode, tick: int, column: int) -> Float:
-    """Corners (tick + 1, 4, 2) [m] of a CAV up to a tick."""
-    x, y, yaw = (part[: tick + 1, column] for part in (episode.x, episode.y, episode.yaw))
-    return boxes_corners(x, y, yaw, episode.length[column], episode.width[column])
+def _certificate(question: Question, drives: Mapping[Drive, Episode]) -> Certificate:
+    scenario, roads = prepared(_job(question, "omniscient"))
+    hidden = (interval for drive, episode in drives.items() for interval in certify(drive, episode, scenario, roads))
+    return Certificate(scenario=question.scenario, hidden=tuple(hidden))
 
 
 def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[str, ...]:

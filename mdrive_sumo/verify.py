@@ -16,6 +16,8 @@ from mdrive_sumo.state import DT, End
 from mdrive_sumo.suite.job import Job, reexecute
 from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
 from mdrive_sumo.suite.preparation import Prepared
+from mdrive_sumo.suite.transcript import transcript_path
+from mdrive_sumo.v2x.channel import Fate
 
 STATE_NAMES = ("x", "y", "yaw", "speed")
 CONTROL_NAMES = ("throttle", "brake", "steer")
@@ -72,7 +74,7 @@ def verify(run: Prepared, chosen: Sequence[ScenarioResult], workers: int) -> Ite
 
 def checked(check: Check) -> Verdict:
     """Executes one scenario again; runs in a worker."""
-    job = replace(check.job, log_folder="")
+    job = replace(check.job, log_folder="", transcripts="")
     if not job.recording:
         again = reexecute(job)
         same = again.digest == check.digest
@@ -86,12 +88,19 @@ def checked(check: Check) -> Verdict:
             f"the recording's digest is {recorded.digest}, that of the results {check.digest}",
         )
     failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
-    difference = first_difference(recorded, reexecute(replace(job, replayed=failures)))
+    again = replace(job, replayed=failures, thought=recorded.thinking)
+    difference = first_difference(recorded, reexecute(_from_transcript(again, check.job.transcripts)))
     if difference is None:
         return Verdict(job.scenario, True, f"identical ({recorded.ticks} ticks)")
     seconds = difference.tick * DT
     text = f"first difference at tick {difference.tick} ({seconds:.2f} s): {difference.text}"
     return Verdict(job.scenario, False, text)
+
+
+def _from_transcript(job: Job, folder: str) -> Job:
+    """The job with the answers of its language models taken from the run's transcript, if it has one."""
+    path = transcript_path(Path(folder), job.scenario)
+    return replace(job, agent_config={**job.agent_config, "transcript": str(path)}) if path.is_file() else job
 
 
 def first_difference(recorded: Episode, again: Episode) -> Difference | None:
@@ -114,6 +123,8 @@ def first_difference(recorded: Episode, again: Episode) -> Difference | None:
 
 def _details(recorded: Episode, again: Episode, tick: int) -> Iterator[str]:
     """What differs in one tick: who is there, states, controls, signals, contacts."""
+    if (heard := _arrivals(again, tick)) != (had := _arrivals(recorded, tick)):
+        yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
     yield from _state_details(_states(recorded, tick), _states(again, tick))
     yield from _control_details(recorded, again, tick)
     if (lights := _changes(again, tick)) != (before := _changes(recorded, tick)):
@@ -145,6 +156,15 @@ def _states(episode: Episode, tick: int) -> dict[str, Float]:
 
 def _changes(episode: Episode, tick: int) -> dict[str, str]:
     return {change.light: change.state for change in episode.signals if change.tick == tick}
+
+
+def _arrivals(episode: Episode, tick: int) -> list[str]:
+    return [
+        f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
+        for sent in episode.messages
+        for receiver, fate in sent.fates.items()
+        if fate == (Fate.DELIVERED, tick)
+    ]
 
 
 def _contacts(episode: Episode, tick: int) -> list[tuple[str, str]]:

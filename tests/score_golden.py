@@ -111,7 +111,7 @@ def episode(
         shown = signals.get(tick, shown)
         living = {i: EgoState(*rows[tick]) for i, rows in drives.items() if tick < len(rows)}
         frame = Frame(tick, living, actors or no_actors(), shown, tuple(hits.get(tick, ())))
-        recorder.add(quantised_frame(frame), {}, {})
+        recorder.add(quantised_frame(frame), {}, {}, {})
     return recorder.finish([_ending(i, len(rows) - 1, ends[i]) for i, rows in drives.items()])
 
 

@@ -23,14 +23,14 @@ def cars(*rows: tuple[float, float, float, float]) -> Objects:
     return Objects(names, kind, *table.T, np.full(len(table), 4.5), np.full(len(table), 1.8))
 
 
-def mover(name: str = "m", speed: float = 8.0) -> yielding.Mover:
-    return yielding.Mover(name, speed, 8.0, 2.0)
+def mover(speed: float = 8.0) -> yielding.Mover:
+    return yielding.Mover((0.0, 0.0), speed, 8.0, 2.0)
 
 
 def crossing(
-    bearing: float, arrives_s: float, leaves_s: float, name: str = "x", turning: bool = False
+    bearing: float, arrives_s: float, leaves_s: float, x: float = 9.0, turning: bool = False
 ) -> yielding.Crossing:
-    return yielding.Crossing(name, 16.0, 22.0, arrives_s, leaves_s, False, bearing, turning)
+    return yielding.Crossing("t", 16.0, 22.0, arrives_s, leaves_s, False, bearing, turning, (x, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -41,8 +41,8 @@ def crossing(
         (crossing(math.pi / 2, 2.1, 3.0), True),  # tie, it comes from my right
         (crossing(-math.pi / 2, 2.1, 3.0), False),  # tie, it comes from my left
         (crossing(math.pi, 2.1, 3.0, turning=True), True),  # tie, oncoming, I turn
-        (crossing(math.pi, 2.1, 3.0, name="a"), True),  # tie, oncoming, the smaller name goes
-        (crossing(math.pi, 2.1, 3.0, name="z"), False),
+        (crossing(math.pi, 2.1, 3.0, x=-9.0), True),  # tie, oncoming, the one further west goes
+        (crossing(math.pi, 2.1, 3.0, x=9.0), False),
         (crossing(math.pi / 2, 0.1, 0.9), False),  # gone before I come
     ],
 )

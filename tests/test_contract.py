@@ -12,12 +12,18 @@ from hypothesis import strategies as st
 from mdrive_sumo.agents import wire
 from mdrive_sumo.contract import (
     CONTROL_STEP,
+    STANDSTILL,
     Control,
+    Gnss,
+    Imu,
     Message,
+    Note,
     Objects,
     Observation,
     OwnState,
     Plan,
+    PointCloud,
+    Raster,
     Reply,
     ReplyError,
     SensorSpec,
@@ -62,7 +68,15 @@ def test_controls_are_rounded_to_the_step_that_is_recorded(throttle: float, brak
         (Reply(plan=Plan(np.zeros((1, 2)), 0.0)), "interval_s"),
         (Reply(plan=Plan(np.zeros((1, 2)), math.nan)), "interval_s"),
         (Reply(plan=Plan(np.zeros((1, 2)), 0.2, "magic")), "unknown controller 'magic'"),
-        (Reply(control=Control(0, 0, 0), messages=("hello",)), "expected messages of type Message"),  # type: ignore[arg-type]
+        (Reply(control=Control(0, 0, 0), messages=("hello",)), "expected Message with a bytes payload, found str"),  # type: ignore[arg-type]
+        (Reply(control=STANDSTILL, messages=[]), "messages: expected a tuple of at most 64, found list"),  # type: ignore[arg-type]
+        (Reply(control=STANDSTILL, messages=(Message("text", b""),) * 65), "at most 64, found 65"),
+        (Reply(control=STANDSTILL, messages=(Message("text", "hi"),)), "bytes payload"),  # type: ignore[arg-type]
+        (Reply(control=STANDSTILL, messages=(Message("a b", b""),)), "type: expected 1 to 16 of a-z, 0-9, _ and -"),
+        (Reply(control=STANDSTILL, messages=(Message("x" * 17, b""),)), "type: expected 1 to 16"),
+        (Reply(control=STANDSTILL, notes="why"), "notes: expected a tuple, found str"),  # type: ignore[arg-type]
+        (Reply(control=STANDSTILL, notes=(Note("Why?", ""),)), "notes: kind: expected 1 to 16"),
+        (Reply(control=STANDSTILL, notes=(Note("why", "x" * 200_001),)), "at most 200000 characters a tick"),
     ],
 )
 def test_a_bad_answer_is_named(reply: object, message: str) -> None:
@@ -75,6 +89,7 @@ def test_the_schema_is_data_and_names_every_type() -> None:
     assert {"SensorSpec", "Briefing", "Observation", "Reply", "Plan", "Control", "Privileged"} <= set(data["types"])
     assert data["types"]["Reply"]["fields"] == {
         "control": "Control | null", "plan": "Plan | null", "messages": "tuple[Message]",
+        "notes": "tuple[Note]",
     }  # fmt: skip
     assert data["types"]["Objects"]["fields"]["x"] == "array[float64]"
 
@@ -87,7 +102,7 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, tuple):
         return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
     if hasattr(a, "items"):
-        return dict(a) == dict(b)
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     return bool(a == b)
 
 
@@ -96,7 +111,16 @@ def test_every_message_survives_the_wire() -> None:
     own = OwnState(1, 2, 3, 4, 5, 6, 7)
     for message in (
         Observation(7, own, objects, {"tls:0": "r"}, (Message("CAM", b"\x00\xff", "1", 3),)),
-        Reply(plan=good_plan, messages=(Message("text", b"hi"),)),
+        Reply(plan=good_plan, messages=(Message("text", b"hi"),), notes=(Note("why", "ü"),)),
+        Observation(
+            8,
+            own,
+            lidar={"roof": PointCloud(np.ones((3, 4), np.float32), np.array([-1, 0, 0], np.int32), ("t00000001",))},
+            bev={"": Raster(("route",), np.full((1, 2, 2), 255, np.uint8), 0.5)},
+            gnss=Gnss(1.0, 2.0, 3.0),
+            imu=Imu((0.0, 0.0, 9.81), (0.0, 0.0, 0.1), 1.5),
+            speedometer=4.0,
+        ),
         (SensorSpec("objects", range_m=50.0, options={"fov": 1.0}),),
     ):
         assert same(message, wire.unpacked(wire.packed(message)))

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdrive_sumo.contract import Control, Plan
-from mdrive_sumo.episode import Ending, Episode, Recorder, load_episode, quantised_frame, save_episode
+from mdrive_sumo.contract import Control, Message, Note, Plan
+from mdrive_sumo.episode import Ending, Episode, Recorder, Thinking, load_episode, quantised_frame, save_episode
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.state import Actors, Contact, EgoState, End, Failure, Frame, Kind, no_actors
+from mdrive_sumo.v2x.channel import Fate, Sent
 
 SIZES = {"0": (4.9, 2.0), "1": (4.9, 2.0)}
 
@@ -42,13 +43,19 @@ def recorded(ticks: int = 40, seed: int = 0) -> Episode:
         frame = quantised_frame(Frame(tick, egos, around, {"t": "gr"[tick // 20 % 2]}, contacts))
         controls = {ego: Control(0.1234, 0.0, -0.5) for ego in egos}
         plans = {"0": Plan(rng.normal(0, 50, (5, 2)), 0.2)}
-        recorder.add(frame, controls, plans)
-    return recorder.finish(
-        [
-            Ending("0", ticks - 1, End.ARRIVED),
-            Ending("1", ticks // 2 - 1, End.AGENT_FAILED, Failure.TIMEOUT, "act: …"),
-        ]
-    )
+        recorder.add(frame, controls, plans, {})
+        recorder.note(tick, "0", (Note("why", f"{tick} ü"),) if tick % 7 == 0 else ())
+    endings = [
+        Ending("0", ticks - 1, End.ARRIVED),
+        Ending("1", ticks // 2 - 1, End.AGENT_FAILED, Failure.TIMEOUT, "act: …"),
+    ]
+    return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (Thinking("0", 3, 2),))
+
+
+def sent(tick: int, rng: np.random.Generator) -> Sent:
+    fates = {"1": (Fate.DELIVERED, tick + 6), "0": (Fate.LOST, tick)}
+    receivers = ("0", "1")[: int(rng.integers(3))]
+    return Sent(Message("cam", rng.bytes(int(rng.integers(40))), "rsu", tick), {r: fates[r] for r in receivers})
 
 
 def equal(a: Episode, b: Episode) -> bool:
@@ -58,7 +65,7 @@ def equal(a: Episode, b: Episode) -> bool:
     )
     facts = all(
         getattr(a, name) == getattr(b, name)
-        for name in ("scenario", "about", "ids", "egos", "contacts", "signals", "endings")
+        for name in ("scenario", "about", "ids", "egos", "contacts", "signals", "endings", "messages", "notes", "thinking")
     )
     plans = len(a.plans) == len(b.plans) and all(
         p.tick == q.tick and p.ego == q.ego and np.allclose(p.points, q.points, atol=1e-9)
@@ -101,7 +108,7 @@ def test_quantising_twice_is_quantising_once(x: float, yaw: float, speed: float)
 def test_frames_hold_exactly_what_the_recording_gives_back(tmp_path: Path) -> None:
     recorder = Recorder("s", {}, SIZES)
     frame = quantised_frame(Frame(0, {"0": EgoState(1.23456, 2.0, 3.00009, 4.0)}, actors(("a",), 0.3337), {}))
-    recorder.add(frame, {}, {})
+    recorder.add(frame, {}, {}, {})
     save_episode(recorder.finish([]), tmp_path / "e.npz")
     episode = load_episode(tmp_path / "e.npz")
     ego = frame.egos["0"]
@@ -116,7 +123,7 @@ def test_every_value_moves_the_digest_from_its_tick_on() -> None:
     assert not (episode.digests[0] == other.digests[0]).all()
 
 
-@pytest.mark.parametrize("what", ["ego", "control", "signal", "actor", "contact", "name"])
+@pytest.mark.parametrize("what", ["ego", "control", "signal", "actor", "contact", "name", "message", "sender"])
 def test_the_digest_covers(what: str) -> None:
     def run(change: bool) -> np.ndarray:
         recorder = Recorder("s", {}, SIZES)
@@ -126,8 +133,10 @@ def test_the_digest_covers(what: str) -> None:
             contacts = (Contact("0", "a", Kind.VEHICLE),) if now and what == "contact" else ()
             ego = EgoState(0.001 if now and what == "ego" else 0.0, 0, 0, 0)
             signals = {"t": "r" if now and what == "signal" else "g"}
+            message = Message("text", b"b" if now and what == "message" else b"a", "2" if now and what == "sender" else "1")
+            heard = {"0": (message,)}
             controls = {"0": Control(0.0001 if now and what == "control" else 0.0, 0, 0)}
-            recorder.add(quantised_frame(Frame(tick, {"0": ego}, around, signals, contacts)), controls, {})
+            recorder.add(quantised_frame(Frame(tick, {"0": ego}, around, signals, contacts)), controls, {}, heard)
         return recorder.finish([]).digests
 
     same = (run(True) == run(False)).all(axis=1)
@@ -145,7 +154,7 @@ def test_a_corrupt_recording_gets_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="found a corrupt file"):
             load_episode(path)
     np.savez(path, header=np.frombuffer(b'{"format": "mdrive-sumo/episode/9"}', dtype=np.uint8))
-    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/episode/1, found 'mdrive-sumo/episode/9'"):
+    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/episode/2, found 'mdrive-sumo/episode/9'"):
         load_episode(path)
     np.savez(path, header=np.array([object()], dtype=object))
     with pytest.raises(InputError, match="found a corrupt file"):

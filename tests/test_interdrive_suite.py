@@ -85,10 +85,6 @@ def test_a_lane_change_begins_where_the_recipe_says(street: RoadMap) -> None:
     assert apart[-1] == pytest.approx(3.5, abs=0.1)
 
 
-def blind(scenario: str) -> Job:
-    return Job(str(packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
-
-
 def examined(suite: Suite, scenario: str) -> validate.Examination:
     return validate.examine(validate.Question(str(suite.folder), scenario))
 
@@ -100,18 +96,6 @@ def test_a_conflict_is_found_difficult_solvable_and_hidden(suite: Suite) -> None
     assert found.blind_ttc_s < 0.9
     assert found.omniscient_ds == 100.0
     assert found.hidden
-
-
-def test_houses_are_what_hides_it() -> None:
-    episode = reexecute(blind("i07_ins_ss_town"))
-    town = load(network_folder("town_crossing"))
-    assert validate.hidden_until_late(episode, town)
-    assert not validate.hidden_until_late(episode, replace(town, buildings=()))
-
-
-def test_oncoming_traffic_in_plain_sight_is_not_hidden() -> None:
-    episode = reexecute(blind("i26_ins_oppo_town"))
-    assert not validate.hidden_until_late(episode, load(network_folder("town_crossing")))
 
 
 def changed(suite: Suite, folder: Path, **update: object) -> Suite:

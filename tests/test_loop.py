@@ -53,7 +53,7 @@ def test_everyone_answers_the_same_frame() -> None:
     for mine, other in zip(agents["0"].seen, agents["1"].seen, strict=False):
         assert mine.tick == other.tick
         assert mine.objects is not None
-        assert mine.objects.ids == ("1",)
+        assert len(mine.objects.ids) == 1
         assert mine.objects.x[0] == other.own.x
 
 
@@ -64,9 +64,9 @@ def test_only_declared_sensors_are_filled_and_range_is_honoured() -> None:
     egos = [straight_ego("0", x=50), straight_ego("1", x=10), straight_ego("2", x=90)]
     drive(straight_scenario(*egos), {"0": far, "1": near, "2": blind})
     assert far.seen[0].objects is not None
-    assert far.seen[0].objects.ids == ("1", "2")
+    assert far.seen[0].objects.x.tolist() == [10.0, 90.0]
     assert near.seen[0].objects is not None
-    assert near.seen[0].objects.ids == ()
+    assert len(near.seen[0].objects.ids) == 0
     assert blind.seen[0].objects is None
     assert all(agent.seen[0].privileged is None for agent in (near, far, blind))
 

@@ -290,12 +290,12 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
     save_results(full_results(), tmp_path / "results.json")
     data = json.loads((tmp_path / "results.json").read_text())
     assert list(data) == ["format", "run", "overall", "buckets", "void", "scenarios"]
-    assert data["format"] == "mdrive-sumo/results/1"
+    assert data["format"] == "mdrive-sumo/results/2"
     assert set(data["overall"]) == {"bucket_mean", "scenario_mean"}
     one = data["scenarios"][0]
     assert set(one) == {
         *("id", "bucket", "category", "seed", "status", "reason", "ds", "sr", "rc", "ip"),
-        *("min_ttc", "digest", "ticks", "egos"),
+        *("min_ttc", "digest", "ticks", "egos", "comm", "notes"),
     }
     assert set(one["egos"][0]) == {"id", "outcome", "reason", "ds", "rc", "ip", "infractions"}
     assert set(one["egos"][0]["infractions"][0]) == {"kind", "tick", "x", "y", "factor", "other"}
@@ -307,7 +307,7 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
     assert set(schema["properties"]) == set(data)
     assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0])
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
-    assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/1"
+    assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/2"
 
 
 @pytest.mark.parametrize(
@@ -319,10 +319,10 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
         ("\xff", "expected JSON"),
         (
             '{"format": "mdrive-sumo/results/9"}',
-            "expected 'mdrive-sumo/results/1', found 'mdrive-sumo/results/9'",
+            "expected 'mdrive-sumo/results/2', found 'mdrive-sumo/results/9'",
         ),
-        ("{}", "format: expected 'mdrive-sumo/results/1', found None"),
-        ('{"format": "mdrive-sumo/results/1"}', "run: Field required"),
+        ("{}", "format: expected 'mdrive-sumo/results/2', found None"),
+        ('{"format": "mdrive-sumo/results/2"}', "run: Field required"),
     ],
 )
 def test_an_unusable_file_is_refused_in_one_sentence(tmp_path: Path, text: str | None, says: str) -> None:

@@ -34,7 +34,7 @@ def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: 
     recorder = Recorder("s", {}, {"0": (4.9, 2.0), "1": (4.9, 2.0)})
     for seen in frames:
         controls = dict.fromkeys(seen.egos, (pedals or {}).get(seen.tick, PEDAL))
-        recorder.add(quantised_frame(seen), controls, {})
+        recorder.add(quantised_frame(seen), controls, {}, {})
     return recorder.finish([Ending(ego, end, End.ARRIVED) for ego in ("0", "1")])
 
 
@@ -166,9 +166,9 @@ def test_a_corrupt_recording_is_one_sentence(copied: Path, command: str) -> None
 @pytest.mark.parametrize("command", ["verify", "rescore"])
 def test_results_of_another_version_are_one_sentence(copied: Path, command: str) -> None:
     path = copied / "results.json"
-    path.write_text(path.read_text().replace("mdrive-sumo/results/1", "mdrive-sumo/results/9"))
+    path.write_text(path.read_text().replace("mdrive-sumo/results/2", "mdrive-sumo/results/9"))
     ended = invoke(command, copied)
-    assert (ended.exit_code, "expected 'mdrive-sumo/results/1'" in ended.stderr) == (2, True)
+    assert (ended.exit_code, "expected 'mdrive-sumo/results/2'" in ended.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("command", ["verify", "rescore"])

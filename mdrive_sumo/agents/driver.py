@@ -1,5 +1,6 @@
 """Driver: how the loop talks to an agent, wherever it lives. The one place where a participant's failure is caught."""
 
+import time
 from typing import Protocol
 
 from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply
@@ -23,6 +24,11 @@ class Driver(Protocol):
     @property
     def label(self) -> str:
         """What the agent calls itself: one of `contract.LABELS`."""
+        ...
+
+    @property
+    def thought_s(self) -> float:
+        """How long the agent took for its last answer, wall clock; only a measured agent clock asks."""
         ...
 
     def sensors(self) -> tuple[SensorSpec, ...]:
@@ -53,6 +59,7 @@ class LocalDriver:
         self._agent = agent
         self._seen: Observation | None = None
         self.label = agent.label
+        self.thought_s = 0.0
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See Driver."""
@@ -72,10 +79,12 @@ class LocalDriver:
     def answer(self) -> Reply:
         """See Driver."""
         assert self._seen is not None
+        since = time.perf_counter()
         try:
             reply = self._agent.act(self._seen)
         except Exception as error:
             raise AgentFailure(Failure.CRASHED, described(error)) from error
+        self.thought_s = time.perf_counter() - since
         return checked(reply)
 
     def close(self) -> None:

@@ -79,7 +79,7 @@ class IdmAgent:
     def _decide(self, seen: Observation) -> float:
         """Acceleration [m/s2]: the least that anything asks for."""
         assert seen.objects is not None, "the objects sensor is declared"
-        me = yielding.Mover(self._me.ego_id, self._reference.speed, self._cruise, ACCELERATION)
+        me = yielding.Mover((seen.own.x, seen.own.y), self._reference.speed, self._cruise, ACCELERATION)
         ahead = yielding.outlook(self._path, self._reference.s, self._me.vehicle)
         curvature = self._memory.curvature(seen.objects, DECIDE_TICKS * self._me.tick_s)
         wishes = [self._free(), self._yielding(me, yielding.crossings(ahead, seen.objects, curvature))]

@@ -39,6 +39,7 @@ class RemoteDriver:
         """`log`: file for what the agent prints; None throws it away."""
         self._limits = limits
         self._spent_s = 0.0
+        self.thought_s = 0.0
         self._asked_at = 0.0
         errors: IO[bytes] | int = log.open("wb") if log is not None else subprocess.DEVNULL
         self._child = subprocess.Popen(  # the child's end is awaited in close()
@@ -83,7 +84,8 @@ class RemoteDriver:
         """See Driver."""
         left_s = self._limits.episode_s - self._spent_s
         reply = self._receive(min(self._limits.tick_s, left_s), "act", self._asked_at)
-        self._spent_s += time.monotonic() - self._asked_at
+        self.thought_s = time.monotonic() - self._asked_at
+        self._spent_s += self.thought_s
         try:
             return checked(reply)
         except AgentFailure:

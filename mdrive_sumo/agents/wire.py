@@ -14,9 +14,10 @@ MAX_BYTES = 64 * 2**20
 _CLASSES = {
     cls.__name__: cls
     for cls in (
-        contract.Briefing, contract.Control, contract.Message, contract.Objects, contract.Observation,
-        contract.OwnState, contract.Plan, contract.Privileged, contract.Reply, contract.SensorSpec,
-        contract.StopSign, contract.TrafficLight, contract.VehicleFacts,
+        contract.Briefing, contract.Control, contract.Gnss, contract.Imu, contract.Message, contract.Note,
+        contract.Objects, contract.Observation, contract.OwnState, contract.Plan, contract.PointCloud,
+        contract.Privileged, contract.Raster, contract.Reply, contract.SensorSpec, contract.StopSign,
+        contract.TrafficLight, contract.VehicleFacts,
     )
 }  # fmt: skip
 _DTYPES = ("<f8", "<f4", "|u1", "<i8", "<i4")

@@ -5,6 +5,7 @@ Nothing is known of the others but what is seen: they are expected to go on at t
 
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -36,11 +37,16 @@ SIDE_ANGLES = (math.radians(20), math.radians(160))
 """Who drives at such an angle to me comes from the side."""
 
 
+Place: TypeAlias = tuple[float, float]
+"""Nobody knows the others' names, but all see the same places: where two are equal in all else, the one further west
+goes first (of those the one further south), and both know it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """The own car: its name, speed [m/s], and how it will speed up [m/s2] to its cruising speed on a free road."""
+    """The own car: its place [m] and speed [m/s], and how it will speed up [m/s2] to its cruising speed."""
 
-    id: str
+    place: Place
     speed: float
     cruise: float
     acceleration: float
@@ -88,6 +94,8 @@ class Crossing:
     """Direction of the other one against mine [rad], where I am now."""
     turning: bool
     """Whether my path turns before I am there."""
+    place: Place
+    """Where it is now [m]."""
 
 
 def outlook(path: Path, s: float, vehicle: VehicleFacts) -> Outlook:
@@ -108,10 +116,10 @@ def leaders(me: Mover, ahead: Outlook, objects: Objects) -> list[Leader]:
 
 
 def _beside(me: Mover, ahead: Outlook, objects: Objects) -> Bool:
-    """Who drives as I do and is behind my middle, or level with it and bears the greater name: they mind me (N,)."""
+    """Who drives as I do and is behind my middle, or level with it and further east: they mind me (N,)."""
     x, y = ahead.boxes[0].mean(0)
     lead = (objects.x - x) * np.cos(ahead.yaw[0]) + (objects.y - y) * np.sin(ahead.yaw[0])
-    later = np.array([other > me.id for other in objects.ids], dtype=np.bool_)
+    later = (objects.x > me.place[0]) | ((objects.x == me.place[0]) & (objects.y > me.place[1]))
     same_way = np.cos(objects.yaw - ahead.yaw[0]) > math.cos(SAME_WAY)
     return same_way & ((lead < -LEVEL_M) | ((lead < LEVEL_M) & later))
 
@@ -140,6 +148,7 @@ def _crossing(ahead: Outlook, objects: Objects, row: int, met: Bool) -> Crossing
         standing=standing,
         bearing=wrap_angle(float(objects.yaw[row] - ahead.yaw[0])),
         turning=abs(float(ahead.yaw[mine[0]] - ahead.yaw[0])) > SIDE_ANGLES[0],
+        place=(float(objects.x[row]), float(objects.y[row])),
     )
 
 
@@ -158,11 +167,11 @@ def gives_way(me: Mover, other: Crossing, before: bool, bold: bool) -> bool:
 
 
 def _loses_tie(me: Mover, other: Crossing) -> bool:
-    """Right before left; straight before turning; then the smaller name goes first."""
+    """Right before left; straight before turning; then the one further west."""
     low, high = SIDE_ANGLES
     if low < abs(other.bearing) < high:
         return other.bearing > 0  # it crosses from my right to my left
-    return other.turning or other.id < me.id
+    return other.turning or other.place < me.place
 
 
 def _boxes(objects: Objects, rows: Int, travelled: Float | float, curvature: Float | float = 0.0) -> Float:

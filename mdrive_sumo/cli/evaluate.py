@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.tables import summary_table
@@ -49,6 +50,13 @@ workers_option = click.option(
     help="Who drives: one instance of it in every CAV.",
 )
 @click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object.")
+@comm_options
+@click.option(
+    "--transcript",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    metavar="FILE",
+    help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
+)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
 @workers_option
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
@@ -56,7 +64,14 @@ workers_option = click.option(
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
 @click.pass_context
-def command(ctx: click.Context, agent_config: Path | None, no_record: bool, score_mode: str, **options: object) -> None:
+def command(
+    ctx: click.Context,
+    agent_config: Path | None,
+    transcript: Path | None,
+    no_record: bool,
+    score_mode: str,
+    **options: object,
+) -> None:
     """Drive a suite with an agent and score it.
 
     The same command given again continues an interrupted run; it also tries void scenarios again. A scenario
@@ -65,9 +80,14 @@ def command(ctx: click.Context, agent_config: Path | None, no_record: bool, scor
     Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
     """
     config = load_agent_config(agent_config) if agent_config else {}
+    if transcript is not None:
+        config["transcript"] = str(transcript.resolve())
+    comm, clock = channel_of(options)
     settings = Settings(
         **options,  # pyright: ignore[reportArgumentType] - click has made them what the fields say
         agent_config=config,
+        comm=comm,
+        clock=clock,
         record=not no_record,
         score_mode=ScoreMode(score_mode),
         command=("mdrive-sumo", *sys.argv[1:]),

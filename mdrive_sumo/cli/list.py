@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 import click
 
 from mdrive_sumo.agents import AGENTS
+from mdrive_sumo.certificate import CERTIFICATE_FILE, Certificate, load_certificates
+from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.text import Row, text_table
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
@@ -42,14 +44,50 @@ def _statistics_cells(found: SuiteStatistics) -> Row:
     return (str(found.scenarios), str(found.cavs), *(f"{mean:.2f}" for mean in means))
 
 
-def _scenarios(suite: str) -> str:
-    header = ("scenario", "category", "network", *STATISTICS_HEADER[1:2], *STATISTICS_HEADER[3:])
-    return text_table(header, map(_scenario_row, load_suite(suite).scenarios))
+def _scenarios(suite: str, occluded: bool | None = None) -> str:
+    loaded = load_suite(suite)
+    certificates = load_certificates(loaded.folder, loaded.checksum())
+    if occluded is not None and not certificates:
+        raise InputError(
+            f"suite {loaded.name}: expected an up-to-date {CERTIFICATE_FILE}, found none;"
+            f" `mdrive-sumo validate {suite} --write` makes it"
+        )
+    chosen = [
+        s
+        for s in loaded.scenarios
+        if occluded is None or (s.id in certificates and certificates[s.id].occluded) == occluded
+    ]
+    header = (
+        "scenario",
+        "category",
+        "network",
+        *STATISTICS_HEADER[1:2],
+        *STATISTICS_HEADER[3:],
+        "hidden [s]",
+        "known to",
+    )
+    rows = [(*_scenario_row(scenario), *_hidden_cells(certificates.get(scenario.id))) for scenario in chosen]
+    return text_table(header, rows) + f"\n\n{HIDDEN_LEGEND if certificates else NO_CERTIFICATES}"
 
 
 def _scenario_row(scenario: Scenario) -> Row:
     _, cavs, _, *rest = _statistics_cells(statistics((scenario,)))
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
+
+
+def _hidden_cells(certificate: Certificate | None) -> Row:
+    if certificate is None:
+        return ("?", "?")
+    if not certificate.occluded:
+        return ("-", "-")
+    return (f"{certificate.longest_s:.1f}", "others" if certificate.by_third else "itself")
+
+
+HIDDEN_LEGEND = (
+    "hidden: longest time before a conflict in which the other one is hidden from a CAV but known to other CAVs or RSUs,"
+    "\nor only to itself, who can tell by CAM; along the constant-speed and the omniscient drive"
+)
+NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examines it"
 
 
 def _agents(_: str) -> str:
@@ -79,6 +117,9 @@ LISTS: Mapping[str, Callable[[str], str]] = {
 @click.command("list")
 @click.argument("what", type=click.Choice(tuple(LISTS)))
 @click.option("--suite", default="interdrive", show_default=True, help="Whose scenarios: a name or a folder.")
-def command(what: str, suite: str) -> None:
+@click.option(
+    "--occluded/--not-occluded", default=None, help="Only scenarios with, or without, an occlusion certificate."
+)
+def command(what: str, suite: str, occluded: bool | None) -> None:
     """List suites (with the paper's statistics), scenarios, agents or networks."""
-    click.echo(LISTS[what](suite))
+    click.echo(_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))

@@ -1,6 +1,6 @@
 """The recorded episode: what happened, at the one resolution in which it is scored, stored and compared."""
 
-from mdrive_sumo.episode.episode import Ending, Episode, PlanRecord, SignalChange
+from mdrive_sumo.episode.episode import Ending, Episode, Heard, NoteRecord, PlanRecord, SignalChange, Thinking
 from mdrive_sumo.episode.quantise import quantised_frame
 from mdrive_sumo.episode.recorder import Recorder
 from mdrive_sumo.episode.storage import load_episode, save_episode
@@ -8,6 +8,9 @@ from mdrive_sumo.episode.storage import load_episode, save_episode
 __all__ = [
     "Ending",
     "Episode",
+    "Heard",
+    "NoteRecord",
+    "Thinking",
     "PlanRecord",
     "SignalChange",
     "Recorder",

@@ -3,15 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import CONTROL_STEP
+from mdrive_sumo.contract import CONTROL_STEP, Message, Note
 from mdrive_sumo.episode.quantise import Quanta, from_quanta
 from mdrive_sumo.geometry import Bool, Float
 from mdrive_sumo.state import Contact, End, Failure
+from mdrive_sumo.v2x.channel import Sent
+
+Heard: TypeAlias = Mapping[str, tuple[Message, ...]]
+"""What reached each CAV in a tick."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,24 @@ class SignalChange:
     tick: int
     light: str
     state: str
+
+
+@dataclass(frozen=True, slots=True)
+class Thinking:
+    """An agent that was asked in `tick` answered so many ticks later (measured clock only)."""
+
+    ego: str
+    tick: int
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class NoteRecord:
+    """What an agent wanted to be kept."""
+
+    tick: int
+    ego: str
+    note: Note
 
 
 @dataclass(frozen=True)
@@ -76,6 +98,10 @@ class Episode:
     endings: tuple[Ending, ...]
     digests: npt.NDArray[np.uint8]
     """(T, 8): the chained digest after each tick."""
+    messages: tuple[Sent, ...] = ()
+    """Everything that was said over the channel, in the order of sending, and what became of it."""
+    notes: tuple[NoteRecord, ...] = ()
+    thinking: tuple[Thinking, ...] = ()
 
     @property
     def ticks(self) -> int:

@@ -1,16 +1,17 @@
 """Recorder: takes quantised frames and applied controls tick by tick, and makes the Episode."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import CONTROL_STEP, Control, Plan
-from mdrive_sumo.episode.episode import Ending, Episode, PlanRecord, SignalChange
+from mdrive_sumo.contract import CONTROL_STEP, Control, Note, Plan
+from mdrive_sumo.episode.episode import Ending, Episode, Heard, NoteRecord, PlanRecord, SignalChange, Thinking
 from mdrive_sumo.episode.quantise import Quanta, to_quanta
 from mdrive_sumo.state import Contact, EgoState, Frame, Kind
+from mdrive_sumo.v2x.channel import Sent
 
 PLAN_EVERY_TICKS = 4
 """Plans are kept at 5 Hz: they are for looking at; what re-executes an episode is the log of controls."""
@@ -32,13 +33,18 @@ class Recorder:
         self._plans: list[PlanRecord] = []
         self._contacts: list[tuple[int, Contact]] = []
         self._signals: list[SignalChange] = []
+        self._notes: list[NoteRecord] = []
         self._shown: dict[str, str] = {}
         self._digests: list[bytes] = []
         self._chain = blake2b(digest_size=DIGEST_BYTES)
         self._names = b""
 
-    def add(self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan]) -> None:
-        """One tick: a frame at recording resolution, and the controls applied after it."""
+    def note(self, tick: int, ego: str, notes: Sequence[Note]) -> None:
+        """What an agent wants to be kept; no part of the digest, for nobody's driving depends on it."""
+        self._notes += [NoteRecord(tick, ego, note) for note in notes]
+
+    def add(self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], heard: Heard) -> None:
+        """One tick: a frame at recording resolution, what reached the CAVs in it, and the controls applied after it."""
         quanta = to_quanta(self._table(frame))
         applied = np.zeros((len(self._egos), 3), dtype=np.int16)
         for ego, control in controls.items():
@@ -55,7 +61,7 @@ class Recorder:
             ]
         self._contacts += [(frame.tick, contact) for contact in frame.contacts]
         self._note_signals(frame)
-        self._note_digest(frame, quanta, applied)
+        self._note_digest(frame, quanta, applied, heard)
 
     @staticmethod
     def _table(frame: Frame) -> npt.NDArray[np.float64]:
@@ -87,13 +93,15 @@ class Recorder:
                 self._shown[light] = state
                 self._signals.append(SignalChange(frame.tick, light, state))
 
-    def _note_digest(self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16]) -> None:
+    def _note_digest(self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], heard: Heard) -> None:
         facts = repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode()
         states, controls = quanta.astype("<i4", copy=False), applied.astype("<i2", copy=False)
-        self._chain.update(b"".join((self._names, states.tobytes(), controls.tobytes(), facts)))
+        self._chain.update(b"".join((self._names, states.tobytes(), controls.tobytes(), facts, *_bytes(heard))))
         self._digests.append(self._chain.digest())
 
-    def finish(self, endings: Sequence[Ending]) -> Episode:
+    def finish(
+        self, endings: Sequence[Ending], sent: Sequence[Sent] = (), thinking: Sequence[Thinking] = ()
+    ) -> Episode:
         """The read-only Episode of all that was added."""
         shape = (len(self._rows), len(self._columns))
         valid = np.zeros(shape, dtype=np.bool_)
@@ -118,7 +126,18 @@ class Recorder:
             signals=tuple(self._signals),
             endings=tuple(endings),
             digests=np.frombuffer(b"".join(self._digests), dtype=np.uint8).reshape(shape[0], DIGEST_BYTES),
+            messages=tuple(sent),
+            notes=tuple(self._notes),
+            thinking=tuple(thinking),
         )
+
+
+def _bytes(heard: Heard) -> Iterator[bytes]:
+    """Delivered messages as the digest takes them, as each receiver got them."""
+    for receiver, messages in heard.items():
+        for m in messages:
+            yield repr((receiver, m.sender, m.tick, m.type, len(m.payload))).encode()
+            yield m.payload
 
 
 def _row(ego: EgoState) -> tuple[float, float, float, float]:

@@ -3,22 +3,26 @@
 import json
 import zipfile
 import zlib
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.episode.episode import Ending, Episode, PlanRecord, SignalChange
+from mdrive_sumo.contract import Message, Note
+from mdrive_sumo.episode.episode import Ending, Episode, NoteRecord, PlanRecord, SignalChange, Thinking
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.state import Contact, End, Failure, Kind
+from mdrive_sumo.v2x.channel import Fate, Sent
 
-FORMAT = "mdrive-sumo/episode/1"
+FORMAT = "mdrive-sumo/episode/2"
 _CORRUPT = (
     OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What numpy and zipfile raise for damaged files; RuntimeError for bytes that look like an encrypted member."""
+_FATES = tuple(Fate)
 Ints = npt.NDArray[np.signedinteger[Any]]
 
 
@@ -34,6 +38,10 @@ def save_episode(episode: Episode, path: Path) -> None:
         "signals": [(s.tick, s.light, s.state) for s in episode.signals],
         "endings": [asdict(ending) for ending in episode.endings],
         "plans": [(p.tick, p.ego, p.interval_s, len(p.points)) for p in episode.plans],
+        "messages": [(m.sender, m.tick, m.type, len(m.payload)) for m in (sent.message for sent in episode.messages)],
+        "receivers": _receivers(episode.messages),
+        "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
+        "thinking": [astuple(thinking) for thinking in episode.thinking],
     }
     points = [np.rint(p.points * 100).astype(np.int32) for p in episode.plans]
     arrays = {
@@ -45,6 +53,8 @@ def save_episode(episode: Episode, path: Path) -> None:
         "quanta": _second_differences(episode.quanta, episode.valid),
         "controls": _narrowest(np.diff(episode.controls, axis=0, prepend=np.int16(0)).astype(np.int32)),
         "plan_points": _narrowest(np.concatenate([_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])),
+        "payloads": np.frombuffer(b"".join(sent.message.payload for sent in episode.messages), dtype=np.uint8),
+        "fates": _differences(_fates(episode.messages)),
         "digests": episode.digests,
     }
     temporary = path.with_suffix(".tmp")
@@ -93,7 +103,36 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
         signals=tuple(SignalChange(*change) for change in header["signals"]),
         endings=tuple(_ending(**ending) for ending in header["endings"]),
         digests=data["digests"],
+        messages=_messages(header, data),
+        notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
+        thinking=tuple(Thinking(*thinking) for thinking in header["thinking"]),
     )
+
+
+def _receivers(messages: Sequence[Sent]) -> list[str]:
+    return sorted({receiver for sent in messages for receiver in sent.fates})
+
+
+def _fates(messages: Sequence[Sent]) -> npt.NDArray[np.int32]:
+    """(F, 4): index of the message, index of the receiver, index of the fate, tick."""
+    column = {name: i for i, name in enumerate(_receivers(messages))}
+    rows = [
+        (i, column[receiver], _FATES.index(fate), tick)
+        for i, sent in enumerate(messages)
+        for receiver, (fate, tick) in sent.fates.items()
+    ]
+    return np.array(rows, dtype=np.int32).reshape(-1, 4)
+
+
+def _messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[Sent, ...]:
+    fates: list[dict[str, tuple[Fate, int]]] = [{} for _ in header["messages"]]
+    for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
+        fates[i][header["receivers"][receiver]] = (_FATES[fate], tick)
+    payloads, begin, messages = data["payloads"].tobytes(), 0, list[Sent]()
+    for (sender, tick, name, size), what in zip(header["messages"], fates, strict=True):
+        messages.append(Sent(Message(name, payloads[begin : begin + size], sender, tick), what))
+        begin += size
+    return tuple(messages)
 
 
 def _ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.weather import WeatherName
 
 FORMAT = "mdrive-sumo/scenario/1"
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
@@ -84,6 +85,17 @@ class Background(_Part):
     """Reaction interval of background drivers (spec/sumo_pitfalls 6.1)."""
 
 
+class RoadsideUnit(_Part):
+    """A station beside the road that tells by CPM what it sees, with an objects sensor of the given profile."""
+
+    id: Identifier
+    x: Coordinate
+    y: Coordinate
+    range_m: float = Field(default=80.0, gt=0, le=300)
+    profile: str = "ideal"
+    """Error profile of its detections, see docs/sensors.md."""
+
+
 class Scenario(_Part):
     """One closed-loop episode: map, CAVs with routes, traffic, conditions."""
 
@@ -97,11 +109,13 @@ class Scenario(_Part):
     signals: Literal["frozen-green", "program"] = "frozen-green"
     egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)
     background: Background = Background()
+    weather: WeatherName = "default"
+    rsus: tuple[RoadsideUnit, ...] = ()
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _unique_ids(self) -> "Scenario":
-        ids = [ego.id for ego in self.egos] + [vehicle.id for vehicle in self.background.vehicles]
+        ids = [one.id for one in (*self.egos, *self.background.vehicles, *self.rsus)]
         if len(set(ids)) < len(ids):
             twice = sorted({i for i in ids if ids.count(i) > 1})
             raise ValueError(f"expected every road user to have its own id, found twice: {', '.join(twice)}")

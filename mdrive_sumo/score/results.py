@@ -6,7 +6,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from mdrive_sumo.state import End
 
-FORMAT = "mdrive-sumo/results/1"
+FORMAT = "mdrive-sumo/results/2"
 
 
 def _six_decimals(value: float) -> float:
@@ -70,6 +70,10 @@ class ScenarioResult(Means):
     digest: str
     ticks: int
     egos: tuple[EgoResult, ...]
+    comm: dict[str, int] = Field(default_factory=lambda: {})
+    """Messages and payload bytes sent, and per fate how many deliveries; empty if nothing was said."""
+    notes: dict[str, int] = Field(default_factory=lambda: {})
+    """How many notes of each kind the agents left, e.g. fallbacks of a language model."""
 
 
 class BucketResult(Means):
@@ -100,13 +104,15 @@ class RunInfo(_Part):
     versions: dict[str, str]
     command: tuple[str, ...] = ()
     comm: dict[str, str | float | bool] = Field(default_factory=lambda: {})
-    """Settings of the V2X channel; empty where there is none."""
+    """Settings of the V2X channel."""
+    agent_clock: str = "ideal"
+    """What thinking costs: ideal, fixed:MS, or measured (which no other machine reproduces)."""
 
 
 class Results(_Part):
     """The whole file."""
 
-    format: Literal["mdrive-sumo/results/1"] = FORMAT
+    format: Literal["mdrive-sumo/results/2"] = FORMAT
     run: RunInfo
     overall: Overall
     buckets: dict[str, BucketResult]

@@ -1,5 +1,6 @@
 """The score of one scenario: a pure function of its recorded episode."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 from mdrive_sumo.episode import Episode
@@ -8,6 +9,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.score.mode import ScoreMode, driving_score, scenario_means
 from mdrive_sumo.score.results import EgoResult, Infraction, ScenarioResult
+from mdrive_sumo.v2x.channel import counted
 
 
 def score_episode(episode: Episode, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int) -> ScenarioResult:
@@ -29,6 +31,8 @@ def score_episode(episode: Episode, scenario: Scenario, roads: RoadMap, mode: Sc
         digest=episode.digest,
         ticks=episode.ticks,
         egos=tuple(_ego_result(record) for record in records),
+        comm=counted(episode.messages),
+        notes=dict(Counter(record.note.kind for record in episode.notes)),
     )
 
 

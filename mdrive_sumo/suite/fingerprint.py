@@ -15,6 +15,7 @@ from mdrive_sumo.scenario.catalog import Suite, packaged_suites
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.suite.journal import Fingerprint
 from mdrive_sumo.suite.settings import Settings, config_text
+from mdrive_sumo.v2x.settings import comm_text
 
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
 
@@ -32,6 +33,8 @@ def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...
         "agent_code": _agent_checksum(settings.agent),
         "seed": settings.seed,
         "score_mode": settings.score_mode,
+        "comm": comm_text(settings.comm),
+        "agent_clock": settings.clock.text,
         "record": settings.record,
         "code": code_checksum(),
         **versions(),

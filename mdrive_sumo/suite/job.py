@@ -1,5 +1,6 @@
 """One episode as a job for a worker process: everything is named, nothing is shared. The composition root of a run."""
 
+import json
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -11,7 +12,8 @@ from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.agents.driver import Driver, LocalDriver
 from mdrive_sumo.agents.lookup import split_locator
 from mdrive_sumo.agents.remote import Limits, RemoteDriver
-from mdrive_sumo.episode import Ending, Episode, load_episode, save_episode
+from mdrive_sumo.clock import clock_of
+from mdrive_sumo.episode import Ending, Episode, Thinking, load_episode, save_episode
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
 from mdrive_sumo.roads import RoadMap, load, network_folder
@@ -19,7 +21,9 @@ from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.suite.transcript import save_transcript
 from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.v2x.settings import comm_from
 
 
 @dataclass(frozen=True)
@@ -37,8 +41,15 @@ class Job:
     log_folder: str = ""
     """Where third-party agents' output goes; "" throws it away."""
     limits: Limits = field(default_factory=Limits)
+    comm: str = "{}"
+    """The V2X channel, as `v2x.settings.comm_text` writes it."""
+    clock: str = "ideal"
+    transcripts: str = ""
+    """Folder for the transcripts of language models; "" for none."""
     replayed: tuple[Ending, ...] = ()
     """Agent failures of the recorded run, for re-execution."""
+    thought: tuple[Thinking, ...] = ()
+    """How long agents thought in the recorded run, for re-execution."""
 
 
 def run_job(job: Job) -> ScenarioResult:
@@ -47,6 +58,8 @@ def run_job(job: Job) -> ScenarioResult:
     episode = _driven(job, scenario, roads)
     if job.recording:
         save_episode(episode, Path(job.recording))
+    if job.transcripts:
+        save_transcript(episode, Path(job.transcripts))
     return score_episode(episode, scenario, roads, ScoreMode(job.score_mode), job.seed)
 
 
@@ -96,8 +109,17 @@ def _drivers(job: Job, scenario: Scenario) -> Generator[dict[str, Driver]]:
 
 
 def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
-    about = {"agent": job.agent, "seed": job.seed}
-    setting = Setting(scenario, roads, job.seed, about, job.replayed)
+    about = {"agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock}
+    setting = Setting(
+        scenario,
+        roads,
+        job.seed,
+        about,
+        replayed=job.replayed,
+        comm=comm_from(json.loads(job.comm)),
+        clock=clock_of(job.clock),
+        thought=job.thought,
+    )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     sumo_seed = derived_seed(job.seed, scenario.id, "sumo")
     with _drivers(job, scenario) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed) as world:

@@ -16,9 +16,11 @@ from mdrive_sumo.suite.fingerprint import fingerprint, located, versions
 from mdrive_sumo.suite.job import Job, open_driver
 from mdrive_sumo.suite.journal import Fingerprint
 from mdrive_sumo.suite.settings import Settings, config_hash, default_folder
+from mdrive_sumo.v2x.settings import comm_text, described
 
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
+TRANSCRIPTS_FOLDER = "transcripts"
 LIMITS = Limits()
 SIMULATION_LIMIT_S = 600.0
 """Wall clock for all but the agents in one episode; only a simulator that hangs takes longer."""
@@ -46,6 +48,9 @@ class Prepared:
             seed=settings.seed,
             score_mode=settings.score_mode,
             recording=str(recording(self.folder, scenario.id)) if settings.record else "",
+            comm=comm_text(settings.comm),
+            clock=settings.clock.text,
+            transcripts=str(self.folder / TRANSCRIPTS_FOLDER),
             log_folder="" if settings.agent in AGENTS else str(self.folder / LOGS_FOLDER),
             limits=LIMITS,
         )
@@ -79,6 +84,8 @@ def prepare(settings: Settings) -> Prepared:
         suite_checksum=suite.checksum(),
         seed=settings.seed,
         score_mode=settings.score_mode,
+        comm=described(settings.comm),
+        agent_clock=settings.clock.text,
         versions=versions(),
         command=settings.command,
     )

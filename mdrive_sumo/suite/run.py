@@ -13,7 +13,8 @@ from mdrive_sumo.score import Results, ScenarioResult, save_results, summarise, 
 from mdrive_sumo.suite.job import Job, run_job
 from mdrive_sumo.suite.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure, cannot_write
-from mdrive_sumo.suite.preparation import Prepared, recording
+from mdrive_sumo.suite.preparation import TRANSCRIPTS_FOLDER, Prepared, recording
+from mdrive_sumo.suite.transcript import TRANSCRIPT_FILE, gathered
 
 RESULTS_FILE = "results.json"
 TRIES = 2
@@ -59,7 +60,15 @@ def evaluate(run: Prepared, progress: Progress) -> Results:
         whole = summarise(run.info, [found[scenario.id] for scenario in run.scenarios])
         with writing(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
+            _gather_transcripts(run)
     return whole
+
+
+def _gather_transcripts(run: Prepared) -> None:
+    """Puts what language models said into one file, which `eval --transcript` replays."""
+    text = gathered(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
+    if text:
+        (run.folder / TRANSCRIPT_FILE).write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -8,8 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mdrive_sumo.clock import IDEAL, Clock
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.score import ScoreMode
+from mdrive_sumo.v2x.settings import PRESETS, Comm, comm_text
 
 Scalar = float | str | bool
 RUNS_FOLDER = Path("runs")
@@ -26,6 +28,8 @@ class Settings:
     agent_config: Mapping[str, Scalar] = field(default_factory=dict[str, Scalar])
     seed: int = 0
     score_mode: ScoreMode = ScoreMode.MDRIVE
+    comm: Comm = PRESETS["ideal"]
+    clock: Clock = IDEAL
     record: bool = True
     workers: int = 1
     out: Path | None = None
@@ -70,7 +74,17 @@ def default_folder(settings: Settings, suite_name: str) -> Path:
         f"seed{settings.seed}",
         settings.scenario if settings.scenario != "*" else "",
         config_hash(settings.agent_config)[7:13],
+        _comm_part(settings.comm),
+        settings.clock.text if settings.clock != IDEAL else "",
         settings.score_mode if settings.score_mode != ScoreMode.MDRIVE else "",
         "" if settings.record else "norecord",
     ]
     return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
+
+
+def _comm_part(comm: Comm) -> str:
+    """The channel in a folder's name: "" for the ideal one, a preset's name, that and a checksum of what was changed."""
+    name = "" if comm.preset == "ideal" else comm.preset
+    if comm == PRESETS.get(comm.preset):
+        return name
+    return (name or "comm") + hashlib.sha256(comm_text(comm).encode()).hexdigest()[:6]

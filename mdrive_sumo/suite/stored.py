@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.clock import clock_of
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.score import Results, ScoreMode, load_results
@@ -13,6 +14,7 @@ from mdrive_sumo.suite.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.suite.preparation import Prepared
 from mdrive_sumo.suite.run import RESULTS_FILE
 from mdrive_sumo.suite.settings import Settings
+from mdrive_sumo.v2x.settings import comm_from
 
 
 def open_run(folder: Path, suite: str | None = None) -> tuple[Prepared, Results]:
@@ -48,6 +50,8 @@ def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> Settings:
             agent_config=json.loads(fingerprint["agent_config"]),
             seed=fingerprint["seed"],
             score_mode=ScoreMode(fingerprint["score_mode"]),
+            comm=comm_from(json.loads(fingerprint["comm"])),
+            clock=clock_of(fingerprint["agent_clock"]),
             record=fingerprint["record"],
             out=folder,
         )

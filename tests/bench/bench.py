@@ -1,4 +1,4 @@
-"""`make bench`: the figures of issue A, measured in one run, as a table and as bench.json.
+"""`make bench`: figures with targets, measured in one run, as a table and as bench.json.
 
 Ratios compare medians of interleaved runs in the same process; wall-clock times say what this machine did.
 """
@@ -33,6 +33,9 @@ from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, 
 from mdrive_sumo.state import TICKS_PER_SECOND
 from mdrive_sumo.suite.job import open_driver
 from mdrive_sumo.sumo import SumoWorld
+
+sys.path.insert(0, str(Path(__file__).parent))
+from cooperation import channel_row, sensor_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -216,6 +219,8 @@ def command_rows(folder: Path) -> Iterator[Row]:
         command("eval", "--suite", *one, str(folder / f"w{i}"), "--workers", "2") for i in range(3)
     )
     yield "46 real InterDrive scenarios, constant-speed, 2 workers", took, "s", "<= 30"
+    together = command("eval", "--suite", *one[:1], "--agent", "sharing+negotiation", "--out", str(folder / "sn"))
+    yield "46 real InterDrive scenarios, sharing+negotiation, 2 workers", together, "s", "< 90"
 
 
 def parallel_row(folder: Path, roads: RoadMap) -> Iterator[Row]:
@@ -270,7 +275,7 @@ def main() -> None:
         roads = grid(folder / "grid")
         parts: list[Callable[[], Iterator[Row]]] = [
             lambda: tick_ratios(roads), lambda: lone_tick(roads, folder), lambda: memory_rows(roads),
-            lambda: command_rows(folder), lambda: parallel_row(folder, roads),
+            lambda: command_rows(folder), lambda: parallel_row(folder, roads), sensor_rows, channel_row,
         ]  # fmt: skip
         for part in parts:
             for row in part():

@@ -1,4 +1,4 @@
-"""The tick: judge, sense, ask, move, step, record. See `run_episode`."""
+"""One episode, tick by tick. See `run_episode`."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -6,13 +6,20 @@ from typing import Any, Protocol
 
 from mdrive_sumo import contact, control, criteria, dynamics
 from mdrive_sumo.agents.driver import AgentFailure, Driver
-from mdrive_sumo.contract import Briefing, Control, Observation, Plan, Reply, SensorSpec
-from mdrive_sumo.episode import Ending, Episode, Recorder, quantised_frame
-from mdrive_sumo.observation import Senses, briefing
+from mdrive_sumo.clock import IDEAL, Clock
+from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Plan, Reply, SensorSpec
+from mdrive_sumo.episode import Ending, Episode, Heard, Recorder, Thinking, quantised_frame
+from mdrive_sumo.loop.minds import Minds
+from mdrive_sumo.observation import Roadside, Senses, briefing, scene_of
+from mdrive_sumo.observation.senses import Surrounds
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.sensing.scene import Scene
 from mdrive_sumo.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind
+from mdrive_sumo.v2x.channel import Channel
+from mdrive_sumo.v2x.settings import PRESETS, Comm
 
 VEHICLE = dynamics.MKZ_2017
 """Every CAV is the paper's car (protocol K6)."""
@@ -55,6 +62,11 @@ class Setting:
     """Written into the recording: what identifies the run."""
     replayed: tuple[Ending, ...] = ()
     """Failures of a recorded run: they happen again in the same tick, for a time-out cannot be computed anew."""
+    comm: Comm = PRESETS["ideal"]
+    """What the V2X channel does to messages."""
+    clock: Clock = IDEAL
+    thought: tuple[Thinking, ...] = ()
+    """How long the agents of a recorded run thought, for re-execution under a measured clock."""
     pass_through: bool = False
     """Boxes pass through each other; contacts are recorded all the same."""
 
@@ -69,10 +81,11 @@ def run_episode(setting: Setting, world: World, drivers: Mapping[str, Driver]) -
     frame = quantised_frame(run.first_frame(world))
     while True:
         run.judge(frame)
-        replies = run.replies(frame)
-        run.recorder.add(frame, run.controls(frame, replies), run.plans)
+        heard = run.channel.deliver(frame.tick, run.living)
+        replies = run.replies(frame, heard)
+        run.recorder.add(frame, run.controls(frame, replies), run.plans, heard)
         if not run.living:
-            return run.recorder.finish([run.endings[ego.id] for ego in scenario.egos])
+            return run.finished([run.endings[ego.id] for ego in scenario.egos])
         frame = quantised_frame(run.next_frame(frame, world))
 
 
@@ -81,7 +94,7 @@ class _Run:
 
     def __init__(self, setting: Setting, drivers: Mapping[str, Driver]) -> None:
         scenario = setting.scenario
-        self._setting, self._drivers = setting, drivers
+        self._setting = setting
         self._limit = criteria.time_limit_ticks(scenario)
         self._courses = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
         self._trials = {ego.id: criteria.Trial() for ego in scenario.egos}
@@ -89,20 +102,26 @@ class _Run:
         self._vehicles = dict.fromkeys(self._bodies, VEHICLE)
         self._walls = contact.walls(building.outline for building in setting.roads.buildings)
         self._followers: dict[tuple[str, str], control.Controller] = {}
-        self._controls: dict[str, Control] = {}
+        self._controls: dict[str, Control] = dict.fromkeys(self._bodies, STANDSTILL)
+        self._mail: dict[str, tuple[Message, ...]] = dict.fromkeys(self._bodies, ())
         self.plans: dict[str, Plan] = {}
         self.endings: dict[str, Ending] = {}
-        self.recorder = Recorder(
-            scenario.id, setting.about, dict.fromkeys(self._bodies, (VEHICLE.length, VEHICLE.width))
+        self._sizes = dict.fromkeys(self._bodies, (VEHICLE.length, VEHICLE.width))
+        self.recorder = Recorder(scenario.id, setting.about, self._sizes)
+        self.channel = Channel(setting.comm, derived_seed(setting.seed, scenario.id, "channel"))
+        self._minds = Minds(drivers, setting.clock, setting.thought, self._fail)
+        common = Surrounds(
+            setting.roads, WEATHERS[scenario.weather], derived_seed(setting.seed, scenario.id, "sensing")
         )
-        self._senses = self._brief()
+        self._roadside = Roadside(scenario.rsus if setting.comm.on else (), common)
+        self._senses = self._brief(drivers, common)
 
     @property
     def living(self) -> tuple[str, ...]:
         """CAVs that have not ended."""
         return tuple(ego for ego in self._bodies if ego not in self.endings)
 
-    def _brief(self) -> Senses:
+    def _brief(self, drivers: Mapping[str, Driver], common: Surrounds) -> Senses:
         setting, facts = self._setting, dynamics.facts(VEHICLE)
         limit_s = self._limit / TICKS_PER_SECOND
         briefings: dict[str, Briefing] = {}
@@ -112,11 +131,11 @@ class _Run:
             briefings[ego.id] = briefing(ego, setting.roads, facts, seed, limit_s)
             sensors[ego.id] = ()
             try:
-                sensors[ego.id] = self._drivers[ego.id].sensors()
-                self._drivers[ego.id].start(briefings[ego.id])
+                sensors[ego.id] = drivers[ego.id].sensors()
+                drivers[ego.id].start(briefings[ego.id])
             except AgentFailure as error:
                 self._fail(ego.id, 0, error)
-        return Senses(sensors, briefings)
+        return Senses(sensors, briefings, common)
 
     def _fail(self, ego: str, tick: int, error: AgentFailure) -> None:
         self.endings[ego] = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text)
@@ -141,37 +160,47 @@ class _Run:
             if again.tick == frame.tick and again.ego not in self.endings:
                 self.endings[again.ego] = again
 
-    def replies(self, frame: Frame) -> dict[str, Reply]:
-        """Every living CAV's answer to the same frame."""
-        living = self.living
-        seen = self._senses.observe(frame, self.plans, living)
-        asked = [ego for ego in living if self._asked(ego, frame.tick, seen[ego])]
-        answers = {ego: self._answer(ego, frame.tick) for ego in asked}
-        return {ego: reply for ego, reply in answers.items() if reply is not None}
+    def replies(self, frame: Frame, heard: Heard) -> dict[str, Reply]:
+        """The answers that count from this frame on; what they and the road-side units say goes into the channel."""
+        for ego, messages in heard.items():
+            self._mail[ego] += messages
+        replies = self._minds.due(frame.tick)
+        free = self._minds.free(self.living)
+        spoken = self._roadside.speaks(frame.tick)
+        scene = scene_of(frame, self._sizes) if spoken or self._senses.needed(free) else None
+        mail = {ego: self._mail[ego] for ego in free}
+        self._mail |= dict.fromkeys(free, ())
+        replies |= self._minds.ask(frame.tick, self._senses.observe(frame, scene, self.plans, mail))
+        replies = {ego: reply for ego, reply in replies.items() if ego not in self.endings}
+        self._say(frame, replies, scene if spoken else None)
+        return replies
 
-    def _asked(self, ego: str, tick: int, seen: Observation) -> bool:
-        try:
-            self._drivers[ego].ask(seen)
-        except AgentFailure as error:
-            self._fail(ego, tick, error)
-            return False
-        return True
-
-    def _answer(self, ego: str, tick: int) -> Reply | None:
-        try:
-            return self._drivers[ego].answer()
-        except AgentFailure as error:
-            self._fail(ego, tick, error)
-            return None
+    def _say(self, frame: Frame, replies: Mapping[str, Reply], scene: Scene | None) -> None:
+        said = {ego: reply.messages for ego, reply in replies.items() if reply.messages}
+        for ego, reply in replies.items():
+            self.recorder.note(frame.tick, ego, reply.notes)
+        if scene is not None:
+            said |= self._roadside.said(scene)
+        if said:
+            places = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in self.living} | self._roadside.places
+            self.channel.post(frame.tick, said, places)
 
     def controls(self, frame: Frame, replies: Mapping[str, Reply]) -> Mapping[str, Control]:
-        """Pedals and wheel of every CAV that answered: its own, or those of the controller that follows its plan."""
-        self.plans = {ego: reply.plan for ego, reply in replies.items() if reply.plan is not None}
-        self._controls = {
-            ego: reply.control if reply.control is not None else self._followed(ego, frame.egos[ego])
-            for ego, reply in replies.items()
-        }
+        """Pedals and wheel of every living CAV: its own, those of the controller that follows its plan, or its last."""
+        for ego, reply in replies.items():
+            if reply.plan is not None:
+                self.plans[ego] = reply.plan
+            else:
+                self.plans.pop(ego, None)
+        for ego, reply in replies.items():
+            self._controls[ego] = reply.control if reply.control is not None else self._followed(ego, frame.egos[ego])
+        self.plans = {ego: plan for ego, plan in self.plans.items() if ego not in self.endings}
+        self._controls = {ego: self._controls[ego] for ego in self.living}
         return self._controls
+
+    def finished(self, endings: list[Ending]) -> Episode:
+        """The read-only record of it all."""
+        return self.recorder.finish(endings, self.channel.log(), self._minds.thought)
 
     def _followed(self, ego: str, state: EgoState) -> Control:
         plan = self.plans[ego]

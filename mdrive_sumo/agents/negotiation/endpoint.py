@@ -1,0 +1,95 @@
+"""The language model's endpoint: one request over HTTP, in a bounded time and a bounded size."""
+
+import asyncio
+import json
+import os
+from dataclasses import dataclass
+from typing import Any
+
+MAX_BODY_BYTES = 262_144
+"""An answer's body is cut off there."""
+MAX_ANSWER_CHARS = 2000
+"""256 tokens are some 1000 characters."""
+PATH = "/chat/completions"
+
+
+class ModelError(Exception):
+    """The model gave no answer. `kind` says why in one word."""
+
+    def __init__(self, kind: str, text: str) -> None:
+        super().__init__(f"{kind}: {text}"[:300])
+        self.kind = kind
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a model said, and how many tokens the exchange took, as far as the endpoint tells."""
+
+    text: str
+    tokens: int = 0
+
+
+def completions_url(endpoint: str) -> str:
+    """The address of an OpenAI-compatible endpoint of which its root, its /v1 or the whole address is given."""
+    base = endpoint.rstrip("/")
+    if base.endswith(PATH):
+        return base
+    return base + PATH if base.endswith("/v1") else f"{base}/v1{PATH}"
+
+
+def asked(endpoint: str, request: dict[str, Any], timeout_s: float, key_variable: str = "") -> Answer:
+    """Posts a chat completion request; raises ModelError. Never takes longer than the time-out [s] or so.
+
+    Redirects are not followed: they would carry the key elsewhere. The key is read from the environment variable of
+    that name for every request, and kept nowhere.
+    """
+    headers = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
+    if key_variable:
+        headers["Authorization"] = f"Bearer {os.environ.get(key_variable, '')}"
+    status, body = asyncio.run(_posted(completions_url(endpoint), json.dumps(request).encode(), headers, timeout_s))
+    if status != 200:
+        raise ModelError("status", f"HTTP status {status}")
+    return _answer(body)
+
+
+async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: float) -> tuple[int, bytes]:
+    """(status, body). The time-out is for everything together, so nobody can drip bytes for ever."""
+    import httpx  # slow to import, and most agents need none
+
+    body = bytearray()
+    try:
+        async with (
+            asyncio.timeout(timeout_s),
+            httpx.AsyncClient(timeout=None, follow_redirects=False) as client,
+            client.stream("POST", url, content=content, headers=headers) as response,
+        ):
+            async for chunk in response.aiter_raw(65_536):
+                body += chunk
+                if len(body) > MAX_BODY_BYTES:
+                    raise ModelError("size", f"more than {MAX_BODY_BYTES} bytes")
+            return response.status_code, bytes(body)
+    except TimeoutError:
+        raise ModelError("timeout", f"no answer within {timeout_s:g} s") from None
+    except (httpx.HTTPError, httpx.InvalidURL, UnicodeError, OSError) as error:
+        raise ModelError("connection", type(error).__name__) from None
+
+
+def _answer(body: bytes) -> Answer:
+    """The first choice's text; whatever else the body is raises ModelError."""
+    try:
+        data = json.loads(body)
+        text = data["choices"][0]["message"]["content"]
+    except (ValueError, RecursionError):
+        raise ModelError("json", "the body is no JSON") from None
+    except (KeyError, IndexError, TypeError):
+        raise ModelError("choices", "no choices[0].message.content") from None
+    if not isinstance(text, str):
+        raise ModelError("choices", "no text in choices[0].message.content")
+    if len(text) > MAX_ANSWER_CHARS:
+        raise ModelError("length", f"{len(text)} characters, at most {MAX_ANSWER_CHARS} are allowed")
+    return Answer(text, _tokens(data.get("usage")))
+
+
+def _tokens(usage: object) -> int:
+    found = usage.get("total_tokens") if isinstance(usage, dict) else None
+    return found if type(found) is int and 0 <= found < 1_000_000 else 0

@@ -1,0 +1,130 @@
+"""Options of the V2X channel and of the agents' clock, for every command that drives."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import click
+
+from mdrive_sumo.clock import Clock, clock_of
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.v2x.messages import TYPES
+from mdrive_sumo.v2x.settings import PER, PRESETS, Comm
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+_EACH = "for all types of message, or for some: "
+
+_OPTIONS = (
+    click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The V2X channel."),
+    click.option("--comm-latency", metavar="TICKS", help=f"Delay, {_EACH}6,text=20 or cpm=2."),
+    click.option("--comm-loss", metavar="P", help=f"Probability of loss, {_EACH}0.1,cam=0."),
+    click.option("--comm-range", metavar="M", help=f"Reach in metres or inf, {_EACH}200,cpm=70."),
+    click.option("--comm-budget", metavar="BYTES_PER_S", help="What a station may send in a second, or inf."),
+    click.option(
+        "--pose-error",
+        metavar="POS_M,ROT_DEG[,episode]",
+        help=f"Standard deviations of senders' poses, drawn per message or episode, {_EACH}0.6,0.6,cam=0,0.",
+    ),
+    click.option("--comm-mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Drop these messages; * is any."),
+    click.option(
+        "--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured", help="Cost of thinking."
+    ),
+)
+
+
+def comm_options(command: Command) -> Command:
+    """Adds the options to a click command; its function takes them as `**options` and gives them to `channel_of`."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def channel_of(options: dict[str, Any]) -> tuple[Comm, Clock]:
+    """The channel and the clock; their options are taken out of the dict. Raises InputError naming the option."""
+    names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
+    comm = comm_of(**{name: options.pop(name) for name in names})
+    return comm, clock_of(options.pop("agent_clock"))
+
+
+def comm_of(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> Comm:
+    """The channel of a preset, with the options that are given (as typed, None: not) in its place. Raises InputError."""
+    if comm not in PRESETS:
+        raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
+    made = PRESETS[comm]
+    for name, text in given.items():
+        if text is None:
+            continue
+        try:
+            made = _with(made, name, text)
+        except (ValueError, InputError) as error:
+            why = str(error).removeprefix("V2X channel: ")
+            raise InputError(f"--{name.replace('_', '-')} {text}: {why}") from None
+    return replace(made, mute=(*made.mute, *comm_mute))
+
+
+def _with(comm: Comm, option: str, text: str) -> Comm:
+    if option == "comm_budget":
+        return replace(comm, budget_bytes_s=_number(text))
+    read = _READERS[option]
+    for name, values in _by_type(text).items():
+        fields = read(values)
+        if name:
+            comm = replace(
+                comm, by_type=MappingProxyType({**comm.by_type, name: replace(comm.link_of(name), **fields)})
+            )
+        else:
+            links = {other: replace(link, **fields) for other, link in comm.by_type.items()}
+            comm = replace(comm, link=replace(comm.link, **fields), by_type=MappingProxyType(links))
+    return comm
+
+
+def _by_type(text: str) -> dict[str, list[str]]:
+    """Values by type of message, "" for all types, which come first: "0.6,0.6,cam=0,0" -> {"": [...], "cam": [...]}."""
+    found: dict[str, list[str]] = {"": []}
+    name = ""
+    for part in text.split(","):
+        key, equals, value = part.strip().rpartition("=")
+        if equals:
+            name = key.strip()
+            if name not in TYPES or name in found:
+                raise ValueError(f"expected each type of {', '.join(TYPES)} at most once, found {name!r:.40}")
+        found.setdefault(name, []).append(value.strip())
+    return {name: values for name, values in found.items() if values}
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"expected a number, found {text!r:.40}") from None
+
+
+def _latency(values: list[str]) -> dict[str, Any]:
+    if len(values) != 1 or not (values[0].isascii() and values[0].isdecimal()):
+        raise ValueError(f"expected a whole number of ticks, found {','.join(values)!r:.40}")
+    return {"latency_ticks": int(values[0])}
+
+
+def _one(field: str) -> Callable[[list[str]], dict[str, Any]]:
+    def read(values: list[str]) -> dict[str, Any]:
+        if len(values) != 1:
+            raise ValueError(f"expected one number, found {','.join(values)!r:.40}")
+        return {field: _number(values[0])}
+
+    return read
+
+
+def _pose_error(values: list[str]) -> dict[str, Any]:
+    per = values[2] if len(values) == 3 else PER[0]
+    if len(values) not in (2, 3) or per not in PER:
+        raise ValueError(f"expected POS_M,ROT_DEG or POS_M,ROT_DEG,episode, found {','.join(values)!r:.40}")
+    return {"pose_error_m": _number(values[0]), "pose_error_deg": _number(values[1]), "pose_error_per": per}
+
+
+_READERS: Mapping[str, Callable[[list[str]], dict[str, Any]]] = {
+    "comm_latency": _latency,
+    "comm_loss": _one("loss"),
+    "comm_range": _one("range_m"),
+    "pose_error": _pose_error,
+}

@@ -1,0 +1,67 @@
+"""What crosses the border between the benchmark and an agent: plain scalars, strings and arrays.
+
+An agent is one object for one CAV. It is asked once for its `SensorSpec`s, is given one `Briefing`, and then answers
+every `Observation` (20 Hz) with one `Reply`. Nothing here needs more than numpy, because it also crosses process and
+machine borders; `schema()` publishes the same facts as data (`mdrive-sumo schema contract`).
+
+Frames: world frame of the network, metres, seconds, radians counter-clockwise from +x; a pose is the box centre.
+"""
+
+from mdrive_sumo.contract.briefing import Briefing, StopSign, TrafficLight, VehicleFacts
+from mdrive_sumo.contract.check import (
+    CONTROL_STEP,
+    MAX_MESSAGES,
+    MAX_NOTES,
+    MAX_PLAN_POINTS,
+    NAME,
+    ReplyError,
+    check_reply,
+)
+from mdrive_sumo.contract.exchange import (
+    LABELS,
+    STANDSTILL,
+    Agent,
+    Control,
+    Message,
+    Note,
+    Observation,
+    OwnState,
+    Plan,
+    Privileged,
+    Reply,
+)
+from mdrive_sumo.contract.schema import CONTRACT, schema
+from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+
+__all__ = [
+    "Gnss",
+    "Imu",
+    "Objects",
+    "PointCloud",
+    "Raster",
+    "SensorSpec",
+    "Briefing",
+    "StopSign",
+    "TrafficLight",
+    "VehicleFacts",
+    "LABELS",
+    "STANDSTILL",
+    "Agent",
+    "Control",
+    "Message",
+    "Note",
+    "Observation",
+    "OwnState",
+    "Plan",
+    "Privileged",
+    "Reply",
+    "CONTROL_STEP",
+    "MAX_MESSAGES",
+    "MAX_NOTES",
+    "MAX_PLAN_POINTS",
+    "NAME",
+    "ReplyError",
+    "check_reply",
+    "CONTRACT",
+    "schema",
+]

@@ -1,0 +1,62 @@
+"""Briefing: all that an agent is told before the first tick."""
+
+from dataclasses import dataclass
+
+from mdrive_sumo.geometry import Float
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleFacts:
+    """The car that the agent drives: sizes [m], mass [kg], steering [rad], limits [m/s, m/s2]."""
+
+    length: float
+    width: float
+    wheelbase: float
+    rear_to_centre: float
+    """Distance [m] from the rear axle forward to the box centre."""
+    mass: float
+    max_steer_angle: float
+    max_speed: float
+    max_acceleration: float
+    max_deceleration: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopSign:
+    """A stop sign on the route: arc length [m] along the route of its line."""
+
+    s: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficLight:
+    """A traffic light on the route: id of the light and arc length [m] along the route of its stop line."""
+
+    id: str
+    s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Briefing:
+    """All that an agent is told before the first tick."""
+
+    ego_id: str
+    seed: int
+    """The agent's own seed: use no other source of randomness and re-runs are exact."""
+    tick_s: float
+    """Length of a tick [s]."""
+    time_limit_s: float
+    """The route time-out of the scenario [s] (protocol 7.6)."""
+    vehicle: VehicleFacts
+    route_xy: Float
+    """(N, 2) points every metre [m]; the first is the start, the last is the goal."""
+    route_yaw: Float
+    """(N,) direction of the assigned lane at each point [rad]."""
+    route_s: Float
+    """(N,) arc length at each point [m]."""
+    route_lane_width: Float
+    """(N,) width of the assigned lane at each point [m]."""
+    route_speed_limit: Float
+    """(N,) speed limit at each point [m/s]."""
+    stop_signs: tuple[StopSign, ...] = ()
+    traffic_lights: tuple[TrafficLight, ...] = ()

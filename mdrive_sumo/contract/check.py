@@ -1,0 +1,103 @@
+"""Is an agent's answer a valid Reply?"""
+
+import math
+import re
+from typing import Any, cast
+
+import numpy as np
+
+from mdrive_sumo.contract.exchange import Control, Message, Note, Plan, Reply
+
+MAX_PLAN_POINTS = 200
+MAX_MESSAGES = 64
+"""In one reply."""
+MAX_NOTES = 200_000
+"""Characters in the notes of one reply."""
+NAME = re.compile(r"[a-z0-9_-]{1,16}")
+"""Types of messages and kinds of notes."""
+CONTROL_STEP = 1e-4
+"""Controls are rounded to this step when they arrive, so that the recorded action log re-executes exactly."""
+
+
+class ReplyError(ValueError):
+    """An agent's answer is not a valid Reply."""
+
+
+def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
+    """The reply, with its control rounded to `CONTROL_STEP`; raises ReplyError naming what is wrong."""
+    if not isinstance(reply, Reply):
+        raise ReplyError(f"expected a Reply, found {type(reply).__name__}")
+    if (reply.control is None) == (reply.plan is None):
+        raise ReplyError("expected either a control or a plan, found " + ("neither" if reply.plan is None else "both"))
+    said = _checked_messages(reply.messages), _checked_notes(reply.notes)
+    if reply.control is not None:
+        return Reply(_checked_control(reply.control), None, *said)
+    return Reply(None, _checked_plan(reply.plan, controllers), *said)
+
+
+def _checked_messages(messages: object) -> tuple[Message, ...]:
+    if not isinstance(messages, tuple) or len(messages) > MAX_MESSAGES:
+        raise ReplyError(f"messages: expected a tuple of at most {MAX_MESSAGES}, found {_counted(messages)}")
+    for message in cast("tuple[object, ...]", messages):
+        if not isinstance(message, Message) or not isinstance(cast(object, message.payload), bytes):
+            raise ReplyError(f"messages: expected Message with a bytes payload, found {type(message).__name__}")
+        if not isinstance(cast(object, message.type), str) or not NAME.fullmatch(message.type):
+            raise ReplyError(f"messages: type: expected 1 to 16 of a-z, 0-9, _ and -, found {message.type!r:.40}")
+    return cast("tuple[Message, ...]", messages)
+
+
+def _checked_notes(notes: object) -> tuple[Note, ...]:
+    if not isinstance(notes, tuple):
+        raise ReplyError(f"notes: expected a tuple, found {_counted(notes)}")
+    for note in cast("tuple[object, ...]", notes):
+        if not isinstance(note, Note) or not isinstance(cast(object, note.text), str):
+            raise ReplyError(f"notes: expected Note with a text, found {type(note).__name__}")
+        if not isinstance(cast(object, note.kind), str) or not NAME.fullmatch(note.kind):
+            raise ReplyError(f"notes: kind: expected 1 to 16 of a-z, 0-9, _ and -, found {note.kind!r:.40}")
+    checked = cast("tuple[Note, ...]", notes)
+    if (size := sum(len(note.text) for note in checked)) > MAX_NOTES:
+        raise ReplyError(f"notes: expected at most {MAX_NOTES} characters a tick, found {size}")
+    return checked
+
+
+def _counted(value: object) -> str:
+    return f"{len(value)}" if isinstance(value, tuple) else type(value).__name__
+
+
+def _checked_control(control: object) -> Control:
+    if not isinstance(control, Control):
+        raise ReplyError(f"expected a Control, found {type(control).__name__}")
+    return Control(
+        throttle=_in_range("throttle", control.throttle, 0.0),
+        brake=_in_range("brake", control.brake, 0.0),
+        steer=_in_range("steer", control.steer, -1.0),
+    )
+
+
+def _in_range(name: str, value: Any, low: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ReplyError(f"{name}: expected a number, found {type(value).__name__}") from None
+    if not low <= number <= 1.0:  # NaN fails too
+        raise ReplyError(f"{name}: expected a number in [{low:g}, 1], found {number}")
+    return round(round(number / CONTROL_STEP) * CONTROL_STEP, 4)
+
+
+def _checked_plan(plan: object, controllers: frozenset[str]) -> Plan:
+    if not isinstance(plan, Plan):
+        raise ReplyError(f"expected a Plan, found {type(plan).__name__}")
+    try:
+        points = np.array(plan.points, dtype=np.float64)
+        interval_s = float(plan.interval_s)
+    except (TypeError, ValueError):
+        raise ReplyError("plan: expected numbers for points and interval_s") from None
+    if points.ndim != 2 or points.shape[1] != 2 or not 1 <= len(points) <= MAX_PLAN_POINTS:
+        raise ReplyError(f"plan: expected points of shape (1..{MAX_PLAN_POINTS}, 2), found {points.shape}")
+    if not np.isfinite(points).all() or np.abs(points).max() > 1e6:
+        raise ReplyError("plan: expected finite points within 1000 km of the origin")
+    if not (math.isfinite(interval_s) and 0.01 <= interval_s <= 10.0):
+        raise ReplyError(f"plan: expected interval_s in [0.01, 10] s, found {interval_s}")
+    if plan.controller not in controllers:
+        raise ReplyError(f"plan: unknown controller {plan.controller!r}, expected one of {sorted(controllers)}")
+    return Plan(points, interval_s, plan.controller)

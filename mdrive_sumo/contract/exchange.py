@@ -1,0 +1,137 @@
+"""What goes back and forth in every tick: an Observation, and a Reply with a Control or a Plan and messages."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Protocol
+
+from mdrive_sumo.contract.briefing import Briefing
+from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.geometry import Float
+
+LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
+"""What an agent may call itself; `privileged` is added by the benchmark to whoever declares that sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnState:
+    """The ego's own instruments, without noise."""
+
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    acceleration: float
+    yaw_rate: float
+    steer_angle: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Where the box centre shall be: points (N, 2) [m] in the world frame, the first one lies `interval_s` ahead."""
+
+    points: Float
+    interval_s: float
+    controller: str = "tracker"
+    """Which controller follows the plan: a name in `mdrive_sumo.control.CONTROLLERS`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """Pedals and wheel: throttle and brake in [0, 1], steer in [-1, 1], left positive (full lock = max_steer_angle)."""
+
+    throttle: float
+    brake: float
+    steer: float
+
+
+STANDSTILL = Control(throttle=0.0, brake=1.0, steer=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Something said to all others over the V2X channel; `mdrive_sumo.v2x.messages` makes and reads the usual types.
+
+    An agent gives `type` and `payload`; the channel fills in `sender` (nobody can pose as another) and `tick`.
+    """
+
+    type: str
+    """"cam", "cpm", "mcm", "text", or a name of the agent's own, at most 16 characters."""
+    payload: bytes
+    sender: str = ""
+    """Id of the CAV or RSU that sent it."""
+    tick: int = 0
+    """When it was sent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that an agent wants to be kept with the recording, for people and for replays; nobody else hears it."""
+
+    kind: str
+    """A short name, e.g. "llm-exchange"; results count the notes of every kind."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Privileged:
+    """What only the `privileged` sensor tells: all other CAVs' states, routes and plans of the previous tick."""
+
+    ego_ids: tuple[str, ...]
+    """Every living CAV, oneself included, sorted."""
+    states: tuple[OwnState, ...]
+    routes: tuple[Float, ...]
+    """(N, 2) route points of each CAV [m]."""
+    plans: tuple[Plan | None, ...]
+    objects: Objects
+    """Every actor that is no CAV, wherever it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What one CAV sees of one frame. Fields of sensors that were not declared are None or empty."""
+
+    tick: int
+    own: OwnState
+    objects: Objects | None = None
+    signals: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """State letter ("r", "y", "g", "G") by id of the traffic lights of the briefing."""
+    messages: tuple[Message, ...] = ()
+    """What has arrived since the agent was last asked, in order of arrival."""
+    privileged: Privileged | None = None
+    lidar: Mapping[str, PointCloud] = field(default_factory=lambda: MappingProxyType({}))
+    """Scans by sensor id; a slower sensor is missing in ticks without a scan."""
+    bev: Mapping[str, Raster] = field(default_factory=lambda: MappingProxyType({}))
+    gnss: Gnss | None = None
+    imu: Imu | None = None
+    speedometer: float | None = None
+    """[m/s]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An agent's answer: a control or a plan (exactly one), and what it says to others."""
+
+    control: Control | None = None
+    plan: Plan | None = None
+    messages: tuple[Message, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+
+class Agent(Protocol):
+    """One CAV's driver. An agent class takes its configuration (a mapping) as only argument."""
+
+    label: str
+    """One of `LABELS`: how results name this kind of agent."""
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """The sensors that the agent needs; asked once."""
+        ...
+
+    def start(self, briefing: Briefing) -> None:
+        """Told once, before the first observation."""
+        ...
+
+    def act(self, seen: Observation) -> Reply:
+        """Asked on every tick while the CAV lives."""
+        ...

@@ -1,0 +1,106 @@
+"""What an agent may ask for, and what each sensor gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.geometry import Float
+
+NO_OPTIONS: Mapping[str, float | str | bool] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSpec:
+    """A sensor that an agent asks for. Only what is declared is computed; docs/sensors.md lists kinds and options.
+
+    "objects" (detections of what is in sight), "lidar", "bev" (bird's-eye raster), "gnss", "imu", "speedometer", and
+    "privileged" (every state, every route and every CAV's latest plan), which labels the agent `privileged`.
+    """
+
+    kind: str
+    id: str = ""
+    """Name of its output; several sensors of kind lidar or bev need different ones."""
+    range_m: float = 100.0
+    """How far an "objects" sensor reaches [m]; the others have fixed or optional ranges."""
+    options: Mapping[str, float | str | bool] = field(default_factory=lambda: NO_OPTIONS)
+
+
+@dataclass(frozen=True, slots=True)
+class Objects:
+    """Boxes of other road users and obstacles. Struct of arrays, all (N,); nearest first."""
+
+    ids: tuple[str, ...]
+    """What a sensor sees has track names of the observer's own: the same thing keeps its name from tick to tick, and
+    has another one for every other observer. The privileged sensor tells true ids."""
+    kind: npt.NDArray[np.uint8]
+    """Values of `mdrive_sumo.state.Kind`: 0 vehicle, 1 pedestrian, 2 cyclist, 3 static."""
+    x: Float
+    y: Float
+    yaw: Float
+    speed: Float
+    """Along yaw [m/s]."""
+    length: Float
+    width: Float
+    free_m: Float = field(default_factory=lambda: np.zeros(0))
+    """(B,) how far sight is free [m] in B equal sectors, counter-clockwise from straight ahead; each value belongs to
+    the ray at the beginning of its sector. Empty unless an objects sensor has the option `free_space`."""
+
+    def picked(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> "Objects":
+        """The same with the chosen rows only."""
+        return Objects(
+            ids=tuple(np.array(self.ids, dtype=object)[rows]),
+            kind=self.kind[rows],
+            x=self.x[rows],
+            y=self.y[rows],
+            yaw=self.yaw[rows],
+            speed=self.speed[rows],
+            length=self.length[rows],
+            width=self.width[rows],
+            free_m=self.free_m,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PointCloud:
+    """One LiDAR scan in the sensor's own frame (x ahead, y left, z up)."""
+
+    points: npt.NDArray[np.float32]
+    """(N, 4): x, y, z [m], intensity in [0, 1]."""
+    hit: npt.NDArray[np.int32]
+    """(N,) index into `names` of what each point lies on, -1 for the ground; empty unless the option hit_ids is set."""
+    names: tuple[str, ...]
+    """Track names as in `Objects.ids`, "building:ID" for buildings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """A bird's-eye view centred on the car, which looks up (row 0 is ahead, column 0 is left)."""
+
+    layers: tuple[str, ...]
+    pixels: npt.NDArray[np.uint8]
+    """(layers, H, W), 0 or 255."""
+    metres_per_pixel: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gnss:
+    """Where a satellite receiver at the box centre takes itself to be (WGS 84)."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Imu:
+    """Inertial unit at the box centre, in the car's frame (x ahead, y left, z up)."""
+
+    acceleration: tuple[float, float, float]
+    """[m/s2], gravity included: (0, 0, 9.81) for a car at rest."""
+    angular_rate: tuple[float, float, float]
+    """[rad/s]"""
+    compass: float
+    """Direction of the car [rad], clockwise from north (+y), in [0, 2 pi), as CARLA gives it."""

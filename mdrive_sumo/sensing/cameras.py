@@ -1,0 +1,5 @@
+"""TEMPORARY stand-in."""
+
+
+def camera_error(kind: str) -> str:
+    return ""

@@ -1,0 +1,31 @@
+"""Transcripts: every exchange with a language model as a line of JSON, so that a run can be repeated without one."""
+
+from pathlib import Path
+
+from mdrive_sumo.episode import Episode
+
+EXCHANGE = "llm-exchange"
+"""Kind of the notes that hold an exchange."""
+TRANSCRIPT_FILE = "transcript.jsonl"
+
+
+def transcript_path(folder: Path, scenario: str) -> Path:
+    """Where the transcript of one scenario lies."""
+    return folder / f"{scenario}.jsonl"
+
+
+def save_transcript(episode: Episode, folder: Path) -> None:
+    """Writes the exchanges of an episode in the order in which they happened to FOLDER/SCENARIO.jsonl, if there are any."""
+    lines = [record.note.text for record in episode.notes if record.note.kind == EXCHANGE]
+    path = transcript_path(folder, episode.scenario)
+    if lines:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    else:
+        path.unlink(missing_ok=True)
+
+
+def gathered(folder: Path, scenarios: tuple[str, ...]) -> str:
+    """The transcripts of these scenarios, one after the other; "" if there are none."""
+    paths = (transcript_path(folder, scenario) for scenario in scenarios)
+    return "".join(path.read_text(encoding="utf-8") for path in paths if path.is_file())

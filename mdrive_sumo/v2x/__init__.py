@@ -1,0 +1,1 @@
+"""Vehicle-to-everything communication: what stations say (`messages`), and how it travels (`channel`)."""

@@ -1,0 +1,182 @@
+"""Channel: messages on their way from one station to the others. docs/v2x.md says what it does and what it does not."""
+
+import math
+from collections import Counter, deque
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum, auto
+
+from mdrive_sumo.contract import Message
+from mdrive_sumo.seeding import normals, uniforms
+from mdrive_sumo.state import TICKS_PER_SECOND
+from mdrive_sumo.v2x.messages import moved, problem
+from mdrive_sumo.v2x.settings import Comm, Link
+
+Place = tuple[float, float]
+
+
+class Fate(StrEnum):
+    """What became of a message for one receiver, or (the last four) for all of them."""
+
+    DELIVERED = auto()
+    LOST = auto()
+    OUT_OF_RANGE = "out-of-range"
+    GONE = auto()
+    """The receiver ended before it arrived."""
+    MUTED = auto()
+    OVER_BUDGET = "over-budget"
+    MALFORMED = auto()
+    """Not readable as what its type says."""
+    OFF = auto()
+    """The channel is switched off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A message as it was sent, and what became of it."""
+
+    message: Message
+    fates: Mapping[str, tuple[Fate, int]]
+    """Receiver -> (fate, tick of arrival or of the loss)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Flight:
+    """A message on its way to some receivers, who will all get it in the same tick."""
+
+    message: Message
+    n: int
+    """Its place among what the sender said in that tick."""
+    receivers: list[str]
+    fates: dict[str, tuple[Fate, int]]
+
+
+class Channel:
+    """One channel of one episode. Deterministic: what happens to a message depends on names and ticks only."""
+
+    def __init__(self, comm: Comm, seed: int) -> None:
+        self._comm, self._seed = comm, seed
+        self._muted = comm.muted
+        self._budgets: dict[str, _Budget] = {}
+        self._flights: dict[int, list[_Flight]] = {}
+        self._log: list[tuple[Message, dict[str, tuple[Fate, int]]]] = []
+
+    def post(
+        self,
+        tick: int,
+        said: Mapping[str, tuple[Message, ...]],
+        places: Mapping[str, Place],
+        receivers: Collection[str] | None = None,
+    ) -> None:
+        """What stations say in this tick. To be called at most once a tick, after that tick's `deliver`.
+
+        places: [m] of all senders and receivers. receivers: who can hear; None: everyone who has a place. Road-side
+        units send only, so they have a place but are no receivers. Nobody hears oneself.
+        """
+        hearing = sorted(places if receivers is None else receivers)
+        for sender in sorted(said):
+            others = [station for station in hearing if station != sender]
+            for n, unsigned in enumerate(said[sender]):
+                message = Message(unsigned.type, unsigned.payload, sender, tick)
+                fates: dict[str, tuple[Fate, int]] = {}
+                self._log.append((message, fates))
+                stopped = self._stopped(message)
+                if stopped is not None:
+                    fates.update(dict.fromkeys(others, (stopped, tick)))
+                else:
+                    self._start(_Flight(message, n, others, fates), places)
+
+    def _stopped(self, message: Message) -> Fate | None:
+        """Why a message reaches nobody; None if it goes on its way."""
+        comm = self._comm
+        if not comm.on:
+            return Fate.OFF
+        if problem(message) is not None:
+            return Fate.MALFORMED
+        if self._muted and self._muted.has(message.sender, message.type, message.tick):
+            return Fate.MUTED
+        if math.isinf(comm.budget_bytes_s):
+            return None
+        budget = self._budgets.setdefault(message.sender, _Budget(comm.budget_bytes_s))
+        fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
+        return None if fits else Fate.OVER_BUDGET
+
+    def _start(self, flight: _Flight, places: Mapping[str, Place]) -> None:
+        message, fates = flight.message, flight.fates
+        link = self._comm.link_of(message.type)
+        if link.loss or not math.isinf(link.range_m):
+            for receiver in flight.receivers:
+                if (fate := self._missed(link, flight, receiver, places)) is not None:
+                    fates[receiver] = (fate, message.tick)
+            flight = _Flight(message, flight.n, [one for one in flight.receivers if one not in fates], fates)
+        if flight.receivers:
+            self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)
+
+    def _missed(self, link: Link, flight: _Flight, receiver: str, places: Mapping[str, Place]) -> Fate | None:
+        sender, tick = flight.message.sender, flight.message.tick
+        if math.dist(places[sender], places[receiver]) > link.range_m:
+            return Fate.OUT_OF_RANGE
+        if link.loss and uniforms(self._seed, "loss", sender, receiver, tick, flight.n)[0] < link.loss:
+            return Fate.LOST
+        return None
+
+    def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
+        """What reaches the living receivers in this tick, in the order of sending (then of senders' ids).
+
+        To be called in every tick; receivers without a message are named too, with an empty tuple.
+        """
+        boxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
+        arrived, gone = (Fate.DELIVERED, tick), (Fate.GONE, tick)
+        for flight in self._flights.pop(tick, ()):  # in the order of sending, for that is how they were put there
+            link = self._comm.link_of(flight.message.type)
+            wrong = link.pose_error_m or link.pose_error_deg
+            for receiver in flight.receivers:
+                if receiver not in boxes:
+                    flight.fates[receiver] = gone
+                    continue
+                flight.fates[receiver] = arrived
+                boxes[receiver].append(self._misplaced(link, flight, receiver) if wrong else flight.message)
+        return {receiver: tuple(box) for receiver, box in boxes.items()}
+
+    def _misplaced(self, link: Link, flight: _Flight, receiver: str) -> Message:
+        """The message with an error of its sender's pose, as this receiver gets it."""
+        message = flight.message
+        once = () if link.pose_error_per == "episode" else (message.tick, flight.n)
+        dx, dy, dyaw = normals(self._seed, "pose", message.sender, receiver, *once)[:3]
+        return moved(
+            message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg)
+        )
+
+    def log(self) -> tuple[Sent, ...]:
+        """Everything that was sent, in order; messages still in flight have no fate for those receivers yet."""
+        return tuple(Sent(message, dict(fates)) for message, fates in self._log)
+
+
+class _Budget:
+    """What one station has sent in the last second."""
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._sent: deque[tuple[int, int]] = deque()
+        self._sum = 0
+
+    def take(self, tick: int, size: int) -> bool:
+        """Whether so many bytes [B] may be sent now; if so, they are counted."""
+        while self._sent and self._sent[0][0] <= tick - TICKS_PER_SECOND:
+            self._sum -= self._sent.popleft()[1]
+        if self._sum + size > self._limit:
+            return False
+        self._sent.append((tick, size))
+        self._sum += size
+        return True
+
+
+def counted(messages: Iterable[Sent]) -> dict[str, int]:
+    """Messages ("sent") and payload bytes ("bytes") that were handed to the channel, and for every fate how many
+    receivers met it. Empty if nothing was said."""
+    sent = tuple(messages)
+    if not sent:
+        return {}
+    fates = Counter(fate for one in sent for fate, _ in one.fates.values())
+    size = sum(len(one.message.payload) for one in sent)
+    return {"sent": len(sent), "bytes": size} | {fate.value: fates[fate] for fate in Fate}

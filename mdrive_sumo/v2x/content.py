@@ -1,0 +1,126 @@
+"""What V2X stations say to each other, as values in the world frame: SI units, box centres. Read `messages` first."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract import Objects
+from mdrive_sumo.geometry import Float
+
+CAM, CPM, MCM, TEXT = "cam", "cpm", "mcm", "text"
+TYPES = (CAM, CPM, MCM, TEXT)
+MAX_OBJECTS, MAX_SECTORS, MAX_POINTS, MAX_NAMES = 255, 255, 100, 32
+MAX_NAME_BYTES = 80
+MAX_TEXT_BYTES = 8192
+MAX_PAYLOAD_BYTES = 65535
+"""Of types that are the agents' own."""
+REACH_M = 327.67
+"""How far from the sender's pose a message can place something, along and across [m]."""
+
+
+class MessageError(ValueError):
+    """Bytes that are no message of their type, or contents that no message can carry."""
+
+
+class Intention(IntEnum):
+    """What a CAV means to do with its speed (protocol 10.2)."""
+
+    STOP = 0
+    SLOWER = 1
+    KEEP = 2
+    FASTER = 3
+
+
+class Direction(IntEnum):
+    """Where a CAV means to go (protocol 10.2)."""
+
+    FOLLOW = 0
+    LEFT = 1
+    RIGHT = 2
+    STRAIGHT = 3
+    CHANGE_LEFT = 4
+    CHANGE_RIGHT = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The sender's reference pose [m, rad] and the tick in which it was there."""
+
+    x: float
+    y: float
+    yaw: float
+    tick: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cam:
+    """Cooperative awareness: where I am and how I move."""
+
+    pose: Pose
+    speed: float
+    acceleration: float
+    yaw_rate: float
+    length: float
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cpm:
+    """Collective perception: what I detect, and how far I see."""
+
+    pose: Pose
+    range_m: float
+    objects: Objects
+    """Track names are the sender's own; `free_m` tells its free sight in equal sectors, see `Objects`."""
+    age: npt.NDArray[np.uint8]
+    """(N,) ticks since each object was measured, at the tick of the pose."""
+    roadside: bool = False
+    """Whether the sender is a road-side unit, which has no box of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mcm:
+    """Manoeuvre coordination: what I plan, what I would rather do, what I ask others to do, what I answer them."""
+
+    pose: Pose
+    speed: float
+    intention: Intention
+    direction: Direction
+    interval_s: float
+    """Between the points of the trajectories; the first point lies one interval after the pose's tick."""
+    planned: Float
+    """(K, 2) box centres [m] that I mean to follow."""
+    desired: Float = field(default_factory=lambda: np.zeros((0, 2)))
+    """(K, 2) what I would do if the others let me; empty: the same as planned."""
+    requests: Mapping[str, Intention] = field(default_factory=lambda: MappingProxyType({}))
+    """What I ask other stations to do, by their id; my own id tells what I take upon me."""
+    answers: Mapping[str, bool] = field(default_factory=lambda: MappingProxyType({}))
+    """Whether I accept what that station last asked of me."""
+    group: tuple[str, ...] = ()
+    """The conflict group that I take myself to be in, oneself included, sorted."""
+    until_tick: int = 0
+    """How long the requests are meant to hold."""
+
+
+Content: TypeAlias = Cam | Cpm | Mcm | str
+
+
+def track_name(number: int) -> str:
+    """How `Objects.ids` writes a track number (32 bits)."""
+    return f"t{number:08x}"
+
+
+def track_number(name: str) -> int:
+    """The inverse of `track_name`; raises MessageError for any other name."""
+    try:
+        number = int(name[1:], 16)
+    except ValueError:
+        number = -1
+    if number < 0 or name != track_name(number) or len(name) != 9:
+        raise MessageError(f"cpm: expected track names such as t0000002a, found {name!r:.40}")
+    return number

@@ -1,0 +1,287 @@
+"""Bytes of CAM, CPM and MCM. The tables are in docs/v2x.md; little-endian throughout.
+
+Reading has two steps: `*_parts` takes a body apart and raises MessageError unless every byte is in order, with plain
+Python and without arrays, which makes it cheap enough for the channel to check everything that is said; `*_of` makes
+contents of parts and cannot fail.
+"""
+
+import math
+import struct
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract import Objects
+from mdrive_sumo.geometry import TAU, Float
+from mdrive_sumo.state import Kind
+from mdrive_sumo.v2x.content import (
+    MAX_NAME_BYTES,
+    MAX_NAMES,
+    MAX_OBJECTS,
+    MAX_POINTS,
+    MAX_SECTORS,
+    REACH_M,
+    Cam,
+    Cpm,
+    Direction,
+    Intention,
+    Mcm,
+    MessageError,
+    Pose,
+    track_name,
+    track_number,
+)
+
+_HEADER = struct.Struct("<BiiHI")  # kind, x, y [cm], yaw [0.01 deg], tick
+_CAM = struct.Struct("<hhhHH")  # speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm]
+_CPM = struct.Struct("<HBBB")  # range [dm], objects, sectors, 1 for a road-side unit
+_MCM = struct.Struct("<hBBBI")  # speed [cm/s], intention, direction, interval [0.01 s], until [tick]
+_OBJECT = np.dtype(
+    [("track", "<u4"), ("kind", "u1"), ("xy", "<i2", 2), ("yaw", "<u2"), ("speed", "<i2"), ("size", "<u2", 2),
+     ("age", "u1")]
+)  # fmt: skip
+_KIND_AT = 4
+"""Offset of the kind in `_OBJECT`."""
+_CENTI = 100.0
+HEADER_BYTES = _HEADER.size
+
+
+def header(kind: int, pose: Pose) -> bytes:
+    """The first bytes of every message but text. Places more than 214 km from the origin are told as that far."""
+    yaw = round(math.degrees(pose.yaw % TAU) * _CENTI) % 36000
+    return _HEADER.pack(kind, _clipped(pose.x * _CENTI, 31), _clipped(pose.y * _CENTI, 31), yaw, pose.tick)
+
+
+def pose_of(payload: bytes) -> Pose:
+    """The reference pose in a payload of at least `HEADER_BYTES`."""
+    _, x, y, yaw, tick = _HEADER.unpack_from(payload)
+    return Pose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick)
+
+
+def _clipped(value: float, bits: int) -> int:
+    """Rounded and kept within a signed integer of so many bits (31: 32-bit). Raises MessageError for no number."""
+    if not math.isfinite(value):
+        raise MessageError(f"expected finite numbers, found {value}")
+    most = 2**bits - 1
+    return min(max(round(value), -most), most)
+
+
+def _turned(xy: Float, yaw: float) -> Float:
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
+
+
+def _to_local(pose: Pose, xy: Float) -> npt.NDArray[np.int16]:
+    local = _turned(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
+    if not (np.abs(local) <= REACH_M).all():  # NaN fails too
+        raise MessageError(f"expected positions within {REACH_M} m of the sender, along and across")
+    return np.rint(local * _CENTI).astype("<i2")
+
+
+def _to_world(pose: Pose, local: npt.NDArray[np.int16]) -> Float:
+    return _turned(local.reshape(-1, 2) / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
+
+
+def cam_body(cam: Cam, _: Pose) -> bytes:
+    """A CAM without its header."""
+    signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
+    size = (cam.length * _CENTI, cam.width * _CENTI)
+    return _CAM.pack(*(_clipped(value, 15) for value in signed), *(max(_clipped(value, 16), 0) for value in size))
+
+
+def cam_parts(body: bytes) -> tuple[int, ...]:
+    """Takes a CAM apart; raises MessageError."""
+    if len(body) != _CAM.size:
+        raise MessageError(f"expected {_CAM.size} bytes after the header, found {len(body)}")
+    return _CAM.unpack(body)
+
+
+def cam_of(pose: Pose, parts: tuple[int, ...]) -> Cam:
+    """The CAM of these parts."""
+    speed, acceleration, yaw_rate, length, width = parts
+    return Cam(pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI)
+
+
+class CpmParts(NamedTuple):
+    """A CPM taken apart."""
+
+    range_dm: int
+    roadside: bool
+    rows: bytes
+    free: bytes
+
+
+def cpm_body(cpm: Cpm, pose: Pose) -> bytes:
+    """A CPM without its header; `pose` is the one that the receiver will read."""
+    objects, count, sectors = cpm.objects, len(cpm.objects.ids), len(cpm.objects.free_m)
+    if count > MAX_OBJECTS or sectors > MAX_SECTORS:
+        raise MessageError(
+            f"expected at most {MAX_OBJECTS} objects and {MAX_SECTORS} sectors, found {count} and {sectors}"
+        )
+    range_dm = min(max(_clipped(cpm.range_m * 10, 16), 0), 65535)
+    head = _CPM.pack(range_dm, count, sectors, bool(cpm.roadside))
+    return head + _object_rows(cpm, pose).tobytes() + _sight(objects.free_m, range_dm)
+
+
+def _object_rows(cpm: Cpm, pose: Pose) -> npt.NDArray[np.void]:
+    objects = cpm.objects
+    numbers = np.column_stack((objects.yaw, objects.speed, objects.length, objects.width))
+    if not np.isfinite(numbers).all():
+        raise MessageError("expected finite numbers")
+    if (np.asarray(objects.kind) > max(Kind)).any():
+        raise MessageError(f"expected kinds from 0 to {max(Kind)}")
+    rows = np.zeros(len(objects.ids), dtype=_OBJECT)
+    rows["track"] = [track_number(name) for name in objects.ids]
+    rows["kind"], rows["age"] = objects.kind, np.clip(cpm.age, 0, 255)
+    rows["xy"] = _to_local(pose, np.column_stack((objects.x, objects.y)))
+    rows["yaw"] = np.rint(np.degrees((objects.yaw - pose.yaw) % TAU) * _CENTI) % 36000
+    rows["speed"] = np.clip(np.rint(objects.speed * _CENTI), -32767, 32767)
+    rows["size"] = np.clip(np.rint(numbers[:, 2:] * _CENTI), 0, 65535)
+    return rows
+
+
+def _sight(free_m: Float, range_dm: int) -> bytes:
+    """Free sight in 255 steps, rounded down: a message never tells of more than its sender has seen."""
+    if not np.isfinite(free_m).all():
+        raise MessageError("expected finite numbers")
+    steps = np.clip(free_m * 10 / max(range_dm, 1), 0, 1) * 255
+    return np.floor(steps + 1e-6).astype(np.uint8).tobytes()  # what was read is written the same again
+
+
+def cpm_parts(body: bytes) -> CpmParts:
+    """Takes a CPM apart; raises MessageError."""
+    if len(body) < _CPM.size:
+        raise MessageError(f"expected at least {_CPM.size} bytes after the header, found {len(body)}")
+    range_dm, count, sectors, roadside = _CPM.unpack_from(body)
+    end = _CPM.size + count * _OBJECT.itemsize
+    if len(body) != end + sectors:
+        raise MessageError(f"expected {end + sectors} bytes after the header, found {len(body)}")
+    if max(body[_CPM.size + _KIND_AT : end : _OBJECT.itemsize], default=0) > max(Kind) or roadside > 1:
+        raise MessageError(f"expected kinds from 0 to {max(Kind)}, and 0 or 1 for a road-side unit")
+    return CpmParts(range_dm, bool(roadside), body[_CPM.size : end], body[end:])
+
+
+def cpm_of(pose: Pose, parts: CpmParts) -> Cpm:
+    """The CPM of these parts."""
+    rows = np.frombuffer(parts.rows, dtype=_OBJECT)
+    xy = _to_world(pose, rows["xy"])
+    objects = Objects(
+        ids=tuple(track_name(number) for number in rows["track"].tolist()),
+        kind=rows["kind"].copy(),
+        x=xy[:, 0],
+        y=xy[:, 1],
+        yaw=np.radians(rows["yaw"] / _CENTI) + pose.yaw,
+        speed=rows["speed"] / _CENTI,
+        length=rows["size"][:, 0] / _CENTI,
+        width=rows["size"][:, 1] / _CENTI,
+        free_m=np.frombuffer(parts.free, dtype=np.uint8) / 255 * (parts.range_dm / 10),
+    )
+    return Cpm(pose, parts.range_dm / 10, objects, rows["age"].copy(), parts.roadside)
+
+
+class McmParts(NamedTuple):
+    """An MCM taken apart."""
+
+    fixed: tuple[int, ...]
+    planned: bytes
+    desired: bytes
+    requests: dict[str, int]
+    answers: dict[str, int]
+    group: dict[str, int]
+
+
+def mcm_body(mcm: Mcm, pose: Pose) -> bytes:
+    """An MCM without its header; `pose` is the one that the receiver will read."""
+    interval = _clipped(mcm.interval_s * _CENTI, 15)
+    if not 1 <= interval <= 255:
+        raise MessageError(f"expected interval_s in [0.01, 2.55] s, found {mcm.interval_s}")
+    speed = _clipped(mcm.speed * _CENTI, 15)
+    fixed = _MCM.pack(speed, Intention(mcm.intention), Direction(mcm.direction), interval, max(mcm.until_tick, 0))
+    parts = (
+        _points(pose, mcm.planned),
+        _points(pose, mcm.desired),
+        _names({name: Intention(what) for name, what in mcm.requests.items()}),
+        _names({name: bool(yes) for name, yes in mcm.answers.items()}),
+        _names(dict.fromkeys(mcm.group, 0)),
+    )
+    return fixed + b"".join(parts)
+
+
+def _points(pose: Pose, xy: Float) -> bytes:
+    if len(xy) > MAX_POINTS:
+        raise MessageError(f"expected at most {MAX_POINTS} points, found {len(xy)}")
+    return bytes((len(xy),)) + _to_local(pose, xy).tobytes()
+
+
+def _names(values: Mapping[str, int]) -> bytes:
+    entries = [(name.encode(), value) for name, value in values.items()]
+    if len(entries) > MAX_NAMES or not all(1 <= len(name) <= MAX_NAME_BYTES for name, _ in entries):
+        raise MessageError(f"expected at most {MAX_NAMES} names of 1 to {MAX_NAME_BYTES} bytes, found {len(entries)}")
+    return bytes((len(entries),)) + b"".join(bytes((len(name), value)) + name for name, value in entries)
+
+
+def mcm_parts(body: bytes) -> McmParts:
+    """Takes an MCM apart; raises MessageError."""
+    if len(body) < _MCM.size:
+        raise MessageError(f"expected at least {_MCM.size} bytes after the header, found {len(body)}")
+    fixed = _MCM.unpack_from(body)
+    if fixed[1] > max(Intention) or fixed[2] > max(Direction) or not fixed[3]:
+        raise MessageError(f"expected an intention, a direction and an interval above 0, found {fixed[1:4]}")
+    planned, at = _taken_points(body, _MCM.size)
+    desired, at = _taken_points(body, at)
+    requests, at = _taken_names(body, at, max(Intention))
+    answers, at = _taken_names(body, at, 1)
+    group, at = _taken_names(body, at, 0)
+    if at != len(body):
+        raise MessageError(f"{len(body) - at} bytes too many")
+    return McmParts(fixed, planned, desired, requests, answers, group)
+
+
+def _taken(data: bytes, at: int, size: int) -> bytes:
+    if at + size > len(data):
+        raise MessageError("bytes are missing")
+    return data[at : at + size]
+
+
+def _taken_points(data: bytes, at: int) -> tuple[bytes, int]:
+    """Points that begin at that offset, and the offset after them."""
+    count = _taken(data, at, 1)[0]
+    if count > MAX_POINTS:
+        raise MessageError(f"expected at most {MAX_POINTS} points, found {count}")
+    return _taken(data, at + 1, 4 * count), at + 1 + 4 * count
+
+
+def _taken_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
+    """Names with values from 0 to `most` that begin at that offset, and the offset after them."""
+    count, at = _taken(data, at, 1)[0], at + 1
+    found: dict[str, int] = {}
+    for _ in range(count):
+        size, value = _taken(data, at, 2)
+        if not 1 <= size <= MAX_NAME_BYTES or value > most:
+            raise MessageError(f"expected names of 1 to {MAX_NAME_BYTES} bytes with values from 0 to {most}")
+        found[_taken(data, at + 2, size).decode()] = value  # UnicodeDecodeError is a ValueError
+        at += 2 + size
+    if len(found) < count or count > MAX_NAMES:
+        raise MessageError(f"expected at most {MAX_NAMES} different names, found {count}")
+    return found, at
+
+
+def mcm_of(pose: Pose, parts: McmParts) -> Mcm:
+    """The MCM of these parts."""
+    speed, intention, direction, interval, until = parts.fixed
+    return Mcm(
+        pose=pose,
+        speed=speed / _CENTI,
+        intention=Intention(intention),
+        direction=Direction(direction),
+        interval_s=interval / _CENTI,
+        planned=_to_world(pose, np.frombuffer(parts.planned, dtype="<i2")),
+        desired=_to_world(pose, np.frombuffer(parts.desired, dtype="<i2")),
+        requests=MappingProxyType({name: Intention(value) for name, value in parts.requests.items()}),
+        answers=MappingProxyType({name: bool(value) for name, value in parts.answers.items()}),
+        group=tuple(parts.group),
+        until_tick=until,
+    )

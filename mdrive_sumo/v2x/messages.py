@@ -1,0 +1,142 @@
+"""CAM, CPM, MCM and text: what V2X stations say to each other, and how it becomes bytes.
+
+The meaning follows ETSI: CAM (EN 302 637-2) tells the sender's own state, CPM (TS 103 324) what its sensors detect and
+how far it sees, MCM (TR 103 578) what it plans, wishes, asks of others and answers. The bytes are our own, not ASN.1:
+little-endian, positions in steps of 1 cm, angles of 0.01 degrees, speeds of 1 cm/s. As in ETSI's messages everything is
+told relative to the sender's reference pose, which alone stands in the world frame: an error of the sender's pose
+shifts and turns all that it says. Arguments and results here are in the world frame, SI units, box centres.
+
+Sizes: header 15 bytes; CAM + 10; CPM + 5 + 18 an object + 1 a sector of free sight; MCM + 14 + 4 a point + (2 + its
+UTF-8 bytes) a name. docs/v2x.md has the tables.
+"""
+
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from mdrive_sumo.contract import Message
+from mdrive_sumo.v2x import encoding
+from mdrive_sumo.v2x.content import (
+    CAM,
+    CPM,
+    MAX_NAME_BYTES,
+    MAX_NAMES,
+    MAX_OBJECTS,
+    MAX_PAYLOAD_BYTES,
+    MAX_POINTS,
+    MAX_SECTORS,
+    MAX_TEXT_BYTES,
+    MCM,
+    REACH_M,
+    TEXT,
+    TYPES,
+    Cam,
+    Content,
+    Cpm,
+    Direction,
+    Intention,
+    Mcm,
+    MessageError,
+    Pose,
+    track_name,
+    track_number,
+)
+
+__all__ = [
+    "CAM", "CPM", "MCM", "TEXT", "TYPES",
+    "MAX_NAME_BYTES", "MAX_NAMES", "MAX_OBJECTS", "MAX_PAYLOAD_BYTES", "MAX_POINTS", "MAX_SECTORS", "MAX_TEXT_BYTES",
+    "REACH_M",
+    "Cam", "Content", "Cpm", "Direction", "Intention", "Mcm", "MessageError", "Pose",
+    "decode", "encode", "moved", "problem", "track_name", "track_number",
+]  # fmt: skip
+
+
+class _Codec(NamedTuple):
+    kind: int
+    body: Callable[[Any, Pose], bytes]
+    parts: Callable[[bytes], Any]
+    content: Callable[[Pose, Any], Content]
+
+
+_CODECS: Mapping[str, _Codec] = {
+    CAM: _Codec(1, encoding.cam_body, encoding.cam_parts, encoding.cam_of),
+    CPM: _Codec(2, encoding.cpm_body, encoding.cpm_parts, encoding.cpm_of),
+    MCM: _Codec(3, encoding.mcm_body, encoding.mcm_parts, encoding.mcm_of),
+}
+_NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM}
+
+
+def encode(content: Content) -> Message:
+    """A message ready to send.
+
+    Raises MessageError if the content has more parts than a message can carry, numbers that are not finite, or places
+    more than `REACH_M` from the sender; speeds and sizes too large for their field are told as its largest value.
+    """
+    name = TEXT if isinstance(content, str) else _NAMES[type(content)]
+    try:
+        return Message(name, _payload(content))
+    except (struct.error, ValueError) as error:
+        raise MessageError(f"{name}: {error}") from None
+
+
+def _payload(content: Content) -> bytes:
+    if isinstance(content, str):
+        data = content.encode()
+        if len(data) > MAX_TEXT_BYTES:
+            raise MessageError(f"expected at most {MAX_TEXT_BYTES} bytes, found {len(data)}")
+        return data
+    codec = _CODECS[_NAMES[type(content)]]
+    head = encoding.header(codec.kind, content.pose)
+    # What is told relative to the pose must not carry the rounding of the pose: hence the pose as it will be read.
+    return head + codec.body(content, encoding.pose_of(head))
+
+
+def decode(message: Message) -> Content:
+    """What a message of a type in `TYPES` says. Raises MessageError; never anything else, whatever the bytes."""
+    if message.type not in TYPES:
+        raise MessageError(f"expected a type of {', '.join(TYPES)}, found {message.type!r:.40}")
+    try:
+        parts = _parts(message)
+    except ValueError as error:
+        raise MessageError(f"{message.type}: {error}") from None
+    if message.type == TEXT:
+        return parts
+    return _CODECS[message.type].content(encoding.pose_of(message.payload), parts)
+
+
+def problem(message: Message) -> str | None:
+    """Why a message cannot be read; None if it can. What `decode` reads has none; other types must only fit in size."""
+    if message.type not in TYPES:
+        fits = len(message.payload) <= MAX_PAYLOAD_BYTES
+        return None if fits else f"expected at most {MAX_PAYLOAD_BYTES} bytes, found {len(message.payload)}"
+    try:
+        _parts(message)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _parts(message: Message) -> Any:
+    """The body taken apart, or the text; raises ValueError unless everything is in order."""
+    payload, codec = message.payload, _CODECS.get(message.type)
+    if codec is None:
+        if len(payload) > MAX_TEXT_BYTES:
+            raise MessageError(f"expected at most {MAX_TEXT_BYTES} bytes, found {len(payload)}")
+        return payload.decode()
+    if len(payload) < encoding.HEADER_BYTES:
+        raise MessageError(f"expected at least {encoding.HEADER_BYTES} bytes, found {len(payload)}")
+    if payload[0] != codec.kind:
+        raise MessageError(f"expected kind {codec.kind}, found {payload[0]}")
+    return codec.parts(payload[encoding.HEADER_BYTES :])
+
+
+def moved(message: Message, dx: float, dy: float, dyaw: float) -> Message:
+    """The same message with its reference pose shifted [m] and turned [rad]; types without a pose stay as they are.
+
+    The message must be one that `decode` reads.
+    """
+    if message.type not in _CODECS:
+        return message
+    at = encoding.pose_of(message.payload)
+    head = encoding.header(_CODECS[message.type].kind, Pose(at.x + dx, at.y + dy, at.yaw + dyaw, at.tick))
+    return Message(message.type, head + message.payload[encoding.HEADER_BYTES :], message.sender, message.tick)

@@ -1,0 +1,110 @@
+"""Occlusion certificates: who is hidden from whom on the way to a conflict."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from mdrive_sumo import certificate
+from mdrive_sumo.certificate import Certificate, CertificateFile, Hidden, certify, load_certificates, save_certificates
+from mdrive_sumo.cli import main
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
+from mdrive_sumo.scenario.spec import RoadsideUnit, Scenario
+from mdrive_sumo.suite.job import Job, reexecute
+
+TOWN = load(network_folder("town_crossing"))
+
+
+@cache
+def blind(scenario: str) -> tuple[Episode, Scenario]:
+    job = Job(str(packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
+    found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
+    return reexecute(job), found
+
+
+def hidden_in(scenario: str, **changes: object) -> tuple[Hidden, ...]:
+    episode, found = blind(scenario)
+    return certify("constant-speed", episode, found, replace(TOWN, **changes))  # type: ignore[arg-type]
+
+
+def test_houses_hide_who_comes_from_the_side() -> None:
+    intervals = hidden_in("i07_ins_ss_town")
+    assert {(h.ego, h.actor) for h in intervals if h.matters} >= {("0", "1"), ("1", "0")}
+    assert all(h.start_s <= h.end_s <= h.conflict_s for h in intervals)
+    assert all(h.actor in h.by for h in intervals)  # a CAV can always tell of itself
+
+
+def test_without_houses_nobody_is_hidden() -> None:
+    assert not any(h.matters for h in hidden_in("i07_ins_ss_town", buildings=()))
+
+
+def test_oncoming_traffic_in_plain_sight_is_not_hidden() -> None:
+    assert not any(h.matters for h in hidden_in("i26_ins_oppo_town"))
+
+
+def test_a_road_side_unit_that_sees_the_hidden_one_is_named() -> None:
+    episode, found = blind("i07_ins_ss_town")
+    first = next(h for h in hidden_in("i07_ins_ss_town") if h.matters)
+    column, tick = episode.ids.index(first.actor), round(first.start_s / 0.05)
+    beside = RoadsideUnit(id="rsu", x=float(episode.x[tick, column]) + 4, y=float(episode.y[tick, column]))
+    told = certify("constant-speed", episode, found.model_copy(update={"rsus": (beside,)}), TOWN)
+    again = next(h for h in told if (h.ego, h.actor, h.start_s) == (first.ego, first.actor, first.start_s))
+    assert "rsu" in again.by
+
+
+def interval(start_s: float, end_s: float, conflict_s: float, by: tuple[str, ...] = ("b",)) -> Hidden:
+    return Hidden(
+        drive="omniscient", ego="a", actor="b", start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by
+    )
+
+
+@pytest.mark.parametrize(
+    ("hidden", "matters"),
+    [
+        (interval(0.0, 3.0, 4.0), True),
+        (interval(0.0, 0.8, 2.0), False),  # too short to be told
+        (interval(0.0, 3.0, 8.0), False),  # in plain sight long before it is needed
+    ],
+)
+def test_an_interval_matters_if_it_is_long_and_late(hidden: Hidden, matters: bool) -> None:
+    assert hidden.matters is matters
+
+
+def test_a_certificate_tells_who_knows() -> None:
+    alone = Certificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0), interval(0.0, 0.4, 1.0, ("b", "c"))))
+    assert (alone.occluded, alone.longest_s, alone.by_third) == (True, 3.0, False)
+    helped = Certificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0, ("b", "c")),))
+    assert helped.by_third
+    assert not Certificate(scenario="s", hidden=()).occluded
+
+
+def test_certificates_are_kept_for_the_suite_they_were_made_for(tmp_path: Path) -> None:
+    made = Certificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0),))
+    save_certificates(tmp_path, CertificateFile(suite_checksum="sha256:1", certificates=(made, made)))
+    assert load_certificates(tmp_path, "sha256:1") == {"s": made}
+    assert load_certificates(tmp_path, "sha256:2") == {}
+    assert load_certificates(tmp_path / "nowhere", "sha256:1") == {}
+
+
+def test_a_broken_file_gets_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / certificate.CERTIFICATE_FILE).write_text('{"format": "other"}')
+    with pytest.raises(InputError, match=r"occlusion.json: format: Input should be"):
+        load_certificates(tmp_path, "")
+
+
+def test_the_packaged_suite_is_certified_and_can_be_filtered() -> None:
+    suite = load_suite("interdrive")
+    certificates = load_certificates(suite.folder, suite.checksum())
+    assert list(certificates) == [scenario.id for scenario in suite.scenarios]
+    occluded = [name for name, one in certificates.items() if one.occluded]
+    assert len(occluded) >= 15
+    shown = CliRunner().invoke(main, ["list", "scenarios", "--occluded"])
+    assert shown.exit_code == 0
+    assert [line.split()[0] for line in shown.output.splitlines() if line.startswith("i")] == occluded
+    others = CliRunner().invoke(main, ["list", "scenarios", "--not-occluded"])
+    assert not set(occluded) & set(others.output.split())
