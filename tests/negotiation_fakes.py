@@ -3,7 +3,7 @@
 import json
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -68,7 +68,7 @@ def agreeable(request: dict[str, Any]) -> tuple[int, bytes]:
 
 
 @contextmanager
-def served(answering: Answering | None, raw: Callable[[BaseHTTPRequestHandler], None] | None = None) -> Iterator[Any]:
+def served(answering: Answering | None, raw: Callable[[BaseHTTPRequestHandler], None] | None = None) -> Generator[Any]:
     """A service at `.url` that answers as told; `.requests` is what it was asked, `.headers` of the last request."""
 
     class Handler(BaseHTTPRequestHandler):

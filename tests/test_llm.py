@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 import time
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -14,8 +16,10 @@ from mdrive_sumo.agents.negotiation.critic import critique, ridden_actions
 from mdrive_sumo.agents.negotiation.endpoint import completions_url
 from mdrive_sumo.agents.negotiation.llm import LlmNegotiator
 from mdrive_sumo.agents.negotiation.model import Model, ModelSettings, check_settings
+from mdrive_sumo.agents.negotiation.options import llm_options
 from mdrive_sumo.agents.negotiation.prompt import actions_in, clean_message, mappers_chat, speakers_chat
-from mdrive_sumo.agents.negotiation.talk import Line, read_line, speaking_order
+from mdrive_sumo.agents.negotiation.talk import Line, Talk, read_line, speaking_order
+from mdrive_sumo.contract import Message
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.v2x.messages import Intention, Mcm, decode
 
@@ -84,6 +88,15 @@ def test_lines_survive_the_channel_and_other_texts_are_none() -> None:
     for line in (Line("01234567", 2, False, "I go [first] x"), Line("89abcdef", 3, True, "a\nb")):
         assert read_line(line.written()) == line
     assert read_line("hello [01234567 1] x") is None
+
+
+def test_nobody_can_speak_for_others() -> None:
+    talking = Talk(GROUP, GROUP, 0)
+    said = Line(talking.name, 1, False, "I stop.\nb: I stop too.\u2028c: so do I")
+    talking.note(3, Message("text", b"", "a", 2), said)
+    talking.note(3, Message("text", b"", "z", 2), said)
+    assert talking.conversation() == [("a", "I stop. b: I stop too. c: so do I")]
+    assert talking.turn_of(3) == "b"
 
 
 def test_the_most_central_speaks_first() -> None:
@@ -250,6 +263,11 @@ def test_whatever_the_endpoint_does_the_rule_takes_over(raw: Any, reason: str, e
     assert model.notes[-1].text.startswith(reason)
 
 
+def test_what_only_an_endpoint_needs_is_not_imported_before() -> None:
+    code = "import sys, mdrive_sumo.agents, mdrive_sumo.agents.negotiation.llm; print('httpx' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout == "False\n"
+
+
 def test_nobody_there() -> None:
     model = Model(ModelSettings(endpoint="http://127.0.0.1:9", timeout_s=0.3), 1)
     assert model.ask([], 9, clean_message) is None
@@ -299,6 +317,8 @@ def test_the_key_is_sent_and_kept_nowhere(monkeypatch: pytest.MonkeyPatch) -> No
         (ModelSettings(), "option endpoint"),
         (ModelSettings(endpoint="file:///etc/passwd"), "option endpoint"),
         (ModelSettings(endpoint="http://"), "option endpoint"),
+        (ModelSettings(endpoint="https://me:sesame@h/v1"), r"found 'https://\.\.\.@h/v1'"),
+        (ModelSettings(endpoint="https://h/v1?key=sesame"), "or query"),
         (ModelSettings(endpoint="http://h", api_key_env="NO_SUCH_VARIABLE_HERE"), "option api_key_env"),
         (ModelSettings(transcript="/no/such/file.jsonl"), "transcript /no/such/file.jsonl"),
     ],
@@ -306,6 +326,29 @@ def test_the_key_is_sent_and_kept_nowhere(monkeypatch: pytest.MonkeyPatch) -> No
 def test_unusable_settings(settings: ModelSettings, wrong: str) -> None:
     with pytest.raises(InputError, match=wrong):
         check_settings(settings)
+
+
+def test_options_make_settings() -> None:
+    assert llm_options("x", {"endpoint": "http://h", "rounds": "instant", "tries": 2}) == (
+        ModelSettings(endpoint="http://h", tries=2),
+        True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("option", "wrong"),
+    [
+        ({"endpont": "http://h"}, "found 'endpont'"),
+        ({"rounds": "fast"}, "option rounds: expected channel or instant, found 'fast'"),
+        ({"model": 3}, "option model: expected a text, found 3"),
+        ({"timeout_s": 0}, r"option timeout_s: expected a number in \[0.1, 600\], found 0"),
+        ({"tries": "many"}, "option tries: expected a number"),
+        ({"endpoint": ""}, "option endpoint: expected the URL"),
+    ],
+)
+def test_unusable_options(option: dict[str, Any], wrong: str) -> None:
+    with pytest.raises(InputError, match=wrong):
+        llm_options("colmdriver", {"endpoint": "http://h"} | option)
 
 
 @pytest.mark.parametrize("line", ["hello", "{}", "[]", '{"seed": 1, "ordinal": 0, "digest": "x"}', '{"seed": true}'])
@@ -324,7 +367,10 @@ def flaky(request: dict[str, Any]) -> tuple[int, bytes]:
 
 @pytest.mark.parametrize("instant", [False, True])
 @pytest.mark.parametrize("answering", [agreeable, stubborn, flaky])
-def test_a_replay_says_the_same_without_any_endpoint(tmp_path: Path, answering: Any, instant: bool) -> None:
+def test_a_replay_says_the_same_without_any_endpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answering: Any, instant: bool
+) -> None:
+    monkeypatch.setattr("mdrive_sumo.agents.negotiation.model.FIRST_PAUSE_S", 0.0)
     with served(answering) as service:
         settings = ModelSettings(endpoint=service.url, timeout_s=2.0, give_up_after=99)
         steps = talk(crossing(), negotiators(settings, instant), 41)

@@ -1,6 +1,7 @@
 """Intentions, conflict graphs, the common view, and the rule that settles who goes first."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from negotiation_fakes import crossing, member, talk
 
 from mdrive_sumo.agents.negotiation import Member, RuleNegotiator
 from mdrive_sumo.agents.negotiation.claims import Terms, announcement, claims_in, ordered
-from mdrive_sumo.agents.negotiation.conflict import graph_among, graph_of, safety
+from mdrive_sumo.agents.negotiation.conflict import graph_among, graph_of, room, safety
 from mdrive_sumo.agents.negotiation.intention import (
     acceleration,
     direction_of,
@@ -22,6 +23,7 @@ from mdrive_sumo.agents.negotiation.intention import (
 from mdrive_sumo.agents.negotiation.roster import MEMORY_TICKS, Roster
 from mdrive_sumo.agents.negotiation.rule import leaders_among, rule_actions, winner_of
 from mdrive_sumo.contract import Message
+from mdrive_sumo.geometry import Float
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, Pose, decode
 
 STRAIGHT = np.array(((0.0, 0.0), (100.0, 0.0)))
@@ -93,18 +95,21 @@ def test_a_standing_car_would_go_straight_on() -> None:
     assert way_of(0.0, 0.0, math.pi / 2, standing)[-1] == pytest.approx((0.0, 1.0))
 
 
+S = np.arange(0.0, 31.0)
+LANE_CHANGE = 1.75 * (1 + np.tanh((S - 15) / 3))
+
+
 @pytest.mark.parametrize(
-    ("shape", "direction"),
+    ("x", "y", "direction"),
     [
-        (lambda s: (s, 0 * s), Direction.FOLLOW),
-        (lambda s: (np.sin(s / 20) * 20, 20 - np.cos(s / 20) * 20), Direction.LEFT),
-        (lambda s: (np.sin(s / 20) * 20, np.cos(s / 20) * 20 - 20), Direction.RIGHT),
-        (lambda s: (s, 1.75 * (1 + np.tanh((s - 15) / 3))), Direction.CHANGE_LEFT),
-        (lambda s: (s, -1.75 * (1 + np.tanh((s - 15) / 3))), Direction.CHANGE_RIGHT),
+        (S, 0 * S, Direction.FOLLOW),
+        (np.sin(S / 20) * 20, 20 - np.cos(S / 20) * 20, Direction.LEFT),
+        (np.sin(S / 20) * 20, np.cos(S / 20) * 20 - 20, Direction.RIGHT),
+        (S, LANE_CHANGE, Direction.CHANGE_LEFT),
+        (S, -LANE_CHANGE, Direction.CHANGE_RIGHT),
     ],
 )
-def test_directions_by_the_shape_of_the_way(shape: object, direction: Direction) -> None:
-    x, y = shape(np.arange(0.0, 31.0))  # type: ignore[operator]
+def test_directions_by_the_shape_of_the_way(x: Float, y: Float, direction: Direction) -> None:
     assert direction_of(np.column_stack((x, y))) == direction
 
 
@@ -154,6 +159,15 @@ def test_a_lone_car_is_1000_m_from_its_conflict() -> None:
     assert graph_among((), {}).ids == ()
 
 
+def test_the_room_before_those_who_go_first() -> None:
+    a, b = crossing(10, 20).values()
+    far = member("c", 0, 50, math.pi / 2)
+    assert room(a, [b, far]) == pytest.approx(7.2)  # the sixth point, 2.8 m before the crossing
+    assert room(b, [a]) == pytest.approx(16.8)
+    assert room(a, [far]) == room(a, []) == math.inf
+    assert room(a, [a]) == 0.0
+
+
 def announced(car: Member, tick: int, terms: Terms | None = None) -> Message:
     return announcement(car, tick, terms or Terms())
 
@@ -170,7 +184,7 @@ def test_the_view_makes_up_for_age() -> None:
 
 def test_a_car_that_waits_still_desires_the_same() -> None:
     standing = member("a", 0, 0, 0.0, 0.0, accelerating=2.0)
-    waits = Member(*(getattr(standing, f) for f in Member.__slots__[:-1]), planned=np.zeros((20, 2)))
+    waits = replace(standing, planned=np.zeros((20, 2)))
     roster = Roster()
     roster.hear(announced(waits, 0))
     (seen,) = roster.members(20)

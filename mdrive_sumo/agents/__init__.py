@@ -4,9 +4,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from mdrive_sumo.agents.base import AgentFactory, Config
+from mdrive_sumo.agents.colmdriver import ColmdriverAgent
+from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
 from mdrive_sumo.agents.idm import IdmAgent
 from mdrive_sumo.agents.omniscient import OmniscientAgent
+from mdrive_sumo.agents.sharing import SharingAgent
+from mdrive_sumo.agents.sharing_negotiation import SharingNegotiationAgent
+from mdrive_sumo.agents.single import SingleAgent
 from mdrive_sumo.agents.stationary import StationaryAgent
 
 __all__ = ["AGENTS", "AgentFactory", "Config"]
@@ -16,6 +21,11 @@ AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
         "stationary": StationaryAgent,
         "constant-speed": ConstantSpeedAgent,
         "idm": IdmAgent,
+        "single": SingleAgent,
+        "sharing": SharingAgent,
+        "colmdriver-rule": ColmdriverRuleAgent,
+        "colmdriver": ColmdriverAgent,
+        "sharing+negotiation": SharingNegotiationAgent,
         "omniscient": OmniscientAgent,
     }
 )

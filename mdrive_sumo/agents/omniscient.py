@@ -6,7 +6,7 @@ import numpy as np
 
 from mdrive_sumo.agents.base import Config, Option, read_options
 from mdrive_sumo.agents.overlap import CHECK_MARGIN, Margin, cells_of
-from mdrive_sumo.agents.path import Path, curve_speeds
+from mdrive_sumo.agents.path import Path, curve_speeds, path_station
 from mdrive_sumo.agents.precedence import planning_order
 from mdrive_sumo.agents.space_time import Profile, braking, fastest, task_along
 from mdrive_sumo.agents.traffic import Fleet, expected_stations, fleet_of, objects_block
@@ -80,12 +80,7 @@ class OmniscientAgent:
         }
         self._order = planning_order(self._fleet, tasks)
         self._rank = self._order.index(me.ego_id)
-        self._signs = [self._along_path(sign.s) for sign in me.stop_signs]
-
-    def _along_path(self, route_s: float) -> float:
-        """Arc length on the (smoother, so shorter) path of an arc length on the route [m]."""
-        x, y = (float(np.interp(route_s, self._me.route_s, self._me.route_xy[:, axis])) for axis in (0, 1))
-        return self._path.project(x, y, route_s)
+        self._signs = [path_station(self._path, me, sign.s) for sign in me.stop_signs]
 
     def _legal_speeds(self) -> Float:
         """Speed limit (M,) [m/s] at the points of the path."""

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mdrive_sumo.contract import Plan
+from mdrive_sumo.contract import Briefing, Plan
 from mdrive_sumo.geometry import Float, Polyline, polyline, wrap_angle
 
 SPACING_M = 0.25
@@ -64,6 +64,12 @@ class Path:
         i = low + int(np.argmin((gap**2).sum(1)))
         along = math.cos(self.yaw[i]) * (x - self.xy[i, 0]) + math.sin(self.yaw[i]) * (y - self.xy[i, 1])
         return min(max(i * SPACING_M + along, 0.0), self.length)
+
+
+def path_station(path: Path, briefing: Briefing, route_s: float) -> float:
+    """Arc length [m] on the (smoother, so shorter) path of an arc length on the route."""
+    x, y = (float(np.interp(route_s, briefing.route_s, briefing.route_xy[:, axis])) for axis in (0, 1))
+    return path.project(x, y, route_s)
 
 
 def make_path(route_xy: Float, rear_to_centre: float, start_yaw: float | None = None) -> Path:

@@ -79,23 +79,26 @@ class Task:
     """(T / SAMPLES,) layers at which the car must not stand."""
     stop: bool = False
     """Whether the profile ends standing."""
+    haste: float = 0.0
+    """What every step costs for each cell that is still ahead, against the squares of accelerations: with none, who
+    cannot arrive yet drives when it is gentlest, which may be late."""
 
     @property
     def times(self) -> Float:
         """(T,) [s] from the start: when cells must be free."""
         return np.arange(1, len(self.blocked) + 1, dtype=np.float64) * SAMPLE_S
 
-    def among(self, block: Callable[[Margin], Bool]) -> "Task":
+    def among(self, block: Callable[[Margin], Bool], least: Margin = TOUCHING) -> "Task":
         """The same task where others block cells: block(margin) tells which, (T, J).
 
         Where the plan's margin is violated from the start on (cars may start bumper to bumper, closer than a profile
-        would ever bring them), only what really touches counts within stopping distance until the margin is whole.
+        would ever bring them), only the least margin counts within stopping distance until the margin is whole.
         """
         blocked = block(PLAN_MARGIN)
         near = NEAR_CELLS + int(self.speed**2 / 8 / SPACING_M)
         violated = np.logical_and.accumulate(blocked[:, :near], axis=0)
         if violated.any():
-            blocked[:, :near] &= ~violated | block(TOUCHING)[:, :near]
+            blocked[:, :near] &= ~violated | block(least)[:, :near]
             blocked[:, 0] &= ~violated[:, 0]
         return replace(self, blocked=blocked)
 
@@ -180,6 +183,7 @@ def fastest(task: Task) -> Profile | None:
         if np.isfinite(cost[goals]).any():
             return _trace(task, tables, choices, _best(cost, goals), arrives=True)
         cost, choice = _advanced(cost, tables, task.blocked[layer * SAMPLES : (layer + 1) * SAMPLES])
+        cost += task.haste * np.arange(cells)[::-1]
         _forbid(cost, task, layer)
         choices.append(choice)
         if not np.isfinite(cost).any():

@@ -108,20 +108,34 @@ def outlook(path: Path, s: float, vehicle: VehicleFacts) -> Outlook:
 
 def leaders(me: Mover, ahead: Outlook, objects: Objects) -> list[Leader]:
     """Everything that is on the path now, but for cars beside me that go my way and have less of a lead than I have."""
-    met = overlaps(ahead.boxes[1:], _boxes(objects, np.arange(len(objects.ids)), 0.0))
-    rows = np.flatnonzero(met.any(0) & ~_beside(me, ahead, objects))
+    met = _met_now(ahead, objects)
+    rows = np.flatnonzero(met.any(0) & ~beside(me, ahead, objects))
     first: Int = met[:, rows].argmax(0) + 1
     along = np.maximum(objects.speed[rows] * np.cos(objects.yaw[rows] - ahead.yaw[first]), 0.0)
     return [Leader(*pair) for pair in zip(ahead.distance[first].tolist(), along.tolist(), strict=True)]
 
 
-def _beside(me: Mover, ahead: Outlook, objects: Objects) -> Bool:
+def rows_on_way(me: Mover, ahead: Outlook, objects: Objects) -> Int:
+    """Rows of the objects of `leaders`."""
+    return np.flatnonzero(_met_now(ahead, objects).any(0) & ~beside(me, ahead, objects))
+
+
+def _met_now(ahead: Outlook, objects: Objects) -> Bool:
+    """(A - 1, N) which stations ahead of the car which objects are on now."""
+    return overlaps(ahead.boxes[1:], _boxes(objects, np.arange(len(objects.ids)), 0.0))
+
+
+def beside(me: Mover, ahead: Outlook, objects: Objects) -> Bool:
     """Who drives as I do and is behind my middle, or level with it and further east: they mind me (N,)."""
     x, y = ahead.boxes[0].mean(0)
     lead = (objects.x - x) * np.cos(ahead.yaw[0]) + (objects.y - y) * np.sin(ahead.yaw[0])
     later = (objects.x > me.place[0]) | ((objects.x == me.place[0]) & (objects.y > me.place[1]))
-    same_way = np.cos(objects.yaw - ahead.yaw[0]) > math.cos(SAME_WAY)
-    return same_way & ((lead < -LEVEL_M) | ((lead < LEVEL_M) & later))
+    return same_way(ahead, objects) & ((lead < -LEVEL_M) | ((lead < LEVEL_M) & later))
+
+
+def same_way(ahead: Outlook, objects: Objects) -> Bool:
+    """Who drives in about my direction (N,)."""
+    return np.cos(objects.yaw - ahead.yaw[0]) > math.cos(SAME_WAY)
 
 
 def crossings(ahead: Outlook, objects: Objects, curvature: Float) -> list[Crossing]:

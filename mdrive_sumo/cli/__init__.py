@@ -20,6 +20,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "verify": ("verify", "Execute a run again and compare every tick."),
     "rescore": ("rescore", "Score a run's recordings again, without simulation."),
     "compare": ("compare", "Compare two runs scenario by scenario."),
+    "study": ("study", "Measure cooperation: worse channels, the value of messages."),
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
     "schema": ("schema", "Print a file format as JSON Schema."),
     "doctor": ("doctor", "Say what is installed and what is missing for which command."),

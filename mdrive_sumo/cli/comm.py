@@ -48,7 +48,7 @@ def channel_of(options: dict[str, Any]) -> tuple[Comm, Clock]:
 
 
 def comm_of(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> Comm:
-    """The channel of a preset, with the options that are given (as typed, None: not) in its place. Raises InputError."""
+    """The channel of a preset, except for options that are given (as typed; None: not given). Raises InputError."""
     if comm not in PRESETS:
         raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
     made = PRESETS[comm]

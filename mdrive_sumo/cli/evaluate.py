@@ -8,8 +8,9 @@ import click
 from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.tables import summary_table
+from mdrive_sumo.report.tables import Captured, summary_table
 from mdrive_sumo.score import Results, ScoreMode
+from mdrive_sumo.study.references import captured_by
 from mdrive_sumo.suite.journal import JOURNAL_FILE
 from mdrive_sumo.suite.pool import available_cores
 from mdrive_sumo.suite.preparation import EPISODES_FOLDER, Prepared, prepare
@@ -63,6 +64,7 @@ workers_option = click.option(
 @click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
+@click.option("--captured", is_flag=True, help="Drive the references for captured cooperation too, and show it.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -70,6 +72,7 @@ def command(
     transcript: Path | None,
     no_record: bool,
     score_mode: str,
+    captured: bool,
     **options: object,
 ) -> None:
     """Drive a suite with an agent and score it.
@@ -93,15 +96,27 @@ def command(
         command=("mdrive-sumo", *sys.argv[1:]),
     )
     run = prepare(settings)
-    whole = _evaluated(ctx, run)
+    whole = evaluated(ctx, run)
+    shares = with_references(ctx, whole, settings) if captured else None
     with writing(run.folder / REPORT_FILE):
-        (run.folder / REPORT_FILE).write_text(report_markdown(whole))
-    click.echo(summary_table(whole))
+        (run.folder / REPORT_FILE).write_text(report_markdown(whole, shares))
+    click.echo(summary_table(whole, shares))
     click.echo("\n" + _written(run))
     ctx.exit(1 if whole.void else 0)
 
 
-def _evaluated(ctx: click.Context, run: Prepared) -> Results:
+def with_references(ctx: click.Context, results: Results, settings: Settings) -> Captured:
+    """Captured cooperation of a run; its two references are found finished or driven. Raises InputError."""
+
+    def evaluate_reference(run: Prepared) -> Results:
+        click.echo(f"reference {run.settings.agent}, --comm {run.settings.comm.preset}: {run.folder}", err=True)
+        return evaluated(ctx, run)
+
+    return captured_by(results, settings, evaluate_reference)
+
+
+def evaluated(ctx: click.Context, run: Prepared) -> Results:
+    """Drives a run under the eyes of the user; Ctrl-C ends in exit code 130."""
     progress = ProgressDisplay(sys.stderr)
     try:
         return evaluate(run, progress)

@@ -1,27 +1,70 @@
 """`mdrive-sumo show`."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.cli.evaluate import with_references, workers_option
 from mdrive_sumo.errors import InputError
+from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.picture import draw_scenario
+from mdrive_sumo.report.tables import summary_table
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.suite.run import RESULTS_FILE, writing
+from mdrive_sumo.suite.stored import changed_since, open_run
 
 
 @click.command("show")
-@click.argument("scenario")
-@click.option("--suite", default="interdrive", show_default=True, help="Packaged suite, or a suite's folder.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Picture [default: SCENARIO.png].")
-def command(scenario: str, suite: str, out: Path | None) -> None:
-    """Draw a scenario: network, buildings, signs, CAVs with routes and goals, background traffic.
+@click.argument("what", metavar="SCENARIO|RUN")
+@click.option(
+    "--suite", metavar="NAME|DIR", help="Packaged suite, or a suite's folder [default: interdrive, the run's]."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture of a scenario [default: SCENARIO.png], or report of a run in Markdown [default: none].",
+)
+@click.option("--captured", is_flag=True, help="Of a run: captured cooperation; drives its references if need be.")
+@workers_option
+@click.pass_context
+def command(ctx: click.Context, what: str, suite: str | None, out: Path | None, captured: bool, workers: int) -> None:
+    """Draw a scenario, or print the table of a finished run.
 
-    SCENARIO is an id, or a glob that fits exactly one. The ending of --out (.png, .svg, .pdf) is the format.
+    A drawn SCENARIO shows network, buildings, signs, CAVs with routes and goals, and background traffic. It is
+    an id, or a glob that fits exactly one; the ending of --out (.png, .svg, .pdf) is the format.
+
+    RUN is a folder that `eval` has written. --captured compares it with the same agent without a channel and
+    with omniscient, which are looked for in their default folders below runs/, and driven if they are not there.
     """
+    folder = Path(what)
+    if (folder / RESULTS_FILE).is_file():
+        _show_run(ctx, folder, suite, out, workers if captured else 0)
+    elif captured:
+        raise InputError(f"show --captured: expected the folder of a finished run, found {what!r}")
+    else:
+        _show_scenario(what, suite or "interdrive", out)
+
+
+def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | None, workers: int) -> None:
+    """workers: for the references of captured cooperation; 0: without it."""
+    run, results = open_run(folder, suite)
+    if workers and (changed := changed_since(run)):
+        click.echo(f"warning: the run was made with another {changed} than its references", err=True)
+    settings = replace(run.settings, suite=suite or run.settings.suite, workers=workers)
+    shares = with_references(ctx, results, settings) if workers else None
+    click.echo(summary_table(results, shares))
+    if out is not None:
+        with writing(out):
+            out.write_text(report_markdown(results, shares), encoding="utf-8")
+        click.echo(f"\n{out}")
+
+
+def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     loaded = load_suite(suite)
-    chosen = the_one(loaded, scenario)
+    chosen = the_one(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
     try:
         draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.folder)), path)

@@ -5,11 +5,15 @@ import shlex
 from collections.abc import Iterable
 
 from mdrive_sumo.report.tables import (
+    CAPTURED_HEADER,
     SCORE_HEADER,
+    Captured,
     agent_name,
+    captured_cell,
     infraction_counts,
     outcome_counts,
     score_cells,
+    score_rows,
 )
 from mdrive_sumo.report.text import Row
 from mdrive_sumo.score import Results, ScenarioResult, ScoreMode, categories, harmonic, interdrive_groups
@@ -21,21 +25,28 @@ scenarios. The bucket mean weighs every bucket alike, the scenario mean every sc
 failure or the simulator's, never the agent's) count as DS 0 and are listed apart. H is the harmonic mean
 of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change."""
 
+MEANS = ("bucket mean", "scenario mean")
+CAPTURED = """\
+Captured cooperation is (agent - the same agent with the channel off) / (omniscient - the same agent with the
+channel off), on mean DS: 0 is driving alone, 100 perfect cooperation. Blank where perfect cooperation gains
+less than 2 DS; scenarios that are void in one of the three runs are left out of it."""
 
-def report_markdown(results: Results) -> str:
+
+def report_markdown(results: Results, captured: Captured | None = None) -> str:
     """The whole report: what ran, scores overall, per category and per scenario, and how to look closer."""
     parts = (
         f"# {_escaped(results.run.suite)}: {_escaped(agent_name(results))}",
         _facts(results),
         HOW_TO_READ,
+        CAPTURED if captured else "",
         "## Scores",
-        _score_table(results),
+        _score_table(results, captured),
         "## How it ended",
         _counts("outcome", "CAVs", outcome_counts(results).items()),
         _counts("infraction", "times", infraction_counts(results).items()),
         _void_list(results),
         "## Categories",
-        _category_table(results),
+        _category_table(results, captured),
         "## Scenarios",
         _scenario_table(results),
         "## Look closer",
@@ -56,30 +67,31 @@ def _facts(results: Results) -> str:
     return "\n".join(f"- {name}: {value}" for name, value in facts.items())
 
 
-def _score_table(results: Results) -> str:
-    overall = results.overall
-    rows: list[Row] = [(name, str(b.scenarios), *score_cells(b)) for name, b in results.buckets.items()]
-    rows.append(("**bucket mean**", str(len(results.buckets)), *score_cells(overall.bucket_mean)))
-    rows.append(("**scenario mean**", str(len(results.scenarios)), *score_cells(overall.scenario_mean)))
-    return _table(("bucket", "scenarios", *SCORE_HEADER), rows)
+def _score_table(results: Results, captured: Captured | None) -> str:
+    header, rows = score_rows(results, captured)
+    return markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
 
 
 def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]]) -> str:
     rows = [(kind, str(count)) for kind, count in counts]
-    return _table((name, unit), rows) if rows else f"No {name}s."
+    return markdown_table((name, unit), rows) if rows else f"No {name}s."
 
 
 def _void_list(results: Results) -> str:
     return "\n".join(f"- void: {s.id}: {_escaped(s.reason)}" for s in results.scenarios if s.status == "void")
 
 
-def _category_table(results: Results) -> str:
+def _category_table(results: Results, captured: Captured | None) -> str:
     groups = interdrive_groups(results.scenarios, ScoreMode(results.run.score_mode))
-    rows = [
+    rows: list[Row] = [
         (name, str(group.scenarios), *score_cells(group), f"{harmonic(group):.2f}")
         for name, group in (categories(results.scenarios) | groups).items()
     ]
-    return _table(("category", "scenarios", *SCORE_HEADER, "H"), rows)
+    header: Row = ("category", "scenarios", *SCORE_HEADER, "H")
+    if captured is None:
+        return markdown_table(header, rows)
+    shares = captured.categories
+    return markdown_table((*header, CAPTURED_HEADER), [(*row, captured_cell(shares.get(row[0]))) for row in rows])
 
 
 def _scenario_table(results: Results) -> str:
@@ -87,7 +99,7 @@ def _scenario_table(results: Results) -> str:
         (s.id, s.category, *score_cells(s), _seconds(s.min_ttc), str(s.ticks), _endings(s)) for s in results.scenarios
     ]
     header = ("scenario", "category", *SCORE_HEADER, "min TTC [s]", "ticks", "CAVs")
-    return _table(header, rows, left=2)
+    return markdown_table(header, rows, left=2)
 
 
 def _seconds(value: float | None) -> str:
@@ -111,7 +123,8 @@ def _commands() -> str:
     )
 
 
-def _table(header: Row, rows: Iterable[Row], left: int = 1) -> str:
+def markdown_table(header: Row, rows: Iterable[Row], left: int = 1) -> str:
+    """A table; columns from `left` on are flush right."""
     rule = ["---" if i < left else "---:" for i in range(len(header))]
     body = [[_escaped(cell) for cell in row] for row in rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in (header, rule, *body))

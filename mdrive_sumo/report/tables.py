@@ -1,12 +1,30 @@
 """A run's results as tables for the terminal, at most some 100 columns wide."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from mdrive_sumo.report.text import Row, text_table
 from mdrive_sumo.score import Means, Results, ScenarioResult
 
 SCORE_HEADER: Row = ("DS", "SR", "RC", "IP")
+CAPTURED_HEADER = "captured [%]"
+
+
+@dataclass(frozen=True, slots=True)
+class Captured:
+    """Captured cooperation as a share (docs/studies.md), None where cooperation has next to nothing to gain."""
+
+    bucket_mean: float | None
+    scenario_mean: float | None
+    buckets: Mapping[str, float | None]
+    categories: Mapping[str, float | None]
+    """InterDrive's groups included."""
+
+
+def captured_cell(value: float | None) -> str:
+    """A share as percent; blank if there is none."""
+    return "" if value is None else f"{100 * value:.1f}"
 
 
 def score_cells(means: Means | ScenarioResult) -> Row:
@@ -45,12 +63,22 @@ def _sorted(names: Iterable[str]) -> Counter[str]:
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
 
 
-def summary_table(results: Results) -> str:
-    """What a run ends with: scores per bucket and overall, how CAVs ended, infractions, void scenarios."""
-    run, overall = results.run, results.overall
-    rows = [(name, str(bucket.scenarios), *score_cells(bucket)) for name, bucket in results.buckets.items()]
+def score_rows(results: Results, captured: Captured | None = None) -> tuple[Row, list[Row]]:
+    """Header and rows of scores: the buckets, then both overall means; with captured cooperation if it is given."""
+    overall = results.overall
+    rows: list[Row] = [(name, str(bucket.scenarios), *score_cells(bucket)) for name, bucket in results.buckets.items()]
     rows.append(("bucket mean", str(len(results.buckets)), *score_cells(overall.bucket_mean)))
     rows.append(("scenario mean", str(len(results.scenarios)), *score_cells(overall.scenario_mean)))
+    header: Row = ("bucket", "scenarios", *SCORE_HEADER)
+    if captured is None:
+        return header, rows
+    shares = (*(captured.buckets.get(name) for name in results.buckets), captured.bucket_mean, captured.scenario_mean)
+    return (*header, CAPTURED_HEADER), [(*row, captured_cell(share)) for row, share in zip(rows, shares, strict=True)]
+
+
+def summary_table(results: Results, captured: Captured | None = None) -> str:
+    """What a run ends with: scores per bucket and overall, how CAVs ended, infractions, void scenarios."""
+    run = results.run
     facts = (
         ("outcomes", _listed(outcome_counts(results))),
         ("infractions", _listed(infraction_counts(results))),
@@ -60,7 +88,7 @@ def summary_table(results: Results) -> str:
         (
             f"suite {run.suite}, agent {agent_name(results)}, seed {run.seed}, score mode {run.score_mode}",
             "",
-            text_table(("bucket", "scenarios", *SCORE_HEADER), rows),
+            text_table(*score_rows(results, captured)),
             "",
             *(f"{name:<13}{value}" for name, value in facts),
             *(f"  {s.id}: {' '.join(s.reason.split())}" for s in results.scenarios if s.status == "void"),

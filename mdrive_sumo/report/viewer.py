@@ -20,6 +20,9 @@ import shapely
 
 from mdrive_sumo.episode import Ending, Episode
 from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.report.viewer_messages import messages_of
+from mdrive_sumo.report.viewer_sight import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, sight_of
+from mdrive_sumo.report.viewer_transcript import notes_of
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.state import DT, Kind
@@ -30,10 +33,13 @@ CELL_M = 20.0
 """Grid on which positions are gathered before the surroundings are drawn around them."""
 SCRIPTS = (
     "viewer_replay.js",
+    "viewer_talk.js",
     "viewer_map.js",
     "viewer_scene.js",
+    "viewer_layers.js",
     "viewer_timeline.js",
     "viewer_panel.js",
+    "viewer_lists.js",
     "viewer_input.js",
     "viewer.js",
 )
@@ -77,16 +83,23 @@ def _policy_hash(text: str) -> str:
 def _data(episode: Episode, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
     # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
     origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
+    talk, talk_tables = messages_of(episode, scenario, origin)
     tables = {
         "motion": _motion(episode, origin),
         "valid": episode.valid.T,
         "controls": np.moveaxis(episode.controls, 0, -1),
         "plan_points": _plan_points(episode, origin),
+        "sight": sight_of(episode, roads),
+        **talk_tables,
     }
     header = {
         **_run(episode, scenario, marks, origin),
         "origin": origin.tolist(),
         "map": _map(roads, _surroundings(episode, scenario), origin),
+        "talk": talk,
+        "notes": notes_of(episode),
+        "sight_every": SIGHT_EVERY_TICKS,
+        "sight_range": SIGHT_RANGE_M,
         "tables": [(name, table.shape[-1], table.size) for name, table in tables.items()],
     }
     head = json.dumps(header, separators=(",", ":"), allow_nan=False, default=str).encode()

@@ -1,5 +1,16 @@
-"""TEMPORARY stand-in."""
+"""Cameras: there are none, and whoever asks for one is told what to use instead."""
+
+import re
+
+CAMERA_WORDS = frozenset({"camera", "rgb", "rgba", "depth", "semantic", "segmentation", "fisheye", "image"})
 
 
 def camera_error(kind: str) -> str:
+    """One sentence for whoever asks for a camera ("rgb", "sensor.camera.depth", "CAM_FRONT"...); "" for other kinds."""
+    words = re.split(r"[^a-z]+", kind.lower())
+    if not CAMERA_WORDS.isdisjoint(words) or words[0] == "cam":
+        return (
+            f"sensor {kind!r}: expected a sensor that needs no rendered images, found a camera: "
+            'there is no renderer here; use "objects", "lidar" or "bev" instead'
+        )
     return ""

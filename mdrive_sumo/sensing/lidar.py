@@ -1,10 +1,197 @@
-"""TEMPORARY stand-in."""
-from typing import Any
+"""LiDAR: rays cast on boxes, buildings and the flat ground, with the ray profiles of the paper's wrapper."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract import PointCloud, SensorSpec
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Int
+from mdrive_sumo.sensing.lidar_cast import Key, cast, keys, unkeyed
+from mdrive_sumo.sensing.lidar_rays import Rays, Single, elevations, leaning, upright
+from mdrive_sumo.sensing.lidar_world import (
+    BUILDING_M,
+    Place,
+    height_of_vehicle,
+    outlines,
+    prisms,
+    reflectivities,
+    walls,
+)
+from mdrive_sumo.sensing.options import check_names, choice, number
+from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
+from mdrive_sumo.state import DT
+
+CHANNELS = 64
+RANGE_M = 85.0
+FIELD_DEG = (-30.0, 10.0)
+"""Elevation of the lowest and the highest channel."""
+ATTENUATION = 0.004
+"""Of intensity [1/m]: exp(-0.004 d), the formula and default of CARLA's ray-cast LiDAR."""
+ABOVE_ROOF_M = 1.0
+"""Where the sensor sits unless told otherwise, in the middle: at 2.5 m on a car. The paper names no pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class RayProfile:
+    """Rays per second, and ticks from one full turn to the next."""
+
+    points_per_second: float
+    every_ticks: int
+
+    @property
+    def columns(self) -> int:
+        """Azimuths of a scan: rays per channel and turn, rounded half up as CARLA does."""
+        return math.floor(self.points_per_second * self.every_ticks * DT / CHANNELS + 0.5)
+
+
+PROFILES: Mapping[str, RayProfile] = MappingProxyType({"default": RayProfile(5e5, 1), "lmdrive": RayProfile(6e5, 2)})
+"""What the paper's wrapper fixes (its section on agents): a turn every tick at 20 Hz, and at 10 Hz."""
+RAY_ATTRIBUTES = (
+    *("channels", "range", "range_m", "rotation_frequency", "points_per_second", "upper_fov", "lower_fov"),
+    *("horizontal_fov", "sensor_tick", "atmosphere_attenuation_rate"),
+    *("dropoff_general_rate", "dropoff_intensity_limit", "dropoff_zero_intensity", "noise_stddev"),
+)
+"""What agents for CARLA declare; the paper's wrapper overrides it."""
+OPTIONS = ("profile", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "noise_m", "dropout", "hit_ids")
+
+NOTHING = 0xFFFFFFFF
+"""Owner of a ray that hits nothing; 0 is the ground, then come the boxes and the buildings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where the sensor sits: against the box centre on the ground, right-handed [m, rad]."""
+
+    x: float
+    y: float
+    z: float
+    roll: float
+    pitch: float
+    yaw: float
+
+    def place(self, eye: Eye) -> Place:
+        """In the world, for a carrier there."""
+        cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
+        x, y = eye.x + cos * self.x - sin * self.y, eye.y + sin * self.x + cos * self.y
+        return Place(x, y, self.z, eye.yaw + self.yaw)
 
 
 class LidarSensor:
-    def __init__(self, *a: Any) -> None:
-        raise NotImplementedError
+    """LiDAR with the pose that the agent asks for and the rays that the paper's wrapper prescribes.
 
-    def sense(self, *a: Any) -> Any:
-        raise NotImplementedError
+    Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see docs/sensors.md.
+    """
+
+    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+        """Raises InputError."""
+        _check_rays(spec)
+        check_names(spec, OPTIONS)
+        self._profile = PROFILES[choice(spec, "profile", "default", PROFILES)]
+        self._mount = _mount(spec, fitting)
+        self._noise_m = number(spec, "noise_m", 0.0, 0.0, 1.0)
+        self._dropout = number(spec, "dropout", 0.0, 0.0, 1.0)
+        self._names = _flag(spec, "hit_ids")
+        self._fitting = fitting
+        self._rays = _rays(self._profile.columns, self._mount.roll, self._mount.pitch)
+        self._range = RANGE_M * fitting.weather.lidar_range
+        self._empty = _without_anything(self._rays, self._mount.z, self._range)
+
+    def sense(self, scene: Scene, eye: Eye) -> PointCloud | None:
+        """The scan of this tick, None in ticks without one."""
+        if scene.tick % self._profile.every_ticks:
+            return None
+        place, boxes = self._mount.place(eye), scene.boxes
+        around = prisms(boxes, eye.row, place, self._range)
+        behind = walls(outlines(self._fitting.roads), place, self._range, 1 + len(boxes.ids))
+        return self._cloud(scene, *unkeyed(cast(self._rays, around, behind, place.z, self._empty)))
+
+    def _cloud(self, scene: Scene, across: Single, owner: Int) -> PointCloud:
+        distance = across * self._rays.stretch
+        hit = owner != NOTHING
+        if self._dropout:
+            hit &= self._random(scene.tick, "dropout").random(len(hit)) >= self._dropout
+        if self._noise_m:
+            noise = self._random(scene.tick, "noise").standard_normal(len(hit), dtype=np.float32)
+            distance = np.maximum(distance + np.float32(self._noise_m) * noise, np.float32(0))
+        rows = np.flatnonzero(hit)
+        distance, owner = distance[rows], owner[rows]
+        points = np.empty((len(rows), 4), dtype=np.float32)
+        np.multiply(self._rays.local[rows], distance[:, None], out=points[:, :3])
+        reflectivity = reflectivities(scene.boxes, len(self._fitting.roads.buildings))
+        np.multiply(reflectivity[owner], np.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
+        hits, names = self._named(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
+        return PointCloud(points, hits, names)
+
+    def _random(self, tick: int, purpose: str) -> np.random.Generator:
+        """Counter-based: depends on nothing but the sensor, the tick and the purpose."""
+        stream = ("noise", "dropout").index(purpose)
+        return np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, stream, tick)))
+
+    def _named(self, scene: Scene, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
+        """Index of what each point lies on, and the names of all that is hit."""
+        boxes, buildings = scene.boxes.ids, self._fitting.roads.buildings
+        count = np.bincount(owner, minlength=1 + len(boxes) + len(buildings))
+        found = 1 + np.flatnonzero(count[1:])
+        index = np.full(len(count), -1, dtype=np.int32)
+        index[found] = np.arange(len(found))
+        names = (
+            observed_name(self._fitting.carrier, boxes[i - 1])
+            if i <= len(boxes)
+            else f"building:{buildings[i - 1 - len(boxes)].id}"
+            for i in found.tolist()
+        )
+        return index[owner], tuple(names)
+
+
+def _without_anything(rays: Rays, height: float, reach: float) -> Key:
+    """What the rays hit on bare ground."""
+    ground = height / np.maximum(-rays.slope, 1e-9)
+    limit = reach / rays.stretch.astype(np.float64)
+    return np.where(ground <= limit, keys(ground, np.array(0)), keys(limit, np.array(NOTHING)))
+
+
+@lru_cache(maxsize=8)
+def _rays(columns: int, roll: float, pitch: float) -> Rays:
+    elevation = elevations(CHANNELS, *FIELD_DEG)
+    return leaning(columns, elevation, roll, pitch) if roll or pitch else upright(columns, elevation)
+
+
+def _check_rays(spec: SensorSpec) -> None:
+    for name in spec.options:
+        if name in RAY_ATTRIBUTES:
+            raise InputError(
+                f"sensor 'lidar': option {name!r}: expected the pose only (x, y, z, roll_deg, pitch_deg, yaw_deg), "
+                "found a ray attribute, which the benchmark fixes by its profile as the paper's wrapper does"
+            )
+    if spec.range_m != SensorSpec("lidar").range_m:
+        raise InputError(
+            f"sensor 'lidar': range_m: expected none, for only the pose is honoured and the range is {RANGE_M:g} m, "
+            f"found {spec.range_m}"
+        )
+
+
+def _mount(spec: SensorSpec, fitting: Fitting) -> Mount:
+    car = None if fitting.briefing is None else fitting.briefing.vehicle
+    roof = 0.0 if car is None else height_of_vehicle(car.length)
+    x, y = (number(spec, name, 0.0, -10.0, 10.0) for name in ("x", "y"))
+    z = number(spec, "z", roof + ABOVE_ROOF_M, 0.05, BUILDING_M - 0.5)
+    if car is not None and abs(x) <= car.length / 2 and abs(y) <= car.width / 2 and z <= roof:
+        raise InputError(
+            f"sensor 'lidar': pose: expected a place outside of the car's body "
+            f"({car.length:g} x {car.width:g} x {roof:g} m), found x = {x:g}, y = {y:g}, z = {z:g} inside it"
+        )
+    roll, pitch, yaw = (math.radians(number(spec, f"{name}_deg", 0.0, -180, 180)) for name in ("roll", "pitch", "yaw"))
+    return Mount(x, y, z, roll, pitch, yaw)
+
+
+def _flag(spec: SensorSpec, name: str) -> bool:
+    value = spec.options.get(name, False)
+    if not isinstance(value, bool):
+        raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected true or false, found {value!r}")
+    return value

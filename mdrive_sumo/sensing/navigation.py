@@ -1,2 +1,100 @@
-"""TEMPORARY stand-in."""
-from mdrive_sumo.sensing.lidar import LidarSensor as GnssSensor, LidarSensor as ImuSensor, LidarSensor as SpeedometerSensor
+"""Satellite receiver, inertial unit and speedometer: all at the origin of the car, its box centre, in every tick.
+
+Exact unless an option asks for noise. The map projection is the one of CARLA's leaderboard: spherical Mercator on the
+equatorial radius of WGS 84, multiplied by cos(reference latitude). The reference is (0, 0) and lies at the origin of
+the network's frame, so that the factor is 1; x points east and y north.
+"""
+
+import math
+
+from mdrive_sumo.contract import Gnss, Imu, SensorSpec
+from mdrive_sumo.geometry import TAU
+from mdrive_sumo.seeding import normals
+from mdrive_sumo.sensing.options import check_names, number
+from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
+
+EARTH_RADIUS_M = 6_378_137.0
+"""Equatorial radius of WGS 84."""
+GRAVITY = 9.81
+"""[m/s2]"""
+MAX_NOISE = 1000.0
+
+
+def to_gnss(x: float, y: float) -> Gnss:
+    """Where the point (x, y) [m] of the world frame lies on the globe; the roads are flat, at altitude 0."""
+    latitude = math.atan(math.sinh(y / EARTH_RADIUS_M))
+    return Gnss(math.degrees(latitude), math.degrees(x / EARTH_RADIUS_M), 0.0)
+
+
+def to_xy(gnss: Gnss) -> tuple[float, float]:
+    """The point [m] of the world frame that a receiver tells: the inverse of `to_gnss`, for agents."""
+    y = EARTH_RADIUS_M * math.asinh(math.tan(math.radians(gnss.latitude_deg)))
+    return EARTH_RADIUS_M * math.radians(gnss.longitude_deg), y
+
+
+def to_compass(yaw: float) -> float:
+    """The compass [rad], clockwise from north in [0, 2 pi), of a car that heads for yaw [rad]."""
+    compass = (math.pi / 2 - yaw) % TAU
+    return compass if compass < TAU else 0.0  # a tiny negative angle is rounded to a full turn
+
+
+class GnssSensor:
+    """Satellite receiver. Option noise_m: standard deviation [m] of each of east, north and up, new in every tick."""
+
+    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+        """Raises InputError."""
+        check_names(spec, ("noise_m",))
+        self._noise_m = number(spec, "noise_m", 0.0, 0.0, MAX_NOISE)
+        self._seed = fitting.seed
+
+    def sense(self, scene: Scene, eye: Eye) -> Gnss:
+        """The position of the box centre."""
+        if not self._noise_m:
+            return to_gnss(eye.x, eye.y)
+        east, north, up, *_ = (self._noise_m * value for value in normals(self._seed, "gnss", scene.tick))
+        read = to_gnss(eye.x + east, eye.y + north)
+        return Gnss(read.latitude_deg, read.longitude_deg, up)
+
+
+class ImuSensor:
+    """Inertial unit. Options: standard deviations noise_acceleration [m/s2], noise_gyro [rad/s], noise_compass_deg.
+
+    The car moves in a plane: it is accelerated along yaw and, as it turns, by speed * yaw rate to the left.
+    """
+
+    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+        """Raises InputError."""
+        names = ("noise_acceleration", "noise_gyro", "noise_compass_deg")
+        check_names(spec, names)
+        sigmas = [number(spec, name, 0.0, 0.0, MAX_NOISE) for name in names]
+        self._acceleration, self._gyro, self._compass = sigmas[0], sigmas[1], math.radians(sigmas[2])
+        self._noisy = any(sigmas)
+        self._carrier, self._seed = fitting.carrier, fitting.seed
+
+    def sense(self, scene: Scene, eye: Eye) -> Imu:
+        """What the unit reads in this tick."""
+        ego = scene.egos[self._carrier]
+        drawn = normals(self._seed, "imu", scene.tick) if self._noisy else (0.0,) * 8
+        a, g = self._acceleration, self._gyro
+        return Imu(
+            acceleration=(
+                ego.acceleration + a * drawn[0],
+                ego.speed * ego.yaw_rate + a * drawn[1],
+                GRAVITY + a * drawn[2],
+            ),
+            angular_rate=(g * drawn[3], g * drawn[4], ego.yaw_rate + g * drawn[5]),
+            compass=to_compass(eye.yaw + self._compass * drawn[6]),
+        )
+
+
+class SpeedometerSensor:
+    """Speedometer without noise. It has no options."""
+
+    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+        """Raises InputError."""
+        check_names(spec, ())
+        self._carrier = fitting.carrier
+
+    def sense(self, scene: Scene, eye: Eye) -> float:  # noqa: ARG002  # every sensor is asked alike
+        """Speed [m/s] along yaw."""
+        return scene.egos[self._carrier].speed

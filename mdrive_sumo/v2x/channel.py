@@ -143,9 +143,7 @@ class Channel:
         message = flight.message
         once = () if link.pose_error_per == "episode" else (message.tick, flight.n)
         dx, dy, dyaw = normals(self._seed, "pose", message.sender, receiver, *once)[:3]
-        return moved(
-            message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg)
-        )
+        return moved(message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg))
 
     def log(self) -> tuple[Sent, ...]:
         """Everything that was sent, in order; messages still in flight have no fate for those receivers yet."""

@@ -86,7 +86,7 @@ class Comm:
     header_bytes: int = 0
     """Added to every payload when its size is counted: network, transport and security headers."""
     mute: tuple[str, ...] = ()
-    """Messages that are never delivered, for ablations: "SENDER/TYPE@TICK", each part may be "*", "@TICK" may be left out."""
+    """Messages that are never delivered, for ablations: "SENDER/TYPE" or "SENDER/TYPE@TICK", each part may be "*"."""
 
     def __post_init__(self) -> None:
         _check(type(self.on) is bool, self, "on", "true or false")
@@ -95,7 +95,9 @@ class Comm:
                "a whole number from 0 to 65535")  # fmt: skip
         for name in self.by_type:
             if name not in TYPES:
-                raise InputError(f"V2X channel: unknown type of message {name!r:.40}, expected one of {', '.join(TYPES)}")
+                raise InputError(
+                    f"V2X channel: unknown type of message {name!r:.40}, expected one of {', '.join(TYPES)}"
+                )
         for pattern in self.mute:
             if not _MUTE.fullmatch(pattern):
                 raise InputError(
@@ -122,7 +124,7 @@ PRESETS: Mapping[str, Comm] = MappingProxyType(
     }
 )
 
-_LINK = {f.name: type(f.default) for f in fields(Link)}
+_LINK: Mapping[str, type] = {f.name: type(f.default) for f in fields(Link)}
 _OWN: Mapping[str, type] = {"preset": str, "on": bool, "budget_bytes_s": float, "header_bytes": int, "mute": str}
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from mdrive_sumo.agents.negotiation.types import Member
 from mdrive_sumo.contract import Message
-from mdrive_sumo.v2x.messages import Intention, Mcm, Pose, encode
+from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm, Pose, encode
 
 Claims = frozenset[tuple[str, str]]
 """(first, second) pairs of stations."""
@@ -39,8 +39,10 @@ def claims_in(heard: Mapping[str, Mcm], tick: int) -> Claims:
 
 def answers_to(me: str, heard: Mapping[str, Mcm], claims: Claims) -> dict[str, bool]:
     """My answers to all who claim to go before me: yes, unless my own claim counts."""
-    asking = (name for name, mcm in heard.items() if name != me and mcm.requests.get(me, Intention.KEEP) <= 1)
-    return {name: (me, name) not in claims for name in asking}
+    asking = [
+        name for name, mcm in heard.items() if name != me and mcm.requests.get(me, Intention.KEEP) <= Intention.SLOWER
+    ]
+    return {name: (me, name) not in claims for name in asking[:MAX_NAMES]}
 
 
 def ordered(group: Sequence[str], urgency: Mapping[str, float], before: Claims) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Who is in whose way: the conflict graph of protocol 10.3."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +94,16 @@ def graph_among(ids: tuple[str, ...], predicted: Mapping[str, Float]) -> Graph:
     distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
     np.fill_diagonal(distance, np.inf)
     return Graph(ids, distance, step, distance < _LEAST, _runs(points, step), _entries(anytime))
+
+
+def room(me: Member, first: Iterable[Member]) -> float:
+    """How far I can drive [m] on my desired way until I am too near to where one of the first wants to be, whenever
+    that is; infinite if my prediction comes nowhere near."""
+    points = np.vstack(((me.x, me.y), me.desired))
+    theirs = [np.vstack(((other.x, other.y), other.desired)) for other in first]
+    near = [np.hypot(*(points[:, None] - way[None]).T).min(axis=0) < _LEAST for way in theirs]
+    met = np.flatnonzero(np.logical_or.reduce(near)) if near else np.zeros(0, dtype=np.int64)
+    return float(np.hypot(*np.diff(points[: met[0] + 1], axis=0).T).sum()) if len(met) else math.inf
 
 
 def _runs(points: Float, step: Int) -> Float:

@@ -1,6 +1,5 @@
 """The language model's endpoint: one request over HTTP, in a bounded time and a bounded size."""
 
-import asyncio
 import json
 import os
 from dataclasses import dataclass
@@ -43,6 +42,8 @@ def asked(endpoint: str, request: dict[str, Any], timeout_s: float, key_variable
     Redirects are not followed: they would carry the key elsewhere. The key is read from the environment variable of
     that name for every request, and kept nowhere.
     """
+    import asyncio  # slow to import, as httpx is, and most agents need neither
+
     headers = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
     if key_variable:
         headers["Authorization"] = f"Bearer {os.environ.get(key_variable, '')}"
@@ -54,7 +55,9 @@ def asked(endpoint: str, request: dict[str, Any], timeout_s: float, key_variable
 
 async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: float) -> tuple[int, bytes]:
     """(status, body). The time-out is for everything together, so nobody can drip bytes for ever."""
-    import httpx  # slow to import, and most agents need none
+    import asyncio
+
+    import httpx
 
     body = bytearray()
     try:

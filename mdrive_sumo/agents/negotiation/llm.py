@@ -44,7 +44,7 @@ class LlmNegotiator:
 
     def __init__(self, model: Model, instant: bool = False) -> None:
         self._model, self._instant = model, instant
-        self._roster = Roster()
+        self.roster = Roster()
         self._talk: Talk | None = None
         self._early: list[tuple[int, Message, Line]] = []
         self._finished: dict[tuple[str, ...], int] = {}
@@ -57,9 +57,10 @@ class LlmNegotiator:
 
     def step(self, tick: int, me: Member, heard: Sequence[Message]) -> Step:
         """See Negotiator."""
+        self._early = [entry for entry in self._early if tick - entry[0] < COOL_DOWN_TICKS]
         for message in heard:
             self._hear(tick, message)
-        members = self._roster.members(tick)
+        members = self.roster.members(tick)
         messages: list[Message] = []
         self._news = False
         due = tick >= self._due_tick
@@ -70,7 +71,7 @@ class LlmNegotiator:
             messages += self._talked(tick, me.id, members)
         if due or self._news:
             messages.append(announcement(me, tick, self._current(tick)))
-            self._roster.hear(messages[-1])
+            self.roster.hear(messages[-1])
         self._notes += self._model.notes
         self._model.notes.clear()
         return Step(self._valid(tick), tuple(messages), self._due_notes())
@@ -91,7 +92,7 @@ class LlmNegotiator:
 
     def _hear(self, tick: int, message: Message) -> None:
         if message.type != TEXT:
-            self._roster.hear(message)
+            self.roster.hear(message)
             return
         try:
             line = read_line(str(decode(message)))
@@ -114,14 +115,13 @@ class LlmNegotiator:
             return
         order = speaking_order([m for m in members if m.id in group])
         self._talk = Talk(group, order, tick)
-        self._early = [entry for entry in self._early if tick - entry[0] < COOL_DOWN_TICKS]
         for heard_tick, message, line in self._early:
             self._talk.note(heard_tick, message, line)
         self._talk.heard_tick = tick
 
     def _obeyed(self, tick: int, me: str, members: Sequence[Member]) -> Decision | None:
         """Takes over what the most central member of my group asks of me, if anybody does; ties to the smaller id."""
-        for name, mcm in self._roster.heard(tick).items():
+        for name, mcm in self.roster.heard(tick).items():
             asked = mcm.requests.get(me)
             if name == me or asked is None or mcm.until_tick < tick or not {me, name} <= set(mcm.group):
                 continue

@@ -49,10 +49,10 @@ def check_settings(settings: ModelSettings) -> ModelSettings:
     if settings.transcript:
         check_transcript(Path(settings.transcript))
         return settings
-    if not re.match(r"https?://[^/\s]+", settings.endpoint):
-        raise InputError(
-            "language model: option endpoint: expected the URL of an OpenAI-compatible service, or option transcript,"
-            f" found {settings.endpoint!r}"
+    if not re.fullmatch(r"https?://[^/\s@?#]+(/[^\s@?#]*)?", settings.endpoint):
+        raise InputError(  # it is recorded as all options are, so it must not carry a key
+            "language model: option endpoint: expected the URL of an OpenAI-compatible service without user, password,"
+            f" or query, or option transcript, found {re.sub('//.*@', '//...@', settings.endpoint)!r:.60}"
         )
     if settings.api_key_env and not os.environ.get(settings.api_key_env):
         raise InputError(

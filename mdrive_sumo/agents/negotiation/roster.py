@@ -77,6 +77,23 @@ def _aged(name: str, mcm: Mcm, age_s: float) -> Member:
     )
 
 
+def motion_of(mcm: Mcm, age_s: float, after: Float) -> Float:
+    """(T, 3) [m, m, rad] where the sender will be after so many seconds (T,), as it announced `age_s` ago."""
+    planned = _Motion(np.array((mcm.pose.x, mcm.pose.y)), mcm.planned, mcm.interval_s)
+    xy, ahead = planned.at(age_s + after), planned.at(age_s + after + INTERVAL_S)
+    steps = ahead - xy
+    moves = np.hypot(steps[:, 0], steps[:, 1]) > 0.05
+    yaw = np.where(moves, np.arctan2(steps[:, 1], steps[:, 0]), np.nan)
+    return np.column_stack((xy, _filled(yaw, mcm.pose.yaw)))
+
+
+def _filled(yaw: Float, first: float) -> Float:
+    """Directions of a car that stands at times: those it had before."""
+    known = ~np.isnan(yaw)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(yaw)), -1))
+    return np.where(last >= 0, yaw[np.maximum(last, 0)], first)
+
+
 class _Motion:
     """A trajectory in time: where one is after t seconds, going on at the last speed beyond its end."""
 

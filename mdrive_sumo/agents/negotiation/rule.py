@@ -43,7 +43,7 @@ class RuleNegotiator:
 
     def __init__(self, passing: bool = False, compat_ego0: bool = False) -> None:
         self._passing, self._compat_ego0 = passing, compat_ego0
-        self._roster = Roster()
+        self.roster = Roster()
         self._yields: dict[str, tuple[bool, int]] = {}
         self._decision: Decision | None = None
         self._due_tick = 0
@@ -51,16 +51,16 @@ class RuleNegotiator:
     def step(self, tick: int, me: Member, heard: Sequence[Message]) -> Step:
         """See Negotiator."""
         for message in heard:
-            self._roster.hear(message)
+            self.roster.hear(message)
         if tick < self._due_tick:
             return Step(self._valid(tick))
         self._due_tick = next_step(tick)
-        said = self._roster.heard(tick)
+        said = self.roster.heard(tick)
         claims = claims_in(said, tick)
-        members = self._roster.members(tick)
+        members = self.roster.members(tick)
         self._settle(tick, me.id, members, claims)
         message = announcement(me, tick, self._terms(me, tick, said, claims))
-        self._roster.hear(message)
+        self.roster.hear(message)
         return Step(self._valid(tick), (message,))
 
     def _valid(self, tick: int) -> Decision | None:

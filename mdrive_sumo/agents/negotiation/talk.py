@@ -77,9 +77,9 @@ class Talk:
             return
         self.heard_tick = tick
         if not line.critic:
-            self.said[line.round, sender] = line.text
+            self.said[line.round, sender] = " ".join(line.text.split())  # one line: nobody speaks for others
         elif sender == self.order[0] and line.round > self.round:
-            self.round, self.feedback, self.done = line.round, line.text, False
+            self.round, self.feedback, self.done = line.round, " ".join(line.text.split()), False
             self.opened_tick = message.tick
 
     def turn_of(self, tick: int) -> str | None:

@@ -1,6 +1,7 @@
 // The page: player, input, and the loop that draws. `window.viewer` is for tests.
 
 const RATES = [0.25, 0.5, 1, 2, 4, 8];
+const LAYERS = ["sight", "shared", "messages", "intentions", "transcript"];
 const LABELS = ["near", "all", "none"];
 const LONGEST_FRAME_MS = 100; // after a pause of the browser: go on from here, do not jump
 const LEAST_STAGE_PX = 260; // where less is left for the map, the strips start hidden
@@ -19,9 +20,16 @@ class Viewer {
     this.ctx = $("map").getContext("2d", { alpha: false });
     this.roads = new RoadLayer(replay);
     this.scene = new Scene(replay);
+    const talk = new Talk(replay);
+    this.layers = new Layers(replay, talk);
+    this.missing = this.layers.missing();
+    this.on = new Set(this.missing.intentions ? [] : ["intentions"]);
+    this.firstLayers = this.shownLayers();
     const seek = (tick) => this.seek(tick);
     this.timeline = new Timeline(replay, seek);
     this.panel = new Panel(replay, { seek, select: (ego) => this.select(ego), follow: (ego) => this.follow(ego === this.followed ? -1 : ego) });
+    this.lists = new Lists(replay, talk, { seek, open: (name) => this.openList(name) });
+    this.lists.show("events");
     $("duration").textContent = ` / ${replay.seconds(replay.lastTick).toFixed(2)} s`;
     this.theme = readTheme();
     this.resize();
@@ -94,6 +102,23 @@ class Viewer {
     this.changed();
   }
 
+  /** Switches a layer on or off; a list that belongs to it opens and closes with it. */
+  toggleLayer(name) {
+    if (this.missing[name]) return;
+    if (this.on.delete(name)) {
+      if (this.lists.shown === name) this.lists.show("events");
+    } else {
+      this.on.add(name);
+      if (this.lists.tabs.has(name)) this.lists.show(name);
+    }
+    this.changed();
+  }
+
+  openList(name) {
+    this.lists.show(name);
+    this.changed();
+  }
+
   fit() {
     const { replay, stage } = this;
     const points = replay.routes.flatMap(pairs);
@@ -133,17 +158,25 @@ class Viewer {
     this.changed();
   }
 
-  // ---- link "#t=12.4"
+  // ---- link "#t=12.4", with "&show=sight,messages" where the layers are not those of the beginning
 
   readLink() {
-    const seconds = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
+    const link = new URLSearchParams(location.hash.slice(1));
+    const seconds = Number(link.get("t"));
     if (seconds > 0) this.seek(seconds / this.replay.tick_s);
+    const wanted = link.get("show")?.split(",");
+    for (const name of wanted ? LAYERS : []) if (wanted.includes(name) !== this.on.has(name)) this.toggleLayer(name);
+  }
+
+  shownLayers() {
+    return LAYERS.filter((name) => this.on.has(name)).join(",");
   }
 
   writeLink() {
     clearTimeout(this.linkTimer);
     if (this.playing) return;
-    const hash = `#t=${this.replay.seconds(Math.floor(this.time)).toFixed(2)}`;
+    const show = this.shownLayers();
+    const hash = `#t=${this.replay.seconds(Math.floor(this.time)).toFixed(2)}${show === this.firstLayers ? "" : `&show=${show}`}`;
     this.linkTimer = setTimeout(() => history.replaceState(null, "", hash), 250); // browsers limit how often
   }
 
@@ -181,6 +214,7 @@ class Viewer {
     this.scene.draw(ctx, view, theme, this);
     this.timeline.show(this.time, this.selected);
     this.panel.show(Math.floor(this.time), this.selected, this.followed);
+    this.lists.update(Math.floor(this.time), this.selected);
     this.showState();
     return unsettled;
   }
@@ -192,6 +226,7 @@ class Viewer {
     setText($("tick"), `tick ${tick} / ${replay.lastTick}`);
     setText($("labels"), `Labels: ${this.labels}`);
     setText($("follow"), this.followed < 0 ? "Follow: none" : `Follow: ${shortened(replay.ids[this.followed])}`);
+    for (const name of LAYERS) pressed($(`layer-${name}`), this.on.has(name));
     document.body.classList.toggle("playing", this.playing);
     const wanted = this.playing ? "Pause (Space)" : "Play (Space)";
     if ($("play").getAttribute("aria-label") !== wanted) $("play").setAttribute("aria-label", wanted);
@@ -210,6 +245,10 @@ class Viewer {
 
 function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
+}
+
+function pressed(button, is) {
+  if (button.getAttribute("aria-pressed") !== String(is)) button.setAttribute("aria-pressed", is);
 }
 
 function keep(times, value) {
@@ -246,7 +285,11 @@ async function start() {
     get view() {
       return { x: viewer.view.x, y: viewer.view.y, scale: viewer.view.scale };
     },
+    get layers() {
+      return [...viewer.on];
+    },
     replay: viewer.replay,
+    talk: viewer.lists.talk,
     ticks: viewer.replay.ticks,
     seek: (tick) => viewer.seek(tick),
     frameTimes: viewer.frameTimes,

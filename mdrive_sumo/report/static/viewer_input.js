@@ -22,6 +22,7 @@ function listenToButtons(viewer) {
     $(id).addEventListener("click", action);
     showTip($(id), $(id).getAttribute("aria-label").replace("Play (", "Play, pause ("));
   }
+  for (const name of LAYERS) listenToLayer(viewer, name);
   $("rate").addEventListener("change", () => viewer.setRate(Number($("rate").value)));
   // After a click with the pointer the keys belong to the player again; after the keyboard's, focus stays visible.
   document.addEventListener("click", (event) => event.detail > 0 && event.target.closest("button")?.blur());
@@ -29,6 +30,17 @@ function listenToButtons(viewer) {
   new ResizeObserver(() => viewer.resize()).observe($("stage"));
   addEventListener("hashchange", () => viewer.readLink());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => viewer.restyle());
+}
+
+/** The button of a layer, and its list; a layer without anything in the recording says so. */
+function listenToLayer(viewer, name) {
+  const why = viewer.missing[name];
+  const tab = viewer.lists.tabs.get(name);
+  for (const button of [$(`layer-${name}`), tab].filter(Boolean)) {
+    button.disabled = Boolean(why);
+    if (why) button.title = why;
+  }
+  $(`layer-${name}`).addEventListener("click", () => viewer.toggleLayer(name));
 }
 
 function zoomBy(viewer, factor, px, py) {
@@ -57,6 +69,11 @@ function listenToKeys(viewer) {
     "=": () => zoomBy(viewer, KEY_ZOOM),
     "-": () => zoomBy(viewer, 1 / KEY_ZOOM),
     0: () => viewer.fit(),
+    v: () => viewer.toggleLayer("sight"),
+    o: () => viewer.toggleLayer("shared"),
+    m: () => viewer.toggleLayer("messages"),
+    i: () => viewer.toggleLayer("intentions"),
+    t: () => viewer.toggleLayer("transcript"),
     "?": () => $("help").showModal(),
   };
   addEventListener("keydown", (event) => {

@@ -16,7 +16,8 @@ function colourOf(ego) {
 function readTheme() {
   const style = getComputedStyle(document.documentElement);
   const names = ["ground", "road", "line", "footway", "building", "building-edge", "vehicle", "vehicle-edge", "cyclist",
-    "pedestrian", "static", "ink", "muted", "halo", "good", "warn", "bad", "grid", "card"];
+    "pedestrian", "static", "ink", "muted", "halo", "good", "warn", "bad", "grid", "card", "cam", "cpm", "mcm",
+    "text"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 

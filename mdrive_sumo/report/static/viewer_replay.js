@@ -11,6 +11,7 @@ async function readReplay(base64) {
   const headerBytes = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, headerBytes)));
   const tables = {};
+  header.columns = Object.fromEntries(header.tables.map(([name, columns]) => [name, columns]));
   let begin = 4 + headerBytes;
   for (const [name, columns, size] of header.tables) {
     tables[name] = summedRows(new Int32Array(buffer.slice(begin, begin + 4 * size)), columns);

@@ -3,6 +3,7 @@
 const FLASH_TICKS = 20; // how long a contact glows after it ended
 const MARK_TICKS = 60; // how long an event stays on the map
 const NEAR_SCALE = 5; // px/m (of the style sheet) from which all labels are shown in "near"
+const FADED = 0.22; // whom the selected CAV does not see, in the layer "sight"
 const LIGHTS = { r: "bad", u: "bad", y: "warn", g: "good", G: "good", s: "warn" };
 
 class Scene {
@@ -15,25 +16,30 @@ class Scene {
     });
   }
 
-  draw(ctx, view, theme, { time, selected, labels }) {
+  draw(ctx, view, theme, { time, selected, labels, layers, on }) {
     Object.assign(this, { ctx, view, theme, dpr: devicePixelRatio });
     const tick = Math.floor(time);
     const replay = this.replay;
     for (const head of this.heads) this.drawHead(head, tick);
-    ctx.setTransform(1, 0, 0, 1, 0, 0);
+    layers.begin(ctx, view, theme);
+    layers.drawBelow({ on, time, selected });
     const shown = [];
     for (let i = replay.ids.length - 1; i >= 0; i--) { // CAVs last, on top
       if (!replay.sample(i, time, this.pose)) continue;
       const [px, py] = view.toScreen(this.pose.x, this.pose.y);
       if (px < -200 || py < -200 || px > ctx.canvas.width + 200 || py > ctx.canvas.height + 200) continue;
+      this.hidden = on.has("sight") && i !== selected && replay.present(selected, tick) && !layers.sees(selected, i, tick);
       this.drawRoadUser(i, px, py, i === selected);
       shown.push([i, px, py - this.halfHeight(i)]);
     }
     ctx.setTransform(1, 0, 0, 1, 0, 0);
-    for (let ego = 0; ego < replay.egos; ego++) if (replay.present(ego, tick)) this.drawPlan(ego, tick);
+    const told = (ego) => on.has("intentions") && layers.trajectories(ego, tick); // drawn below: the plan would be twice there
+    for (let ego = 0; ego < replay.egos; ego++) if (replay.present(ego, tick) && !told(ego)) this.drawPlan(ego, tick);
     for (const contact of replay.contactsWithin(time, FLASH_TICKS)) this.drawFlash(contact, time);
     for (const mark of replay.marks) if (tick >= mark.tick && tick - mark.tick < MARK_TICKS) this.drawMark(mark, time);
-    if (labels !== "none") this.drawLabels(shown, labels);
+    this.words = replay.ids.slice(0, replay.egos).map((_, ego) => (on.has("intentions") ? layers.wordOf(ego, tick) : ""));
+    const tops = this.drawLabels(shown, labels);
+    layers.drawAbove({ on, time, selected, tops });
   }
 
   drawHead({ x, y, yaw, width, lights }, tick) {
@@ -65,13 +71,27 @@ class Scene {
     const kind = replay.kinds[i];
     this.place(this.pose.x, this.pose.y, this.pose.yaw, enlarged);
     if (selected) this.box(length + 10 * pixel, width + 10 * pixel, 7 * pixel, colourOf(i), 0.3);
+    const colour = isEgo ? colourOf(i) : theme[kind];
+    ctx.globalAlpha = this.hidden ? FADED : 1;
     if (kind === "pedestrian") disc(ctx, 0, 0, Math.max(length, width) / 2, theme.pedestrian);
-    else this.box(length, width, Math.min(0.5, width / 4), isEgo ? colourOf(i) : theme[kind], 1);
+    else this.box(length, width, Math.min(0.5, width / 4), colour, 1);
+    ctx.globalAlpha = 1;
+    if (this.hidden) return this.dashedEdge(colour, pixel);
     ctx.lineWidth = (isEgo ? 1.4 : 1) * pixel;
     ctx.strokeStyle = isEgo ? theme.halo : theme["vehicle-edge"];
     ctx.stroke();
     if (kind === "pedestrian") this.tickAhead(length, pixel);
     else if (kind !== "static" && 6 * pixel < width) this.heading(length, width, isEgo);
+  }
+
+  /** Around whom the selected CAV does not see. */
+  dashedEdge(colour, pixel) {
+    const { ctx } = this;
+    ctx.strokeStyle = colour;
+    ctx.lineWidth = 1.1 * pixel;
+    ctx.setLineDash([2.5 * pixel, 2.5 * pixel]);
+    ctx.stroke();
+    ctx.setLineDash([]);
   }
 
   /** Of the box on the screen [px], turned as it is. */
@@ -86,7 +106,7 @@ class Scene {
     ctx.beginPath();
     ctx.roundRect(-length / 2, -width / 2, length, width, radius);
     ctx.fillStyle = colour;
-    ctx.globalAlpha = alpha;
+    ctx.globalAlpha = alpha * (this.hidden ? FADED : 1);
     ctx.fill();
     ctx.globalAlpha = 1;
   }
@@ -157,7 +177,7 @@ class Scene {
     ctx.globalAlpha = 1;
   }
 
-  /** CAVs get their place first; others, unless all are wanted, only where there is room. */
+  /** CAVs get their place first; others, unless all are wanted, only where there is room. Upper edges of the CAVs' [px]. */
   drawLabels(shown, labels) {
     const { ctx, view, theme, dpr, replay } = this;
     const near = view.scale >= NEAR_SCALE * dpr;
@@ -165,6 +185,7 @@ class Scene {
     const free = (px, py) => taken.every(([x, y]) => Math.abs(x - px) > 84 * dpr || Math.abs(y - py) > 17 * dpr);
     for (const [i, px, top] of shown.toReversed()) {
       const isEgo = i < replay.egos;
+      if (labels === "none" && !this.words[i]) continue; // an intention is shown even without labels
       let above = top - 12 * dpr;
       while (isEgo && !free(px, above)) above -= 6 * dpr;
       if (isEgo || labels === "all" || (near && free(px, above))) taken.push([px, above, i]);
@@ -173,7 +194,7 @@ class Scene {
     ctx.textBaseline = "middle";
     for (const [px, above, i] of taken.reverse()) {
       const isEgo = i < replay.egos;
-      const text = `${shortened(replay.ids[i])} · ${isEgo ? "CAV" : replay.kinds[i]}`;
+      const text = `${shortened(replay.ids[i])} · ${isEgo ? this.words[i] || "CAV" : replay.kinds[i]}`;
       if (isEgo) this.pill(text, px, above, colourOf(i), "#fff");
       else {
         ctx.font = `${10.5 * dpr}px system-ui, sans-serif`;
@@ -181,6 +202,7 @@ class Scene {
         ctx.fillText(text, px, above + 2 * dpr);
       }
     }
+    return new Map(taken.filter(([, , i]) => i < replay.egos).map(([, above, i]) => [i, above - 8.5 * dpr]));
   }
 
   pill(text, px, py, colour, ink) {

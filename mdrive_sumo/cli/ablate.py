@@ -1,0 +1,131 @@
+"""`mdrive-sumo study ablate`."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.episode import load_episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.report.text import text_table
+from mdrive_sumo.score import Results, ScenarioResult
+from mdrive_sumo.state import DT
+from mdrive_sumo.study.ablate import Ablated, Effect, ablate, chosen_mutes, ranked, ttc_change
+from mdrive_sumo.suite.preparation import Prepared, recording
+from mdrive_sumo.suite.stored import changed_since, open_run
+
+HEADER = ("without", "messages", "DS", "change", "SR", "min TTC [s]", "change", "parts at tick")
+
+
+@click.command("ablate")
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--scenario", default="*", metavar="GLOB", help="Which episode of the run; it must fit exactly one.")
+@click.option("--mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Mute these messages, alone; * is any.")
+@click.option("--each-message", metavar="TYPE", help="Mute every message of that type, each alone.")
+@click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="At most so many runs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@workers_option
+@click.pass_context
+def command(
+    ctx: click.Context, run_folder: Path, scenario: str, suite: str | None, as_json: bool, **choice: Any
+) -> None:
+    """The value of a message: execute a recorded episode again without it.
+
+    Everything else is as `verify` does it. Without --mute and --each-message every sender and every type of
+    message that reached somebody is muted, each alone. Reported are the driving score, the least time to
+    collision, and the first tick in which somebody is somewhere else. The largest effect comes first.
+
+    Exit codes: 0 done, 1 the recording itself comes out differently, 2 unusable input, 130 interrupted.
+    """
+    run, results = open_run(run_folder, suite)
+    if changed := changed_since(run):
+        click.echo(f"warning: the run was made with another {changed}", err=True)
+    recorded = _recorded(run, results, scenario)
+    messages = load_episode(recording(run.folder, recorded.id)).messages
+    mutes = chosen_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
+    effects = ablate(run, recorded, mutes, choice["workers"])
+    if differing := next(effects).difference:
+        click.echo(f"{recorded.id}: the recording itself comes out differently: {differing}", err=True)
+        ctx.exit(1)
+    found = ranked(recorded, _watched(effects, len(mutes)))
+    click.echo(ablation_json(found) if as_json else ablation_table(found))
+
+
+def _recorded(run: Prepared, results: Results, pattern: str) -> ScenarioResult:
+    chosen = the_one(replace(run.suite, scenarios=run.scenarios), pattern)
+    result = next(result for result in results.scenarios if result.id == chosen.id)
+    if result.status == "void" or not recording(run.folder, result.id).is_file():
+        raise InputError(f"{run.folder}: expected a recording of {result.id}, found none")
+    return result
+
+
+def _watched(effects: Iterator[Effect], total: int) -> list[Effect]:
+    """All effects; a line on stderr as each comes."""
+    found: list[Effect] = []
+    for effect in effects:
+        found.append(effect)
+        click.echo(f"{len(found)}/{total}  without {' '.join(effect.mute)}", err=True)
+    return found
+
+
+def ablation_table(found: Ablated) -> str:
+    """For the terminal: what was, then what would have been."""
+    was = found.recorded
+    rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _seconds(was.min_ttc), "", "")]
+    rows += [_cells(was, effect) for effect in found.effects]
+    return f"{was.id}: {was.ticks} ticks\n\n" + text_table(HEADER, rows)
+
+
+def _cells(was: ScenarioResult, effect: Effect) -> tuple[str, str, str, str, str, str, str, str]:
+    now, change = effect.result, ttc_change(was, effect.result)
+    return (
+        " ".join(effect.mute),
+        str(effect.messages),
+        f"{now.ds:.2f}",
+        f"{now.ds - was.ds:+.2f}",
+        f"{now.sr:.2f}",
+        _seconds(now.min_ttc),
+        "" if change is None else f"{change:+.2f}",
+        "never" if effect.parted is None else f"{effect.parted} ({effect.parted * DT:.2f} s)",
+    )
+
+
+def _seconds(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
+
+
+def ablation_json(found: Ablated) -> str:
+    """All of it, for programs."""
+    was = found.recorded
+    page = {
+        "format": "mdrive-sumo/ablation/1",
+        "scenario": was.id,
+        "seed": was.seed,
+        "recorded": {"ds": was.ds, "sr": was.sr, "min_ttc": was.min_ttc, "ticks": was.ticks, "digest": was.digest},
+        "effects": [_effect_values(was, effect) for effect in found.effects],
+    }
+    return json.dumps(page, indent=1, allow_nan=False)
+
+
+def _effect_values(was: ScenarioResult, effect: Effect) -> dict[str, object]:
+    now, change = effect.result, ttc_change(was, effect.result)
+    return {
+        "mute": effect.mute,
+        "messages": effect.messages,
+        "ds": now.ds,
+        "ds_change": round(now.ds - was.ds, 6),
+        "sr": now.sr,
+        "sr_change": round(now.sr - was.sr, 6),
+        "min_ttc": now.min_ttc,
+        "min_ttc_change": None if change is None else round(change, 6),
+        "ticks": now.ticks,
+        "parted": effect.parted,
+        "first_difference": effect.difference,
+        "digest": now.digest,
+    }

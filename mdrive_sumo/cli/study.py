@@ -1,0 +1,233 @@
+"""`mdrive-sumo study`: what cooperation is worth."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import click
+
+from mdrive_sumo.cli.ablate import command as ablate_command
+from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.cli.progress import ProgressDisplay
+from mdrive_sumo.clock import clock_of
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.report.text import text_table
+from mdrive_sumo.score import ScenarioResult
+from mdrive_sumo.study.conditions import (
+    FACTORS,
+    GRIDS,
+    Condition,
+    Level,
+    conditions,
+    levels_of,
+    pose_levels,
+    without_channel,
+)
+from mdrive_sumo.study.pages import About, study_json, study_markdown, table_of
+from mdrive_sumo.study.plots import curves, draw
+from mdrive_sumo.study.runs import BEST, Row, Study
+from mdrive_sumo.study.summary import Line, lines
+from mdrive_sumo.suite.preparation import Prepared, prepare
+from mdrive_sumo.suite.run import writing
+from mdrive_sumo.suite.settings import Settings, load_agent_config
+from mdrive_sumo.v2x.settings import PRESETS, Comm
+
+command = click.Group("study", help="Measure what cooperation is worth: over worse channels, and message by message.")
+command.add_command(ablate_command)
+
+
+class StudyDisplay(ProgressDisplay):
+    """Progress over all runs of a study."""
+
+    def __init__(self, stream: TextIO, total: int) -> None:
+        super().__init__(stream)
+        self._total = total
+        self._name = ""
+
+    def run(self, name: str) -> None:
+        """See study.runs.StudyProgress."""
+        self._name = name
+        self.note(f"{name}:")
+
+    def spared(self, scenarios: int) -> None:
+        """See study.runs.StudyProgress."""
+        self._total -= scenarios
+
+    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+        """See suite.Progress: one of the study's runs begins."""
+        self._kept += len(kept)
+        self._results += kept.values()
+        if kept:
+            self.note(f"  {len(kept)} of {total} scenarios are done already")
+
+    def _state(self) -> str:
+        done = len(self._results)
+        return f"{done:{len(str(self._total))}}/{self._total}  eta {self._time_left()}"
+
+
+@command.command("comm")
+@click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
+@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@click.option("--agents", required=True, metavar="A,B,...", help="Who drives, as --agent of `eval`.")
+@click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one of them, a JSON object.")
+@click.option("--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured")
+@click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The base channel.")
+@click.option("--latency", metavar="TICKS,...", help="Latencies, in ticks of 0.05 s.")
+@click.option("--loss", metavar="P,...", help="Probabilities of loss.")
+@click.option("--pose-error", metavar="M,...", help="Standard deviations of senders' poses, in metres.")
+@click.option("--rotation-error", metavar="DEG,...", help="The same in degrees [default: --pose-error's numbers].")
+@click.option("--grid", type=click.Choice(GRIDS), default=GRIDS[0], show_default=True, help="What is combined.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed.")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
+@click.option("--captured/--no-captured", default=True, show_default=True, help="Drive the references for it too.")
+@click.option("--no-record", is_flag=True, help="Keep no recordings: no view, verify or ablate of single runs.")
+@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
+@workers_option
+@click.pass_context
+def comm_command(ctx: click.Context, **options: object) -> None:
+    """Sweep latency, loss and pose error of the V2X channel over agents, in one command.
+
+    One-at-a-time changes one factor and leaves the others as the base channel has them; full makes every
+    combination. The same command given again continues an interrupted study. Writes study.json (all numbers),
+    study.md (the table) and a picture for every factor into --out, and every run into --out/runs.
+
+    Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
+    """
+    asked = _Asked(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+    varied = asked.varied()
+    found = conditions(asked.base(), varied, asked.grid)
+    study = asked.study(found)
+    rows = _driven(ctx, study)
+    told = lines(rows)
+    about = About(
+        suite=rows[0].results[0].run.suite,
+        scenario=asked.scenario,
+        grid=asked.grid,
+        factors=varied,
+        seeds=study.seeds,
+        command=("mdrive-sumo", *sys.argv[1:]),
+    )
+    pictures = _drawn(told, varied, found[0], asked.out)
+    _write(asked.out / "study.json", study_json(about, told))
+    _write(asked.out / "study.md", study_markdown(about, told, [path for path in pictures if path.suffix == ".png"]))
+    click.echo(text_table(*table_of(told, brief=True)))
+    click.echo("\n" + "\n".join(str(path) for path in (asked.out / "study.json", asked.out / "study.md", *pictures)))
+    ctx.exit(1 if any(line.void for line in told) else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """The options of `study comm`, as typed."""
+
+    suite: str
+    scenario: str
+    agents: str
+    agent_config: tuple[str, ...]
+    agent_clock: str
+    comm: str
+    latency: str | None
+    loss: str | None
+    pose_error: str | None
+    rotation_error: str | None
+    grid: str
+    seed: int
+    seeds: int
+    captured: bool
+    no_record: bool
+    fresh: bool
+    out: Path
+    workers: int
+
+    def base(self) -> Comm:
+        """The base channel; raises InputError."""
+        if self.comm not in PRESETS:
+            raise InputError(f"--comm: expected one of {', '.join(PRESETS)}, found {self.comm!r:.40}")
+        return PRESETS[self.comm]
+
+    def varied(self) -> dict[str, tuple[Level, ...]]:
+        """The levels of every factor that is varied; raises InputError."""
+        found: dict[str, tuple[Level, ...]] = {}
+        for name, text in (("latency", self.latency), ("loss", self.loss)):
+            if text is not None:
+                found[name] = levels_of(name, text)
+        if self.pose_error is not None:
+            found["pose-error"] = pose_levels(self.pose_error, self.rotation_error)
+        elif self.rotation_error is not None:
+            raise InputError("study: --rotation-error: expected --pose-error with it, found none")
+        if not found:
+            raise InputError("study: expected at least one of --latency, --loss and --pose-error, found none")
+        return found
+
+    def study(self, found: tuple[Condition, ...]) -> Study:
+        """Tries every agent; raises InputError."""
+        names = [name.strip() for name in self.agents.split(",")]
+        if "" in names or len(set(names)) < len(names):
+            raise InputError(
+                f"study: --agents: expected different agents with commas between them, found {self.agents!r}"
+            )
+        configs = self._configs(names)
+        agents = {name: self._prepared(name, configs.get(name)) for name in names}
+        best = agents.get(BEST) or self._prepared(BEST, None) if self.captured else None
+        seeds = tuple(range(self.seed, self.seed + self.seeds))
+        return Study(agents, best, found, without_channel() if self.captured else None, seeds, self.out)
+
+    def _configs(self, names: Sequence[str]) -> dict[str, Path]:
+        found: dict[str, Path] = {}
+        for text in self.agent_config:
+            name, _, path = text.partition("=")
+            if name not in names or not path:
+                raise InputError(f"study: --agent-config: expected AGENT=FILE with one of --agents, found {text!r}")
+            found[name] = Path(path)
+        return found
+
+    def _prepared(self, agent: str, config: Path | None) -> Prepared:
+        return prepare(
+            Settings(
+                suite=self.suite,
+                scenario=self.scenario,
+                agent=agent,
+                agent_config=load_agent_config(config) if config else {},
+                seed=self.seed,
+                comm=self.base(),
+                clock=clock_of(self.agent_clock),
+                record=not self.no_record,
+                workers=self.workers,
+                out=self.out,
+                fresh=self.fresh,
+                command=("mdrive-sumo", *sys.argv[1:]),
+            )
+        )
+
+
+def _driven(ctx: click.Context, study: Study) -> list[Row]:
+    progress = StudyDisplay(sys.stderr, study.episodes())
+    try:
+        return list(study.rows(progress))
+    except KeyboardInterrupt:
+        progress.close()
+        click.echo(f"interrupted; the same command without --fresh continues {study.folder}", err=True)
+        ctx.exit(130)
+    finally:
+        progress.close()
+
+
+def _drawn(told: Sequence[Line], varied: Mapping[str, Sequence[Level]], base: Condition, out: Path) -> list[Path]:
+    first = told[0].row.results
+    title = (
+        f"{first[0].run.suite}: mean of {len(first[0].scenarios)} scenarios"
+        f"{f' with {len(first)} seeds' if len(first) > 1 else ''}, shaded: 95 % bootstrap intervals"
+    )
+    pictures: list[Path] = []
+    for name in varied:
+        found = curves(told, FACTORS[name], base)
+        if found:
+            pictures += draw(found, FACTORS[name], title, out / name)
+    return pictures
+
+
+def _write(path: Path, text: str) -> None:
+    with writing(path):
+        path.write_text(text, encoding="utf-8")

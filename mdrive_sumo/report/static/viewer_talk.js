@@ -1,0 +1,166 @@
+// What was said: who sent what to whom when, what each has received, and what it says. Times in ticks, lengths in m.
+
+const FRESH_TICKS = 20; // what is older than a second is not shown as known
+const INTENTIONS = ["stop", "slower", "keep", "faster"];
+const DIRECTIONS = ["ahead", "left", "right", "straight", "change left", "change right"];
+const KINDS = ["vehicle", "pedestrian", "cyclist", "static"];
+const SPOKEN = /^\[([0-9a-f]{8}) (\d{1,2})( critic)?\] /; // how agents begin what they say in a negotiation
+
+class Talk {
+  constructor(replay) {
+    Object.assign(this, replay.talk);
+    this.replay = replay;
+    const table = (name) => rowsOf(replay.tables[name], replay.columns[name]);
+    this.sent = table("messages").map(([type, from, tick, bytes], row) => (
+      { row, type: this.types[type], from, tick, bytes, fates: [] }
+    ));
+    this.arrivals = new Map(); // "type from to" -> [{ tick, message }] of what was delivered
+    this.links = new Map(); // "type from to" -> [{ tick, until, message, fate }] by the tick of sending
+    for (const [row, to, fate, tick] of table("fates")) this.addFate(this.sent[row], to, this.fates[fate], tick);
+    for (const list of this.arrivals.values()) list.sort((a, b) => a.tick - b.tick || a.message.row - b.message.row);
+    for (const [row, text] of this.texts) this.sent[row].content = { text };
+    this.addCams(table("cams"));
+    this.addCpms(table("cpms"), table("cpm_objects"));
+    this.addMcms(table("mcms"), replay.tables.mcm_points, replay.columns.mcm_points);
+    this.bySender = new Map(); // "type from" -> messages in order
+    for (const message of this.sent) push(this.bySender, `${message.type} ${message.from}`, message);
+  }
+
+  addFate(message, to, fate, tick) {
+    message.fates.push({ to, fate, tick });
+    const key = `${message.type} ${message.from} ${to}`;
+    push(this.links, key, { tick: message.tick, until: tick, message, fate, to });
+    if (fate === "delivered") push(this.arrivals, key, { tick, message });
+  }
+
+  addCams(rows) {
+    for (const [row, x, y, yaw, speed, acceleration, turn, length, width] of rows) {
+      this.sent[row].content = {
+        x: x / 100, y: y / 100, yaw: yaw / 1e4, speed: speed / 100, acceleration: acceleration / 100,
+        yawRate: turn / 1000, length: length / 100, width: width / 100,
+      };
+    }
+  }
+
+  addCpms(rows, objects) {
+    for (const [row, range, count, sectors, carried] of rows) {
+      this.sent[row].content = { range: range / 10, count, sectors, objects: carried ? [] : null };
+    }
+    for (const [row, track, kind, x, y, yaw, speed, length, width, age] of objects) {
+      this.sent[row].content.objects.push({
+        name: this.tracks[track], kind: KINDS[kind], x: x / 100, y: y / 100, yaw: yaw / 1e4, speed: speed / 100,
+        length: length / 100, width: width / 100, age,
+      });
+    }
+  }
+
+  addMcms(rows, points, columns) {
+    let next = 0;
+    const take = (count) => {
+      const line = Array.from({ length: count }, (_, i) => [points[next + i] / 100, points[columns + next + i] / 100]);
+      next += count;
+      return line;
+    };
+    for (const [row, speed, yaw, intention, direction, term, interval, planned, desired] of rows) {
+      const [requests, answers, group, until] = this.terms[term];
+      this.sent[row].content = {
+        speed: speed / 100, yaw: yaw / 1e4, intention: INTENTIONS[intention], direction: DIRECTIONS[direction],
+        interval: interval / 100, requests, answers, group, until, planned: take(planned), desired: take(desired),
+      };
+    }
+  }
+
+  has(type) {
+    return this.types.includes(type);
+  }
+
+  /** The newest of a type that the station has said, if it is not too old. */
+  newest(type, from, tick, wanted = () => true) {
+    const list = this.bySender.get(`${type} ${from}`) ?? [];
+    let i = countAtOrBefore(list, tick) - 1;
+    while (i >= 0 && tick - list[i].tick < FRESH_TICKS && !wanted(list[i])) i--;
+    return i >= 0 && tick - list[i].tick < FRESH_TICKS ? list[i] : undefined;
+  }
+
+  /** The newest CPM with objects that the station has received from each other one: [message]. */
+  received(to, tick) {
+    const found = [];
+    for (let from = 0; from < this.stations.length; from++) {
+      const list = this.arrivals.get(`cpm ${from} ${to}`) ?? [];
+      let i = countAtOrBefore(list, tick) - 1;
+      while (i >= 0 && !list[i].message.content?.objects) i--;
+      if (i >= 0 && tick - list[i].message.tick < FRESH_TICKS) found.push(list[i].message);
+    }
+    return found;
+  }
+
+  /** Of each link the newest message of each type that set out at or before the time. */
+  latestFlights(time) {
+    return [...this.links.values()].map((list) => list[countAtOrBefore(list, time) - 1]).filter(Boolean);
+  }
+
+  /** What the station sent and what was sent to it, newest first: [{ at, message, fate }]; fate undefined: its own. */
+  around(station, tick, types, most) {
+    const found = [];
+    for (const [key, list] of this.bySender) {
+      const [type, from] = key.split(" ");
+      if (!types.has(type)) continue;
+      for (let i = countAtOrBefore(list, tick) - 1; i >= 0 && tick - list[i].tick < FRESH_TICKS; i--) {
+        const message = list[i];
+        if (Number(from) === station) found.push({ at: message.tick, message });
+        else {
+          const fate = message.fates.find((one) => one.to === station);
+          if (fate && fate.tick <= tick) found.push({ at: fate.tick, message, fate });
+        }
+      }
+    }
+    return found.sort((a, b) => b.at - a.at || a.message.row - b.message.row).slice(0, most);
+  }
+
+  /** Groups that stations take themselves to be in at the tick, each once: [[station, ...], ...]. */
+  groupsAt(tick) {
+    const groups = new Map();
+    for (let ego = 0; ego < this.replay.egos; ego++) {
+      const group = this.newest("mcm", ego, tick)?.content?.group ?? [];
+      if (group.length > 1) groups.set(group.join("\n"), group.map((name) => this.stations.indexOf(name)).filter((s) => s >= 0));
+    }
+    return [...groups.values()];
+  }
+
+  /** All that was said in words and noted, in order: [{ tick, who, kind, text, more }]. */
+  transcript() {
+    const said = this.texts.map(([row, text]) => {
+      const { tick, from } = this.sent[row];
+      const head = SPOKEN.exec(text);
+      const kind = head ? `${head[3] ? "critic" : "says"} · round ${head[2]}` : "says";
+      return { tick, who: from, kind, text: head ? text.slice(head[0].length) : text, more: "", spoken: true };
+    });
+    const noted = this.replay.notes.map(([tick, ego, kind, text, more]) => (
+      { tick, who: this.stations.indexOf(ego), kind, text, more, spoken: false }
+    ));
+    return [...said, ...noted].sort((a, b) => a.tick - b.tick);
+  }
+}
+
+/** The columns of a table as arrays. */
+function rowsOf(flat, columns) {
+  const height = columns ? flat.length / columns : 0;
+  return Array.from({ length: columns }, (_, i) => Array.from({ length: height }, (_, j) => flat[j * columns + i]));
+}
+
+function push(map, key, value) {
+  if (!map.has(key)) map.set(key, []);
+  map.get(key).push(value);
+}
+
+/** How many of the entries, sorted by tick, are at or before the time. */
+function countAtOrBefore(sorted, time) {
+  let low = 0;
+  let high = sorted.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (sorted[middle].tick <= time) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}

@@ -1,0 +1,185 @@
+"""Casting of rays on upright prisms: oriented boxes of any height, and walls that are higher than the sensor.
+
+Everything is seen from the outside only: what encloses the sensor does not exist for it. Distances are horizontal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.geometry import TAU, Bool, Float, Int, wrap_angles
+from mdrive_sumo.sensing.lidar_rays import Rays
+
+Key = npt.NDArray[np.int64]
+"""Distance as the bits of a float32, which sort as the numbers do, and behind it the owner: the least one wins."""
+
+EDGE_SLACK = 1e-9
+"""Of an edge's length: neighbouring walls leave no gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prisms:
+    """Boxes (N,) in the frame of the level sensor [m, rad]; tops are heights above the sensor."""
+
+    x: Float
+    y: Float
+    yaw: Float
+    length: Float
+    width: Float
+    top: Float
+    owner: Int
+
+
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """Walls (E,) from start to end (E, 2), outside to the right, in the frame of the level sensor [m]."""
+
+    start: Float
+    end: Float
+    top: float
+    owner: Int
+
+
+@dataclass(frozen=True, slots=True)
+class Meetings:
+    """Columns that meet something between two horizontal distances [m], all (M,)."""
+
+    column: Int
+    near: Float
+    far: Float
+    top: Float
+    owner: Int
+
+    def picked(self, rows: Bool) -> "Meetings":
+        """Some of them."""
+        return Meetings(self.column[rows], self.near[rows], self.far[rows], self.top[rows], self.owner[rows])
+
+
+def keys(distance: Float, owner: Int) -> Key:
+    """Sortable pairs; distance >= 0."""
+    return distance.astype(np.float32).view(np.int32).astype(np.int64) << 32 | owner
+
+
+def unkeyed(key: Key) -> tuple[npt.NDArray[np.float32], Int]:
+    """Distances and owners."""
+    return (key >> 32).astype(np.int32).view(np.float32), key & 0xFFFFFFFF
+
+
+def spread(low: Int, count: Int) -> tuple[Int, Int]:
+    """For every i the numbers low[i] ... low[i] + count[i] - 1: (i of each, the numbers)."""
+    which = np.repeat(np.arange(len(count)), count)
+    ends = np.cumsum(count)
+    return which, np.arange(len(which)) + (low - ends + count)[which]
+
+
+def _columns(rays: Rays, low: Float, high: Float) -> tuple[Int, Int]:
+    """Columns between two directions [rad], low in [-pi, pi), high - low <= 2 pi: (i of each, column)."""
+    slack = 1e-9
+    first = _first_at(rays, low - slack)
+    last = _first_at(rays, high + slack)
+    which, column = spread(first, np.minimum(last - first, len(rays.azimuth)))
+    return which, column % len(rays.azimuth)
+
+
+def _first_at(rays: Rays, angle: Float) -> Int:
+    """Index of the first column at or after the angle, counted on over whole turns."""
+    turn = np.floor(angle / TAU)
+    return np.searchsorted(rays.azimuth, angle - turn * TAU) + turn.astype(np.int64) * len(rays.azimuth)
+
+
+def meet_prisms(rays: Rays, boxes: Prisms) -> Meetings:
+    """Where columns enter and leave boxes; near is 0 above a box."""
+    cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
+    # The sensor in the frame of each box.
+    own_x, own_y = -boxes.x * cos - boxes.y * sin, boxes.x * sin - boxes.y * cos
+    over = (abs(own_x) <= boxes.length / 2) & (abs(own_y) <= boxes.width / 2)
+    which, column = _columns(rays, *_spans(boxes, cos, sin, over))
+    across = rays.across[column]
+    cos, sin = cos[which], sin[which]
+    step_x, step_y = across[:, 0] * cos + across[:, 1] * sin, across[:, 1] * cos - across[:, 0] * sin
+    in_x, out_x = _slab(own_x[which], step_x, boxes.length[which] / 2)
+    in_y, out_y = _slab(own_y[which], step_y, boxes.width[which] / 2)
+    near, far = np.maximum(in_x, in_y), np.minimum(out_x, out_y)
+    met = (near <= far) & (far > 0) & ((near > 0) | (boxes.top[which] < 0))
+    which = which[met]
+    return Meetings(column[met], np.maximum(near[met], 0.0), far[met], boxes.top[which], boxes.owner[which])
+
+
+def _spans(boxes: Prisms, cos: Float, sin: Float, over: Bool) -> tuple[Float, Float]:
+    """First and last direction [rad] in which each box is seen."""
+    ahead, left = (
+        boxes.length / 2 * np.array(((1,), (-1,), (-1,), (1,))),
+        boxes.width / 2 * np.array(((1,), (1,), (-1,), (-1,))),
+    )
+    corners = np.arctan2(boxes.y + ahead * sin + left * cos, boxes.x + ahead * cos - left * sin)
+    middle = np.arctan2(boxes.y, boxes.x)
+    aside = wrap_angles(corners - middle)
+    return np.where(over, -np.pi, middle + aside.min(0)), np.where(over, np.pi, middle + aside.max(0))
+
+
+def _slab(start: Float, step: Float, half: Float) -> tuple[Float, Float]:
+    """Distances at which start + distance * step enters and leaves [-half, half]."""
+    inverse = 1 / np.where(step == 0, 1e-300, step)
+    middle, reach = -start * inverse, half * abs(inverse)
+    return middle - reach, middle + reach
+
+
+def meet_walls(rays: Rays, walls: Walls) -> Meetings:
+    """Where columns meet walls from outside."""
+    x, y = walls.start.T
+    along = walls.end - walls.start
+    area = x * along[:, 1] - y * along[:, 0]
+    front = np.flatnonzero(area < 0)
+    x, y, along, area = x[front], y[front], along[front], area[front]
+    # Seen from outside, a wall runs clockwise: its end comes first.
+    low = np.arctan2(y + along[:, 1], x + along[:, 0])
+    which, column = _columns(rays, low, low + (np.arctan2(y, x) - low) % TAU)
+    across, along = rays.across[column], along[which]
+    turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
+    turn = np.minimum(turn, -1e-300)
+    where = (x[which] * across[:, 1] - y[which] * across[:, 0]) / turn
+    met = (where >= -EDGE_SLACK) & (where <= 1 + EDGE_SLACK)
+    near, which = area[which[met]] / turn[met], which[met]
+    top = np.full(len(near), walls.top)
+    return Meetings(column[met], near, near, top, walls.owner[front[which]])
+
+
+def cast(rays: Rays, boxes: Prisms, walls: Walls, height: float, ground: Key) -> Key:
+    """The first hit of every ray of the scan.
+
+    height: of the sensor [m]; ground: what each ray hits without anything in its way. Walls are as high as each other
+    and higher than all boxes, so that each hides whatever is behind it.
+    """
+    wall, box = meet_walls(rays, walls), meet_prisms(rays, boxes)
+    nearest = np.full(len(rays.azimuth), np.inf)
+    np.minimum.at(nearest, wall.column, wall.near)
+    best = ground.copy()
+    for met in (wall, box):
+        before = met.picked(met.near <= nearest[met.column])
+        found = _shared(rays, before, height) if rays.shared else _lone(rays, before, height)
+        np.minimum.at(best, *found)
+    return best
+
+
+def _shared(rays: Rays, met: Meetings, height: float) -> tuple[Int, Key]:
+    """Only the channels between the foot of a side and the far end of a roof."""
+    near = np.maximum(met.near, 1e-9)
+    first = np.searchsorted(rays.climb, -height / near)
+    last = np.searchsorted(rays.climb, met.top / np.where(met.top < 0, met.far, near), side="right")
+    which, channel = spread(first, np.maximum(last - first, 0))
+    top, climb = met.top[which], rays.climb[channel]
+    distance = met.near[which]
+    roof = top < 0
+    np.maximum(distance, np.divide(top, climb, where=roof, out=np.zeros_like(top)), out=distance)
+    return met.column[which] * len(rays.climb) + channel, keys(distance, met.owner[which])
+
+
+def _lone(rays: Rays, met: Meetings, height: float) -> tuple[Int, Key]:
+    """Every column has one ray."""
+    climb, roof = rays.climb[met.column], met.top < 0
+    falling = np.minimum(climb, -1e-12)
+    distance = np.where(roof, np.maximum(met.near, met.top / falling), met.near)
+    under = np.where(roof, distance <= met.far, met.near * climb <= met.top)
+    hit = under & (met.near * climb >= -height)
+    return rays.order[met.column[hit]], keys(distance[hit], met.owner[hit])

@@ -1,0 +1,101 @@
+"""What a LiDAR can hit: heights and reflectivities, which SUMO's flat world does not have, are assumed here."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from mdrive_sumo.contract import Objects
+from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.sensing.lidar_cast import Prisms, Walls
+from mdrive_sumo.state import Kind
+
+VAN_LENGTH_M, TRUCK_LENGTH_M = 5.5, 7.5
+"""From these lengths on, a vehicle is as high as a van, and as a truck or bus."""
+CAR_M, VAN_M, TRUCK_M = 1.5, 2.2, 3.4
+HEIGHT_OF_KIND_M = np.array((CAR_M, 1.75, 1.75, 1.0))
+"""By `Kind`: car, pedestrian, cyclist, static obstacle."""
+BUILDING_M = 10.0
+
+GROUND_REFLECTIVITY, BUILDING_REFLECTIVITY = 0.2, 0.5
+REFLECTIVITY_OF_KIND = np.array((0.8, 0.4, 0.5, 0.6))
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the level sensor is in the world: x, y, height [m] and yaw [rad]."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+
+    def seen(self, xy: Float) -> Float:
+        """World points (..., 2) from the level sensor."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return (xy - (self.x, self.y)) @ np.array(((cos, -sin), (sin, cos)))
+
+
+def height_of_vehicle(length: float) -> float:
+    """Height [m] assumed for a vehicle of this length [m]."""
+    return CAR_M if length < VAN_LENGTH_M else VAN_M if length < TRUCK_LENGTH_M else TRUCK_M
+
+
+def heights(kind: npt.NDArray[np.uint8], length: Float) -> Float:
+    """Heights (N,) [m] assumed for boxes of these kinds and lengths [m]."""
+    of_vehicles = np.where(length < VAN_LENGTH_M, CAR_M, np.where(length < TRUCK_LENGTH_M, VAN_M, TRUCK_M))
+    return np.where(kind == Kind.VEHICLE, of_vehicles, HEIGHT_OF_KIND_M[kind])
+
+
+@dataclass(frozen=True, slots=True)
+class Outlines:
+    """All walls of a map (E, 2) [m] with their outside to the right, and the building (E,) of each."""
+
+    start: Float
+    end: Float
+    building: Int
+
+
+@lru_cache(maxsize=8)
+def outlines(roads: RoadMap) -> Outlines:
+    """The buildings' walls."""
+    rings = [
+        np.asarray(shapely.orient_polygons(shape, exterior_cw=False).exterior.coords) for shape in roads.building_shapes
+    ]
+    none = np.zeros((0, 2))
+    start = np.concatenate((none, *(ring[:-1] for ring in rings)))
+    end = np.concatenate((none, *(ring[1:] for ring in rings)))
+    return Outlines(start, end, np.repeat(np.arange(len(rings)), [len(ring) - 1 for ring in rings]))
+
+
+def prisms(boxes: Objects, without: int | None, place: Place, reach: float) -> Prisms:
+    """Boxes whose centre is within `reach` [m] beside their size; owners are 1 + row."""
+    xy = place.seen(np.stack((boxes.x, boxes.y), axis=-1))
+    close = np.hypot(xy[:, 0], xy[:, 1]) < reach + boxes.length + boxes.width
+    if without is not None:
+        close[without] = False
+    rows = np.flatnonzero(close)
+    length = boxes.length[rows]
+    top = heights(boxes.kind[rows], length) - place.z
+    x, y = xy[rows].T
+    return Prisms(x, y, boxes.yaw[rows] - place.yaw, length, boxes.width[rows], top, rows + 1)
+
+
+def walls(of: Outlines, place: Place, reach: float, first_owner: int) -> Walls:
+    """Walls that come within `reach` [m] of the place."""
+    start, end = place.seen(of.start), place.seen(of.end)
+    along = end - start
+    foot = np.clip(-(start * along).sum(1) / np.maximum((along**2).sum(1), 1e-12), 0, 1)[:, None]
+    close = ((start + foot * along) ** 2).sum(1) <= reach**2
+    return Walls(start[close], end[close], BUILDING_M - place.z, of.building[close] + first_owner)
+
+
+def reflectivities(boxes: Objects, buildings: int) -> npt.NDArray[np.float32]:
+    """By owner: the ground, the boxes, the buildings."""
+    of_boxes = REFLECTIVITY_OF_KIND[boxes.kind]
+    values = np.concatenate(((GROUND_REFLECTIVITY,), of_boxes, np.full(buildings, BUILDING_REFLECTIVITY)))
+    return values.astype(np.float32)

@@ -1,0 +1,140 @@
+"""Conditions: the channels of a study, made from a base channel and values of factors."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from types import MappingProxyType
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.v2x.settings import PRESETS, Comm
+
+GRIDS = ("one-at-a-time", "full")
+Level = tuple[float, ...]
+"""The value of a factor: one number, or for the pose error metres and degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """One property of the channel that a study varies."""
+
+    name: str
+    axis: str
+    """What plots call it, with its unit."""
+    fields: tuple[str, ...]
+    """The fields of `Link` that a level sets."""
+    unit: str
+
+    def of(self, comm: Comm) -> Level | None:
+        """The level that a channel has; None if it is not the same for all types of message."""
+        levels = {tuple(getattr(link, field) for field in self.fields) for link in (comm.link, *comm.by_type.values())}
+        return levels.pop() if len(levels) == 1 else None
+
+    def set(self, comm: Comm, level: Level) -> Comm:
+        """The channel with that level for every type of message."""
+        fields = dict(zip(self.fields, level, strict=True))
+        links = {name: replace(link, **fields) for name, link in comm.by_type.items()}
+        return replace(comm, link=replace(comm.link, **fields), by_type=MappingProxyType(links))
+
+    def text(self, level: Level) -> str:
+        """A level for people, e.g. "latency 6 ticks"."""
+        numbers = [str(value).removesuffix(".0") for value in level]
+        return f"{self.name} " + (f"{numbers[0]} m {numbers[1]}°" if len(level) > 1 else f"{numbers[0]}{self.unit}")
+
+
+FACTORS: Mapping[str, Factor] = MappingProxyType(
+    {
+        factor.name: factor
+        for factor in (
+            Factor("latency", "latency [ticks of 0.05 s]", ("latency_ticks",), " ticks"),
+            Factor("loss", "probability of loss", ("loss",), ""),
+            Factor("pose-error", "pose error, standard deviation [m and °]", ("pose_error_m", "pose_error_deg"), ""),
+        )
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A channel of a study. `levels`: by factor, only where it is not the base channel's."""
+
+    name: str
+    comm: Comm
+    levels: Mapping[str, Level]
+
+    @property
+    def folder(self) -> str:
+        """The name as that of a folder."""
+        return re.sub(r"[^A-Za-z0-9.+-]+", "_", self.name).strip("_")
+
+
+def conditions(base: Comm, varied: Mapping[str, Sequence[Level]], grid: str) -> tuple[Condition, ...]:
+    """The base condition first, then all others once each. Raises InputError for unusable levels.
+
+    varied: levels by factor. grid: "one-at-a-time" sets one factor at a time and leaves the others at the base
+    channel's, "full" makes every combination.
+    """
+    if not base.on:
+        raise InputError("study: expected a base channel that is on, found --comm off")
+    for name, levels in varied.items():
+        if len(set(levels)) != len(levels):
+            raise InputError(f"study: --{name}: expected different values, found one twice")
+    found = {"base": Condition("base", base, MappingProxyType({}))}
+    for levels in _choices(varied, grid):
+        condition = _condition(base, levels)
+        found.setdefault(condition.name, condition)
+    return tuple(found.values())
+
+
+def without_channel() -> Condition:
+    """The reference: nothing is ever delivered."""
+    return Condition("off", PRESETS["off"], MappingProxyType({}))
+
+
+def _choices(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[str, Level]]:
+    if grid == "full":
+        for levels in product(*varied.values()):
+            yield dict(zip(varied, levels, strict=True))
+        return
+    for name, levels in varied.items():
+        for level in levels:
+            yield {name: level}
+
+
+def _condition(base: Comm, levels: Mapping[str, Level]) -> Condition:
+    changed = {name: level for name, level in levels.items() if FACTORS[name].of(base) != level}
+    comm = base
+    for name, level in changed.items():
+        comm = FACTORS[name].set(comm, level)
+    name = ", ".join(FACTORS[name].text(level) for name, level in changed.items()) or "base"
+    return Condition(name, comm, MappingProxyType(changed))
+
+
+def levels_of(name: str, text: str) -> tuple[Level, ...]:
+    """The levels that a user lists, e.g. "0,2,6"; latencies are whole numbers. Raises InputError."""
+    return tuple((_number(name, part.strip()),) for part in text.split(","))
+
+
+def pose_levels(metres: str, degrees: str | None) -> tuple[Level, ...]:
+    """Pairs of metres and degrees; without degrees they have the metres' numbers, as the paper's 0.6 m and 0.6°."""
+    rows = [levels_of("pose-error", metres), levels_of("rotation-error", degrees if degrees is not None else metres)]
+    if len(rows[0]) != len(rows[1]):
+        raise InputError(
+            f"study: --rotation-error: expected {len(rows[0])} values, as --pose-error has, found {len(rows[1])}"
+        )
+    return tuple((x[0], y[0]) for x, y in zip(*rows, strict=True))
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"study: --{name}: expected numbers with commas between them, found {text!r:.40}") from None
+    whole, most = name == "latency", {"loss": 1.0, "latency": 10_000.0}.get(name, math.inf)
+    if not (0 <= value <= most and math.isfinite(value)) or (whole and not value.is_integer()):
+        upper = f" and {most:g}" if math.isfinite(most) else ""
+        kind = "whole numbers of ticks" if whole else "numbers"
+        bounds = f"between 0{upper}" if upper else "of 0 or more"
+        raise InputError(f"study: --{name}: expected {kind} {bounds}, found {text!r:.40}")
+    return int(value) if whole else value

@@ -1,0 +1,125 @@
+"""DS and SR against one factor of the channel: a line for every agent, its confidence interval shaded."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from mdrive_sumo.compare import Interval
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.study.conditions import Condition, Factor, Level
+from mdrive_sumo.study.summary import Line
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette (Color Universal Design, 2008), which people with colour blindness can tell apart."""
+MARKERS = "os^Dv<>"
+SCORES = (("ds", "driving score DS [%]"), ("sr", "success rate SR [%]"))
+STYLE: Mapping[Any, Any] = {
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "svg.hashsalt": "mdrive-sumo",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One agent's lines of the table along a factor, by level; `off`: its line with the channel off."""
+
+    agent: str
+    lines: Mapping[Level, Line]
+    off: Line | None
+
+
+def curves(lines: Sequence[Line], factor: Factor, base: Condition) -> tuple[Curve, ...]:
+    """A curve for every agent that has two levels or more while all other factors are the base channel's."""
+    agents = dict.fromkeys(line.row.agent for line in lines)
+    found = (_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
+    return tuple(curve for curve in found if len(curve.lines) > 1)
+
+
+def _curve(lines: Sequence[Line], factor: Factor, base: Condition) -> Curve:
+    found: dict[Level, Line] = {}
+    for line in lines:
+        condition = line.row.condition
+        level = factor.of(base.comm) if condition.name == base.name else condition.levels.get(factor.name)
+        if level is not None and set(condition.levels) <= {factor.name}:
+            found[level] = line
+    off = next((line for line in lines if line.row.condition.name == "off" and not line.row.reused), None)
+    return Curve(lines[0].row.agent, dict(sorted(found.items())), off)
+
+
+def draw(found: Sequence[Curve], factor: Factor, title: str, stem: Path) -> tuple[Path, Path]:
+    """Writes STEM.png and STEM.svg, the same bytes for the same numbers. Raises InputError if it cannot."""
+    places = _places({level for curve in found for level in curve.lines})
+    with rc_context(dict(STYLE)):
+        figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = [figure.add_subplot(1, 2, i + 1) for i in range(2)]
+        for axes, (name, label) in zip(panels, SCORES, strict=True):
+            for i, curve in enumerate(found):
+                _draw_curve(axes, curve, (name, places), i)
+            axes.set(xlabel=factor.axis, ylabel=label, ylim=(-2, 102))
+            axes.set_xticks(list(places.values()), [_tick(level) for level in places])
+        figure.suptitle(title, fontsize="medium")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+        return _save(figure, stem.with_suffix(".png")), _save(figure, stem.with_suffix(".svg"))
+
+
+def _places(levels: Collection[Level]) -> dict[Level, float]:
+    """Where levels are on the axis: at their first number, or evenly spaced where that is not unique."""
+    order = sorted(levels)
+    unique = len({level[0] for level in order}) == len(order)
+    return {level: level[0] if unique else float(i) for i, level in enumerate(order)}
+
+
+def _tick(level: Level) -> str:
+    """A level at the axis; of a pose error both numbers where they differ."""
+    same = len(set(level)) == 1
+    return f"{level[0]:g}" if same else f"{level[0]:g} m\n{level[1]:g}°"
+
+
+def _draw_curve(axes: Axes, curve: Curve, what: tuple[str, Mapping[Level, float]], i: int) -> None:
+    name, places = what
+    colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+    known = [(places[level], value) for level, line in curve.lines.items() if (value := _of(line, name))]
+    x, values = [at for at, _ in known], [value for _, value in known]
+    axes.fill_between(x, [v.low for v in values], [v.high for v in values], color=colour, alpha=0.15, linewidth=0)
+    silent = any(line.row.reused for line in curve.lines.values())
+    label = curve.agent + (" (says nothing)" if silent else "")
+    width = max(2.6 - 0.5 * i, 1.2)  # later curves are thinner: where curves coincide all of them are seen
+    axes.plot(
+        x,
+        [v.mean for v in values],
+        color=colour,
+        marker=marker,
+        markersize=5 * width**0.5,
+        linestyle="--" if silent else "-",
+        linewidth=width,
+        label=label,
+        clip_on=False,
+    )
+    if curve.off and (value := _of(curve.off, name)):
+        axes.axhline(value.mean, color=colour, linestyle=":", label=f"{curve.agent}, channel off")
+
+
+def _of(line: Line, name: str) -> Interval | None:
+    return line.ds if name == "ds" else line.sr
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    try:
+        figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    return path
