@@ -26,7 +26,9 @@ def with_rsu(egos: int) -> Scenario:
     return scenario(egos).model_copy(update={"rsus": (RoadsideUnit(id=RSU, x=14.0, y=14.0),)})
 
 
-def talking(ticks: int = 40, egos: int = 2, actors: int = 3, text: str = "I wait for you.", latency: int = 2) -> Episode:
+def talking(
+    ticks: int = 40, egos: int = 2, actors: int = 3, text: str = "I wait for you.", latency: int = 2
+) -> Episode:
     """`record` with CAM at 20 Hz, CPM and MCM at 10 Hz, text once a second, notes, and a road-side unit's CPM."""
     episode = record(ticks, egos, actors)
     messages = [(sender, tick, content) for tick in range(ticks) for sender, content in _said(episode, tick, text)]
@@ -61,13 +63,15 @@ def pose_of(episode: Episode, i: int, tick: int) -> Pose:
 
 
 def _cpm(episode: Episode, observer: int, pose: Pose) -> Cpm:
-    """All others within 40 m."""
+    """All others within 40 m, as restless as measured objects are."""
     tick = pose.tick
+    noise = np.random.default_rng((tick, observer + 1)).normal(0, 0.2, (4, len(episode.ids)))
+    x, y, yaw, speed = noise + np.stack((episode.x, episode.y, episode.yaw, episode.speed))[:, tick]
     away = np.hypot(episode.x[tick] - pose.x, episode.y[tick] - pose.y)
     near = np.flatnonzero(episode.valid[tick] & (away < 40) & (np.arange(len(away)) != observer))
     objects = Objects(
         tuple(track_name(1000 * (observer + 1) + i) for i in near.tolist()), episode.kind[near],
-        episode.x[tick, near], episode.y[tick, near], episode.yaw[tick, near], episode.speed[tick, near],
+        x[near], y[near], yaw[near], speed[near],
         episode.length[near], episode.width[near],
     )  # fmt: skip
     return Cpm(pose, 40.0, objects, np.zeros(len(near), dtype=np.uint8))
@@ -75,7 +79,7 @@ def _cpm(episode: Episode, observer: int, pose: Pose) -> Cpm:
 
 def _mcm(episode: Episode, i: int, pose: Pose) -> Mcm:
     ahead = _straight(pose, 0.8)
-    near_middle = math.hypot(pose.x, pose.y) < 60
+    near_middle = math.hypot(pose.x, pose.y) < 80
     group = tuple(sorted(episode.ego_ids)) if near_middle else ()
     first = i == 0
     return Mcm(
@@ -87,8 +91,8 @@ def _mcm(episode: Episode, i: int, pose: Pose) -> Mcm:
 
 
 def _straight(pose: Pose, step_m: float) -> Float:
-    steps = np.arange(1, 26) * step_m
-    return np.stack((pose.x + steps * math.cos(pose.yaw), pose.y + steps * math.sin(pose.yaw)), axis=-1)
+    steps: Float = np.arange(1.0, 26.0) * step_m
+    return np.array((pose.x, pose.y)) + steps[:, None] * np.array((math.cos(pose.yaw), math.sin(pose.yaw)))
 
 
 def _sent(episode: Episode, n: int, sender: str, tick: int, content: Content, latency: int) -> Sent:

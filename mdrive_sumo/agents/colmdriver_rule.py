@@ -46,7 +46,7 @@ class ColmdriverRuleAgent:
         notes = self._fusion.hear(m for m in seen.messages if m.type == MCM)
         self._parley.hear(seen)
         if planner.due(seen.tick):
-            names, motions = self._parley.announced(seen)
+            names, motions = self._parley.announced(seen, planner)
             objects = self._fusion.fused(seen.tick, seen.own, seen.objects)
             drive.step(seen, without(objects, names), motions, self._parley.barriers(seen, planner))
         plan = planner.plan(seen.tick)

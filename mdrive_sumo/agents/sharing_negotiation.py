@@ -41,7 +41,7 @@ class SharingNegotiationAgent:
         notes = self._fusion.hear(seen.messages)
         self._parley.hear(seen)
         if planner.due(seen.tick):
-            names, motions = self._parley.announced(seen)
+            names, motions = self._parley.announced(seen, planner)
             objects = self._fusion.fused(seen.tick, seen.own, seen.objects)
             drive.step(seen, without(objects, names), motions)
         plan = planner.plan(seen.tick)

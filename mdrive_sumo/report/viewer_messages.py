@@ -14,7 +14,6 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.episode import Episode
 from mdrive_sumo.geometry import Float, Int
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.state import Kind
 from mdrive_sumo.v2x.channel import Fate
 from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode
 
@@ -151,7 +150,7 @@ def _terms(mcms: Sequence[_Row]) -> tuple[list[Any], Mapping[int, int]]:
 
 
 def _mcm(row: _Row, term: int) -> tuple[int, ...]:
-    """Row, speed [cm/s], yaw [0.1 mrad], intention, direction, term, interval [cm s], points planned, points desired."""
+    """Row, speed [cm/s], yaw [0.1 mrad], intention, direction, term, interval [10 ms], points planned and desired."""
     mcm = row.content
     assert isinstance(mcm, Mcm), "only MCMs are asked for"
     counts = [len(_thinned(line)) if row.shown else 0 for line in (mcm.planned, mcm.desired)]

@@ -22,7 +22,7 @@ def _told(record: NoteRecord) -> tuple[str, str]:
     if not isinstance(told, dict):
         return _shortened(record.note.text), ""
     if record.note.kind != EXCHANGE:
-        return _shortened("\n".join(f"{name}: {_plain(value)}" for name, value in told.items())), ""
+        return _shortened("\n".join(f"{name}: {_plain(value)}" for name, value in told.items() if value != "")), ""
     if "error" in told:
         return _shortened("no answer: " + " · ".join(map(_plain, told["error"]))), _asked(told)
     return _shortened(_plain(told.get("answer", ""))), _asked(told)
@@ -37,6 +37,10 @@ def _asked(exchange: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_plain(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_plain, value))
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 

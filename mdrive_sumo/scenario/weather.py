@@ -1,4 +1,7 @@
-"""Weather and light: how they shorten what sensors see. They change nothing else (no friction)."""
+"""Weather and light: how they shorten what sensors see. They change nothing else (no friction).
+
+The factors are rough figures with a reason each, not a physical model; docs/sensors.md tells where they come from.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,8 +24,8 @@ class Weather:
 WEATHERS: Mapping[WeatherName, Weather] = MappingProxyType(
     {
         "default": Weather("default", 1.0, 1.0),
-        "cloudy": Weather("cloudy", 1.0, 1.0),
-        "rain": Weather("rain", 0.8, 0.8),
-        "night": Weather("night", 0.7, 1.0),
+        "cloudy": Weather("cloudy", 1.0, 1.0),  # clouds dim the light, and shorten no range
+        "rain": Weather("rain", 0.8, 0.8),  # heavy rain: light is lost there and back
+        "night": Weather("night", 0.7, 1.0),  # cameras see what lamps light; a LiDAR brings its own light
     }
 )

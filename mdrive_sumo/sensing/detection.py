@@ -1,18 +1,117 @@
-"""TEMPORARY stand-in of the lead (helper b1 replaces this file): sees through everything."""
+"""The sensor of kind "objects": boxes of what is in sight, exact or with the errors of a profile."""
+
+from collections import deque
+from dataclasses import replace
+from functools import lru_cache
+
 import numpy as np
+import numpy.typing as npt
+
 from mdrive_sumo.contract import Objects, SensorSpec
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import TAU, Bool, Float, wrap_angles
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.sensing.imperfection import blurred, false_positives, found, joined
+from mdrive_sumo.sensing.options import check_names, choice, number
+from mdrive_sumo.sensing.profiles import IDEAL, PROFILES
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
+from mdrive_sumo.sensing.visibility import Buildings, View
+
+OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible")
+SECTORS = 72
+"""Of free sight by default: one every 5 degrees."""
+MAX_SECTORS = 720
+MAX_RANGE_M = 1000.0
+
+
+NONE: Float = np.zeros(0)
+NOTHING = Objects((), np.zeros(0, dtype=np.uint8), NONE, NONE, NONE, NONE, NONE, NONE)
 
 
 class ObjectsSensor:
+    """Detections, nearest first, under track names of the carrier's own; docs/sensors.md describes the options."""
+
     def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
-        self._range, self._carrier = spec.range_m, fitting.carrier
+        """Raises InputError for unknown or bad options, or a range that is not in (0, 1000] m."""
+        check_names(spec, OPTIONS)
+        self._profile = PROFILES[choice(spec, "profile", IDEAL, tuple(PROFILES))]
+        self._half_fov = np.deg2rad(number(spec, "fov_deg", 360.0, 1.0, 360.0)) / 2
+        self._yaw = np.deg2rad(number(spec, "yaw_deg", 0.0, -360.0, 360.0))
+        self._sectors = _sectors(spec)
+        self._min_visible = number(spec, "min_visible", self._profile.min_visible, 0.0, 1.0)
+        if not 0.0 < spec.range_m <= MAX_RANGE_M:
+            raise InputError(f"sensor 'objects': expected a range_m in (0, {MAX_RANGE_M:g}], found {spec.range_m!r}")
+        self._range_m = spec.range_m * fitting.weather.objects_range
+        self._exact = self._profile is PROFILES[IDEAL]
+        self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
+        self._names: dict[str, str] = {}
+        self._told: deque[Objects] = deque(maxlen=self._profile.latency_ticks + 1)
 
     def sense(self, scene: Scene, eye: Eye) -> Objects:
-        boxes = scene.boxes
-        distance = np.hypot(boxes.x - eye.x, boxes.y - eye.y)
-        if eye.row is not None:
-            distance[eye.row] = np.inf
-        order = np.argsort(distance, kind="stable")[: int((distance <= self._range).sum())]
-        p = boxes.picked(order)
-        return Objects(tuple(observed_name(self._carrier, i) for i in p.ids), p.kind, p.x, p.y, p.yaw, p.speed, p.length, p.width, np.full(72, self._range))
+        """What is told in this tick: what was seen `latency_ticks` calls ago, nothing if there was none."""
+        self._told.append(self._seen(scene, eye))
+        if len(self._told) <= self._profile.latency_ticks:
+            return NOTHING
+        return self._told[0]
+
+    def _seen(self, scene: Scene, eye: Eye) -> Objects:
+        view = View(eye, scene, walls_of(self._roads), self._range_m)
+        truth = scene.boxes.picked(self._detected(view))
+        seen = truth if self._exact else self._flawed(view, truth)
+        near = seen.picked(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
+        names = tuple(self._name(true_id) for true_id in near.ids)
+        return replace(near, ids=names, free_m=view.free(self._sectors) if self._sectors else NONE)
+
+    def _detected(self, view: View) -> npt.NDArray[np.intp]:
+        """Rows of what is detected, but for false positives."""
+        fractions = view.fractions()
+        boxes, eye = view.scene.boxes, view.eye
+        shown = (fractions >= self._min_visible) & (fractions > 0.0) & self._in_field(boxes.x, boxes.y, eye)
+        rows = np.flatnonzero(shown)
+        if self._exact:
+            return rows
+        distance = np.hypot(boxes.x[rows] - eye.x, boxes.y[rows] - eye.y)
+        recall = self._profile.recall_at(distance, np.maximum(fractions[rows], self._profile.min_visible))
+        ids = tuple(boxes.ids[row] for row in rows.tolist())
+        return rows[found(self._seed, view.scene.tick, ids, recall)]
+
+    def _in_field(self, x: Float, y: Float, eye: Eye) -> Bool:
+        """(N,) whether the centres lie in the field of view."""
+        if self._half_fov >= np.pi:
+            return np.ones(len(x), dtype=np.bool_)
+        bearings = wrap_angles(np.arctan2(y - eye.y, x - eye.x) - eye.yaw - self._yaw)
+        return np.abs(bearings) <= self._half_fov
+
+    def _flawed(self, view: View, truth: Objects) -> Objects:
+        """With errors, and with false positives among them where sight is free."""
+        eye, tick = view.eye, view.scene.tick
+        at = np.array((eye.x, eye.y))
+        ghosts = false_positives(self._profile, self._seed, tick, at, self._range_m)
+        if ghosts.ids:
+            free = view.free(SECTORS)
+            sector = (np.arctan2(ghosts.y - eye.y, ghosts.x - eye.x) - eye.yaw) % TAU / TAU * SECTORS
+            between = sector.astype(int) % SECTORS
+            sight = np.minimum(free[between], free[(between + 1) % SECTORS])
+            open_to = np.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
+            ghosts = ghosts.picked(open_to & self._in_field(ghosts.x, ghosts.y, eye))
+        return joined(blurred(self._profile, self._seed, tick, truth, at), ghosts)
+
+    def _name(self, true_id: str) -> str:
+        name = self._names.get(true_id)
+        if name is None:
+            name = self._names[true_id] = observed_name(self._carrier, true_id)
+        return name
+
+
+def _sectors(spec: SensorSpec) -> int:
+    """How many sectors of free sight the option `free_space` asks for."""
+    wish = spec.options.get("free_space", False)
+    if isinstance(wish, bool):
+        return SECTORS if wish else 0
+    return round(number(spec, "free_space", 0.0, 0.0, MAX_SECTORS))
+
+
+@lru_cache(maxsize=8)
+def walls_of(roads: RoadMap) -> Buildings:
+    """The walls of a map, made ready once for all sensors."""
+    return Buildings(roads)

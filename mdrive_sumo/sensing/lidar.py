@@ -62,6 +62,8 @@ OPTIONS = ("profile", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "noise_
 
 NOTHING = 0xFFFFFFFF
 """Owner of a ray that hits nothing; 0 is the ground, then come the boxes and the buildings."""
+NOISE, DROPOUT = 0, 1
+"""Streams of random numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +117,9 @@ class LidarSensor:
         distance = across * self._rays.stretch
         hit = owner != NOTHING
         if self._dropout:
-            hit &= self._random(scene.tick, "dropout").random(len(hit)) >= self._dropout
+            hit &= self._random(scene.tick, DROPOUT).random(len(hit)) >= self._dropout
         if self._noise_m:
-            noise = self._random(scene.tick, "noise").standard_normal(len(hit), dtype=np.float32)
+            noise = self._random(scene.tick, NOISE).standard_normal(len(hit), dtype=np.float32)
             distance = np.maximum(distance + np.float32(self._noise_m) * noise, np.float32(0))
         rows = np.flatnonzero(hit)
         distance, owner = distance[rows], owner[rows]
@@ -128,9 +130,8 @@ class LidarSensor:
         hits, names = self._named(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
         return PointCloud(points, hits, names)
 
-    def _random(self, tick: int, purpose: str) -> np.random.Generator:
-        """Counter-based: depends on nothing but the sensor, the tick and the purpose."""
-        stream = ("noise", "dropout").index(purpose)
+    def _random(self, tick: int, stream: int) -> np.random.Generator:
+        """Counter-based: depends on nothing but the sensor, the tick and the stream."""
         return np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, stream, tick)))
 
     def _named(self, scene: Scene, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
@@ -178,7 +179,7 @@ def _check_rays(spec: SensorSpec) -> None:
 
 def _mount(spec: SensorSpec, fitting: Fitting) -> Mount:
     car = None if fitting.briefing is None else fitting.briefing.vehicle
-    roof = 0.0 if car is None else height_of_vehicle(car.length)
+    roof = height_of_vehicle(car.length if car is not None else 0.0)
     x, y = (number(spec, name, 0.0, -10.0, 10.0) for name in ("x", "y"))
     z = number(spec, "z", roof + ABOVE_ROOF_M, 0.05, BUILDING_M - 0.5)
     if car is not None and abs(x) <= car.length / 2 and abs(y) <= car.width / 2 and z <= roof:

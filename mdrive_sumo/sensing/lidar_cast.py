@@ -15,7 +15,11 @@ Key = npt.NDArray[np.int64]
 """Distance as the bits of a float32, which sort as the numbers do, and behind it the owner: the least one wins."""
 
 EDGE_SLACK = 1e-9
-"""Of an edge's length: neighbouring walls leave no gap."""
+"""Of a wall's length and of a direction [rad]: neighbouring walls leave no gap."""
+CORNERS = np.array(((1, -1, -1, 1), (1, 1, -1, -1)))[:, :, None]
+"""Of a box: which are ahead or behind, and left or right."""
+TOUCH_M = 1e-9
+"""What is nearer counts as so far away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +79,7 @@ def spread(low: Int, count: Int) -> tuple[Int, Int]:
 
 def _columns(rays: Rays, low: Float, high: Float) -> tuple[Int, Int]:
     """Columns between two directions [rad], low in [-pi, pi), high - low <= 2 pi: (i of each, column)."""
-    slack = 1e-9
-    first = _first_at(rays, low - slack)
-    last = _first_at(rays, high + slack)
+    first, last = _first_at(rays, low - EDGE_SLACK), _first_at(rays, high + EDGE_SLACK)
     which, column = spread(first, np.minimum(last - first, len(rays.azimuth)))
     return which, column % len(rays.azimuth)
 
@@ -108,10 +110,7 @@ def meet_prisms(rays: Rays, boxes: Prisms) -> Meetings:
 
 def _spans(boxes: Prisms, cos: Float, sin: Float, over: Bool) -> tuple[Float, Float]:
     """First and last direction [rad] in which each box is seen."""
-    ahead, left = (
-        boxes.length / 2 * np.array(((1,), (-1,), (-1,), (1,))),
-        boxes.width / 2 * np.array(((1,), (1,), (-1,), (-1,))),
-    )
+    ahead, left = CORNERS[0] * boxes.length / 2, CORNERS[1] * boxes.width / 2
     corners = np.arctan2(boxes.y + ahead * sin + left * cos, boxes.x + ahead * cos - left * sin)
     middle = np.arctan2(boxes.y, boxes.x)
     aside = wrap_angles(corners - middle)
@@ -137,10 +136,10 @@ def meet_walls(rays: Rays, walls: Walls) -> Meetings:
     which, column = _columns(rays, low, low + (np.arctan2(y, x) - low) % TAU)
     across, along = rays.across[column], along[which]
     turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
-    turn = np.minimum(turn, -1e-300)
-    where = (x[which] * across[:, 1] - y[which] * across[:, 0]) / turn
-    met = (where >= -EDGE_SLACK) & (where <= 1 + EDGE_SLACK)
-    near, which = area[which[met]] / turn[met], which[met]
+    where = x[which] * across[:, 1] - y[which] * across[:, 0]
+    met = (turn < 0) & (where <= -EDGE_SLACK * turn) & (where >= (1 + EDGE_SLACK) * turn)
+    which = which[met]
+    near = area[which] / turn[met]
     top = np.full(len(near), walls.top)
     return Meetings(column[met], near, near, top, walls.owner[front[which]])
 
@@ -157,29 +156,32 @@ def cast(rays: Rays, boxes: Prisms, walls: Walls, height: float, ground: Key) ->
     best = ground.copy()
     for met in (wall, box):
         before = met.picked(met.near <= nearest[met.column])
-        found = _shared(rays, before, height) if rays.shared else _lone(rays, before, height)
-        np.minimum.at(best, *found)
+        if rays.shared:
+            _hit_by_columns(rays, before, height, best)
+        else:
+            _hit_one_by_one(rays, before, best)
     return best
 
 
-def _shared(rays: Rays, met: Meetings, height: float) -> tuple[Int, Key]:
-    """Only the channels between the foot of a side and the far end of a roof."""
-    near = np.maximum(met.near, 1e-9)
-    first = np.searchsorted(rays.climb, -height / near)
-    last = np.searchsorted(rays.climb, met.top / np.where(met.top < 0, met.far, near), side="right")
-    which, channel = spread(first, np.maximum(last - first, 0))
-    top, climb = met.top[which], rays.climb[channel]
-    distance = met.near[which]
-    roof = top < 0
-    np.maximum(distance, np.divide(top, climb, where=roof, out=np.zeros_like(top)), out=distance)
-    return met.column[which] * len(rays.climb) + channel, keys(distance, met.owner[which])
+def _hit_by_columns(rays: Rays, met: Meetings, height: float, best: Key) -> None:
+    """Channels between foot and top of a side hit it, channels between the top's near and far end hit the roof."""
+    near, channels = np.maximum(met.near, TOUCH_M), len(rays.climb)
+    foot = np.searchsorted(rays.climb, -height / near)
+    edge = np.searchsorted(rays.climb, met.top / near, side="right")
+    which, ray = spread(met.column * channels + foot, np.maximum(edge - foot, 0))
+    np.minimum.at(best, ray, keys(near, met.owner)[which])
+    roofs = met.picked(met.top < 0)
+    low = edge[met.top < 0]
+    end = np.searchsorted(rays.climb, roofs.top / roofs.far, side="right")
+    which, ray = spread(roofs.column * channels + low, end - low)
+    distance = roofs.top[which] / rays.climb[ray - roofs.column[which] * channels]
+    np.minimum.at(best, ray, keys(distance, roofs.owner[which]))
 
 
-def _lone(rays: Rays, met: Meetings, height: float) -> tuple[Int, Key]:
-    """Every column has one ray."""
-    climb, roof = rays.climb[met.column], met.top < 0
-    falling = np.minimum(climb, -1e-12)
-    distance = np.where(roof, np.maximum(met.near, met.top / falling), met.near)
-    under = np.where(roof, distance <= met.far, met.near * climb <= met.top)
-    hit = under & (met.near * climb >= -height)
-    return rays.order[met.column[hit]], keys(distance[hit], met.owner[hit])
+def _hit_one_by_one(rays: Rays, met: Meetings, best: Key) -> None:
+    """Every column has one ray; what it meets below the ground comes later than the ground."""
+    climb = rays.climb[met.column]
+    side = np.flatnonzero(met.near * climb <= met.top)
+    np.minimum.at(best, rays.order[met.column[side]], keys(met.near[side], met.owner[side]))
+    roof = np.flatnonzero((met.near * climb > met.top) & (met.far * climb <= met.top))
+    np.minimum.at(best, rays.order[met.column[roof]], keys(met.top[roof] / climb[roof], met.owner[roof]))

@@ -11,7 +11,7 @@ from mdrive_sumo.geometry import TAU, Float, Int
 Single = npt.NDArray[np.float32]
 
 UPRIGHT_TAN = 1e6
-"""Rays steeper than this count as so steep: they move less than a tenth of a millimetre while they fall 10 m."""
+"""Rays steeper than this count as so steep: they move a hundredth of a millimetre while they fall 10 m."""
 
 
 @dataclass(frozen=True, slots=True)

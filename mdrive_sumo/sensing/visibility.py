@@ -167,11 +167,11 @@ class View:
         winner = hides & (begin + end >= nearest[2, interval])
         front = np.zeros((2, len(cuts)))
         front[:, interval[winner]] = begin[winner], end[winner]
-        hidden = (front[0, interval] >= begin - TIE) & (front[1, interval] >= end - TIE)
+        hidden = ~winner & (front[0, interval] >= begin - TIE) & (front[1, interval] >= end - TIE)
         for i in np.flatnonzero(~clear & ~hidden):
             others = edge[(interval == interval[i]) & hides & (edge != edge[i])]
             seen[i] = self._seen_between(int(edge[i]), others, float(cuts[interval[i]]), float(widths[interval[i]]))
-        return np.bincount(edge, seen, len(edges.owner))
+        return np.bincount(edge, seen, len(edges.owner)).astype(np.float64, copy=False)
 
     def _seen_between(self, edge: int, others: npt.NDArray[np.intp], begin: float, width: float) -> float:
         """Width [rad] of an edge that others leave free from the angle begin on: boxes overlap here."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum, auto
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.seeding import normals, uniforms
+from mdrive_sumo.seeding import UNIFORMS, normals, uniforms
 from mdrive_sumo.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.messages import moved, problem
 from mdrive_sumo.v2x.settings import Comm, Link
@@ -57,6 +57,8 @@ class Channel:
     def __init__(self, comm: Comm, seed: int) -> None:
         self._comm, self._seed = comm, seed
         self._muted = comm.muted
+        self._drawn: dict[tuple[str, str, int], tuple[int, tuple[float, ...]]] = {}
+        """(sender, receiver, n) -> the latest block of ticks and its numbers: a cache, nothing depends on it."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
         self._log: list[tuple[Message, dict[str, tuple[Fate, int]]]] = []
@@ -75,7 +77,7 @@ class Channel:
         """
         hearing = sorted(places if receivers is None else receivers)
         for sender in sorted(said):
-            others = [station for station in hearing if station != sender]
+            others = {one: math.dist(places[sender], places[one]) for one in hearing if one != sender}
             for n, unsigned in enumerate(said[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
                 fates: dict[str, tuple[Fate, int]] = {}
@@ -84,7 +86,7 @@ class Channel:
                 if stopped is not None:
                     fates.update(dict.fromkeys(others, (stopped, tick)))
                 else:
-                    self._start(_Flight(message, n, others, fates), places)
+                    self._start(message, n, others, fates)
 
     def _stopped(self, message: Message) -> Fate | None:
         """Why a message reaches nobody; None if it goes on its way."""
@@ -101,24 +103,30 @@ class Channel:
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
         return None if fits else Fate.OVER_BUDGET
 
-    def _start(self, flight: _Flight, places: Mapping[str, Place]) -> None:
-        message, fates = flight.message, flight.fates
+    def _start(self, message: Message, n: int, others: Mapping[str, float], fates: dict[str, tuple[Fate, int]]) -> None:
+        """Sends a message, the n-th of its sender in this tick, to the others, who are so far away [m]."""
         link = self._comm.link_of(message.type)
+        reached = list(others)
         if link.loss or not math.isinf(link.range_m):
-            for receiver in flight.receivers:
-                if (fate := self._missed(link, flight, receiver, places)) is not None:
-                    fates[receiver] = (fate, message.tick)
-            flight = _Flight(message, flight.n, [one for one in flight.receivers if one not in fates], fates)
-        if flight.receivers:
+            lost, beyond = (Fate.LOST, message.tick), (Fate.OUT_OF_RANGE, message.tick)
+            for receiver, distance in others.items():
+                if distance > link.range_m:
+                    fates[receiver] = beyond
+                elif link.loss and self._luck(message, n, receiver) < link.loss:
+                    fates[receiver] = lost
+            reached = [receiver for receiver in others if receiver not in fates]
+        if reached:
+            flight = _Flight(message, n, reached, fates)
             self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)
 
-    def _missed(self, link: Link, flight: _Flight, receiver: str, places: Mapping[str, Place]) -> Fate | None:
-        sender, tick = flight.message.sender, flight.message.tick
-        if math.dist(places[sender], places[receiver]) > link.range_m:
-            return Fate.OUT_OF_RANGE
-        if link.loss and uniforms(self._seed, "loss", sender, receiver, tick, flight.n)[0] < link.loss:
-            return Fate.LOST
-        return None
+    def _luck(self, message: Message, n: int, receiver: str) -> float:
+        """In [0, 1), of that message for that receiver. Drawn for `UNIFORMS` ticks at once, for that is the cost."""
+        pair = message.sender, receiver, n
+        block, place = divmod(message.tick, UNIFORMS)
+        drawn = self._drawn.get(pair)
+        if drawn is None or drawn[0] != block:
+            drawn = self._drawn[pair] = block, uniforms(self._seed, "loss", *pair, block)
+        return drawn[1][place]
 
     def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
         """What reaches the living receivers in this tick, in the order of sending (then of senders' ids).

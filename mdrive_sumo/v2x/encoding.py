@@ -45,6 +45,7 @@ _OBJECT = np.dtype(
 )  # fmt: skip
 _KIND_AT = 4
 """Offset of the kind in `_OBJECT`."""
+_LAST_KIND, _LAST_INTENTION, _LAST_DIRECTION = max(Kind), max(Intention), max(Direction)
 _CENTI = 100.0
 HEADER_BYTES = _HEADER.size
 
@@ -131,8 +132,8 @@ def _object_rows(cpm: Cpm, pose: Pose) -> npt.NDArray[np.void]:
     numbers = np.column_stack((objects.yaw, objects.speed, objects.length, objects.width))
     if not np.isfinite(numbers).all():
         raise MessageError("expected finite numbers")
-    if (np.asarray(objects.kind) > max(Kind)).any():
-        raise MessageError(f"expected kinds from 0 to {max(Kind)}")
+    if (np.asarray(objects.kind) > _LAST_KIND).any():
+        raise MessageError(f"expected kinds from 0 to {_LAST_KIND}")
     rows = np.zeros(len(objects.ids), dtype=_OBJECT)
     rows["track"] = [track_number(name) for name in objects.ids]
     rows["kind"], rows["age"] = objects.kind, np.clip(cpm.age, 0, 255)
@@ -159,8 +160,8 @@ def cpm_parts(body: bytes) -> CpmParts:
     end = _CPM.size + count * _OBJECT.itemsize
     if len(body) != end + sectors:
         raise MessageError(f"expected {end + sectors} bytes after the header, found {len(body)}")
-    if max(body[_CPM.size + _KIND_AT : end : _OBJECT.itemsize], default=0) > max(Kind) or roadside > 1:
-        raise MessageError(f"expected kinds from 0 to {max(Kind)}, and 0 or 1 for a road-side unit")
+    if max(body[_CPM.size + _KIND_AT : end : _OBJECT.itemsize], default=0) > _LAST_KIND or roadside > 1:
+        raise MessageError(f"expected kinds from 0 to {_LAST_KIND}, and 0 or 1 for a road-side unit")
     return CpmParts(range_dm, bool(roadside), body[_CPM.size : end], body[end:])
 
 
@@ -228,11 +229,11 @@ def mcm_parts(body: bytes) -> McmParts:
     if len(body) < _MCM.size:
         raise MessageError(f"expected at least {_MCM.size} bytes after the header, found {len(body)}")
     fixed = _MCM.unpack_from(body)
-    if fixed[1] > max(Intention) or fixed[2] > max(Direction) or not fixed[3]:
+    if fixed[1] > _LAST_INTENTION or fixed[2] > _LAST_DIRECTION or not fixed[3]:
         raise MessageError(f"expected an intention, a direction and an interval above 0, found {fixed[1:4]}")
     planned, at = _taken_points(body, _MCM.size)
     desired, at = _taken_points(body, at)
-    requests, at = _taken_names(body, at, max(Intention))
+    requests, at = _taken_names(body, at, _LAST_INTENTION)
     answers, at = _taken_names(body, at, 1)
     group, at = _taken_names(body, at, 0)
     if at != len(body):

@@ -20,7 +20,10 @@ from mdrive_sumo.v2x.messages import Intention, Mcm
 
 AHEAD_M = 30.0
 """The stretch of the way that tells where a car is heading."""
-SAME_WAY_COS = 0.5
+SAME_WAY_COS = 0.7
+LEAD_M = 20.0
+LANE_M = 1.5
+TRUST_ROWS = int((TIMES <= 2.0).sum())
 
 
 class Parley:
@@ -39,26 +42,37 @@ class Parley:
         for message in seen.messages:
             self._negotiator.roster.hear(message)
 
-    def announced(self, seen: Observation) -> tuple[frozenset[str], list[Motion]]:
+    def announced(self, seen: Observation, planner: Planner) -> tuple[frozenset[str], list[Motion]]:
         """Who has announced his motion, and the motions that I have to mind."""
         said = {name: mcm for name, mcm in self._said(seen.tick).items()}
-        motions = [motion for name, mcm in said.items() if (motion := self._minded(name, mcm, seen))]
+        motions = [motion for name, mcm in said.items() if (motion := self._minded(name, mcm, seen, planner))]
         return frozenset(said), motions
 
     def _said(self, tick: int) -> dict[str, Mcm]:
         heard = self._negotiator.roster.heard(tick)
         return {name: mcm for name, mcm in heard.items() if name != self._me.ego_id}
 
-    def _minded(self, name: str, mcm: Mcm, seen: Observation) -> Motion | None:
+    def _minded(self, name: str, mcm: Mcm, seen: Observation, planner: Planner) -> Motion | None:
         """An announced motion as I have to mind it; None for who comes behind me."""
         decision = self._decision or Decision(Intention.KEEP)
         poses = motion_of(mcm, (seen.tick - mcm.pose.tick) * DT, TIMES)
         size = self._me.vehicle.length, self._me.vehicle.width
-        if name in decision.priority_over:
-            return Motion(_braking(poses, mcm.speed), *size, stands=True)
         if name not in decision.yield_to and _behind(seen.own, poses):
             return None
+        if name in decision.priority_over:
+            return Motion(poses[:TRUST_ROWS], size[0] - 1.2, size[1] - 0.5)
+        if self._leads(poses, planner):
+            return Motion(_braking(poses, mcm.speed), *size, stands=True)
         return Motion(poses, *size)
+
+    def _leads(self, poses: Float, planner: Planner) -> bool:
+        """Whether somebody drives before me on my way: he may have to brake at any time, whatever he announced."""
+        x, y, yaw = poses[0].tolist()
+        s = planner.path.project(x, y, planner.s + LEAD_M, LEAD_M)
+        path = planner.path
+        row = int(s / SPACING_M)
+        aside = abs(math.cos(path.yaw[row]) * (y - path.xy[row, 1]) - math.sin(path.yaw[row]) * (x - path.xy[row, 0]))
+        return s > planner.s and aside < LANE_M and math.cos(yaw - path.yaw[row]) > SAME_WAY_COS
 
     def barriers(self, seen: Observation, planner: Planner) -> list[Barrier]:
         """Where I have agreed to stop."""

@@ -1,7 +1,7 @@
 // The page: player, input, and the loop that draws. `window.viewer` is for tests.
 
 const RATES = [0.25, 0.5, 1, 2, 4, 8];
-const LAYERS = ["sight", "shared", "messages", "intentions", "transcript"];
+const LAYERS = ["sight", "intentions", "messages", "shared", "transcript"];
 const LABELS = ["near", "all", "none"];
 const LONGEST_FRAME_MS = 100; // after a pause of the browser: go on from here, do not jump
 const LEAST_STAGE_PX = 260; // where less is left for the map, the strips start hidden
@@ -28,7 +28,7 @@ class Viewer {
     const seek = (tick) => this.seek(tick);
     this.timeline = new Timeline(replay, seek);
     this.panel = new Panel(replay, { seek, select: (ego) => this.select(ego), follow: (ego) => this.follow(ego === this.followed ? -1 : ego) });
-    this.lists = new Lists(replay, talk, { seek, open: (name) => this.openList(name) });
+    this.lists = new Lists(replay, talk, { seek, open: (name) => this.openList(name), redraw: () => this.changed() });
     this.lists.show("events");
     $("duration").textContent = ` / ${replay.seconds(replay.lastTick).toFixed(2)} s`;
     this.theme = readTheme();
@@ -241,14 +241,6 @@ class Viewer {
     $("scale-bar").style.width = `${metres * perMetre}px`;
     setText($("scale-text"), metres < 1000 ? `${metres} m` : `${metres / 1000} km`);
   }
-}
-
-function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
-}
-
-function pressed(button, is) {
-  if (button.getAttribute("aria-pressed") !== String(is)) button.setAttribute("aria-pressed", is);
 }
 
 function keep(times, value) {

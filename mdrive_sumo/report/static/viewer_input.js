@@ -70,9 +70,9 @@ function listenToKeys(viewer) {
     "-": () => zoomBy(viewer, 1 / KEY_ZOOM),
     0: () => viewer.fit(),
     v: () => viewer.toggleLayer("sight"),
-    o: () => viewer.toggleLayer("shared"),
-    m: () => viewer.toggleLayer("messages"),
     i: () => viewer.toggleLayer("intentions"),
+    m: () => viewer.toggleLayer("messages"),
+    o: () => viewer.toggleLayer("shared"),
     t: () => viewer.toggleLayer("transcript"),
     "?": () => $("help").showModal(),
   };

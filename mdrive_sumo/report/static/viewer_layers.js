@@ -2,7 +2,8 @@
 
 const GLOW_TICKS = 8; // how long a message's way is seen after its arrival
 const BUBBLE_TICKS = 60; // how long a word stays beside its speaker
-const BUBBLE_CHARS = 56;
+const BUBBLE_LINES = 3;
+const BUBBLE_LINE_CHARS = 30;
 const BULGES = { cam: 0.05, cpm: 0.11, mcm: 0.17, text: 0.23 }; // of the distance: each type has its own way
 const GROUP_PX = 30;
 
@@ -11,7 +12,8 @@ class Layers {
     this.replay = replay;
     this.talk = talk;
     this.pose = { x: 0, y: 0, yaw: 0, speed: 0 };
-    this.words = talk.transcript().filter((entry) => entry.spoken);
+    this.transcript = talk.transcript();
+    this.words = this.transcript.filter((entry) => entry.spoken);
   }
 
   /** Which layers the recording has something for: name -> "" or why not. */
@@ -22,7 +24,7 @@ class Layers {
       shared: talk.has("cpm") ? "" : "No CPM was sent in this recording",
       messages: talk.sent.length ? "" : "No message was sent in this recording",
       intentions: talk.has("mcm") ? "" : "No MCM was sent in this recording",
-      transcript: talk.texts.length || replay.notes.length ? "" : "Nothing was said in words or noted in this recording",
+      transcript: this.transcript.length ? "" : "Nothing was said in words, negotiated or noted in this recording",
     };
   }
 
@@ -40,17 +42,21 @@ class Layers {
   /** What lies below the road users. */
   drawBelow({ on, time, selected }) {
     const tick = Math.floor(time);
-    if (on.has("intentions")) for (const group of this.talk.groupsAt(tick)) this.drawGroup(group, time);
+    if (on.has("intentions")) this.talk.groupsAt(tick).forEach((group, _, all) => this.drawGroup(group, time, 0.1 / all.length));
     if (on.has("sight")) this.drawSight(selected, time);
     if (on.has("intentions")) for (let ego = 0; ego < this.replay.egos; ego++) this.drawTrajectories(ego, tick, selected);
   }
 
-  /** What lies above them; tops: upper edge of each CAV's label [px]. */
-  drawAbove({ on, time, selected, tops }) {
-    const tick = Math.floor(time);
-    if (on.has("shared")) this.talk.received(selected, tick).forEach((message, nth) => this.drawShared(message, nth));
+  /** What lies on them, below all labels. */
+  drawOver({ on, time, selected }) {
+    if (!on.has("shared")) return;
+    this.talk.received(selected, Math.floor(time)).forEach((message, nth) => this.drawShared(message, nth));
     this.ctx.setTransform(1, 0, 0, 1, 0, 0);
-    if (on.has("messages")) for (const flight of this.talk.latestFlights(time)) this.drawFlight(flight, time, selected);
+  }
+
+  /** What lies above everything; tops: upper edge of each CAV's label [px]. */
+  drawAbove({ on, time, selected, tops, types }) {
+    if (on.has("messages")) for (const flight of this.talk.latestFlights(time, types)) this.drawFlight(flight, time, selected);
     if (on.has("transcript")) this.drawWords(time, tops);
     this.ctx.globalAlpha = 1;
   }
@@ -90,7 +96,7 @@ class Layers {
   /** Outlines in the sender's colour, a little larger than what they are about; where senders agree, one in the other. */
   drawShared(message, nth) {
     const { ctx, view, theme, dpr } = this;
-    const gap = Math.max(0.2, (2 * dpr) / view.scale) + (2.6 * nth * dpr) / view.scale;
+    const gap = Math.max(0.2, (2 * dpr) / view.scale) + (2.4 * nth * dpr) / view.scale;
     for (const { x, y, yaw, length, width, kind } of message.content.objects) {
       const [px, py] = view.toScreen(x, y);
       const [cos, sin] = [view.scale * Math.cos(yaw), view.scale * Math.sin(yaw)];
@@ -99,10 +105,10 @@ class Layers {
       if (kind === "pedestrian") ctx.arc(0, 0, length / 2 + gap, 0, 2 * Math.PI);
       else ctx.roundRect(-length / 2 - gap, -width / 2 - gap, length + 2 * gap, width + 2 * gap, Math.min(gap + 0.3, 1));
       ctx.strokeStyle = theme.ground;
-      ctx.lineWidth = (3.4 * dpr) / view.scale;
+      ctx.lineWidth = (2.8 * dpr) / view.scale;
       ctx.stroke();
       ctx.strokeStyle = this.stationColour(message.from);
-      ctx.lineWidth = (1.8 * dpr) / view.scale;
+      ctx.lineWidth = (1.5 * dpr) / view.scale;
       ctx.stroke();
     }
   }
@@ -125,8 +131,8 @@ class Layers {
     const bend = [(a[0] + b[0]) / 2 + bulge * (b[1] - a[1]), (a[1] + b[1]) / 2 - bulge * (b[0] - a[0])];
     ctx.strokeStyle = ctx.fillStyle = theme[message.type] || theme.ink;
     if (mine) {
-      ctx.globalAlpha = 0.55 * Math.min(1, 1 - after / GLOW_TICKS);
-      ctx.lineWidth = (message.type === "cam" ? 1 : 1.6) * dpr;
+      ctx.globalAlpha = 0.45 * Math.min(1, 1 - after / GLOW_TICKS);
+      ctx.lineWidth = (message.type === "cam" ? 1 : 1.4) * dpr;
       this.drawWay(a, bend, b, arrives ? 1 : 0.5);
     }
     if (!arrives && share >= 0.5) return mine ? this.drawLoss(between(a, bend, b, 0.5), after) : undefined;
@@ -189,7 +195,7 @@ class Layers {
   }
 
   /** One soft outline around all who take themselves to be in a conflict. */
-  drawGroup(stations, time) {
+  drawGroup(stations, time, strength) {
     const { ctx, theme, dpr } = this;
     const hull = convexHull(stations.map((station) => this.place(station, time)).filter(Boolean));
     if (hull.length < 2) return;
@@ -201,7 +207,7 @@ class Layers {
     });
     ctx.closePath();
     ctx.fillStyle = ctx.strokeStyle = theme.warn;
-    ctx.globalAlpha = 0.1;
+    ctx.globalAlpha = strength;
     ctx.fill();
     ctx.globalAlpha = 0.8;
     ctx.lineWidth = 1.3 * dpr;
@@ -225,57 +231,50 @@ class Layers {
     for (let i = countAtOrBefore(this.words, time) - 1; i >= 0 && time - this.words[i].tick < BUBBLE_TICKS; i--) {
       if (!latest.has(this.words[i].who)) latest.set(this.words[i].who, this.words[i]);
     }
+    const taken = [];
     for (const [who, { text, tick }] of latest) {
       const at = this.place(who, time);
-      if (at) this.drawBubble(cut(text, BUBBLE_CHARS), at[0], tops.get(who) ?? at[1], this.stationColour(who), (BUBBLE_TICKS - (time - tick)) / 10);
+      if (at) this.drawBubble(wrapped(text), at[0], tops.get(who) ?? at[1], this.stationColour(who), (BUBBLE_TICKS - (time - tick)) / 10, taken);
     }
   }
 
-  drawBubble(text, px, py, edge, strength) {
+  /** Above the label that begins at py, and above the bubbles there are already. */
+  drawBubble(lines, px, py, edge, strength, taken) {
     const { ctx, dpr, theme } = this;
-    ctx.globalAlpha = Math.min(1, strength);
     ctx.font = `${11.5 * dpr}px system-ui, sans-serif`;
     ctx.textAlign = "left";
     ctx.textBaseline = "middle";
-    const [left, top, width] = [px - 16 * dpr, py - 36 * dpr, ctx.measureText(text).width + 16 * dpr];
+    const width = Math.max(...lines.map((line) => ctx.measureText(line).width)) + 16 * dpr;
+    const height = (15 * lines.length + 8) * dpr;
+    const left = px - 16 * dpr;
+    let top = py - height - 13 * dpr;
+    const clash = ([l, t, w, h]) => left < l + w && l < left + width && top < t + h + 4 * dpr && t < top + height + 4 * dpr;
+    while (taken.some(clash)) top -= 8 * dpr;
+    taken.push([left, top, width, height]);
+    ctx.globalAlpha = Math.min(1, strength);
     ctx.beginPath();
-    ctx.moveTo(left + 22 * dpr, top + 22 * dpr);
-    ctx.lineTo(px, top + 29 * dpr);
-    ctx.lineTo(left + 10 * dpr, top + 22 * dpr);
-    ctx.roundRect(left, top, width, 23 * dpr, 8 * dpr);
+    ctx.moveTo(left + 22 * dpr, top + height - dpr);
+    ctx.lineTo(px, top + height + 7 * dpr);
+    ctx.lineTo(left + 10 * dpr, top + height - dpr);
+    ctx.roundRect(left, top, width, height, 8 * dpr);
     ctx.strokeStyle = edge;
     ctx.lineWidth = 2.4 * dpr;
     ctx.stroke();
     ctx.fillStyle = theme.card;
     ctx.fill();
     ctx.fillStyle = theme.ink;
-    ctx.fillText(text, left + 8 * dpr, top + 12 * dpr);
+    lines.forEach((line, i) => ctx.fillText(line, left + 8 * dpr, top + (12 + 15 * i) * dpr));
     ctx.globalAlpha = 1;
   }
 }
 
-/** A point of the quadratic curve. */
-function between(a, bend, b, share) {
-  const [u, v] = [1 - share, share];
-  return [0, 1].map((k) => u * u * a[k] + 2 * u * v * bend[k] + v * v * b[k]);
-}
-
-/** Counter-clockwise in a frame with y up, so clockwise on the screen; Andrew's monotone chain. */
-function convexHull(points) {
-  const sorted = points.toSorted((p, q) => p[0] - q[0] || p[1] - q[1]);
-  if (sorted.length < 3) return sorted;
-  const cross = (o, p, q) => (p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]);
-  const half = (list) => {
-    const chain = [];
-    for (const point of list) {
-      while (chain.length > 1 && cross(chain.at(-2), chain.at(-1), point) <= 0) chain.pop();
-      chain.push(point);
-    }
-    return chain.slice(0, -1);
-  };
-  return [...half(sorted), ...half(sorted.toReversed())];
-}
-
-function cut(text, most) {
-  return text.length <= most ? text : `${text.slice(0, most - 1)}…`;
+/** The beginning of a text in a few short lines. */
+function wrapped(text) {
+  const lines = [""];
+  for (const word of text.split(/\s+/)) {
+    if (lines.at(-1) && lines.at(-1).length + word.length >= BUBBLE_LINE_CHARS) lines.push("");
+    lines[lines.length - 1] += (lines.at(-1) && " ") + word.slice(0, BUBBLE_LINE_CHARS);
+  }
+  if (lines.length > BUBBLE_LINES) lines[BUBBLE_LINES - 1] += " …";
+  return lines.slice(0, BUBBLE_LINES);
 }

@@ -3,12 +3,12 @@
 const MOST_MESSAGES = 40;
 
 class Lists {
-  constructor(replay, talk, { seek, open }) {
+  constructor(replay, talk, { seek, open, redraw }) {
     Object.assign(this, { replay, talk, seek, shown: "events" });
     this.types = new Set(talk.types.length > 1 ? talk.types.filter((type) => type !== "cam") : talk.types);
     this.tabs = new Map([...document.querySelectorAll("#tabs button")].map((tab) => [tab.dataset.list, tab]));
     for (const [name, tab] of this.tabs) tab.addEventListener("click", () => open(name));
-    this.addFilters();
+    this.addFilters(redraw);
     this.addRows();
     this.addTranscript();
   }
@@ -23,7 +23,8 @@ class Lists {
     this.tick = undefined;
   }
 
-  addFilters() {
+  /** Which types are listed and drawn. */
+  addFilters(redraw) {
     for (const type of this.talk.types) {
       const chip = element("button", `chip ${type}`, type);
       const press = () => chip.setAttribute("aria-pressed", this.types.has(type));
@@ -32,7 +33,7 @@ class Lists {
         if (!this.types.delete(type)) this.types.add(type);
         press();
         this.tick = undefined;
-        this.update(this.last.tick, this.last.selected);
+        redraw();
       });
       press();
       document.getElementById("filters").append(chip);
@@ -108,7 +109,7 @@ class Lists {
     document.getElementById("detail").hidden = !message;
     if (message) {
       document.getElementById("detail-title").textContent = `${message.type.toUpperCase()} from ${this.talk.stations[message.from]}`;
-      const facts = [...headFacts(this.replay, this.talk, message), ...contentFacts(this.replay, message)];
+      const facts = [...headFacts(this.replay, this.talk, message), ...contentFacts(this.replay, this.talk.stations[message.from], message)];
       document.getElementById("detail-facts").replaceChildren(
         ...facts.flatMap(([name, text]) => [element("dt", "", name), element("dd", "", text)]),
       );
@@ -135,7 +136,7 @@ class Lists {
   /** What the selected CAV asks, answers and believes now. */
   updateTerms(tick, selected) {
     const mcm = this.talk.newest("mcm", selected, tick)?.content;
-    const facts = mcm ? termFacts(this.replay, mcm) : [];
+    const facts = mcm ? termFacts(this.replay, this.talk.stations[selected], mcm) : [];
     document.getElementById("terms").replaceChildren(
       ...facts.flatMap(([name, text]) => [element("dt", "", name), element("dd", "", text)]),
     );
@@ -157,11 +158,11 @@ function headFacts(replay, talk, message) {
   return [["sent", `${replay.seconds(message.tick).toFixed(2)} s, ${message.bytes} bytes`], ["to", fates.join("\n") || "nobody"]];
 }
 
-function contentFacts(replay, { type, content }) {
+function contentFacts(replay, own, { type, content }) {
   if (!content) return [["content", "not readable here"]];
   if (type === "text") return [["text", content.text]];
   if (type === "cam") return camFacts(replay, content);
-  return type === "cpm" ? cpmFacts(content) : mcmFacts(replay, content);
+  return type === "cpm" ? cpmFacts(content) : mcmFacts(replay, own, content);
 }
 
 function camFacts(replay, { x, y, yaw, speed, acceleration, yawRate, length, width }) {
@@ -179,13 +180,13 @@ function cpmFacts({ range, count, sectors, objects }) {
   return [["range", `${range.toFixed(1)} m`], ["free sight", sectors ? `${sectors} sectors` : "not told"], ["objects", told]];
 }
 
-function mcmFacts(replay, mcm) {
-  return [["speed", `${mcm.speed.toFixed(2)} m/s`], ...termFacts(replay, mcm)];
+function mcmFacts(replay, own, mcm) {
+  return [["speed", `${mcm.speed.toFixed(2)} m/s`], ...termFacts(replay, own, mcm)];
 }
 
-function termFacts(replay, { intention, direction, requests, answers, group, until }) {
+function termFacts(replay, own, { intention, direction, requests, answers, group, until }) {
   const facts = [["intention", `${intention}, ${direction}`], ["group", group.join(", ") || "none"]];
-  if (requests.length) facts.push(["asks", requests.map(([who, what]) => `${who}: ${what.toLowerCase()}`).join("\n")]);
+  if (requests.length) facts.push(["asks", requests.map(([who, what]) => `${who === own ? "itself" : who}: ${what.toLowerCase()}`).join("\n")]);
   if (answers.length) facts.push(["answers", answers.map(([who, yes]) => `${who}: ${yes ? "yes" : "no"}`).join("\n")]);
   if (requests.length) facts.push(["until", `${replay.seconds(until).toFixed(1)} s`]);
   return facts;

@@ -232,3 +232,25 @@ function disc(ctx, x, y, radius, colour) {
   ctx.fillStyle = colour;
   ctx.fill();
 }
+
+/** A point of the quadratic curve. */
+function between(a, bend, b, share) {
+  const [u, v] = [1 - share, share];
+  return [0, 1].map((k) => u * u * a[k] + 2 * u * v * bend[k] + v * v * b[k]);
+}
+
+/** Counter-clockwise in a frame with y up, so clockwise on the screen; Andrew's monotone chain. */
+function convexHull(points) {
+  const sorted = points.toSorted((p, q) => p[0] - q[0] || p[1] - q[1]);
+  if (sorted.length < 3) return sorted;
+  const cross = (o, p, q) => (p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]);
+  const half = (list) => {
+    const chain = [];
+    for (const point of list) {
+      while (chain.length > 1 && cross(chain.at(-2), chain.at(-1), point) <= 0) chain.pop();
+      chain.push(point);
+    }
+    return chain.slice(0, -1);
+  };
+  return [...half(sorted), ...half(sorted.toReversed())];
+}

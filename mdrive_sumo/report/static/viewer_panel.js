@@ -81,3 +81,11 @@ function element(tag, className, text = "") {
   made.textContent = text;
   return made;
 }
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+function pressed(button, is) {
+  if (button.getAttribute("aria-pressed") !== String(is)) button.setAttribute("aria-pressed", is);
+}

@@ -16,7 +16,7 @@ class Scene {
     });
   }
 
-  draw(ctx, view, theme, { time, selected, labels, layers, on }) {
+  draw(ctx, view, theme, { time, selected, labels, layers, lists, on }) {
     Object.assign(this, { ctx, view, theme, dpr: devicePixelRatio });
     const tick = Math.floor(time);
     const replay = this.replay;
@@ -35,11 +35,12 @@ class Scene {
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     const told = (ego) => on.has("intentions") && layers.trajectories(ego, tick); // drawn below: the plan would be twice there
     for (let ego = 0; ego < replay.egos; ego++) if (replay.present(ego, tick) && !told(ego)) this.drawPlan(ego, tick);
+    layers.drawOver({ on, time, selected });
     for (const contact of replay.contactsWithin(time, FLASH_TICKS)) this.drawFlash(contact, time);
     for (const mark of replay.marks) if (tick >= mark.tick && tick - mark.tick < MARK_TICKS) this.drawMark(mark, time);
     this.words = replay.ids.slice(0, replay.egos).map((_, ego) => (on.has("intentions") ? layers.wordOf(ego, tick) : ""));
     const tops = this.drawLabels(shown, labels);
-    layers.drawAbove({ on, time, selected, tops });
+    layers.drawAbove({ on, time, selected, tops, types: lists.types });
   }
 
   drawHead({ x, y, yaw, width, lights }, tick) {
@@ -182,7 +183,8 @@ class Scene {
     const { ctx, view, theme, dpr, replay } = this;
     const near = view.scale >= NEAR_SCALE * dpr;
     const taken = [];
-    const free = (px, py) => taken.every(([x, y]) => Math.abs(x - px) > 84 * dpr || Math.abs(y - py) > 17 * dpr);
+    const apart = (this.words.some(Boolean) ? 128 : 84) * dpr;
+    const free = (px, py) => taken.every(([x, y]) => Math.abs(x - px) > apart || Math.abs(y - py) > 17 * dpr);
     for (const [i, px, top] of shown.toReversed()) {
       const isEgo = i < replay.egos;
       if (labels === "none" && !this.words[i]) continue; // an intention is shown even without labels

@@ -94,9 +94,10 @@ class Talk {
     return found;
   }
 
-  /** Of each link the newest message of each type that set out at or before the time. */
-  latestFlights(time) {
-    return [...this.links.values()].map((list) => list[countAtOrBefore(list, time) - 1]).filter(Boolean);
+  /** Of each link the newest message of each of the types that set out at or before the time. */
+  latestFlights(time, types) {
+    const wanted = [...this.links.values()].filter((list) => types.has(list[0].message.type));
+    return wanted.map((list) => list[countAtOrBefore(list, time) - 1]).filter(Boolean);
   }
 
   /** What the station sent and what was sent to it, newest first: [{ at, message, fate }]; fate undefined: its own. */
@@ -127,7 +128,19 @@ class Talk {
     return [...groups.values()];
   }
 
-  /** All that was said in words and noted, in order: [{ tick, who, kind, text, more }]. */
+  /** What the station asked, answered and believed by MCM, whenever that changed. */
+  agreements(who) {
+    const found = [];
+    let before = "";
+    for (const { tick, content } of this.bySender.get(`mcm ${who}`) ?? []) {
+      const text = content ? bargain(this.stations[who], content) : before;
+      if (text !== before) found.push({ tick, who, kind: "by MCM", text: text || "in no conflict any more", more: "", spoken: false });
+      before = text;
+    }
+    return found;
+  }
+
+  /** All that was said in words, agreed by MCM and noted, in order: [{ tick, who, kind, text, more, spoken }]. */
   transcript() {
     const said = this.texts.map(([row, text]) => {
       const { tick, from } = this.sent[row];
@@ -135,11 +148,28 @@ class Talk {
       const kind = head ? `${head[3] ? "critic" : "says"} · round ${head[2]}` : "says";
       return { tick, who: from, kind, text: head ? text.slice(head[0].length) : text, more: "", spoken: true };
     });
-    const noted = this.replay.notes.map(([tick, ego, kind, text, more]) => (
-      { tick, who: this.stations.indexOf(ego), kind, text, more, spoken: false }
-    ));
-    return [...said, ...noted].sort((a, b) => a.tick - b.tick);
+    const noted = this.replay.notes
+      .map(([tick, ego, kind, text, more]) => ({ tick, who: this.stations.indexOf(ego), kind, text, more, spoken: false }))
+      .filter((note) => !joined(said, note));
+    const agreed = this.stations.flatMap((_, station) => this.agreements(station));
+    return [...said, ...agreed, ...noted].sort((a, b) => a.tick - b.tick);
   }
+}
+
+/** Whether the note only tells how something came to be said: then what was asked is told there. */
+function joined(said, note) {
+  const same = said.find((entry) => entry.tick === note.tick && entry.who === note.who && entry.text === note.text);
+  if (same) same.more = note.more;
+  return same !== undefined;
+}
+
+/** Requests, answers and group of an MCM in words; "" if there are none. */
+function bargain(own, { requests, answers, group }) {
+  const asks = requests.filter(([who]) => who !== own).map(([who, what]) => `asks ${who}: ${what.toLowerCase()}`);
+  const takes = requests.filter(([who]) => who === own).map(([, what]) => `takes upon itself: ${what.toLowerCase()}`);
+  const says = answers.map(([who, yes]) => (yes ? `agrees with ${who}` : `refuses ${who}`));
+  const sees = group.length ? [`in conflict: ${group.join(", ")}`] : [];
+  return [...asks, ...takes, ...says, ...sees].join("\n");
 }
 
 /** The columns of a table as arrays. */
