@@ -210,10 +210,12 @@ class TestFlaws:
 
     def test_latency(self) -> None:
         """What is told in tick t was so at t - 2; nothing is known before."""
-        late = sensor(profile="attfuse")
+        late = sensor(profile="attfuse", free_space=8)
         told = [late.sense(cars((20.0 + tick, 0.0), tick=tick), HERE) for tick in range(40)]
         assert PROFILES["attfuse"].latency_ticks == 2
         assert told[0].ids == told[1].ids == ()
+        assert [one.free_m.tolist() for one in told[:2]] == [[0.0] * 8] * 2
+        assert told[2].free_m[0] == pytest.approx(20.0 - 1.9 / 2)
         x = {t: float(one.x[one.ids.index(name("c0"))]) for t, one in enumerate(told) if name("c0") in one.ids}
         assert len(x) > 15
         assert all(seen == pytest.approx(18.0 + tick, abs=1.0) for tick, seen in x.items())
@@ -261,8 +263,8 @@ class TestPublishedFigures:
 
 
 def test_rain_shortens_a_lidar_as_an_optical_link() -> None:
-    """ITU-R P.1814: 1.58 R^0.63 dB/km (Japan) at R = 25 mm/h, there and back; 100 m on a clear day become 80 m."""
-    per_metre = 1.58 * 25**0.63 / 1000 * math.log(10) / 10
+    """1.076 R^0.67 dB/km at R = 35 mm/h, there and back: an echo from 100 m on a clear day comes from 80 m."""
+    per_metre = 1.076 * 35**0.67 / 1000 * math.log(10) / 10
     reach = 100.0
     for _ in range(100):
         reach = 100.0 * math.exp(-per_metre * reach)  # r^2 exp(2 a r) = (100 m)^2

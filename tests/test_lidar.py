@@ -13,12 +13,13 @@ from worlds import straight_road
 from mdrive_sumo.contract import Briefing, Objects, PointCloud, SensorSpec, VehicleFacts
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float, box_corners
+from mdrive_sumo.observation.senses import Senses, Surrounds, scene_of
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.lidar import LidarSensor
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
-from mdrive_sumo.state import Kind
+from mdrive_sumo.state import EgoState, Frame, Kind, no_actors
 
 CAR = VehicleFacts(4.9, 2.1, 2.85, 1.4, 1700.0, 1.2, 50.0, 3.0, 8.0)
 ELEVATION = np.radians(np.linspace(-30.0, 10.0, 64))
@@ -228,6 +229,26 @@ def test_all_rays_of_a_leaning_sensor_agree_with_brute_force(case: Case) -> None
     check(case)
 
 
+AMID = {"x": 0.3, "y": -0.2, "z": 2.5, "yaw_deg": 30.0}
+COURT = ((-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0), (-9.0, 8.0), (8.0, 8.0), (8.0, -8.0), (-9.0, -8.0))
+
+
+@pytest.mark.parametrize("lean", [{}, {"roll_deg": 20.0, "pitch_deg": -35.0}])
+@pytest.mark.parametrize(
+    ("others", "rings"),
+    [
+        ([(Kind.VEHICLE, 1.0, 0.5, 0.7, 4.5, 1.9)], []),  # below the sensor after a crash
+        ([(Kind.VEHICLE, 1.0, 0.5, 0.7, 4.5, 1.9), (Kind.PEDESTRIAN, 2.0, 1.0, 0.0, 0.5, 0.5)], []),  # run over
+        ([(Kind.VEHICLE, 1.0, 0.5, 0.7, 12.0, 2.5), (Kind.VEHICLE, 9.0, 0.0, 0.0, 4.5, 1.9)], []),  # inside a bus
+        ([(Kind.VEHICLE, 20.0, 0.5, 0.7, 4.5, 1.9)], [((-5.0, -5.0), (30.0, -5.0), (30.0, 5.0), (-5.0, 5.0))]),
+        ([(Kind.STATIC, 7.7, 3.0, 0.0, 1.0, 1.0)], [COURT]),  # a court that is open to the left rear
+        ([(Kind.VEHICLE, 88.0, 3.0, 0.0, 12.0, 2.5), (Kind.VEHICLE, 0.0, -89.0, 0.0, 4.0, 9.0)], []),  # at the limit
+    ],
+)
+def test_odd_places_agree_with_brute_force(others: list[Box], rings: list[Ring], lean: dict[str, float]) -> None:
+    check(Case(OWN, others, rings, AMID | lean))
+
+
 @pytest.mark.slow
 @given(st.booleans().flatmap(lambda leaning: cases(leaning)))
 @settings(max_examples=400, deadline=None)
@@ -281,6 +302,16 @@ def test_nothing_is_hit_beyond_the_range_of_the_weather(weather: str, reach: flo
 
     assert hits(reach - 0.1) > 0
     assert hits(reach + 0.1) == 0
+
+
+def test_the_observation_carries_the_scans_of_the_ticks_that_have_one() -> None:
+    specs = (SensorSpec("lidar", "top"), SensorSpec("lidar", "slow", options={"profile": "lmdrive"}))
+    senses = Senses({"a": specs}, {"a": told()}, Surrounds(town(), WEATHERS["default"], 0))
+    for tick, names in ((0, {"top", "slow"}), (1, {"top"})):
+        frame = Frame(tick, {"a": EgoState(5.0, 0.0, 0.0, 0.0)}, no_actors(), {})
+        seen = senses.observe(frame, scene_of(frame, {"a": (4.9, 2.1)}), {}, {"a": ()})["a"].lidar
+        assert set(seen) == names
+        assert len(seen["top"].points) > 10_000
 
 
 # --- What is hit

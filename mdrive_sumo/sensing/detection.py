@@ -48,10 +48,10 @@ class ObjectsSensor:
         self._told: deque[Objects] = deque(maxlen=self._profile.latency_ticks + 1)
 
     def sense(self, scene: Scene, eye: Eye) -> Objects:
-        """What is told in this tick: what was seen `latency_ticks` calls ago, nothing if there was none."""
+        """What was seen `latency_ticks` calls ago; before, nothing is seen, nor known to be free."""
         self._told.append(self._seen(scene, eye))
         if len(self._told) <= self._profile.latency_ticks:
-            return NOTHING
+            return replace(NOTHING, free_m=np.zeros(self._sectors))
         return self._told[0]
 
     def _seen(self, scene: Scene, eye: Eye) -> Objects:

@@ -122,8 +122,7 @@ class View:
         b, eye = self.scene.boxes, self.eye
         rows = np.flatnonzero(self.gaps <= self.range_m)
         corners = self.scene.corners[rows]
-        # A wall just out of range may hide the far end of a box that begins within it; a box out of range may too,
-        # and is left out: nobody can tell, for what is hidden then is out of range.
+        # What lies wholly out of range is left out: it can hide only what is out of range too.
         starts, ends = self.buildings.near(eye, self.range_m)
         p = np.concatenate((corners.reshape(-1, 2), starts)) - (eye.x, eye.y)
         q = np.concatenate((corners[:, (1, 2, 3, 0)].reshape(-1, 2), ends)) - (eye.x, eye.y)

@@ -166,9 +166,9 @@ def comm_from(values: Mapping[str, Any]) -> Comm:
     own: dict[str, Any] = {}
     links: dict[str, dict[str, Any]] = {"": {}}
     for name, value in values.items():
-        of_type, _, option = name.rpartition(".")
-        kind = _LINK.get(option) or (None if of_type else _OWN.get(option))
-        if kind is None:
+        of_type, dot, option = name.rpartition(".")
+        kind = _LINK.get(option) or (None if dot else _OWN.get(option))
+        if kind is None or (dot and not of_type):
             raise InputError(f"V2X channel: unknown option {name!r:.60}, expected one of {', '.join((*_OWN, *_LINK))}")
         (links.setdefault(of_type, {}) if option in _LINK else own)[option] = _typed(name, value, kind)
     if own.get("preset", "ideal") not in PRESETS:

@@ -6,6 +6,8 @@ const BUBBLE_LINES = 3;
 const BUBBLE_LINE_CHARS = 30;
 const BULGES = { cam: 0.05, cpm: 0.11, mcm: 0.17, text: 0.23 }; // of the distance: each type has its own way
 const GROUP_PX = 30;
+const AGREE_M = 1; // objects as near as this, told of by several, are drawn one around the other
+const MOST_RINGS = 3;
 
 class Layers {
   constructor(replay, talk) {
@@ -50,7 +52,8 @@ class Layers {
   /** What lies on them, below all labels. */
   drawOver({ on, time, selected }) {
     if (!on.has("shared")) return;
-    this.talk.received(selected, Math.floor(time)).forEach((message, nth) => this.drawShared(message, nth));
+    const drawn = [];
+    for (const message of this.talk.received(selected, Math.floor(time))) this.drawShared(message, drawn);
     this.ctx.setTransform(1, 0, 0, 1, 0, 0);
   }
 
@@ -94,10 +97,13 @@ class Layers {
   }
 
   /** Outlines in the sender's colour, a little larger than what they are about; where senders agree, one in the other. */
-  drawShared(message, nth) {
+  drawShared(message, drawn) {
     const { ctx, view, theme, dpr } = this;
-    const gap = Math.max(0.2, (2 * dpr) / view.scale) + (2.4 * nth * dpr) / view.scale;
     for (const { x, y, yaw, length, width, kind } of message.content.objects) {
+      const rings = drawn.filter(([ox, oy]) => Math.hypot(ox - x, oy - y) < AGREE_M).length;
+      drawn.push([x, y]);
+      if (rings >= MOST_RINGS) continue;
+      const gap = Math.max(0.2, (2 * dpr) / view.scale) + (2.4 * rings * dpr) / view.scale;
       const [px, py] = view.toScreen(x, y);
       const [cos, sin] = [view.scale * Math.cos(yaw), view.scale * Math.sin(yaw)];
       ctx.setTransform(cos, -sin, -sin, -cos, px, py);

@@ -186,7 +186,7 @@ function mcmFacts(replay, own, mcm) {
 
 function termFacts(replay, own, { intention, direction, requests, answers, group, until }) {
   const facts = [["intention", `${intention}, ${direction}`], ["group", group.join(", ") || "none"]];
-  if (requests.length) facts.push(["asks", requests.map(([who, what]) => `${who === own ? "itself" : who}: ${what.toLowerCase()}`).join("\n")]);
+  if (requests.length) facts.push(["asks", wishes(own, requests).join("\n")]);
   if (answers.length) facts.push(["answers", answers.map(([who, yes]) => `${who}: ${yes ? "yes" : "no"}`).join("\n")]);
   if (requests.length) facts.push(["until", `${replay.seconds(until).toFixed(1)} s`]);
   return facts;

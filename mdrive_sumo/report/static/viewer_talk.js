@@ -163,13 +163,19 @@ function joined(said, note) {
   return same !== undefined;
 }
 
+/** What is asked of whom, all of whom the same is asked in one line; of oneself first. */
+function wishes(own, requests) {
+  const asked = new Map();
+  for (const [who, what] of requests) push(asked, `${who === own ? 0 : 1}${what}`, who === own ? "itself" : who);
+  return [...asked].sort(([a], [b]) => (a < b ? -1 : 1)).map(([key, names]) => `${names.join(", ")}: ${key.slice(1).toLowerCase()}`);
+}
+
 /** Requests, answers and group of an MCM in words; "" if there are none. */
 function bargain(own, { requests, answers, group }) {
-  const asks = requests.filter(([who]) => who !== own).map(([who, what]) => `asks ${who}: ${what.toLowerCase()}`);
-  const takes = requests.filter(([who]) => who === own).map(([, what]) => `takes upon itself: ${what.toLowerCase()}`);
+  const asks = wishes(own, requests).map((wish) => `asks ${wish}`);
   const says = answers.map(([who, yes]) => (yes ? `agrees with ${who}` : `refuses ${who}`));
   const sees = group.length ? [`in conflict: ${group.join(", ")}`] : [];
-  return [...asks, ...takes, ...says, ...sees].join("\n");
+  return [...asks, ...says, ...sees].join("\n");
 }
 
 /** The columns of a table as arrays. */
