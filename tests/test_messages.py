@@ -249,12 +249,6 @@ def test_a_truncated_or_longer_message_is_not_read(content: Content) -> None:
     assert not reads(Message(whole.type, whole.payload + b"\0"))
 
 
-@pytest.mark.parametrize("kind", TYPES)
-def test_a_message_of_another_type_is_not_read(kind: str) -> None:
-    cam = encode(Cam(Pose(0.0, 0.0, 0.0, 0), 0.0, 0.0, 0.0, 4.0, 2.0))
-    assert reads(Message(kind, cam.payload)) is (kind == CAM)
-
-
 def test_types_of_agents_own_need_only_fit() -> None:
     assert problem(Message("own", b"\xff" * MAX_PAYLOAD_BYTES)) is None
     assert problem(Message("own", b"\xff" * (MAX_PAYLOAD_BYTES + 1))) is not None
@@ -275,6 +269,50 @@ def cpm_with(count: int = 1, sectors: int = 0, **parts: object) -> Cpm:
     values |= {"ids": (track_name(1),) * count, "kind": np.zeros(count, np.uint8), "free_m": np.zeros(sectors)}
     values |= {"x": np.full(count, PLACE.x), "y": np.full(count, PLACE.y)}
     return Cpm(PLACE, 50.0, Objects(**(values | parts)), np.zeros(count, np.uint8))  # pyright: ignore[reportArgumentType]
+
+
+def patched(content: Content, at: int, *values: int) -> Message:
+    """The message with other bytes from there on."""
+    whole = encode(content)
+    return Message(whole.type, whole.payload[:at] + bytes(values) + whole.payload[at + len(values) :])
+
+
+EMPTY_MCM = mcm_with()
+NAMING_MCM = mcm_with(requests={"ab": Intention.STOP, "cd": Intention.STOP})
+BODY = HEADER + 9
+"""Where an MCM's lists begin: two of points, three of names."""
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        patched(Cam(PLACE, 1.0, 0.0, 0.0, 4.0, 2.0), 0, 2),  # another kind
+        patched(EMPTY_MCM, 0, 1),
+        patched(cpm_with(), HEADER + 2, 2),  # more objects than there are
+        patched(cpm_with(), HEADER + 4, 2),  # neither car nor road-side unit
+        patched(cpm_with(), HEADER + 5 + 4, 4),  # no kind of object
+        patched(EMPTY_MCM, HEADER + 2, 4),  # no intention
+        patched(EMPTY_MCM, HEADER + 3, 6),  # no direction
+        patched(EMPTY_MCM, HEADER + 4, 0),  # no time between points
+        patched(EMPTY_MCM, BODY, MAX_POINTS + 1),
+        patched(NAMING_MCM, BODY + 2, 3),  # more names than there are
+        patched(NAMING_MCM, BODY + 4, 4),  # asked to do what is no intention
+        patched(NAMING_MCM, BODY + 9, *b"ab"),  # the same name twice
+        patched(NAMING_MCM, BODY + 5, 0xFF),  # no UTF-8
+        Message(TEXT, b"x" * (MAX_TEXT_BYTES + 1)),
+        Message(TEXT, b"\xff"),
+        Message(CAM, b""),
+        Message(CPM, encode(cpm_with()).payload[:HEADER]),
+        Message(MCM, encode(EMPTY_MCM).payload[:HEADER]),
+    ],
+)
+def test_a_byte_that_means_nothing_makes_a_message_unreadable(damaged: Message) -> None:
+    assert not reads(damaged)
+
+
+def test_only_the_patched_bytes_were_wrong() -> None:
+    assert all(reads(encode(content)) for content in (EMPTY_MCM, NAMING_MCM, cpm_with()))
+    assert NAMING_MCM.requests == getattr(decode(patched(NAMING_MCM, BODY + 9, *b"cd")), "requests", None)
 
 
 FAR = np.array([[PLACE.x + 400.0, PLACE.y]])

@@ -42,7 +42,7 @@ class ColmdriverRuleAgent:
         assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
         planner = drive.planner
-        planner.follow(seen.own)
+        planner.follow(seen.tick, seen.own)
         notes = self._fusion.hear(m for m in seen.messages if m.type == MCM)
         self._parley.hear(seen)
         if planner.due(seen.tick):

@@ -30,6 +30,8 @@ PATIENCE_S = (2.0, 8.0)
 drivers would wait for each other for ever."""
 BOLD_S = 3.0
 CROSSING_MARGIN_M = 2.0
+TURNING_ROOM_M = 6.0
+"""Room for one who turns towards me where I expected him to go straight on."""
 HARD_BRAKING = 4.0
 SAME_WAY = math.radians(45)
 SEEN_ROWS = int((TIMES <= FORESIGHT_S).sum())
@@ -91,8 +93,11 @@ class Foresight:
 
 def _before(crossing: yielding.Crossing, me: yielding.Mover, s: float) -> list[Barrier]:
     """Where to wait for one who goes first, if I can still stop there."""
-    gap = crossing.first - CROSSING_MARGIN_M
-    return [Barrier(s + gap, crossing.leaves_s)] if gap > me.speed**2 / (2 * HARD_BRAKING) else []
+    stop_m = me.speed**2 / (2 * HARD_BRAKING)
+    if crossing.first - CROSSING_MARGIN_M < stop_m:
+        return []
+    gap = max(crossing.first - TURNING_ROOM_M, min(stop_m + 0.5, crossing.first - CROSSING_MARGIN_M))
+    return [Barrier(s + gap, crossing.leaves_s)]
 
 
 def _merging(objects: Objects, row: int, curvature: float) -> Motion:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.agents.overlap import CHECK_MARGIN, Margin, cells_of, footprints, overlaps
 from mdrive_sumo.agents.path import SPACING_M, Path, curve_speeds, make_path
-from mdrive_sumo.agents.prediction import HORIZON_S, SPARSE, TIMES, Motion
+from mdrive_sumo.agents.prediction import HORIZON_S, SPARSE, STANDING_SPEED, TIMES, Motion
 from mdrive_sumo.agents.space_time import TOP_SPEED, Profile, Task, braking, fastest, task_along
 from mdrive_sumo.contract import Briefing, OwnState, Plan
 from mdrive_sumo.geometry import Bool, Float, Int, boxes_corners
@@ -27,6 +27,9 @@ LATERAL, BRAKING = 3.0, 2.0
 LEAST_MARGIN = Margin(0.5, 0.1)
 """Kept where the whole margin is violated already: one who stands behind another does not creep up to it."""
 HASTE = 0.05
+PATIENT_TICKS = 40
+TIGHT_MARGIN = Margin(0.5, 0.1)
+"""Of one who has stood for so long: two who wait close to each other must find a way past."""
 INTERVAL_S = 0.2
 PLAN_POINTS = 50
 ASTRAY_M = 0.8
@@ -53,12 +56,14 @@ class Planner:
         legal = np.interp(stations, briefing.route_s, briefing.route_speed_limit)
         self._speeds = np.minimum(curve_speeds(self.path, cruise, LATERAL, BRAKING), legal)
         self._profile: Profile | None = None
-        self._made_tick = 0
+        self._made_tick = self._moved_tick = 0
         self.s = 0.0
 
-    def follow(self, own: OwnState) -> None:
+    def follow(self, tick: int, own: OwnState) -> None:
         """Takes notice of the measured state."""
         self.s = self.path.project(own.x, own.y, self.s)
+        if abs(own.speed) > STANDING_SPEED:
+            self._moved_tick = tick
 
     def due(self, tick: int) -> bool:
         """Whether `update` wants to be called in this tick."""
@@ -109,6 +114,8 @@ class Planner:
 
     def _made(self, tick: int, start: tuple[float, float], motions: Sequence[Motion], barriers: Sequence[Barrier]) -> Profile:
         task = self._task(tick, start)
+        if tick - self._moved_tick > PATIENT_TICKS:
+            return fastest(replace(task, blocked=self._blocked(task, motions, barriers, TIGHT_MARGIN))) or braking(task)
         task = task.among(lambda margin: self._blocked(task, motions, barriers, margin), LEAST_MARGIN)
         return fastest(task) or braking(task)
 

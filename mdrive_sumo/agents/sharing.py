@@ -33,7 +33,7 @@ class SharingAgent:
         """The plan as it is, made anew when it is time to, and what I see for the others."""
         assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
-        drive.planner.follow(seen.own)
+        drive.planner.follow(seen.tick, seen.own)
         notes = self._fusion.hear(seen.messages)
         if drive.planner.due(seen.tick):
             drive.step(seen, self._fusion.fused(seen.tick, seen.own, seen.objects))

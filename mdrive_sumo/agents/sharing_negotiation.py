@@ -37,7 +37,7 @@ class SharingNegotiationAgent:
         assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
         planner = drive.planner
-        planner.follow(seen.own)
+        planner.follow(seen.tick, seen.own)
         notes = self._fusion.hear(seen.messages)
         self._parley.hear(seen)
         if planner.due(seen.tick):

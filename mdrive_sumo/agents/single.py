@@ -29,7 +29,7 @@ class SingleAgent:
         """The plan as it is, made anew when it is time to."""
         assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
-        drive.planner.follow(seen.own)
+        drive.planner.follow(seen.tick, seen.own)
         if drive.planner.due(seen.tick):
             drive.step(seen, seen.objects)
         return Reply(plan=drive.planner.plan(seen.tick))
