@@ -6,6 +6,8 @@ from mdrive_sumo.agents.fusion import Fusion
 from mdrive_sumo.agents.station import Station
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 
+import os
+PROFILE = os.environ.get("PROF", "ideal")
 OPTIONS = {"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)}
 
 
@@ -20,7 +22,7 @@ class SharingAgent:
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight, and how far sight is free."""
-        return (SensorSpec("objects", range_m=self._range, options={"free_space": True}),)
+        return (SensorSpec("objects", range_m=self._range, options={"profile": PROFILE, "free_space": True}),)
 
     def start(self, briefing: Briefing) -> None:
         """The path needs the first observation: nobody says which way a car looks at its start."""

@@ -4,6 +4,8 @@ from mdrive_sumo.agents.base import Config, Option, read_options
 from mdrive_sumo.agents.drive import Drive
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 
+import os
+PROFILE = os.environ.get("PROF", "ideal")
 OPTIONS = {"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)}
 
 
@@ -18,7 +20,7 @@ class SingleAgent:
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight."""
-        return (SensorSpec("objects", range_m=self._range),)
+        return (SensorSpec("objects", range_m=self._range, options={"profile": PROFILE}),)
 
     def start(self, briefing: Briefing) -> None:
         """The path needs the first observation: nobody says which way a car looks at its start."""

@@ -183,7 +183,7 @@ class _Run:
             said |= self._roadside.said(scene)
         if said:
             places = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in self.living} | self._roadside.places
-            self.channel.post(frame.tick, said, places)
+            self.channel.post(frame.tick, said, places, receivers=self.living)
 
     def controls(self, frame: Frame, replies: Mapping[str, Reply]) -> Mapping[str, Control]:
         """Pedals and wheel of every living CAV: its own, those of the controller that follows its plan, or its last."""
