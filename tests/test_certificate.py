@@ -58,9 +58,7 @@ def test_a_road_side_unit_that_sees_the_hidden_one_is_named() -> None:
 
 
 def interval(start_s: float, end_s: float, conflict_s: float, by: tuple[str, ...] = ("b",)) -> Hidden:
-    return Hidden(
-        drive="omniscient", ego="a", actor="b", start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by
-    )
+    return Hidden(drive="omniscient", ego="a", actor="b", start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by)
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,18 @@ def equal(a: Episode, b: Episode) -> bool:
     )
     facts = all(
         getattr(a, name) == getattr(b, name)
-        for name in ("scenario", "about", "ids", "egos", "contacts", "signals", "endings", "messages", "notes", "thinking")
+        for name in (
+            "scenario",
+            "about",
+            "ids",
+            "egos",
+            "contacts",
+            "signals",
+            "endings",
+            "messages",
+            "notes",
+            "thinking",
+        )
     )
     plans = len(a.plans) == len(b.plans) and all(
         p.tick == q.tick and p.ego == q.ego and np.allclose(p.points, q.points, atol=1e-9)
@@ -133,7 +144,9 @@ def test_the_digest_covers(what: str) -> None:
             contacts = (Contact("0", "a", Kind.VEHICLE),) if now and what == "contact" else ()
             ego = EgoState(0.001 if now and what == "ego" else 0.0, 0, 0, 0)
             signals = {"t": "r" if now and what == "signal" else "g"}
-            message = Message("text", b"b" if now and what == "message" else b"a", "2" if now and what == "sender" else "1")
+            message = Message(
+                "text", b"b" if now and what == "message" else b"a", "2" if now and what == "sender" else "1"
+            )
             heard = {"0": (message,)}
             controls = {"0": Control(0.0001 if now and what == "control" else 0.0, 0, 0)}
             recorder.add(quantised_frame(Frame(tick, {"0": ego}, around, signals, contacts)), controls, {}, heard)

@@ -9,6 +9,7 @@ from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
 from mdrive_sumo.agents.idm import IdmAgent
 from mdrive_sumo.agents.omniscient import OmniscientAgent
+from mdrive_sumo.agents.perception_swap import AttFuseAgent, CoBevtAgent, DiscoNetAgent, FCooperAgent
 from mdrive_sumo.agents.sharing import SharingAgent
 from mdrive_sumo.agents.sharing_negotiation import SharingNegotiationAgent
 from mdrive_sumo.agents.single import SingleAgent
@@ -26,6 +27,10 @@ AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
         "colmdriver-rule": ColmdriverRuleAgent,
         "colmdriver": ColmdriverAgent,
         "sharing+negotiation": SharingNegotiationAgent,
+        "perception-swap:attfuse": AttFuseAgent,
+        "perception-swap:disconet": DiscoNetAgent,
+        "perception-swap:fcooper": FCooperAgent,
+        "perception-swap:cobevt": CoBevtAgent,
         "omniscient": OmniscientAgent,
     }
 )

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TypeAlias
 
 from mdrive_sumo.contract import Agent
@@ -21,13 +22,34 @@ class Option:
     high: float
 
 
-def read_options(agent: str, config: Config, options: Mapping[str, Option]) -> dict[str, float]:
-    """Every option's value; raises InputError for an unknown name or a value that is no number in its range."""
-    unknown = sorted(set(config) - set(options))
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A word that a user may choose: its default and all that there are."""
+
+    default: str
+    among: tuple[str, ...]
+
+
+NO_CHOICES: Mapping[str, Choice] = MappingProxyType({})
+
+
+def read_options(
+    agent: str, config: Config, options: Mapping[str, Option], choices: Mapping[str, Choice] = NO_CHOICES
+) -> dict[str, float]:
+    """Every number's value; raises InputError for an unknown name or a value that is no number in its range."""
+    unknown = sorted(set(config) - set(options) - set(choices))
     if unknown:
-        known = ", ".join(sorted(options)) or "none"
+        known = ", ".join(sorted((*options, *choices))) or "none"
         raise InputError(f"agent {agent}: expected options among ({known}), found {unknown[0]!r}")
     return {name: _number(agent, name, config, option) for name, option in options.items()}
+
+
+def read_choice(agent: str, config: Config, name: str, choice: Choice) -> str:
+    """The word that was chosen; raises InputError for any other."""
+    value = config.get(name, choice.default)
+    if value not in choice.among:
+        raise InputError(f"agent {agent}: option {name}: expected one of {', '.join(choice.among)}, found {value!r}")
+    return str(value)
 
 
 def _number(agent: str, name: str, config: Config, option: Option) -> float:

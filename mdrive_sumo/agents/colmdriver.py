@@ -2,21 +2,21 @@
 
 from mdrive_sumo.agents.base import Config
 from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
-from mdrive_sumo.agents.negotiation.llm import LlmNegotiator
+from mdrive_sumo.agents.drive import OPTIONS
+from mdrive_sumo.agents.negotiation import LlmNegotiator, llm_options
 from mdrive_sumo.agents.negotiation.model import Model
-from mdrive_sumo.agents.negotiation.options import llm_options
-from mdrive_sumo.contract import Briefing
 
-CRUISE = 8.0
+DRIVING = (*OPTIONS, "detector")
 
 
 class ColmdriverAgent(ColmdriverRuleAgent):
     """As `colmdriver-rule`, but a language model speaks for each CAV and says what was agreed (protocol 10.4)."""
 
     def __init__(self, config: Config) -> None:
-        self._settings, self._instant = llm_options("colmdriver", config)
-        super().__init__({"speed": CRUISE})
+        talking = {name: value for name, value in config.items() if name not in DRIVING}
+        self._settings, self._instant = llm_options("colmdriver", talking)
+        super().__init__({name: value for name, value in config.items() if name in DRIVING})
 
-    def negotiator(self, briefing: Briefing) -> LlmNegotiator:
+    def negotiator(self, seed: int) -> LlmNegotiator:
         """The model's voice; where it gives nothing usable the rule decides."""
-        return LlmNegotiator(Model(self._settings, briefing.seed), self._instant)
+        return LlmNegotiator(Model(self._settings, seed), self._instant)

@@ -1,28 +1,54 @@
 """One CAV's driving, whatever it knows the others by: what `single`, `sharing` and the negotiating agents share."""
 
 from collections.abc import Collection, Sequence
+from types import MappingProxyType
 
+import numpy as np
+
+from mdrive_sumo.agents.base import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.agents.foresight import Foresight
-from mdrive_sumo.agents.lines import Lines
-from mdrive_sumo.agents.path import path_station
+from mdrive_sumo.agents.lines import Lines, lines_on
 from mdrive_sumo.agents.planner import Barrier, Planner
 from mdrive_sumo.agents.prediction import Motion
-from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, TrafficLight
+from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, SensorSpec
+from mdrive_sumo.sensing.profiles import IDEAL, LIDAR_SINGLE
 
+OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
+DETECTOR = Choice(LIDAR_SINGLE, (LIDAR_SINGLE, IDEAL))
 STOPPING = 4.0
 """[m/s2] A yellow light is minded by whoever can stop before it with this braking."""
+
+
+class Habits:
+    """How a baseline drives and what it drives by; the same options for all of them.
+
+    speed: at most so fast [m/s]; range: how far it sees [m]; detector: how well, see docs/sensors.md.
+    """
+
+    def __init__(self, agent: str, config: Config) -> None:
+        numbers = read_options(agent, config, OPTIONS, {"detector": DETECTOR})
+        self.cruise, self.range_m = numbers["speed"], numbers["range"]
+        self._detector = read_choice(agent, config, "detector", DETECTOR)
+
+    def sensor(self, free_space: bool = False) -> SensorSpec:
+        """Boxes of what is in sight, and (if asked for) how far sight is free."""
+        return SensorSpec(
+            "objects", range_m=self.range_m, options={"profile": self._detector, "free_space": free_space}
+        )
 
 
 class Drive:
     """The planner with its lines and its expectations of others."""
 
     def __init__(self, briefing: Briefing, own: OwnState, cruise: float) -> None:
-        self._foresight = Foresight(briefing, cruise)
         self.planner = Planner(briefing, own.yaw, cruise)
-        path = self.planner.path
-        signs = [path_station(path, briefing, sign.s) for sign in briefing.stop_signs]
-        lights = [TrafficLight(light.id, path_station(path, briefing, light.s)) for light in briefing.traffic_lights]
-        self._lines = Lines(signs, lights)
+        self._foresight = Foresight(briefing, cruise)
+        self._lines: Lines = lines_on(self.planner.path, briefing)
+
+    def due(self, seen: Observation) -> bool:
+        """Takes notice of the own state; whether `step` is to be called in this tick."""
+        self.planner.follow(seen.tick, seen.own)
+        return self.planner.due(seen.tick)
 
     def step(
         self,
@@ -52,4 +78,4 @@ class Drive:
 
 def without(objects: Objects, names: Collection[str]) -> Objects:
     """The objects but for those names."""
-    return objects.picked([row for row, name in enumerate(objects.ids) if name not in names])
+    return objects.picked(np.array([name not in names for name in objects.ids], dtype=np.bool_))

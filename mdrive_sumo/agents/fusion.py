@@ -4,7 +4,9 @@ Track-level association by place and kind, greedily from the nearest pair; what 
 measurement counts where I have one.
 """
 
+import math
 from collections.abc import Iterable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +22,15 @@ CAR_GATE_M = 2.5
 """Two cars are never nearer than this with their centres unless one is beside the other; three sigmas of the paper's
 pose error (0.6 m) would be more, and then one car counts twice."""
 WALKER_GATE_M = 1.0
+Kinds: TypeAlias = npt.NDArray[np.uint8]
 COLUMNS = ("x", "y", "yaw", "speed", "length", "width")
+
+
+class Reach(NamedTuple):
+    """Whose detections are fused: so many of the nearest at most, no farther away than that [m]."""
+
+    senders: int
+    metres: float
 
 
 class Fusion:
@@ -30,9 +40,9 @@ class Fusion:
     keeps its name when another one sees it.
     """
 
-    def __init__(self, vehicle: VehicleFacts) -> None:
+    def __init__(self, vehicle: VehicleFacts, reach: Reach | None = None) -> None:
         """vehicle: the own one; others that tell their place but not their size are taken to be like it."""
-        self._size = vehicle.length, vehicle.width
+        self._size, self._reach = (vehicle.length, vehicle.width), reach
         self._cams: dict[str, tuple[int, Cam]] = {}
         self._cpms: dict[str, tuple[int, Cpm]] = {}
         self._names: dict[str, str] = {}
@@ -65,9 +75,17 @@ class Fusion:
         known = seen
         if self._cams:
             known = self._joined(known, _stations(tick, self._cams), own)
-        for sender in sorted(self._cpms):
+        for sender in self._senders(own):
             known = self._joined(known, _told(tick, sender, self._cpms[sender][1]), own)
         return _renamed(known, self._names)
+
+    def _senders(self, own: OwnState) -> list[str]:
+        """Whose detections count now, sorted."""
+        if self._reach is None:
+            return sorted(self._cpms)
+        gaps = {name: math.hypot(c.pose.x - own.x, c.pose.y - own.y) for name, (_, c) in self._cpms.items()}
+        near = sorted((gap, name) for name, gap in gaps.items() if gap <= self._reach.metres)
+        return sorted(name for _, name in near[: self._reach.senders])
 
     def _joined(self, known: Objects, told: Objects, own: OwnState) -> Objects:
         """Known and told things together; what is me, or the same thing, is not added again."""
@@ -103,20 +121,22 @@ def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
     objects = cpm.objects
     ages = (tick - cpm.pose.tick + cpm.age.astype(np.float64)) * DT
     names = tuple(f"{sender}:{name}" for name in objects.ids)
-    columns = {name: getattr(objects, name) for name in COLUMNS}
+    columns: dict[str, Float] = {name: getattr(objects, name) for name in COLUMNS}
     return _moved_on(names, objects.kind, columns, ages, np.zeros(len(names)))
 
 
-def _moved_on(ids: tuple[str, ...], kind: npt.NDArray[np.uint8], columns: dict[str, Float], ages: Float, turned: Float) -> Objects:
+def _moved_on(
+    ids: tuple[str, ...], kind: npt.NDArray[np.uint8], columns: dict[str, Float], ages: Float, turned: Float
+) -> Objects:
     """Boxes moved on by their ages [s] on arcs that turn so far [rad]."""
     chord = columns["speed"] * ages * np.sinc(turned / 2 / np.pi)
     middle = columns["yaw"] + turned / 2
-    columns = columns | {
+    moved = {
         "x": columns["x"] + chord * np.cos(middle),
         "y": columns["y"] + chord * np.sin(middle),
         "yaw": columns["yaw"] + turned,
     }
-    return Objects(ids, kind, **columns)
+    return Objects(ids, kind, **{**columns, **moved})
 
 
 def _matched(known: Objects, told: Objects) -> list[tuple[int, int]]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from mdrive_sumo.agents import yielding
 from mdrive_sumo.agents.base import Config, Option, read_options
+from mdrive_sumo.agents.lines import Lines
 from mdrive_sumo.agents.path import SPACING_M, Reference, curve_speeds, make_path
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 
@@ -25,10 +26,6 @@ STANDING_GAP_M = 2.0
 LATERAL = 2.5
 DECIDE_TICKS = 4
 """Decides at 5 Hz, as the paper's planners do, and holds its acceleration in between."""
-SIGN_MARGIN_M = 1.5
-"""Stops with the box centre that far before the line of a stop sign: inside its box."""
-LIGHT_MARGIN_M = 3.0
-"""Stops with the box centre that far before the line of a red light: front behind the line."""
 CROSSING_MARGIN_M = 2.0
 PATIENCE_S = (2.0, 8.0)
 """Who has stood so long for others (everyone draws its own patience) insists on its turn for `BOLD_S`: four polite
@@ -62,7 +59,7 @@ class IdmAgent:
         legal = np.interp(stations, briefing.route_s, briefing.route_speed_limit)
         self._limits = np.minimum(curve_speeds(self._path, self._cruise, LATERAL, BRAKING), legal)
         self._reference = Reference(self._path)
-        self._signs = [sign.s for sign in briefing.stop_signs]
+        self._lines = Lines([sign.s for sign in briefing.stop_signs], briefing.traffic_lights)
         self._acceleration = 0.0
         self._waited_s = 0.0
         self._memory = yielding.Memory()
@@ -84,7 +81,7 @@ class IdmAgent:
         curvature = self._memory.curvature(seen.objects, DECIDE_TICKS * self._me.tick_s)
         wishes = [self._free(), self._yielding(me, yielding.crossings(ahead, seen.objects, curvature))]
         wishes += [self._behind(leader) for leader in yielding.leaders(me, ahead, seen.objects)]
-        wishes += [self._stopping(line) for line in self._lines(seen)]
+        wishes += [self._stopping(line) for line in self._line_gaps(seen)]
         return max(min(wishes), -HARD_BRAKING)
 
     def _free(self) -> float:
@@ -105,30 +102,13 @@ class IdmAgent:
         allowed = math.sqrt(2 * STOP_BRAKING * gap)
         return -(speed**2) / (2 * gap) if speed > allowed else (allowed - speed) / RESPONSE_S
 
-    def _lines(self, seen: Observation) -> list[float]:
+    def _line_gaps(self, seen: Observation) -> list[float]:
         """Distances [m] to where signs and lights want the box centre to stop."""
         s = self._reference.s
-        self._signs = [line for line in self._signs if not self._dealt_with(line, seen)]
-        signs = [line - SIGN_MARGIN_M - s for line in self._signs]
-        red = [
-            light.s - LIGHT_MARGIN_M - s
-            for light in self._me.traffic_lights
-            if self._stops_for(seen, light.id, light.s)
-        ]
-        return signs + red
-
-    def _dealt_with(self, line: float, seen: Observation) -> bool:
-        """Whether I stand before the line of a stop sign or have passed it."""
-        here = self._reference.actual_s
-        return here > line or (abs(seen.own.speed) < 0.05 and here > line - SIGN_MARGIN_M - 1.5)
-
-    def _stops_for(self, seen: Observation, light: str, line: float) -> bool:
-        """Red, or yellow with room to stop; beyond the line nothing counts."""
-        gap = line - LIGHT_MARGIN_M - self._reference.s
-        letter = seen.signals.get(light, "g")
-        if self._reference.actual_s > line or letter not in "rRuyY":
-            return False
-        return letter in "rRu" or (gap > 0 and self._can_stop(gap))
+        lines = self._lines.stations(
+            self._reference.actual_s, seen.own.speed, seen.signals, lambda line: line > s and self._can_stop(line - s)
+        )
+        return [line - s for line in lines]
 
     def _can_stop(self, gap: float) -> bool:
         return self._reference.speed**2 / (2 * max(gap, 0.5)) < HARD_BRAKING

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
-from mdrive_sumo.contract import TrafficLight
+from mdrive_sumo.agents.path import Path, path_station
+from mdrive_sumo.contract import Briefing, TrafficLight
 
 SIGN_MARGIN_M = 1.5
 """Stops with the box centre that far before the line of a stop sign: inside its box."""
@@ -40,3 +41,10 @@ def _stops(line: float, letter: str, here: float, can_stop: CanStop) -> bool:
     if here > line or letter not in "rRuyY":
         return False
     return letter in "rRu" or can_stop(line - LIGHT_MARGIN_M)
+
+
+def lines_on(path: Path, briefing: Briefing, signs: bool = True) -> Lines:
+    """The lines of a briefing, which tells them along the route, along the path; with or without stop signs."""
+    stops = [path_station(path, briefing, sign.s) for sign in briefing.stop_signs if signs]
+    lights = [TrafficLight(light.id, path_station(path, briefing, light.s)) for light in briefing.traffic_lights]
+    return Lines(stops, lights)

@@ -112,7 +112,9 @@ class Planner:
             met[len(poses) :] = met[len(poses) - 1]
         return met
 
-    def _made(self, tick: int, start: tuple[float, float], motions: Sequence[Motion], barriers: Sequence[Barrier]) -> Profile:
+    def _made(
+        self, tick: int, start: tuple[float, float], motions: Sequence[Motion], barriers: Sequence[Barrier]
+    ) -> Profile:
         task = self._task(tick, start)
         if tick - self._moved_tick > PATIENT_TICKS:
             return fastest(replace(task, blocked=self._blocked(task, motions, barriers, TIGHT_MARGIN))) or braking(task)

@@ -1,7 +1,6 @@
 """Where the others will be: what a planner plans around."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,8 +86,6 @@ def along_path(path: Path, s: float, travelled: Float) -> Float:
     stations = s + travelled
     grid = np.arange(len(path.xy)) * (path.length / max(len(path.xy) - 1, 1))
     return np.column_stack((path.points(stations), np.interp(stations, grid, path.yaw)))
-
-
 
 
 def top_speed(objects: Objects, row: int) -> float:

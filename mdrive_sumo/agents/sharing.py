@@ -1,14 +1,10 @@
 """`sharing`: drives by what it and the others see."""
 
-from mdrive_sumo.agents.base import Config, Option, read_options
-from mdrive_sumo.agents.drive import Drive
+from mdrive_sumo.agents.base import Config
+from mdrive_sumo.agents.drive import Drive, Habits
 from mdrive_sumo.agents.fusion import Fusion
 from mdrive_sumo.agents.station import Station
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
-
-import os
-PROFILE = os.environ.get("PROF", "ideal")
-OPTIONS = {"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)}
 
 
 class SharingAgent:
@@ -17,26 +13,24 @@ class SharingAgent:
     label = "sharing"
 
     def __init__(self, config: Config) -> None:
-        options = read_options("sharing", config, OPTIONS)
-        self._cruise, self._range = options["speed"], options["range"]
+        self._habits = Habits("sharing", config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight, and how far sight is free."""
-        return (SensorSpec("objects", range_m=self._range, options={"profile": PROFILE, "free_space": True}),)
+        return (self._habits.sensor(free_space=True),)
 
     def start(self, briefing: Briefing) -> None:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
         self._fusion = Fusion(briefing.vehicle)
-        self._station = Station(briefing, self._range)
+        self._station = Station(briefing, self._habits.range_m)
         self._drive: Drive | None = None
 
     def act(self, seen: Observation) -> Reply:
         """The plan as it is, made anew when it is time to, and what I see for the others."""
         assert seen.objects is not None, "the objects sensor is declared"
-        drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
-        drive.planner.follow(seen.tick, seen.own)
+        drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
         notes = self._fusion.hear(seen.messages)
-        if drive.planner.due(seen.tick):
+        if drive.due(seen):
             drive.step(seen, self._fusion.fused(seen.tick, seen.own, seen.objects))
         return Reply(plan=drive.planner.plan(seen.tick), messages=self._station.messages(seen), notes=notes)

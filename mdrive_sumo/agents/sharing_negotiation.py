@@ -1,16 +1,11 @@
 """`sharing+negotiation`: perception sharing and negotiation together."""
 
-from mdrive_sumo.agents.base import Config, Option, read_options
-from mdrive_sumo.agents.drive import Drive, without
+from mdrive_sumo.agents.base import Config
+from mdrive_sumo.agents.drive import Drive, Habits, without
 from mdrive_sumo.agents.fusion import Fusion
-from mdrive_sumo.agents.negotiation import RuleNegotiator
-from mdrive_sumo.agents.negotiation.parley import Parley
+from mdrive_sumo.agents.negotiation import Parley, RuleNegotiator
 from mdrive_sumo.agents.station import Station
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
-
-import os
-PROFILE = os.environ.get("PROF", "ideal")
-OPTIONS = {"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)}
 
 
 class SharingNegotiationAgent:
@@ -19,30 +14,28 @@ class SharingNegotiationAgent:
     label = "negotiation"
 
     def __init__(self, config: Config) -> None:
-        options = read_options("sharing+negotiation", config, OPTIONS)
-        self._cruise, self._range = options["speed"], options["range"]
+        self._habits = Habits("sharing+negotiation", config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight, and how far sight is free."""
-        return (SensorSpec("objects", range_m=self._range, options={"profile": PROFILE, "free_space": True}),)
+        return (self._habits.sensor(free_space=True),)
 
     def start(self, briefing: Briefing) -> None:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
         self._fusion = Fusion(briefing.vehicle)
-        self._station = Station(briefing, self._range)
+        self._station = Station(briefing, self._habits.range_m)
         self._parley = Parley(briefing, RuleNegotiator(passing=True), stops=False)
         self._drive: Drive | None = None
 
     def act(self, seen: Observation) -> Reply:
         """The plan, made anew when it is time to, and what I see, plan and claim for the others."""
         assert seen.objects is not None, "the objects sensor is declared"
-        drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
+        drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
         planner = drive.planner
-        planner.follow(seen.tick, seen.own)
         notes = self._fusion.hear(seen.messages)
         self._parley.hear(seen)
-        if planner.due(seen.tick):
+        if drive.due(seen):
             names, motions = self._parley.announced(seen, planner)
             objects = self._fusion.fused(seen.tick, seen.own, seen.objects)
             drive.step(seen, without(objects, names), motions)

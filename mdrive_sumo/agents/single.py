@@ -1,12 +1,8 @@
 """`single`: drives by what its own sensors see."""
 
-from mdrive_sumo.agents.base import Config, Option, read_options
-from mdrive_sumo.agents.drive import Drive
+from mdrive_sumo.agents.base import Config
+from mdrive_sumo.agents.drive import Drive, Habits
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
-
-import os
-PROFILE = os.environ.get("PROF", "ideal")
-OPTIONS = {"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)}
 
 
 class SingleAgent:
@@ -15,12 +11,11 @@ class SingleAgent:
     label = "single"
 
     def __init__(self, config: Config) -> None:
-        options = read_options("single", config, OPTIONS)
-        self._cruise, self._range = options["speed"], options["range"]
+        self._habits = Habits("single", config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight."""
-        return (SensorSpec("objects", range_m=self._range, options={"profile": PROFILE}),)
+        return (self._habits.sensor(),)
 
     def start(self, briefing: Briefing) -> None:
         """The path needs the first observation: nobody says which way a car looks at its start."""
@@ -30,8 +25,7 @@ class SingleAgent:
     def act(self, seen: Observation) -> Reply:
         """The plan as it is, made anew when it is time to."""
         assert seen.objects is not None, "the objects sensor is declared"
-        drive = self._drive = self._drive or Drive(self._me, seen.own, self._cruise)
-        drive.planner.follow(seen.tick, seen.own)
-        if drive.planner.due(seen.tick):
+        drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
+        if drive.due(seen):
             drive.step(seen, seen.objects)
         return Reply(plan=drive.planner.plan(seen.tick))

@@ -44,7 +44,7 @@ class Parley:
 
     def announced(self, seen: Observation, planner: Planner) -> tuple[frozenset[str], list[Motion]]:
         """Who has announced his motion, and the motions that I have to mind."""
-        said = {name: mcm for name, mcm in self._said(seen.tick).items()}
+        said = self._said(seen.tick)
         motions = [motion for name, mcm in said.items() if (motion := self._minded(name, mcm, seen, planner))]
         return frozenset(said), motions
 
