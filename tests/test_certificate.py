@@ -44,7 +44,7 @@ def test_without_houses_nobody_is_hidden() -> None:
 
 
 def test_oncoming_traffic_in_plain_sight_is_not_hidden() -> None:
-    assert not any(h.matters for h in hidden_in("i26_ins_oppo_town"))
+    assert not any(h.matters for h in hidden_in("i25_ins_oppo_boulevard"))
 
 
 def test_a_road_side_unit_that_sees_the_hidden_one_is_named() -> None:

@@ -23,7 +23,7 @@ CAR_GATE_M = 2.5
 pose error (0.6 m) would be more, and then one car counts twice."""
 WALKER_GATE_M = 1.0
 Kinds: TypeAlias = npt.NDArray[np.uint8]
-COLUMNS = ("x", "y", "yaw", "speed", "length", "width")
+COLUMNS: tuple[str, ...] = ("x", "y", "yaw", "speed", "length", "width")
 
 
 class Reach(NamedTuple):
@@ -121,7 +121,7 @@ def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
     objects = cpm.objects
     ages = (tick - cpm.pose.tick + cpm.age.astype(np.float64)) * DT
     names = tuple(f"{sender}:{name}" for name in objects.ids)
-    columns: dict[str, Float] = {name: getattr(objects, name) for name in COLUMNS}
+    columns = {name: getattr(objects, name) for name in COLUMNS}
     return _moved_on(names, objects.kind, columns, ages, np.zeros(len(names)))
 
 

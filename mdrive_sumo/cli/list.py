@@ -84,8 +84,8 @@ def _hidden_cells(certificate: Certificate | None) -> Row:
 
 
 HIDDEN_LEGEND = (
-    "hidden: longest time before a conflict in which the other one is hidden from a CAV but known to other CAVs or RSUs,"
-    "\nor only to itself, who can tell by CAM; along the constant-speed and the omniscient drive"
+    "hidden: longest time before a conflict in which the other one is hidden from a CAV but known to other CAVs or\n"
+    "RSUs, or only to itself, who can tell by CAM; along the constant-speed and the omniscient drive"
 )
 NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examines it"
 

@@ -83,7 +83,7 @@ def default_folder(settings: Settings, suite_name: str) -> Path:
 
 
 def _comm_part(comm: Comm) -> str:
-    """The channel in a folder's name: "" for the ideal one, a preset's name, that and a checksum of what was changed."""
+    """The channel in a folder's name: "" if ideal, a preset's name, or that and a checksum of what was changed."""
     name = "" if comm.preset == "ideal" else comm.preset
     if comm == PRESETS.get(comm.preset):
         return name

@@ -15,7 +15,7 @@ def transcript_path(folder: Path, scenario: str) -> Path:
 
 
 def save_transcript(episode: Episode, folder: Path) -> None:
-    """Writes the exchanges of an episode in the order in which they happened to FOLDER/SCENARIO.jsonl, if there are any."""
+    """Writes the exchanges of an episode in the order in which they happened to FOLDER/SCENARIO.jsonl, if any."""
     lines = [record.note.text for record in episode.notes if record.note.kind == EXCHANGE]
     path = transcript_path(folder, episode.scenario)
     if lines:
