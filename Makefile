@@ -56,6 +56,7 @@ networks: install ## compile networks/ anew from their recipes
 
 scenarios: install ## write the built-in scenarios anew from their table
 	$(BIN)/python -m mdrive_sumo.generate.interdrive
+	$(BIN)/mdrive-sumo validate interdrive --write
 
 schemas: install ## write docs/schemas/ anew from the code
 	mkdir -p docs/schemas

@@ -86,11 +86,13 @@ def make_path(route_xy: Float, rear_to_centre: float, start_yaw: float | None = 
     half = round(SMOOTHING_M / SPACING_M)
     window = np.full(2 * half + 1, 1 / (2 * half + 1))
     smooth = np.column_stack([np.convolve(fine[:, axis], window, mode="valid") for axis in (0, 1)])
-    line = polyline(smooth).resampled(SPACING_M)
-    xy = line.xy[:-1]
+    xy = polyline(smooth).resampled(SPACING_M).xy[:-1]
+    return path_through(xy, rear_to_centre, start_yaw, goal_s=polyline(xy).project(*route.xy[-1].tolist())[0])
+
+
+def path_through(xy: Float, rear_to_centre: float, start_yaw: float | None, goal_s: float) -> Path:
+    """The path over smooth points xy (M, 2) [m] every `SPACING_M`, as it is."""
     yaw = np.unwrap(np.arctan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
-    goal_x, goal_y = route.xy[-1].tolist()
-    goal_s = polyline(xy).project(goal_x, goal_y)[0]
     return Path(xy, yaw, _body_yaw(yaw, rear_to_centre, start_yaw), _curvature(yaw), goal_s)
 
 

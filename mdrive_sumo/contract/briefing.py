@@ -1,6 +1,8 @@
 """Briefing: all that an agent is told before the first tick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from mdrive_sumo.geometry import Float
 
@@ -60,3 +62,6 @@ class Briefing:
     """(N,) speed limit at each point [m/s]."""
     stop_signs: tuple[StopSign, ...] = ()
     traffic_lights: tuple[TrafficLight, ...] = ()
+    route_room: Float = field(default_factory=lambda: np.zeros((0, 2)))
+    """(N, 2) free width [m] to the left and to the right of each route point across the assigned lane: up to the edge
+    of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows where nobody measured it."""

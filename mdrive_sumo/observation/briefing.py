@@ -5,6 +5,7 @@ import shapely
 
 from mdrive_sumo.contract import Briefing, StopSign, TrafficLight, VehicleFacts
 from mdrive_sumo.geometry import Polyline
+from mdrive_sumo.observation.room import route_room
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.spec import Ego
 from mdrive_sumo.state import DT
@@ -27,6 +28,7 @@ def briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_li
         route_speed_limit=np.array([lane.speed_limit for lane in lanes]),
         stop_signs=tuple(StopSign(s) for s in _sign_stations(ego, roads, route)),
         traffic_lights=tuple(_lights(ego, roads, route)),
+        route_room=route_room(roads, ego.xy, ego.yaw),
     )
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
 
 from mdrive_sumo.contract import Message, Objects, SensorSpec
 from mdrive_sumo.dynamics import MKZ_2017, facts
@@ -20,6 +19,7 @@ from mdrive_sumo.sensing.detection import ObjectsSensor
 from mdrive_sumo.sensing.lidar import LidarSensor
 from mdrive_sumo.sensing.raster import RasterSensor
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
+from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
 from mdrive_sumo.state import EgoState, Kind
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, Pose, encode, track_name
