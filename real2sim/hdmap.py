@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 
 import numpy as np
 
@@ -63,11 +62,11 @@ class StopLine:
 class HdMap:
     """Lanes and what lies on them."""
 
-    lanes: Mapping[str, MapLane] = MappingProxyType({})
+    lanes: Mapping[str, MapLane] = field(default_factory=dict[str, MapLane])
     crosswalks: tuple[Float, ...] = ()
     """Polygons (N, 2) [m]."""
     stop_lines: tuple[StopLine, ...] = ()
-    signals: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    signals: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Ids of traffic lights with the lanes that they control."""
     left_hand: bool | None = None
     """Whether traffic keeps to the left; None: to be found out."""

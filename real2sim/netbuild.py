@@ -1,0 +1,224 @@
+"""The map of a log becomes a network folder: directions voted, lanes grouped, links rebuilt, compiled and measured."""
+
+import gzip
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float, polyline
+from mdrive_sumo.roads import NetworkFile, RoadMap, load
+from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
+from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.net_beside import find_beside
+from real2sim.net_direction import Directions, turned, vote_directions
+from real2sim.net_lanes import SHORTEST_M, Link, Strip, bounds_width
+from real2sim.net_links import Links, rebuild_links
+from real2sim.net_measure import Fit, measure_fit, observed_speeds, traffic_side
+from real2sim.net_nodes import Edge, Plan, plan_network
+from real2sim.net_pieces import break_strips
+from real2sim.net_plain import arguments, compile_plain, edge_names, write_plain
+
+WIDTH_M = 3.5
+WIDTHS_M = (2.0, 6.0)
+"""Widths outside are misreadings of the boundaries."""
+SPEED_MPS = 13.89
+BUILT = (LaneKind.DRIVING, LaneKind.BIKE, LaneKind.SIDEWALK)
+CROSSWALK_M = 1.0
+"""Crosswalks narrower or shorter than this are not drawn."""
+
+
+@dataclass(frozen=True)
+class NetworkReport:
+    """What became of a map, for quality.json."""
+
+    name: str
+    folder: Path
+    checksum: str
+    lanes: int
+    """Driving lanes of the source."""
+    edges: int
+    nodes: int
+    connections: int
+    left_hand: bool
+    directions: Directions
+    links_dropped: tuple[Link, ...]
+    links_added: tuple[Link, ...]
+    lost: Mapping[str, str]
+    """Lane of the source -> why it is not in the network."""
+    fit: Fit
+    """Distance between centre lines, both directions."""
+    default_widths: int
+    """Lanes of unknown width, which got 3.5 m."""
+    default_speeds: int
+    """Lanes of unknown speed limit, which got 13.89 m/s or what was observed."""
+    signalled: tuple[str, ...]
+    """Lanes that traffic lights control. The network has no lights: the log does not tell their program."""
+
+
+def build_network(
+    map: HdMap, motions: Sequence[Float], folder: Path, name: str, dt_s: float = 0.1
+) -> NetworkReport:
+    """Builds `folder` (plain XML, network.json, map.net.xml.gz) from a map; raises InputError.
+
+    `motions` are observed x, y, yaw (N, 3) [m, rad] of vehicles, a row every `dt_s`; NaN where unseen.
+    """
+    directions = vote_directions(_drawable(map, name), motions)
+    lanes = {
+        id_: turned(lane) if id_ in directions.inverted else lane for id_, lane in _drawable(map, name).items()
+    }
+    left_hand = map.left_hand if map.left_hand is not None else traffic_side(lanes, directions.voted)
+    strips, lost = _strips(map, lanes, observed_speeds(lanes, motions, dt_s))
+    links = rebuild_links(strips, _said(lanes))
+    plan = plan_network(*_driving_only(strips, links))
+    roads = _compile(_with_footways(plan, strips, map), map, left_hand, folder, name)
+    lost |= {id_: "no way through the junction uses it" for id_ in _unused(plan)}
+    return NetworkReport(
+        name=name,
+        folder=folder,
+        checksum=roads.checksum,
+        lanes=sum(lane.kind is LaneKind.DRIVING for lane in map.lanes.values()),
+        edges=len(plan.edges),
+        nodes=len({node for edge in plan.edges for node in (edge.begin, edge.end)}),
+        connections=len(plan.ways),
+        left_hand=left_hand,
+        directions=directions,
+        links_dropped=links.dropped,
+        links_added=links.added,
+        lost=lost,
+        fit=measure_fit([s.line for s in strips.values() if s.kind is LaneKind.DRIVING], roads),
+        default_widths=sum(_width(lane) is None for lane in lanes.values()),
+        default_speeds=sum(not lane.speed_limit > 0 for lane in lanes.values()),
+        signalled=tuple(sorted({lane for controlled in map.signals.values() for lane in controlled})),
+    )
+
+
+def _drawable(map: HdMap, name: str) -> dict[str, MapLane]:
+    """Lanes long enough to drive on; raises InputError for broken coordinates or a map without driving lanes."""
+    for id_, lane in map.lanes.items():
+        if lane.centre.ndim != 2 or lane.centre.shape[1:] != (2,) or not np.isfinite(lane.centre).all():
+            raise InputError(f"map of {name}: lane {id_}: expected finite points (N, 2), found {lane.centre.shape}")
+    lanes = {
+        id_: replace(lane, centre=polyline(lane.centre).xy)
+        for id_, lane in map.lanes.items()
+        if len(lane.centre) > 1 and np.hypot(*np.diff(lane.centre, axis=0).T).sum() >= SHORTEST_M
+    }
+    if not any(lane.kind is LaneKind.DRIVING for lane in lanes.values()):
+        raise InputError(f"map of {name}: expected at least one driving lane, found none in {len(map.lanes)} lanes")
+    return lanes
+
+
+def _said(lanes: Mapping[str, MapLane]) -> set[Link]:
+    return {(id_, exit_) for id_, lane in lanes.items() for exit_ in lane.exits} | {
+        (entry, id_) for id_, lane in lanes.items() for entry in lane.entries
+    }
+
+
+def _strips(
+    map: HdMap, lanes: Mapping[str, MapLane], seen: Mapping[str, float]
+) -> tuple[dict[str, Strip], dict[str, str]]:
+    lost = {id_: f"shorter than {SHORTEST_M} m" for id_ in map.lanes if id_ not in lanes}
+    strips: dict[str, Strip] = {}
+    for id_, lane in lanes.items():
+        if lane.kind not in BUILT:
+            lost[id_] = f"a {lane.kind} lane, not for driving"
+            continue
+        limit = lane.speed_limit if lane.speed_limit > 0 else max(SPEED_MPS, seen.get(id_, 0.0))
+        width = _width(lane) or float("nan")
+        strips[id_] = Strip(id_, id_, polyline(lane.centre), width, limit, lane.kind, lane.junction, lane.group)
+    return _with_widths(strips), lost
+
+
+def _width(lane: MapLane) -> float | None:
+    for width in (lane.width, bounds_width(lane)):
+        if WIDTHS_M[0] <= width <= WIDTHS_M[1]:
+            return width
+    return None
+
+
+def _with_widths(strips: Mapping[str, Strip]) -> dict[str, Strip]:
+    """Unknown widths from the spacing of neighbours, else the default."""
+    if not any(np.isnan(strip.width) for strip in strips.values()):
+        return dict(strips)
+    spacing: dict[str, list[float]] = {}
+    for beside in find_beside(strips):
+        if abs(beside.offset) >= 2.5:
+            spacing.setdefault(beside.strip, []).append(abs(beside.offset))
+    return {
+        id_: strip
+        if not np.isnan(strip.width)
+        else replace(strip, width=min(float(np.median(spacing.get(id_, [WIDTH_M]))), 4.5))
+        for id_, strip in strips.items()
+    }
+
+
+def _driving_only(strips: Mapping[str, Strip], links: Links) -> tuple[dict[str, Strip], set[Link]]:
+    driving = {id_: strip for id_, strip in strips.items() if strip.kind is LaneKind.DRIVING}
+    return break_strips(driving, {(a, b) for a, b in links.links if a in driving and b in driving})
+
+
+def _with_footways(plan: Plan, strips: Mapping[str, Strip], map: HdMap) -> Plan:
+    """Bicycle lanes, pavements and crosswalks as edges of their own that lead nowhere: for pictures and walkers."""
+    drawn = [strip for strip in strips.values() if strip.kind is not LaneKind.DRIVING]
+    drawn += [strip for k, outline in enumerate(map.crosswalks) if (strip := _crosswalk(k, outline)) is not None]
+    first = 1 + max((node for edge in plan.edges for node in (edge.begin, edge.end)), default=-1)
+    edges = [Edge((strip,), first + 2 * k, first + 2 * k + 1) for k, strip in enumerate(drawn)]
+    return replace(plan, edges=(*plan.edges, *edges))
+
+
+def _crosswalk(number: int, outline: Float) -> Strip | None:
+    """A strip along the longer axis of the crosswalk's outline."""
+    centre = outline.mean(0)
+    _, _, axes = np.linalg.svd(outline - centre)
+    along, across = (outline - centre) @ axes[0], (outline - centre) @ axes[1]
+    if min(np.ptp(along), np.ptp(across)) < CROSSWALK_M:
+        return None
+    ends = centre + np.outer((along.min(), along.max()), axes[0])
+    name = f"crosswalk_{number}"
+    return Strip(name, name, polyline(ends), float(np.ptp(across)), 2.78, LaneKind.SIDEWALK, False)
+
+
+def _compile(plan: Plan, map: HdMap, left_hand: bool, folder: Path, name: str) -> RoadMap:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_plain(plan, *_right_of_way(plan, map), left_hand, folder)
+    xml = compile_plain(folder, left_hand)
+    (folder / NET_FILE).write_bytes(gzip.compress(xml, mtime=0))
+    about = NetworkFile(
+        name=name,
+        description="Built from the map of a log",
+        origin=f"map of {name}",
+        licence="that of the log",
+        offset=(0.0, 0.0),
+        build=("netconvert", *arguments(left_hand), "--output-file", "map.net.xml"),
+        checksum=net_checksum(xml),
+    )
+    (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
+    return load(folder)
+
+
+def _right_of_way(plan: Plan, map: HdMap) -> tuple[dict[int, str], dict[str, int]]:
+    """Types of nodes, and priorities of edges, from stop and yield signs."""
+    signs = {lane: line.sign for line in map.stop_lines for lane in line.lanes}
+    types: dict[int, str] = {}
+    priority: dict[str, int] = {}
+    entries: dict[int, list[str]] = {}
+    for edge in plan.edges:
+        found = {signs.get(lane.lane, "") for lane in edge.lanes} & {"stop", "yield"}
+        sign = "stop" if "stop" in found else "yield" if found else ""
+        entries.setdefault(edge.end, []).append(sign)
+        priority[edge.lanes[0].id] = {"stop": 1, "yield": 2, "": 3}[sign]
+    for node, found in entries.items():
+        if "stop" in found:
+            types[node] = "allway_stop" if set(found) == {"stop"} and len(found) > 1 else "priority_stop"
+    return types, priority
+
+
+def _unused(plan: Plan) -> set[str]:
+    kept = {lane.lane for edge in plan.edges for lane in edge.lanes}
+    kept |= {id_.split("~")[0] for way in plan.ways for id_ in way.strips}
+    return {id_.split("~")[0] for id_ in plan.unused} - kept
+
+
+__all__ = ["NetworkReport", "build_network", "edge_names"]

@@ -1,0 +1,36 @@
+"""Which tracks never move: MDrive's static rules (spec data_formats.md section 3 step 6), without jitter."""
+
+import numpy as np
+
+from mdrive_sumo.geometry import Float
+from real2sim.recording import Category, Track
+
+STATIC_PATH_M, STATIC_NET_M = 1.2, 0.8
+STATIC_BOX_M, STATIC_SPEED = 0.9, 0.8
+HEAVY_PATH_M, HEAVY_BOX_M = 8.0, 1.2
+HEAVY = frozenset((Category.TRUCK, Category.BUS))
+JITTER_FRAMES = 5
+"""Frames of the moving average before the path of a track is measured: noise is not distance."""
+
+
+def moves(track: Track, dt_s: float) -> bool:
+    """Whether a track ever moves: not one of MDrive's static rules holds (spec section 3 step 6)."""
+    xy = track.xy[track.valid]
+    if len(xy) < 2:
+        return False
+    calm = _calm(xy)
+    path, net = float(np.hypot(*np.diff(calm, axis=0).T).sum()), float(np.hypot(*(calm[-1] - calm[0])))
+    box = float(np.hypot(*np.ptp(calm, axis=0)))
+    resting = path < STATIC_PATH_M and net < STATIC_NET_M
+    noisy = box < STATIC_BOX_M and path / (len(xy) * dt_s) < STATIC_SPEED
+    heavy = track.category in HEAVY and path < HEAVY_PATH_M and box < HEAVY_BOX_M
+    return not (resting or noisy or heavy)
+
+
+def _calm(xy: Float) -> Float:
+    """Positions averaged over `JITTER_FRAMES`, fewer at the ends; the ends themselves stay."""
+    half = min(JITTER_FRAMES // 2, (len(xy) - 1) // 2)
+    total = np.concatenate((np.zeros((1, 2)), np.cumsum(xy, axis=0)))
+    at = np.arange(len(xy))
+    reach = np.minimum(np.minimum(at, len(xy) - 1 - at), half)
+    return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
