@@ -15,13 +15,13 @@ SAME_NAME_M = 1.5
 """Two observers of one thing put its centre up to 0.9 m apart."""
 ALONG, ACROSS = 0.35, 0.45
 """Shares of length and width by which centres of one vehicle may lie apart under different names."""
-WALKER_M = 0.4
-"""People walk side by side 0.6 m apart."""
+WALKER_M, WALKER_OTHERS_M = 0.4, 0.55
+"""People walk side by side 0.6 m apart. Two observers may put one of them further apart than one observer does."""
 SPREAD = 1.8
 """By how much the 90th percentile of the distance may exceed what the median may be."""
 TURNED_RAD = float(np.radians(35.0))
 FAR = 1.5
-"""Beyond this many times the limit two pieces cannot be one thing, whoever else resembles both."""
+"""Beyond this many times the limit pieces of two observers cannot be one thing, whoever else resembles both."""
 RAMP_FRAMES = 10
 """An observer gains and loses its say over this many frames, so that the sum of all does not jump."""
 OUTLIER_M = 0.3
@@ -45,7 +45,8 @@ def groups_of(pieces: Pieces) -> list[list[int]]:
     closeness = _closeness(pieces, first, second)
     common = pieces.valid.astype(np.float32) @ pieces.valid.T.astype(np.float32) > 0
     apart = common.copy()
-    apart[first, second] = apart[second, first] = closeness > FAR
+    one_observer = pieces.observer[first] == pieces.observer[second]
+    apart[first, second] = apart[second, first] = closeness > np.where(one_observer, 1.0, FAR)
     group = {i: [i] for i in range(len(pieces))}
     owner = list(range(len(pieces)))
     for n in np.argsort(closeness, kind="stable"):
@@ -61,7 +62,7 @@ def groups_of(pieces: Pieces) -> list[list[int]]:
 
 def _near(pieces: Pieces) -> tuple[Int, Int]:
     """Pairs that share frames and whose surrounding rectangles, a little enlarged, touch."""
-    there = pieces.valid.any(axis=1)
+    there = np.asarray(pieces.valid.any(axis=1))
     low = np.array([_least(values, pieces.valid) for values in (pieces.x, pieces.y)]) - SAME_NAME_M
     high = -np.array([_least(-values, pieces.valid) for values in (pieces.x, pieces.y)]) + SAME_NAME_M
     touch = (low[:, :, None] <= high[:, None, :]).all(0)
@@ -84,7 +85,8 @@ def _closeness(pieces: Pieces, first: Int, second: Int) -> Float:
     named = np.array([pieces.ids[i] == pieces.ids[j] for i, j in zip(first, second, strict=True)], dtype=np.bool_)
     walkers, mixed = walker[first] & walker[second], walker[first] ^ walker[second]
     by_name = np.maximum(middle / SAME_NAME_M, ninth / (SPREAD * SAME_NAME_M))
-    by_place = np.maximum(middle / WALKER_M, ninth / (SPREAD * WALKER_M))
+    reach = np.where(pieces.observer[first] == pieces.observer[second], WALKER_M, WALKER_OTHERS_M)
+    by_place = np.maximum(middle / reach, ninth / (SPREAD * reach))
     closeness = np.where(walkers, by_place, _closeness_of_boxes(pieces, first, second, (dx, dy)))
     closeness = np.where(mixed, np.inf, closeness)
     closeness = np.where(named, by_name, closeness)
@@ -127,12 +129,12 @@ def _quantile(values: Float, there: Bool, share: float) -> Float:
 
 
 def fused(pieces: Pieces, members: Sequence[int]) -> Fused:
-    """Weighted mean of the members at every frame: those at odds with the others count less (iterated, Cauchy weights)."""
+    """Weighted mean of the members at every frame; those at odds with the others count less (Cauchy weights)."""
     rows = np.asarray(members)
     valid = pieces.valid[rows]
     say = ramps(valid)
     x, y = pieces.x[rows], pieces.y[rows]
-    there = valid.any(axis=0)
+    there = np.asarray(valid.any(axis=0))
     at = (_mean(x, say), _mean(y, say))
     for _ in range(3 if len(rows) > 2 else 0):
         off = np.nan_to_num(np.hypot(x - at[0], y - at[1]))

@@ -1,4 +1,4 @@
-"""What was lost and found again: groups of pieces that follow each other in time are joined where motion explains it."""
+"""What was lost and found again: groups that follow each other in time are joined where motion explains it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.geometry import Float, Int
 from mdrive_sumo.state import Kind
-from real2sim.clean_fuse import fused
+from real2sim.clean_fuse import Fused, fused
 from real2sim.clean_pieces import Pieces
 
 LONGEST_GAP_S = 2.0
@@ -51,15 +51,9 @@ def joined(pieces: Pieces, groups: Sequence[list[int]], dt_s: float) -> list[lis
     leader: dict[int, int] = {}
     pairs = np.column_stack(np.nonzero(np.isfinite(cost)))
     for before, after in pairs[np.argsort(cost[pairs[:, 0], pairs[:, 1]], kind="stable")].tolist():
-        if before not in follower and after not in leader and _fits(ends, follower, leader, (before, after)):
+        if before not in follower and after not in leader:
             follower[before], leader[after] = after, before
     return [_chain(groups, follower, start) for start in range(len(groups)) if start not in leader]
-
-
-def _fits(ends: Ends, follower: dict[int, int], leader: dict[int, int], pair: tuple[int, int]) -> bool:
-    """Nothing: groups that end before another begins never overlap, whatever they are chained with."""
-    before, after = pair
-    return bool(ends.last[before] < ends.first[after])
 
 
 def _chain(groups: Sequence[list[int]], follower: dict[int, int], start: int) -> list[int]:
@@ -138,7 +132,7 @@ def _alike(pieces: Pieces, groups: Sequence[list[int]]) -> np.ndarray:
 
 
 def orphans(pieces: Pieces, groups: Sequence[list[int]]) -> dict[int, int]:
-    """Groups that are mistakes about another one, with that one: their name is on it, and its motion goes on without them.
+    """Groups that are mistakes about another one, with that one: it has their name, and its motion needs them not.
 
     Only what a jump cut off, or what is very short, is called a mistake.
     """
@@ -155,11 +149,11 @@ def orphans(pieces: Pieces, groups: Sequence[list[int]]) -> dict[int, int]:
     return found
 
 
-def _within(sights: Sequence[object], a: int, b: int) -> bool:
+def _within(sights: Sequence[Fused], a: int, b: int) -> bool:
     """Whether a lies in the time of b and near it, b's unseen frames interpolated."""
     inner, outer = sights[a], sights[b]
-    there, frames = np.flatnonzero(outer.valid), np.flatnonzero(inner.valid)  # type: ignore[attr-defined]
+    there, frames = np.flatnonzero(outer.valid), np.flatnonzero(inner.valid)
     if frames[0] < there[0] or frames[-1] > there[-1]:
         return False
-    x, y = (np.interp(frames, there, values[there]) for values in (outer.x, outer.y))  # type: ignore[attr-defined]
-    return bool(np.median(np.hypot(inner.x[frames] - x, inner.y[frames] - y)) < ORPHAN_M)  # type: ignore[attr-defined]
+    x, y = (np.interp(frames, there, values[there]) for values in (outer.x, outer.y))
+    return bool(np.median(np.hypot(inner.x[frames] - x, inner.y[frames] - y)) < ORPHAN_M)

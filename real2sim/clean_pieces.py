@@ -15,9 +15,20 @@ BREAK_ACCELERATION = 4.0
 """[m/s²] What may happen to the speed while a track is not seen."""
 BREAK_MOST_M = 6.0
 HALF_WINDOW = 4
+EXCURSION_S = 1.5
 FROZEN_M = 0.02
 FROZEN_SPEED = 2.0
 """[m/s] Nothing that drives this fast stands still within a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Frames of one observer's track that were left out."""
+
+    track: int
+    """Number among the whole tracks, as `pieces_of` gives them."""
+    frames: int
+    detail: str
 
 
 @dataclass(frozen=True)
@@ -87,11 +98,11 @@ def pieces_of(recording: Recording) -> Pieces:
     )
 
 
-def unexplained(x: Float, y: Float, valid: Bool) -> tuple[Float, Float, Int]:
+def unexplained(x: Float, y: Float, valid: Bool) -> tuple[Float, Int]:
     """Steps that motion does not explain, for K tracks at once.
 
-    Returns vectors (K, T, 2) [m] from where a track should be by the median step around it to where it is (0 at its first
-    frame and where it is not there), the usual step (K, T, 2) [m per frame], and frames (K, T) since it was seen.
+    Returns vectors (K, T, 2) [m] from where a track should be by the median step around it to where it is (0 at its
+    first frame and where it is not there), and how many frames (K, T) ago it was seen before.
     """
     tracks, frames = valid.shape
     at = np.where(valid, np.arange(frames), -1)
@@ -103,7 +114,7 @@ def unexplained(x: Float, y: Float, valid: Bool) -> tuple[Float, Float, Int]:
     step = np.where(stepped[..., None], xy - before, np.nan)
     usual = _median_around(step / since[..., None])
     off = np.where(stepped[..., None], step - usual * since[..., None], 0.0)
-    return np.nan_to_num(off), usual, since
+    return np.nan_to_num(off), since
 
 
 def _median_around(step: Float) -> Float:
@@ -117,25 +128,38 @@ def _median_around(step: Float) -> Float:
     return np.where(count > 0, (low + high) / 2, step)
 
 
-def split(whole: Pieces, dt_s: float) -> tuple[Pieces, tuple[tuple[int, int], ...]]:
-    """Cuts pieces at their jumps and drops frames in which a moving thing was frozen before a jump.
-
-    Returns the pieces and (number of the piece, frames) of what was frozen.
-    """
-    off, usual, since = unexplained(whole.x, whole.y, whole.valid)
+def split(whole: Pieces, dt_s: float) -> tuple[Pieces, tuple[Mistake, ...]]:
+    """Cuts pieces at their jumps, and leaves out what cannot be: excursions, and frozen frames before a jump."""
+    off, since = unexplained(whole.x, whole.y, whole.valid)
     gate = BREAK_M + np.minimum(0.5 * BREAK_ACCELERATION * ((since - 1) * dt_s) ** 2, BREAK_MOST_M)
     breaks = np.hypot(off[..., 0], off[..., 1]) > gate
+    away = _excursions(off, breaks, round(EXCURSION_S / dt_s)) & whole.valid
     part = np.cumsum(breaks, axis=1)
     rows = [(k, n) for k in range(len(whole)) for n in range(int(part[k, -1]) + 1)] if len(whole) else []
     keep = np.array([k for k, _ in rows], dtype=np.int64)
-    valid = whole.valid[keep] & (part[keep] == np.array([n for _, n in rows], dtype=np.int64)[:, None])
-    frozen: list[tuple[int, int]] = []
+    valid = (whole.valid & ~away)[keep] & (part[keep] == np.array([n for _, n in rows], dtype=np.int64)[:, None])
+    mistakes = [Mistake(int(k), int(away[k].sum()), "elsewhere for a moment") for k in np.flatnonzero(away.any(axis=1))]
     for row, (k, n) in enumerate(rows):
         if n < part[k, -1] and (tail := _frozen_tail(whole, k, valid[row], dt_s)):
             valid[row, tail] = False
-            frozen.append((row, len(tail)))
-    several = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
-    return replace(whole.rows(keep, valid), broken=several), tuple(frozen)
+            mistakes.append(Mistake(k, len(tail), "frozen before a jump"))
+    broken = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
+    return replace(whole.rows(keep, valid), broken=broken), tuple(mistakes)
+
+
+def _excursions(off: Float, breaks: Bool, longest: int) -> Bool:
+    """Frames (K, T) between two jumps that cancel each other. Takes both off `breaks`: the track goes on."""
+    away = np.zeros_like(breaks)
+    for k in np.flatnonzero(breaks.sum(axis=1) > 1):
+        frames, n = np.flatnonzero(breaks[k]), 0
+        while n + 1 < len(frames):
+            there, back = frames[n], frames[n + 1]
+            if back - there <= longest and np.hypot(*(off[k, there] + off[k, back])) < BREAK_M:
+                away[k, there:back] = True
+                breaks[k, [there, back]] = False
+                n += 1
+            n += 1
+    return away
 
 
 def _frozen_tail(whole: Pieces, k: int, valid: Bool, dt_s: float) -> list[int]:

@@ -5,13 +5,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-import shapely
 
 from mdrive_sumo.geometry import Float, Int, wrap_angles
 from mdrive_sumo.roads import Lane, RoadMap
+from real2sim.lines import Lines
 
 
 @dataclass(frozen=True)
@@ -45,24 +44,14 @@ class LaneIndex:
     """A road map with its spatial index and a memory of the ways already searched."""
 
     roads: RoadMap
-    lines: Any
-    tree: shapely.STRtree
+    lines: Lines
     _ways: dict[tuple[str, float], dict[str, Hop]] = field(default_factory=dict[tuple[str, float], dict[str, Hop]])
 
     def near(self, xy: Float, yaw: Float, reach: float) -> Near:
         """Lanes within `reach` [m] of the points xy (N, 2) [m]; directions yaw (N,) [rad]."""
-        points = shapely.points(xy)
-        point, lane = self.tree.query(points, predicate="dwithin", distance=reach)
-        order = np.lexsort((lane, point))
-        point, lane = point[order].astype(np.int64), lane[order].astype(np.int64)
-        s = shapely.line_locate_point(self.lines[lane], points[point])
-        foot = shapely.get_coordinates(shapely.line_interpolate_point(self.lines[lane], s)).reshape(-1, 2)
-        direction = np.empty(len(lane))
-        for i in np.unique(lane):
-            direction[lane == i] = self.roads.driving[i].centre.yaws_at(s[lane == i])
-        gap = xy[point] - foot
-        side = np.where(gap[:, 1] * np.cos(direction) - gap[:, 0] * np.sin(direction) >= 0, 1.0, -1.0)
-        return Near(point, lane, s, side * np.hypot(gap[:, 0], gap[:, 1]), wrap_angles(yaw[point] - direction))
+        feet = self.lines.feet(xy, reach)
+        side = np.where(feet.left <= 0, 1.0, -1.0)  # the line to the right: the point to the left of it
+        return Near(feet.point, feet.line, feet.s, side * feet.distance, wrap_angles(yaw[feet.point] - feet.yaw))
 
     def hops(self, start: str, limit: float, change_m: float) -> dict[str, Hop]:
         """Ways from `start` to all lanes that begin within about `limit` [m]; a lane change costs `change_m`."""
@@ -98,5 +87,4 @@ def _steps(lane: Lane) -> Iterable[tuple[str, float]]:
 @lru_cache(maxsize=8)
 def lane_index(roads: RoadMap) -> LaneIndex:
     """The index of a network; cached, for a RoadMap never changes."""
-    lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
-    return LaneIndex(roads, lines, shapely.STRtree(lines))
+    return LaneIndex(roads, Lines([lane.centre for lane in roads.driving]))

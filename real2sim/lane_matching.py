@@ -29,10 +29,11 @@ DETOUR_M = 40.0
 KEY_M = 2.0
 """Frames between which less than this was driven say nothing new."""
 STILL_M = 2.0
-"""Tracks that stay in a square of this size do not drive."""
+"""Tracks that spend nine tenths of their frames in a square of this size do not drive."""
 BESIDE_M = 1.5
 """Who stands this far off every centre line does not stand in a lane."""
 OFF_SHARE = 0.5
+"""Tracks with a lane in less than this share of their frames are off the road."""
 SPEED_YAW_M = 0.25
 """Over at least this distance between frames the direction of motion replaces the yaw of the box."""
 
@@ -73,12 +74,12 @@ def match(track: Float, roads: RoadMap) -> Match:
         return _nothing(len(track), "never seen")
     index = lane_index(roads)
     xy = track[seen, :2]
-    near = _plausible(index.near(xy, _headings(track[seen]), REACH_M))
-    still = bool(np.ptp(xy, axis=0).max() < STILL_M)
-    if (why := _off_road(near, xy, still)) != "":
+    around = index.near(xy, _headings(track[seen]), REACH_M)
+    near = _plausible(around)
+    if why := _off_road(around, near, xy):
         return _nothing(len(track), why)
     keys = _keys(xy, np.unique(near.point))
-    rows, hops = _viterbi(index, near, keys, xy)
+    rows, hops = best_chain(index, near, keys, xy)
     return _assembled(index, track, seen, near, rows, hops)
 
 
@@ -102,11 +103,15 @@ def _plausible(near: Near) -> Near:
     return Near(near.point[keep], near.lane[keep], near.s[keep], near.d[keep], near.turn[keep])
 
 
-def _off_road(near: Near, xy: Float, still: bool) -> str:
-    """Why the track is off the road; "" if it is not."""
-    on = len(np.unique(near.point)) / len(xy)
-    if on < (1.0 if still else OFF_SHARE) - 1e-9 and (still or on == 0 or on < OFF_SHARE):
-        return f"{'parked' if still else 'drives'} off the road: {1 - on:.0%} of frames over {REACH_M:g} m from any lane"
+def _off_road(around: Near, near: Near, xy: Float) -> str:
+    """Why the track is off the road; "" if it is not. `near` are the lanes `around` that run its way."""
+    still = bool(np.ptp(np.percentile(xy, (5, 95), axis=0), axis=0).max() < STILL_M)
+    doing = "parked" if still else "drives"
+    missing = 1 - len(np.unique(near.point)) / len(xy)
+    if missing > 1 - OFF_SHARE:
+        if 1 - len(np.unique(around.point)) / len(xy) > 1 - OFF_SHARE:
+            return f"{doing} off the road: {missing:.0%} of frames over {REACH_M:g} m from any lane"
+        return f"{doing} across or against the lanes: in {missing:.0%} of frames none within {REACH_M:g} m runs its way"
     nearest = np.full(len(xy), np.inf)
     np.minimum.at(nearest, near.point, np.abs(near.d))
     if still and (gap := float(np.median(nearest))) >= BESIDE_M:
@@ -139,7 +144,7 @@ def transition(network_m: float, driven_m: float, changes: int) -> float:
     return abs(network_m - driven_m) / DISTANCE_SCALE_M + CHANGE_COST * changes
 
 
-def _viterbi(index: LaneIndex, near: Near, keys: list[int], xy: Float) -> tuple[list[int], list[Hop | None]]:
+def best_chain(index: LaneIndex, near: Near, keys: list[int], xy: Float) -> tuple[list[int], list[Hop | None]]:
     """The cheapest rows of `near`, one a key frame, and the ways between them (None: a break)."""
     cost = emission(near.d, near.turn)
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))) if len(xy) > 1 else np.zeros(1)
@@ -180,9 +185,7 @@ def _walk_back(chain: list[dict[int, _Step]]) -> tuple[list[int], list[Hop | Non
     return rows[::-1], hops[::-1]
 
 
-def _assembled(
-    index: LaneIndex, track: Float, seen: Int, near: Near, rows: list[int], hops: list[Hop | None]
-) -> Match:
+def _assembled(index: LaneIndex, track: Float, seen: Int, near: Near, rows: list[int], hops: list[Hop | None]) -> Match:
     """Lanes of the frames between the key frames, and the route."""
     names = [lane.id for lane in index.roads.driving]
     keys = [int(near.point[row]) for row in rows]

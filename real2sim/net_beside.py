@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float
-from real2sim.net_lanes import Strip, shapes, yaw_gap
+from mdrive_sumo.geometry import Float, Int
+from real2sim.lines import Lines, angle_between, sample
+from real2sim.net_lanes import Strip, yaw_gap
 
 APART_M = (1.8, 5.5)
 """Lateral distance [m] between the centre lines of true neighbours."""
@@ -17,7 +18,7 @@ STEADY_M = 1.5
 """How much the distance between neighbours may vary: more, and they part."""
 SHARED_M = 8.0
 """Shortest stretch that counts as side by side."""
-STEP_M = 1.0
+STEP_M = 2.0
 CROSSING_YAW = np.radians(12)
 CROSSING_INSIDE_M = 1.5
 """Lines that touch nearer than this to the ends of both only meet there."""
@@ -38,57 +39,46 @@ class Beside:
 def find_beside(strips: Mapping[str, Strip]) -> list[Beside]:
     """All ordered pairs of neighbours."""
     values = list(strips.values())
-    drawn = shapes(strip.line for strip in values)
-    pairs = shapely.STRtree(drawn).query(drawn, predicate="dwithin", distance=APART_M[1])
-    besides = (_beside(values[i], values[j], drawn[j]) for i, j in sorted(zip(*pairs, strict=True)) if i != j)
-    return [beside for beside in besides if beside is not None]
+    if not values:
+        return []
+    lines = [strip.line for strip in values]
+    points = sample(lines, STEP_M)
+    feet = Lines(lines).feet(points.xy, APART_M[1])
+    owner = points.line[feet.point]
+    good = (owner != feet.line) & (np.abs(feet.left) >= APART_M[0]) & (np.abs(feet.ahead) <= 1.0)
+    good &= angle_between(feet.yaw, points.yaw[feet.point]) <= PARALLEL
+    rows = np.flatnonzero(good)
+    rows = rows[np.lexsort((feet.point[rows], feet.line[rows], owner[rows]))]
+    bounds = np.flatnonzero(np.diff(owner[rows]) | np.diff(feet.line[rows])) + 1
+    found: list[Beside] = []
+    for pair in np.split(rows, bounds) if len(rows) else ():
+        strip, other = values[owner[pair[0]]], values[feet.line[pair[0]]]
+        at = feet.point[pair]
+        if (beside := _beside(strip, other, points.s[at], at, feet.left[pair])) is not None:
+            found.append(beside)
+    return found
 
 
-def _beside(strip: Strip, other: Strip, shape: shapely.LineString) -> Beside | None:
-    stations = strip.line.stations(STEP_M)
-    offset = _offsets(strip, other, shape, stations)
-    size = np.abs(offset)
-    good = (size >= APART_M[0]) & (size <= APART_M[1])
-    if good.sum() * STEP_M < min(SHARED_M, 0.6 * strip.line.length):
+def _beside(strip: Strip, other: Strip, stations: Float, number: Int, offset: Float) -> Beside | None:
+    """The longest stretch of consecutively numbered points with a steady offset, if it is long enough."""
+    shortest = min(SHARED_M, 0.6 * strip.line.length)
+    middle = float(np.median(offset))
+    steady = np.flatnonzero(np.abs(offset - middle) <= STEADY_M)
+    if not len(steady):
         return None
-    middle = float(np.median(offset[good]))
-    good &= np.abs(offset - middle) <= STEADY_M
-    rows = _longest_run(good)
-    begin, end = float(stations[rows[0]]), float(stations[rows[-1]])
-    if end - begin < min(SHARED_M, 0.6 * strip.line.length):
-        return None
-    return Beside(strip.id, other.id, begin, end, middle)
-
-
-def _offsets(strip: Strip, other: Strip, shape: shapely.LineString, stations: Float) -> Float:
-    """Signed distance (M,) [m] to the other strip at stations of the first; infinite where it is not parallel there."""
-    xy = np.column_stack([np.interp(stations, strip.line.s, strip.line.xy[:, axis]) for axis in (0, 1)])
-    at = shapely.line_locate_point(shape, shapely.points(xy))
-    foot = np.column_stack([np.interp(at, other.line.s, other.line.xy[:, axis]) for axis in (0, 1)])
-    yaw = strip.line.yaws_at(stations)
-    gap = foot - xy
-    ahead = np.abs(gap[:, 0] * np.cos(yaw) + gap[:, 1] * np.sin(yaw))
-    left = gap[:, 1] * np.cos(yaw) - gap[:, 0] * np.sin(yaw)
-    turn = np.abs(np.angle(np.exp(1j * (other.line.yaws_at(at) - yaw))))
-    return np.where((turn <= PARALLEL) & (ahead <= 1.0), left, np.inf)
-
-
-def _longest_run(good: np.ndarray) -> range:
-    best, begin = range(0, 1), 0
-    for i, here in enumerate(good):
-        if not here:
-            begin = i + 1
-        elif i + 1 - begin > len(best):
-            best = range(begin, i + 1)
-    return best
+    runs = np.split(steady, np.flatnonzero(np.diff(number[steady]) > 1) + 1)
+    run = max(runs, key=len)
+    begin, end = float(stations[run[0]]), float(stations[run[-1]])
+    return None if end - begin < shortest else Beside(strip.id, other.id, begin, end, middle)
 
 
 def find_crossings(strips: Mapping[str, Strip]) -> dict[tuple[str, str], list[tuple[float, float]]]:
     """Pairs (in order of id) whose centre lines cross, with the arc lengths [m] on both where they do."""
     values = sorted(strips.values(), key=lambda strip: strip.id)
-    drawn = shapes(strip.line for strip in values)
+    lines = Lines([strip.line for strip in values])
+    drawn = lines.shapes
     found: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
-    for i, j in zip(*shapely.STRtree(drawn).query(drawn, predicate="intersects"), strict=True):
+    for i, j in zip(*lines.tree.query(drawn, predicate="intersects"), strict=True):
         if i >= j:
             continue
         for point in shapely.get_parts(shapely.intersection(drawn[i], drawn[j])):

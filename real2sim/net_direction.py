@@ -5,15 +5,17 @@ The vote of motion follows what MDrive does for the V2XPnP maps, whose polylines
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
 
 from mdrive_sumo.geometry import Float, Int, Polyline
 from real2sim.hdmap import LaneKind, MapLane
-from real2sim.net_lanes import HEADING_OVER_M, chord_yaw, shapes, yaw_gap
+from real2sim.lines import Lines, angle_between
+from real2sim.net_lanes import HEADING_OVER_M, chord_yaw, yaw_gap
 
 SAMPLES = 10
 AGREEMENT = 0.8
@@ -25,6 +27,14 @@ TOUCH_M = 1.5
 TOUCH_YAW = np.radians(30)
 BESIDE_M = 6.0
 
+CLEAR_M = 1.0
+"""A position votes for the nearest lane along its motion, if the next one is this much further away."""
+MOTION_WEIGHT = 6
+LINK_WEIGHT = 2
+SWEEPS = 10
+
+Around = Mapping[str, Sequence[tuple[str, int]]]
+"""What each lane touches, as in `Touch`."""
 Touch = tuple[str, str, int]
 """Two lanes that continue each other: +1 as drawn, -1 if one of them must be turned round for it."""
 
@@ -40,18 +50,20 @@ class Directions:
 
 
 def vote_directions(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> Directions:
-    """Directions of all lanes. Those that are `directed` turn round only if motion and links both say so."""
-    voted = motion_votes(lanes, motions)
-    touches = _touches(lanes)
-    told = _link_votes(lanes)
-    sign: dict[str, int] = {}
-    for id_, lane in lanes.items():
-        if lane.directed:
-            sign[id_] = -1 if voted.get(id_) == -1 and told.get(id_, 0) < 0 else 1
-        elif id_ in voted:
-            sign[id_] = voted[id_]
-    _spread(sign, touches)
-    undecided = _by_majority(sign, lanes, touches, told)
+    """Directions of all lanes. Those that are `directed` turn round only if motion and links both say so.
+
+    Every lane weighs what motion and links say about it (`MOTION_WEIGHT`, `LINK_WEIGHT` a link) against what the lanes
+    that continue it have; directions spread from the lanes that know most, then settle (iterated conditional modes).
+    """
+    voted, told, around = motion_votes(lanes, motions), _link_votes(lanes), _around(_touches(lanes))
+    fixed = {
+        id_: -1 if voted.get(id_) == -1 and told.get(id_, 0) < 0 else 1 for id_, lane in lanes.items() if lane.directed
+    }
+    known = {id_: MOTION_WEIGHT * voted.get(id_, 0) + LINK_WEIGHT * told.get(id_, 0) for id_ in lanes}
+    sign = fixed | {id_: 1 if score > 0 else -1 for id_, score in known.items() if score and id_ not in fixed}
+    _spread(sign, around)
+    undecided = _by_majority(sign, lanes, around)
+    _settle(sign, known, around, fixed)
     undecided -= _by_neighbours(sign, lanes, undecided)
     inverted = tuple(id_ for id_ in lanes if sign[id_] < 0)
     return Directions(inverted, tuple(sorted(undecided)), voted)
@@ -101,20 +113,14 @@ def _on_lanes(lines: Sequence[Polyline], xy: Float, yaw: Float) -> tuple[Int, Fl
 
     Across junctions many lanes are near; motion across a lane is no vote on it.
     """
-    drawn = shapes(lines)
-    points = shapely.points(xy)
-    point, lane = shapely.STRtree(drawn).query(points, predicate="dwithin", distance=NEAR_M)
-    distance = shapely.distance(points[point], drawn[lane])
-    at = shapely.line_locate_point(drawn[lane], points[point])
-    turn = np.empty(len(lane))
-    for i in np.unique(lane):
-        rows = lane == i
-        turn[rows] = np.abs(np.angle(np.exp(1j * (lines[i].yaws_at(at[rows]) - yaw[point[rows]]))))
-    along = np.minimum(turn, np.pi - turn) <= WITHIN
-    point, lane, distance, turn = point[along], lane[along], distance[along], turn[along]
-    order = np.lexsort((lane, distance, point))
-    first = order[np.unique(point[order], return_index=True)[1]]
-    return lane[first], turn[first]
+    feet = Lines(lines).feet(xy, NEAR_M)
+    turn = angle_between(feet.yaw, yaw[feet.point])
+    rows = np.flatnonzero(np.minimum(turn, np.pi - turn) <= WITHIN)
+    rows = rows[np.lexsort((feet.line[rows], feet.distance[rows], feet.point[rows]))]
+    _, begin, count = np.unique(feet.point[rows], return_index=True, return_counts=True)
+    first, second = rows[begin], rows[np.minimum(begin + 1, len(rows) - 1)]
+    clear = (count == 1) | (feet.distance[second] - feet.distance[first] >= CLEAR_M)
+    return feet.line[first[clear]], turn[first[clear]]
 
 
 def _outward(lane: MapLane, side: int) -> tuple[Float, float]:
@@ -127,7 +133,7 @@ def _outward(lane: MapLane, side: int) -> tuple[Float, float]:
 
 def _touches(lanes: Mapping[str, MapLane]) -> list[Touch]:
     ends = [(id_, side, *_outward(lane, side)) for id_, lane in lanes.items() for side in (0, 1)]
-    points = shapely.points(np.array([end[2] for end in ends]))
+    points: Any = shapely.points(np.array([end[2] for end in ends]))
     found: list[Touch] = []
     for i, j in zip(*shapely.STRtree(points).query(points, predicate="dwithin", distance=TOUCH_M), strict=True):
         (a, a_side, _, a_yaw), (b, b_side, _, b_yaw) = ends[i], ends[j]
@@ -142,9 +148,7 @@ def _link_votes(lanes: Mapping[str, MapLane]) -> dict[str, int]:
     links = {(a, b) for a, lane in lanes.items() for b in lane.exits if b in lanes}
     links |= {(b, a) for a, lane in lanes.items() for b in lane.entries if b in lanes}
     for a, b in links:
-        gap = {
-            (i, j): float(np.hypot(*(lanes[a].centre[-i] - lanes[b].centre[-j]))) for i in (0, 1) for j in (0, 1)
-        }
+        gap = {(i, j): float(np.hypot(*(lanes[a].centre[-i] - lanes[b].centre[-j]))) for i in (0, 1) for j in (0, 1)}
         i, j = min(gap, key=lambda pair: gap[pair])
         if gap[i, j] <= TOUCH_M:
             votes[a] += 1 if i else -1
@@ -152,9 +156,8 @@ def _link_votes(lanes: Mapping[str, MapLane]) -> dict[str, int]:
     return votes
 
 
-def _spread(sign: dict[str, int], touches: Iterable[Touch]) -> None:
+def _spread(sign: dict[str, int], around: Around) -> None:
     """Lanes take the direction that continues decided ones, round by round, by the majority of those they touch."""
-    around = _around(touches)
     while True:
         votes = {
             id_: sum(turn * sign[other] for other, turn in others if other in sign)
@@ -167,7 +170,19 @@ def _spread(sign: dict[str, int], touches: Iterable[Touch]) -> None:
         sign.update(fresh)
 
 
-def _around(touches: Iterable[Touch]) -> dict[str, list[tuple[str, int]]]:
+def _settle(sign: dict[str, int], known: Mapping[str, int], around: Around, fixed: Collection[str]) -> None:
+    """Lanes turn round while what they know and what they touch outvotes them."""
+    for _ in range(SWEEPS):
+        changed = False
+        for id_ in sign:
+            score = known[id_] + sum(turn * sign[other] for other, turn in around.get(id_, ()))
+            if score * sign[id_] < 0 and id_ not in fixed:
+                sign[id_], changed = -sign[id_], True
+        if not changed:
+            return
+
+
+def _around(touches: Iterable[Touch]) -> Around:
     around: defaultdict[str, list[tuple[str, int]]] = defaultdict(list)
     for a, b, turn in touches:
         around[a].append((b, turn))
@@ -175,39 +190,22 @@ def _around(touches: Iterable[Touch]) -> dict[str, list[tuple[str, int]]]:
     return around
 
 
-def _by_majority(
-    sign: dict[str, int], lanes: Mapping[str, MapLane], touches: Sequence[Touch], told: Mapping[str, int]
-) -> set[str]:
-    """Chains of lanes without motion take the direction that most links, then most drawn lanes of the chain have.
+def _by_majority(sign: dict[str, int], lanes: Mapping[str, MapLane], around: Around) -> set[str]:
+    """Chains of lanes that nothing is known of take the direction in which most of them are drawn.
 
     Returns those for which nothing but the drawing of a single lane, or a tie, speaks.
     """
     undecided: set[str] = set()
-    around = _around(touches)
     for id_ in lanes:
         if id_ in sign:
             continue
         chain = {id_: 1}
-        _spread_within(chain, around, sign)
-        links = sum(turn * told.get(one, 0) for one, turn in chain.items())
+        _spread(chain, {one: others for one, others in around.items() if one not in sign})
         drawn = sum(chain.values())
-        if not links and (len(chain) == 1 or not drawn):
+        if len(chain) == 1 or not drawn:
             undecided |= set(chain)
-        whole = -1 if links < 0 or (not links and drawn < 0) else 1
-        sign.update({one: whole * turn for one, turn in chain.items()})
+        sign.update({one: turn if drawn >= 0 else -turn for one, turn in chain.items()})
     return undecided
-
-
-def _spread_within(
-    chain: dict[str, int], around: Mapping[str, Sequence[tuple[str, int]]], decided: Mapping[str, int]
-) -> None:
-    open_ = list(chain)
-    while open_:
-        here = open_.pop()
-        for other, turn in around.get(here, ()):
-            if other not in chain and other not in decided:
-                chain[other] = chain[here] * turn
-                open_.append(other)
 
 
 def _by_neighbours(sign: dict[str, int], lanes: Mapping[str, MapLane], undecided: set[str]) -> set[str]:

@@ -1,8 +1,8 @@
-"""Strips: the lanes of an HD map made ready for building, each with a direction of travel and an identity of its own."""
+"""Strips: the lanes of an HD map made ready for building, each with a direction of travel and an id of its own."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -56,12 +56,6 @@ class Strip:
         return chord_yaw(self.line, self.line.length - HEADING_OVER_M, self.line.length)
 
 
-def shapes(lines: Iterable[Polyline]) -> Any:
-    """Lines for shapely: an array of objects, also of none."""
-    made = [shapely.LineString(line.xy) for line in lines]
-    return np.array(made, dtype=object)
-
-
 def chord_yaw(line: Polyline, begin: float, end: float) -> float:
     """Direction [rad] from arc length `begin` to `end` [m], both moved onto the line."""
     a, b = line.at(max(begin, 0.0)), line.at(min(end, line.length))
@@ -97,7 +91,7 @@ def cut_all(
     pieces = {id_: cut(strip, stations.get(id_, ())) for id_, strip in strips.items()}
     made = {(pieces[a][-1].id, pieces[b][0].id) for a, b in links}
     for chain in pieces.values():
-        made |= {(a.id, b.id) for a, b in zip(chain, chain[1:], strict=False)}
+        made |= {(a.id, b.id) for a, b in pairwise(chain)}
     return {piece.id: piece for chain in pieces.values() for piece in chain}, made
 
 

@@ -11,9 +11,13 @@ from real2sim.net_lanes import Link, Strip
 KEPT_GAP_M = 5.0
 KEPT_YAW = np.radians(60)
 """A link of the map is believed if the ends are this close and point about the same way."""
-TOUCH_M = 1.0
+ASIDE_M = 0.8
+AHEAD_M = (-1.0, 2.0)
 TOUCH_YAW = np.radians(30)
-"""Ends this close and in line are linked even if the map does not say so."""
+"""Ends this close across and along the lane, and in line, are linked even if the map does not say so."""
+EXACT_M = 0.1
+EXACT_YAW = np.radians(50)
+"""The same for ends that coincide."""
 LOOSE_GAP_M = 4.0
 """The same for two ends that nothing else is linked to."""
 
@@ -42,11 +46,21 @@ def rebuild_links(strips: Mapping[str, Strip], said: Iterable[Link]) -> Links:
     linked = np.zeros_like(believed)
     for a, b in kept:
         linked[index[a], index[b]] = True
-    touching = (gap <= TOUCH_M) & (turn <= TOUCH_YAW) & alike & ~linked
+    exact = (gap <= EXACT_M) & (turn <= EXACT_YAW) & alike
+    ahead, aside = gap * np.cos(chord), gap * np.abs(np.sin(chord))
+    near = (aside <= ASIDE_M) & (ahead >= AHEAD_M[0]) & (ahead <= AHEAD_M[1])
+    touching = (exact | (near & (turn <= TOUCH_YAW) & alike)) & ~linked
+    touching &= exact | ~_over_short_lanes(linked | touching)
     linked |= touching
     loose = _loose(linked, gap, turn, chord) & alike
     added = sorted((ids[i], ids[j]) for i, j in np.argwhere(touching | loose))
     return Links(frozenset(kept) | frozenset(added), tuple(sorted(named - kept)), tuple(added))
+
+
+def _over_short_lanes(linked: Bool) -> Bool:
+    """Pairs that a lane between them links already."""
+    steps = linked.astype(np.float32)
+    return steps @ steps > 0
 
 
 def _ends(strips: list[Strip]) -> tuple[Float, Float, Float]:
@@ -61,7 +75,7 @@ def _ends(strips: list[Strip]) -> tuple[Float, Float, Float]:
 
 def _loose(linked: Bool, gap: Float, turn: Float, chord: Float) -> Bool:
     """Nearest start ahead of an end, if both are open."""
-    open_ = ~linked.any(1)[:, None] & ~linked.any(0)[None]
+    open_ = ~linked.any(axis=1, keepdims=True) & ~linked.any(axis=0, keepdims=True)
     fits = open_ & (gap <= LOOSE_GAP_M) & (turn <= TOUCH_YAW) & (chord <= TOUCH_YAW)
     distance = np.where(fits, gap, np.inf)
     nearest = (distance == distance.min(1, keepdims=True)) & (distance == distance.min(0, keepdims=True))

@@ -2,20 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import shapely
 
-from mdrive_sumo.geometry import Float, Int, Polyline
+from mdrive_sumo.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
 from real2sim.hdmap import LaneKind, MapLane
-from real2sim.net_lanes import shapes
+from real2sim.lines import Lines, angle_between, sample
 
 SPACING_M = 1.0
+FAR_M = 20.0
 ALONG = np.radians(60)
 OPPOSED_M = (2.0, 7.0)
 """Lateral distance [m] of the lane for oncoming traffic."""
+OPPOSED_EVERY_M = 5.0
 OPPOSED_YAW = np.radians(160)
 ON_LANE_M = 1.5
 FASTEST_SHARE = 95
@@ -48,35 +48,18 @@ def _figures(distance: Float) -> tuple[float, float, float]:
 def line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]) -> Float:
     """Distance (M,) [m] of points every metre on `lines` to the nearest of `others` within 60 degrees.
 
-    Where none runs in that direction nearby (within 20 m) the distance counts as 20 m.
+    Where none runs in that direction nearby (within `FAR_M`) it counts as that.
     """
-    stations = [line.stations(SPACING_M) for line in lines]
-    xy = np.concatenate([_points(line, s) for line, s in zip(lines, stations, strict=True)])
-    yaw = np.concatenate([line.yaws_at(s) for line, s in zip(lines, stations, strict=True)])
-    drawn = shapes(others)
-    tree, points = shapely.STRtree(drawn), shapely.points(xy)
-    best = np.full(len(xy), 20.0)
-    open_ = np.arange(len(xy))
-    for reach in (1.0, 20.0):
-        point, other = tree.query(points[open_], predicate="dwithin", distance=reach)
-        point = open_[point]
-        along = _turn(others, drawn, points, point, other, yaw) <= ALONG
-        np.minimum.at(best, point[along], shapely.distance(points[point[along]], drawn[other[along]]))
+    points, index = sample(lines, SPACING_M), Lines(others)
+    best = np.full(len(points.xy), FAR_M)
+    open_ = np.arange(len(best))
+    for reach in (1.0, FAR_M):  # most are near, and the wide search is dear
+        feet = index.feet(points.xy[open_], reach)
+        point = open_[feet.point]
+        along = angle_between(feet.yaw, points.yaw[point]) <= ALONG
+        np.minimum.at(best, point[along], feet.distance[along])
         open_ = np.flatnonzero(best > reach)
     return best
-
-
-def _points(line: Polyline, stations: Float) -> Float:
-    return np.column_stack([np.interp(stations, line.s, line.xy[:, axis]) for axis in (0, 1)])
-
-
-def _turn(others: Sequence[Polyline], drawn: Any, points: Any, point: Int, other: Int, yaw: Float) -> Float:
-    at = shapely.line_locate_point(drawn[other], points[point])
-    turn = np.empty(len(other))
-    for i in np.unique(other):
-        rows = other == i
-        turn[rows] = np.abs(np.angle(np.exp(1j * (others[i].yaws_at(at[rows]) - yaw[point[rows]]))))
-    return turn
 
 
 def observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s: float) -> dict[str, float]:
@@ -86,13 +69,12 @@ def observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s
     speed = np.hypot(*np.concatenate(steps).T) / dt_s
     xy = np.concatenate([motion[1:, :2] for motion in motions]) if motions else np.zeros((0, 2))
     known = np.isfinite(speed)
-    speed, points = speed[known], shapely.points(xy[known])
-    drawn = shapes(Polyline(lane.centre) for lane in driving.values())
-    point, lane = shapely.STRtree(drawn).query(points, predicate="dwithin", distance=ON_LANE_M)
+    speed = speed[known]
+    feet = Lines([Polyline(lane.centre) for lane in driving.values()]).feet(xy[known], ON_LANE_M)
     return {
-        id_: float(np.percentile(speed[point[lane == i]], FASTEST_SHARE))
+        id_: float(np.percentile(speed[feet.point[feet.line == i]], FASTEST_SHARE))
         for i, id_ in enumerate(driving)
-        if (lane == i).sum() >= FEWEST_SAMPLES
+        if (feet.line == i).sum() >= FEWEST_SAMPLES
     }
 
 
@@ -101,30 +83,16 @@ def traffic_side(lanes: Mapping[str, MapLane], voted: Mapping[str, int]) -> bool
 
     Lanes with observed motion decide alone if there are any with an oncoming lane; else all directed ones do.
     """
-    driving = {id_: lane for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING and not lane.junction}
-    lines = {id_: Polyline(lane.centre) for id_, lane in driving.items()}
-    tree, ids = shapely.STRtree(shapes(lines.values())), list(lines)
-    balance = {id_: _oncoming(id_, lines, ids, tree) for id_ in ids}
-    seen = sum(side for id_, side in balance.items() if id_ in voted)
-    return (seen or sum(balance.values())) < 0
-
-
-def _oncoming(id_: str, lines: Mapping[str, Polyline], ids: Sequence[str], tree: shapely.STRtree) -> float:
-    """Length [m] along which the nearest oncoming lane lies to the left, minus that to the right."""
-    line = lines[id_]
-    balance = 0.0
-    for s in np.arange(2.5, line.length, 5.0):
-        x, y = line.at(s)
-        yaw = line.yaw_at(s)
-        nearest = OPPOSED_M[1]
-        side = 0.0
-        for j in tree.query(shapely.Point(x, y), predicate="dwithin", distance=OPPOSED_M[1]):
-            other = lines[ids[j]]
-            at, _ = other.project(x, y)
-            foot = other.at(at)
-            left = (foot[1] - y) * np.cos(yaw) - (foot[0] - x) * np.sin(yaw)
-            turn = abs(np.angle(np.exp(1j * (other.yaw_at(at) - yaw))))
-            if turn >= OPPOSED_YAW and OPPOSED_M[0] <= abs(left) < nearest:
-                nearest, side = abs(left), np.sign(left)
-        balance += 5.0 * side
-    return float(balance)
+    ids = [id_ for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING and not lane.junction]
+    if not ids:
+        return False
+    lines = [Polyline(lanes[id_].centre) for id_ in ids]
+    points = sample(lines, OPPOSED_EVERY_M)
+    feet = Lines(lines).feet(points.xy, OPPOSED_M[1])
+    oncoming = angle_between(feet.yaw, points.yaw[feet.point]) >= OPPOSED_YAW
+    rows = np.flatnonzero(oncoming & (np.abs(feet.left) >= OPPOSED_M[0]))
+    rows = rows[np.lexsort((np.abs(feet.left[rows]), feet.point[rows]))]
+    rows = rows[np.unique(feet.point[rows], return_index=True)[1]]  # the nearest of each point
+    side = -np.sign(feet.left[rows])  # `left` is told in the direction of the oncoming lane
+    seen = np.array([id_ in voted for id_ in ids])[points.line[feet.point[rows]]]
+    return bool((float(side[seen].sum()) or float(side.sum())) < 0)

@@ -58,13 +58,12 @@ def _outermost(stations: Sequence[float]) -> list[float]:
 
 def _beside_cuts(strips: Mapping[str, Strip], connectors: Collection[str]) -> dict[str, list[float]]:
     wanted: dict[str, list[float]] = defaultdict(list)
-    for beside in find_beside(strips):
+    for beside in find_beside({id_: s for id_, s in strips.items() if not s.junction and id_ not in connectors}):
         strip, other = strips[beside.strip], strips[beside.other]
-        if strip.junction or other.junction or {strip.id, other.id} & set(connectors):
-            continue
         for station, point in ((beside.begin, other.start), (beside.end, other.end)):
-            if abs(strip.line.project(float(point[0]), float(point[1]))[0] - station) < SAME_CUT_M:
-                wanted[strip.id].append(station)
+            foot = strip.line.project(float(point[0]), float(point[1]))[0]
+            if abs(foot - station) < SAME_CUT_M:
+                wanted[strip.id].append(foot)
     return _tidied(strips, wanted)
 
 
@@ -98,7 +97,10 @@ def group_strips(strips: Mapping[str, Strip]) -> list[tuple[str, ...]]:
 def _aligned(strips: Mapping[str, Strip], beside: Beside) -> bool:
     strip, other = strips[beside.strip], strips[beside.other]
     long = strip.line.length
-    apart = (other.line.project(*strip.line.at(0.0))[0], other.line.length - other.line.project(*strip.line.at(long))[0])
+    apart = (
+        other.line.project(*strip.line.at(0.0))[0],
+        other.line.length - other.line.project(*strip.line.at(long))[0],
+    )
     return max(beside.begin, long - beside.end, *apart) <= ALIGNED_M
 
 

@@ -14,6 +14,7 @@ from mdrive_sumo.geometry import Float
 from real2sim.hdmap import LaneKind
 from real2sim.net_lanes import Strip
 from real2sim.net_nodes import Edge, Plan
+from real2sim.net_shapes import shape_text
 from real2sim.netconvert import netconvert_program
 from real2sim.xml_file import Element
 
@@ -36,18 +37,20 @@ def sumo_name(id_: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.~-]", "_", id_).lstrip(":") or "_"
 
 
-def edge_names(plan: Plan) -> dict[str, tuple[str, int]]:
-    """Strip id -> its edge and place from the right; an edge is called after its rightmost lane."""
-    return {lane.id: (f"e{sumo_name(edge.lanes[0].id)}", k) for edge in plan.edges for k, lane in enumerate(edge.lanes)}
+def lane_places(plan: Plan, left_hand: bool) -> dict[str, tuple[str, int]]:
+    """Strip id -> its edge, called after the rightmost lane, and its place from the kerb (left-hand: from the left)."""
+    return {
+        lane.id: (f"e{sumo_name(edge.lanes[0].id)}", len(edge.lanes) - 1 - k if left_hand else k)
+        for edge in plan.edges
+        for k, lane in enumerate(edge.lanes)
+    }
 
 
-def write_plain(plan: Plan, types: Mapping[int, str], priority: Mapping[str, int], left_hand: bool, folder: Path) -> None:
-    """Writes plain.nod.xml, plain.edg.xml and plain.con.xml. `types` of nodes, `priority` of edges by rightmost lane."""
-    names = edge_names(plan)
-    sizes = {names[edge.lanes[0].id][0]: len(edge.lanes) for edge in plan.edges}
-    index = {
-        lane: (name, sizes[name] - 1 - k if left_hand else k) for lane, (name, k) in names.items()
-    }  # lane 0 is at the kerb
+def write_plain(
+    plan: Plan, types: Mapping[int, str], priority: Mapping[str, int], left_hand: bool, folder: Path
+) -> None:
+    """Writes plain.nod.xml, plain.edg.xml and plain.con.xml. `priority` of edges by rightmost lane."""
+    index = lane_places(plan, left_hand)
     _save(folder / "plain.nod.xml", "nodes", _node_elements(plan, types))
     _save(folder / "plain.edg.xml", "edges", (_edge_element(e, index, priority) for e in plan.edges))
     _save(folder / "plain.con.xml", "connections", _connection_elements(plan, index))
@@ -58,10 +61,6 @@ def _save(path: Path, root: str, elements: Iterable[Element]) -> None:
     tree.extend(elements)
     ElementTree.indent(tree)
     path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True) + b"\n")
-
-
-def _shape(xy: Float) -> str:
-    return " ".join(f"{x:.3f},{y:.3f}" for x, y in xy)
 
 
 def _node_elements(plan: Plan, types: Mapping[int, str]) -> Iterable[Element]:
@@ -84,7 +83,7 @@ def _edge_element(edge: Edge, index: Mapping[str, tuple[str, int]], priority: Ma
         numLanes=str(len(edge.lanes)),
         priority=str(priority.get(edge.lanes[0].id, 1)),
         spreadType="center",
-        shape=_shape(middle),
+        shape=shape_text(middle),
     )
     element.extend(sorted((_lane_element(lane, index[lane.id][1]) for lane in edge.lanes), key=_index))
     return element
@@ -101,7 +100,7 @@ def _lane_element(lane: Strip, index: int) -> Element:
         index=str(index),
         speed=f"{lane.speed:.2f}",
         width=f"{lane.width:.2f}",
-        shape=_shape(lane.line.xy),
+        shape=shape_text(lane.line.xy),
         **permission,
     )
 
@@ -111,7 +110,7 @@ def _connection_elements(plan: Plan, index: Mapping[str, tuple[str, int]]) -> It
     for way in plan.ways:
         (start, start_lane), (goal, goal_lane) = index[way.start], index[way.goal]
         silent.discard(start)
-        shape = {} if way.line is None else {"shape": _shape(way.line.xy)}
+        shape = {} if way.line is None else {"shape": shape_text(way.line.xy)}
         yield _element(
             "connection",
             **{"from": start, "to": goal, "fromLane": str(start_lane), "toLane": str(goal_lane)},
@@ -127,7 +126,7 @@ def _element(tag: str, **attributes: str) -> Element:
 
 
 def compile_plain(folder: Path, left_hand: bool) -> bytes:
-    """The net that netconvert makes of the plain files in `folder`, without comments; raises InputError."""
+    """The net that netconvert makes of the plain files in `folder`; raises InputError."""
     net = folder / "draft.net.xml"
     call = (str(netconvert_program()), *arguments(left_hand), "--output-file", net.name)
     done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
@@ -136,7 +135,6 @@ def compile_plain(folder: Path, left_hand: bool) -> bytes:
             errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
             why = errors[0].removeprefix("Error: ") if errors else f"exit code {done.returncode}"
             raise InputError(f"{folder}: expected a network that netconvert accepts, found: {why}")
-        return re.sub(rb"<!--.*?-->\s*", b"", net.read_bytes(), flags=re.DOTALL)
+        return net.read_bytes()
     finally:
         net.unlink(missing_ok=True)
-

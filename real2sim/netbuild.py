@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float, polyline
@@ -19,7 +20,9 @@ from real2sim.net_links import Links, rebuild_links
 from real2sim.net_measure import Fit, measure_fit, observed_speeds, traffic_side
 from real2sim.net_nodes import Edge, Plan, plan_network
 from real2sim.net_pieces import break_strips
-from real2sim.net_plain import arguments, compile_plain, edge_names, write_plain
+from real2sim.net_plain import arguments, compile_plain, lane_places, write_plain
+from real2sim.net_shapes import restore_shapes
+from real2sim.net_signs import place_lines, right_of_way, stop_boxes
 
 WIDTH_M = 3.5
 WIDTHS_M = (2.0, 6.0)
@@ -27,7 +30,8 @@ WIDTHS_M = (2.0, 6.0)
 SPEED_MPS = 13.89
 BUILT = (LaneKind.DRIVING, LaneKind.BIKE, LaneKind.SIDEWALK)
 CROSSWALK_M = 1.0
-"""Crosswalks narrower or shorter than this are not drawn."""
+"""Crosswalks narrower than this are not drawn."""
+WALK_MPS = 2.78
 
 
 @dataclass(frozen=True)
@@ -51,30 +55,31 @@ class NetworkReport:
     fit: Fit
     """Distance between centre lines, both directions."""
     default_widths: int
-    """Lanes of unknown width, which got 3.5 m."""
+    """Lanes of unknown width, which got the distance of their neighbours, or 3.5 m without any."""
     default_speeds: int
     """Lanes of unknown speed limit, which got 13.89 m/s or what was observed."""
+    sources: Mapping[str, str]
+    """SUMO lane on an edge -> lane of the source that it is, or is a piece of."""
     signalled: tuple[str, ...]
     """Lanes that traffic lights control. The network has no lights: the log does not tell their program."""
 
 
-def build_network(
-    map: HdMap, motions: Sequence[Float], folder: Path, name: str, dt_s: float = 0.1
-) -> NetworkReport:
+def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str, dt_s: float = 0.1) -> NetworkReport:
     """Builds `folder` (plain XML, network.json, map.net.xml.gz) from a map; raises InputError.
 
     `motions` are observed x, y, yaw (N, 3) [m, rad] of vehicles, a row every `dt_s`; NaN where unseen.
     """
-    directions = vote_directions(_drawable(map, name), motions)
-    lanes = {
-        id_: turned(lane) if id_ in directions.inverted else lane for id_, lane in _drawable(map, name).items()
-    }
-    left_hand = map.left_hand if map.left_hand is not None else traffic_side(lanes, directions.voted)
+    drawn = _drawable(map, name)
+    directions = vote_directions(drawn, motions)
+    lanes = {id_: turned(lane) if id_ in directions.inverted else lane for id_, lane in drawn.items()}
+    decided = {id_: lane for id_, lane in lanes.items() if id_ not in directions.undecided}
+    left_hand = map.left_hand if map.left_hand is not None else traffic_side(decided, directions.voted)
     strips, lost = _strips(map, lanes, observed_speeds(lanes, motions, dt_s))
     links = rebuild_links(strips, _said(lanes))
     plan = plan_network(*_driving_only(strips, links))
+    lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in lane_places(plan, left_hand).items()}
     roads = _compile(_with_footways(plan, strips, map), map, left_hand, folder, name)
-    lost |= {id_: "no way through the junction uses it" for id_ in _unused(plan)}
+    lost |= dict.fromkeys(_unused(plan), "no way through the junction uses it")
     return NetworkReport(
         name=name,
         folder=folder,
@@ -91,6 +96,7 @@ def build_network(
         fit=measure_fit([s.line for s in strips.values() if s.kind is LaneKind.DRIVING], roads),
         default_widths=sum(_width(lane) is None for lane in lanes.values()),
         default_speeds=sum(not lane.speed_limit > 0 for lane in lanes.values()),
+        sources={lane_ids[lane.id]: lane.lane for edge in plan.edges for lane in edge.lanes},
         signalled=tuple(sorted({lane for controlled in map.signals.values() for lane in controlled})),
     )
 
@@ -169,21 +175,26 @@ def _with_footways(plan: Plan, strips: Mapping[str, Strip], map: HdMap) -> Plan:
 
 
 def _crosswalk(number: int, outline: Float) -> Strip | None:
-    """A strip along the longer axis of the crosswalk's outline."""
-    centre = outline.mean(0)
-    _, _, axes = np.linalg.svd(outline - centre)
-    along, across = (outline - centre) @ axes[0], (outline - centre) @ axes[1]
-    if min(np.ptp(along), np.ptp(across)) < CROSSWALK_M:
+    """A strip along the longer axis of the smallest rectangle around the crosswalk."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shapely.MultiPoint(outline)))
+    if len(corners) < 4:
         return None
-    ends = centre + np.outer((along.min(), along.max()), axes[0])
+    ends, others = (corners[:2] + corners[[3, 2]]) / 2, (corners[1:3] + corners[[0, 3]]) / 2
+    if np.hypot(*(ends[1] - ends[0])) < np.hypot(*(others[1] - others[0])):
+        ends, others = others, ends
+    width = float(np.hypot(*(others[1] - others[0])))
+    if width < CROSSWALK_M:
+        return None
     name = f"crosswalk_{number}"
-    return Strip(name, name, polyline(ends), float(np.ptp(across)), 2.78, LaneKind.SIDEWALK, False)
+    return Strip(name, name, polyline(ends), width, WALK_MPS, LaneKind.SIDEWALK, False)
 
 
 def _compile(plan: Plan, map: HdMap, left_hand: bool, folder: Path, name: str) -> RoadMap:
     folder.mkdir(parents=True, exist_ok=True)
-    write_plain(plan, *_right_of_way(plan, map), left_hand, folder)
-    xml = compile_plain(folder, left_hand)
+    stops = place_lines(plan, map)
+    write_plain(plan, *right_of_way(plan, stops), left_hand, folder)
+    lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in lane_places(plan, left_hand).items()}
+    xml = restore_shapes(compile_plain(folder, left_hand), plan, lane_ids)
     (folder / NET_FILE).write_bytes(gzip.compress(xml, mtime=0))
     about = NetworkFile(
         name=name,
@@ -193,32 +204,14 @@ def _compile(plan: Plan, map: HdMap, left_hand: bool, folder: Path, name: str) -
         offset=(0.0, 0.0),
         build=("netconvert", *arguments(left_hand), "--output-file", "map.net.xml"),
         checksum=net_checksum(xml),
+        stop_signs=stop_boxes(stops, lane_ids) if map.stop_lines else None,
     )
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
+    load.cache_clear()  # it may remember another network that lay in this folder
     return load(folder)
-
-
-def _right_of_way(plan: Plan, map: HdMap) -> tuple[dict[int, str], dict[str, int]]:
-    """Types of nodes, and priorities of edges, from stop and yield signs."""
-    signs = {lane: line.sign for line in map.stop_lines for lane in line.lanes}
-    types: dict[int, str] = {}
-    priority: dict[str, int] = {}
-    entries: dict[int, list[str]] = {}
-    for edge in plan.edges:
-        found = {signs.get(lane.lane, "") for lane in edge.lanes} & {"stop", "yield"}
-        sign = "stop" if "stop" in found else "yield" if found else ""
-        entries.setdefault(edge.end, []).append(sign)
-        priority[edge.lanes[0].id] = {"stop": 1, "yield": 2, "": 3}[sign]
-    for node, found in entries.items():
-        if "stop" in found:
-            types[node] = "allway_stop" if set(found) == {"stop"} and len(found) > 1 else "priority_stop"
-    return types, priority
 
 
 def _unused(plan: Plan) -> set[str]:
     kept = {lane.lane for edge in plan.edges for lane in edge.lanes}
     kept |= {id_.split("~")[0] for way in plan.ways for id_ in way.strips}
     return {id_.split("~")[0] for id_ in plan.unused} - kept
-
-
-__all__ = ["NetworkReport", "build_network", "edge_names"]

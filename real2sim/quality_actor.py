@@ -5,13 +5,16 @@ from collections.abc import Callable
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.geometry import Bool, Float
+from mdrive_sumo.state import Kind
 from real2sim import quality_motion as motion
 from real2sim.quality_lanes import LaneIndex
-from real2sim.recording import Category, Track
+from real2sim.recording import Track
 from real2sim.standing import moves
 
 OFF_ROUTE_M = 3.0
+CROSSING_M = 5.0
+"""Ours: less than a car length against a lane is crossing it, not driving in it."""
 WRONG_WAY_RAD = float(np.radians(90.0))
 
 
@@ -48,6 +51,8 @@ class ActorQuality(BaseModel):
     lateral_max: float | None = None
     share_within_1m: float | None = None
     share_within_05m: float | None = None
+    outside_frames: int | None = None
+    """Where the map has no lanes at all; the other figures of lanes leave these frames out."""
     off_route_frames: int | None = None
     wrong_way_frames: int | None = None
     spawn_offset: float | None = None
@@ -62,11 +67,11 @@ class ActorQuality(BaseModel):
 
 
 def actor_quality(track: Track, dt_s: float, raw: Track | None = None, lanes: LaneIndex | None = None) -> ActorQuality:
-    """All figures of one track; against `raw` where both are there, against the lanes unless it is a walker."""
+    """All figures of one track; against `raw` where both are there, against the lanes if it is a vehicle."""
     figures = _motion_figures(track, dt_s)
     if raw is not None:
         figures |= _error_figures(track, raw)
-    if lanes is not None and track.category not in (Category.PEDESTRIAN, Category.STATIC):
+    if lanes is not None and track.category.kind is Kind.VEHICLE:
         figures |= _lane_figures(track, lanes)
     return ActorQuality(
         id=track.id,
@@ -169,15 +174,20 @@ def _lane_figures(track: Track, lanes: LaneIndex) -> dict[str, float | int | Non
     xy, yaw = track.xy[track.valid], track.yaw[track.valid]
     if len(xy) == 0:
         return {}
+    covered = ~lanes.outside(xy)
+    xy, yaw, beyond = xy[covered], yaw[covered], int((~covered).sum())
+    if len(xy) == 0:
+        return {"outside_frames": beyond}
     offset = lanes.offsets(xy)
     away = lanes.turned_away(xy, yaw, offset)
     return {
+        "outside_frames": beyond,
         "lateral_mean": float(offset.mean()),
         "lateral_max": float(offset.max()),
         "share_within_1m": float((offset <= 1.0).mean()),
         "share_within_05m": float((offset <= 0.5).mean()),
         "off_route_frames": int((offset > OFF_ROUTE_M).sum()),
-        "wrong_way_frames": int(((away > WRONG_WAY_RAD) & (offset <= OFF_ROUTE_M)).sum()),
+        "wrong_way_frames": _wrong_way((away > WRONG_WAY_RAD) & (offset <= OFF_ROUTE_M), xy, away),
         "spawn_offset": float(offset[0]),
         "spawn_yaw_offset_deg": float(np.degrees(away[0])),
     }
@@ -189,3 +199,10 @@ def _mean(values: Float) -> float:
 
 def _most(values: Float) -> float:
     return float(values.max()) if len(values) else 0.0
+
+
+def _wrong_way(against: Bool, xy: Float, away: Float) -> int:
+    """Frames in which it drives against the lanes, crossings left out."""
+    step = np.append(motion.steps(xy), 0.0)
+    back = -step * np.cos(away)
+    return sum(run.stop - run.start for run in motion.runs(against) if back[run].sum() >= CROSSING_M)

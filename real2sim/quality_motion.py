@@ -1,8 +1,8 @@
 """How a trajectory moves: steps, derivatives, jumps, yaw. Pure functions over positions at a fixed frame rate.
 
 Positions at 10 Hz cannot be differenced three times plainly: 1 cm of noise alone gives 45 m/s³. Every derivative here
-is that of the cubic fitted by least squares to `WINDOW` frames (Savitzky, Golay 1964), taken at their middle. It is exact
-for motion of constant jerk, and 1 cm of noise gives 4 m/s³. Jumps need no derivative and have a check of their own.
+is that of the cubic fitted by least squares to `WINDOW` frames (Savitzky, Golay 1964), taken at their middle. It is
+exact for motion of constant jerk, and 1 cm of noise gives 4 m/s³. Jumps need no derivative and have their own check.
 """
 
 from math import factorial
@@ -113,10 +113,9 @@ def curvature_changes(xy: Float, dt_s: float) -> Float:
 
 
 def turn(xy: Float, least_m: float = 2.0) -> float:
-    """Net change of direction [rad] between the first and the last `least_m` metres of a path; 0 if it is too short."""
-    gone = np.concatenate(((0.0,), np.cumsum(steps(xy))))
-    if gone[-1] < 2 * least_m:
+    """Change of direction [rad] from leaving the first place by `least_m` to coming that near to the last; else 0."""
+    away, left = magnitude(xy - xy[0]) >= least_m, magnitude(xy - xy[-1]) >= least_m
+    if not away.any() or not left.any():
         return 0.0
-    first, last = np.searchsorted(gone, least_m), np.searchsorted(gone, gone[-1] - least_m, side="right") - 1
-    begin, end = xy[first] - xy[0], xy[-1] - xy[last]
+    begin, end = xy[int(away.argmax())] - xy[0], xy[-1] - xy[np.flatnonzero(left)[-1]]
     return float(wrap_angles(np.array(np.arctan2(end[1], end[0]) - np.arctan2(begin[1], begin[0]))))

@@ -1,20 +1,21 @@
 """CommonRoad: scenarios with recorded traffic (.xml, 2018b and 2020a) become recordings, through commonroad-io.
 
-Source: Althoff, Koschi and Manzinger, CommonRoad, IV 2017, and its documentation of the XML formats. Metres, radians, full
-sizes; a state is the box centre (or `originXShift` from it).
+Source: Althoff, Koschi and Manzinger, CommonRoad, IV 2017, and its documentation of the XML formats. Metres, radians,
+full sizes; a state is the box centre (or `originXShift` from it).
 """
 
 import logging
 import math
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from shapely.errors import ShapelyError
 
 from mdrive_sumo.errors import InputError
 from real2sim.readers.commonroad_map import read_map
@@ -40,6 +41,10 @@ CATEGORIES: Mapping[str, Category] = {
     "pillar": Category.STATIC,
     "median_strip": Category.STATIC,
 }
+LINKS = ("predecessor", "successor", "adjacentLeft", "adjacentRight")
+TROUBLE = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
+"""What commonroad-io raises at a scenario that is not as it expects."""
+NUMBERS = frozenset({"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"})
 OBSTACLES = ("obstacle", "staticObstacle", "dynamicObstacle")
 
 
@@ -78,9 +83,22 @@ def _check(path: Path, root: Element) -> None:
         raise InputError(f"{path}: timeStepSize: expected a positive number, found {root.get('timeStepSize')!r}")
     if root.find("lanelet") is None:
         raise InputError(f"{path}: expected at least one <lanelet>, found none")
+    for element in root:
+        _check_numbers(path, element)
     for obstacle in _obstacles(root):
         for state in (*obstacle.iter("initialState"), *obstacle.iter("state")):
             _check_state(path, obstacle, state)
+
+
+def _check_numbers(path: Path, element: Element) -> None:
+    for value in element.iter():
+        try:
+            fine = value.tag not in NUMBERS or math.isfinite(float(value.text or ""))
+        except ValueError:
+            fine = False
+        if not fine:
+            where = f"{path}: {element.tag} {element.get('id')}"
+            raise InputError(f"{where}: {value.tag}: expected a finite number, found {value.text!r}")
 
 
 def _obstacles(root: Element) -> Iterator[Element]:
@@ -107,28 +125,42 @@ def _cleaned(root: Element) -> Iterator[str]:
         root.remove(obstacle)
     if groups:
         yield f"{len(groups)} obstacles of more than one shape passed over"
+    there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
+    lost = [(one, link) for one in root.iter("lanelet") for name in LINKS for link in one.findall(name)]
+    lost = [(one, link) for one, link in lost if link.get("ref") not in there]
+    for lanelet, link in lost:
+        lanelet.remove(link)
+    if lost:
+        yield f"{len(lost)} links to lanelets that are not in the file passed over"
+
+
+def _reader(path: Path) -> Any:
+    """The class of commonroad-io that reads; imported only here, for it takes a while."""
+    try:
+        with _remarks():  # those of its own dependencies say nothing of the file
+            from commonroad.common.file_reader import CommonRoadFileReader
+    except ImportError:
+        raise InputError(
+            f"{path}: expected commonroad-io to be installed, found none: pip install mdrive-sumo[convert]"
+        ) from None
+    return CommonRoadFileReader
 
 
 def _opened(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
-    """The scenario, and the reader's own remarks; imports commonroad-io only here, for it takes a while."""
+    """The scenario, and the library's own remarks."""
+    reader = _reader(path)
     with _remarks() as remarks:
         try:
-            from commonroad.common.file_reader import CommonRoadFileReader
-        except ImportError:
-            raise InputError(
-                f"{path}: expected commonroad-io to be installed, found none: pip install mdrive-sumo[convert]"
-            ) from None
-        reader: Any = CommonRoadFileReader
-        try:
             scenario = reader(ElementTree.tostring(root)).open()[0]
-        except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        except (*TROUBLE, ShapelyError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise InputError(f"{path}: expected a valid CommonRoad scenario, found: {reason}") from None
-    return scenario, tuple(dict.fromkeys(f"commonroad-io: {remark}" for remark in remarks))
+            what = "an element is missing: " if isinstance(error, AttributeError) else ""
+            raise InputError(f"{path}: expected a valid CommonRoad scenario, found: {what}{reason}") from None
+    return scenario, (f"commonroad-io made {len(remarks)} remarks, the first: {remarks[0]}",) if remarks else ()
 
 
 @contextmanager
-def _remarks() -> Iterator[list[str]]:
+def _remarks() -> Generator[list[str]]:
     """Collects what commonroad-io warns of and logs, instead of showing it, while it reads."""
     remarks: list[str] = []
     handler = logging.Handler(logging.WARNING)
@@ -192,8 +224,6 @@ def _states(obstacle: Any) -> Sequence[Any]:
 def _track(path: Path, obstacle: Any, category: Category, states: Sequence[Any], span: range) -> Track:
     where = f"{path}: obstacle {obstacle.obstacle_id}"
     poses = np.array([(*state.position[:2], _angle(state.orientation)) for state in states], dtype=np.float64)
-    if not np.isfinite(poses[:, :2]).all():
-        raise InputError(f"{where}: position: expected finite coordinates, found {poses.tolist()[0][:2]}")
     table = np.full((len(span), 3), np.nan)
     if _moves(obstacle):
         table[[state.time_step - span.start for state in states]] = poses

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
@@ -22,6 +23,8 @@ KINDS: Mapping[str, LaneKind] = {
     "restricted_area": LaneKind.SHOULDER,
 }
 """By the first type that a lanelet has of these; every other lanelet is for driving."""
+OVERLAP_M2 = 1.0
+"""Less is how neatly neighbours are drawn, not a crossing of ways."""
 SIGNS: Mapping[str, str] = {"STOP": "stop", "YIELD": "yield"}
 
 
@@ -29,7 +32,8 @@ def read_map(path: Path, network: Any) -> HdMap:
     """The map; raises InputError if a lanelet is no line."""
     signs = {sign.traffic_sign_id: sign for sign in network.traffic_signs}
     lanelets = [one for one in network.lanelets if "crosswalk" not in _types(one)]
-    lanes = {str(one.lanelet_id): _lane(path, one, signs, _inside(network)) for one in lanelets}
+    inside = _inside(path, network)
+    lanes = {str(one.lanelet_id): _lane(path, one, signs, inside) for one in lanelets}
     if not lanes:
         raise InputError(f"{path}: expected at least one lanelet for vehicles, found crosswalks only")
     return HdMap(
@@ -44,10 +48,28 @@ def _types(lanelet: Any) -> frozenset[str]:
     return frozenset(one.value for one in lanelet.lanelet_type)
 
 
-def _inside(network: Any) -> frozenset[int]:
-    """Lanelets that intersections name as the ways through them."""
+def _inside(path: Path, network: Any) -> frozenset[int]:
+    """Lanelets that intersections name as the ways through them, and those that follow as long as they lie on others.
+
+    Intersections name the first lanelet behind each incoming one, which need not be the whole way.
+    """
+    areas = {one.lanelet_id: shapely.make_valid(shapely.Polygon(_outline(path, one))) for one in network.lanelets}
+    tree = shapely.STRtree(list(areas.values()))
+    exits = {one.lanelet_id: tuple(one.successor) for one in network.lanelets}
     incomings = [incoming for one in network.intersections for incoming in one.incomings]
-    return frozenset().union(*(one.outgoing_right | one.outgoing_straight | one.outgoing_left for one in incomings))
+    reached = set[int]().union(*(one.outgoing_right | one.outgoing_straight | one.outgoing_left for one in incomings))
+    queue = list(reached)
+    while queue:
+        for after in exits.get(queue.pop(), ()):
+            if after in areas and after not in reached and _overlaps(areas[after], tree):
+                reached.add(after)
+                queue.append(after)
+    return frozenset(reached)
+
+
+def _overlaps(area: Any, tree: shapely.STRtree) -> bool:
+    near = tree.geometries.take(tree.query(area))
+    return float(shapely.area(shapely.intersection(area, near)).sum() - area.area) > OVERLAP_M2
 
 
 def _lane(path: Path, one: Any, signs: Mapping[int, Any], inside: frozenset[int]) -> MapLane:
@@ -63,7 +85,7 @@ def _lane(path: Path, one: Any, signs: Mapping[int, Any], inside: frozenset[int]
         exits=tuple(str(id_) for id_ in one.successor),
         left_neighbour=_neighbour(one, left[0]),
         right_neighbour=_neighbour(one, right[0]),
-        speed_limit=_limit(one, signs),
+        speed_limit=_limit(path, one, signs),
         junction=one.lanelet_id in inside or "intersection" in types,
     )
 
@@ -81,16 +103,26 @@ def _neighbour(one: Any, side: str) -> str:
     return str(getattr(one, side)) if getattr(one, f"{side}_same_direction") else ""
 
 
-def _limit(one: Any, signs: Mapping[int, Any]) -> float:
+def _limit(path: Path, one: Any, signs: Mapping[int, Any]) -> float:
     """The lowest of its signs [m/s]; NaN if there is none."""
     values = [
-        float(element.additional_values[0])
+        _speed(f"{path}: trafficSign {id_}", element.additional_values[0])
         for id_ in one.traffic_signs
         if id_ in signs
         for element in signs[id_].traffic_sign_elements
         if element.traffic_sign_element_id.name == "MAX_SPEED" and element.additional_values
     ]
     return min(values, default=math.nan)
+
+
+def _speed(where: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise InputError(f"{where}: additionalValue: expected a positive speed, found {text!r}")
+    return value
 
 
 def _outline(path: Path, one: Any) -> Float:

@@ -1,7 +1,7 @@
 """INTERACTION: track tables (.csv) and a Lanelet2 map become a recording.
 
-Source: Zhan et al., INTERACTION dataset, 2019, and its documentation of the columns: 10 Hz, metres, radians, full sizes, x
-and y of the box centre; pedestrians and bicycles share a table without heading and size.
+Source: Zhan et al., INTERACTION dataset, 2019, and its documentation of the columns: 10 Hz, metres, radians, full
+sizes, x and y of the box centre; pedestrians and bicycles share a table without heading and size.
 """
 
 import csv
@@ -49,7 +49,7 @@ class _Row:
 
 
 def read_interaction(tracks: Path, osm: Path, window: Window | None = None) -> Recording:
-    """Reads a `vehicle_tracks_*.csv` with the pedestrians beside it, or the folder with one such pair; raises InputError.
+    """Reads `vehicle_tracks_*.csv` and the pedestrians beside it, or the folder with one such pair; raises InputError.
 
     `window` is start and end [s] since the first frame. All tracks are in one view; none is a connected vehicle.
     """

@@ -1,7 +1,7 @@
 """Lanelet2: OpenStreetMap XML with lanelets becomes a map.
 
-Source: Poggenhans et al., Lanelet2, ITSC 2018, and the project's documentation of its primitives and tags: a lanelet is a
-relation of a left and a right way, a regulatory element one of signs, stop lines and the lanelets that mind them.
+Source: Poggenhans et al., Lanelet2, ITSC 2018, and the project's documentation of its primitives and tags: a lanelet
+is a relation of a left and a right way, a regulatory element one of signs, stop lines and the lanelets that mind them.
 """
 
 import math
@@ -17,6 +17,7 @@ import shapely
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
 from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
+from real2sim.readers.crosswalks import gap, marked_crosswalks, outline
 from real2sim.readers.osm import Osm, Relation, Way, read_osm
 from real2sim.readers.shapes import between
 
@@ -88,7 +89,8 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
         raise InputError(f"{path}: expected at least one lanelet with the subtype road, found none")
     limits, notes = _limits(osm)
     lanes = _lanes(osm, roads, limits)
-    crosswalks = tuple(_outline(osm, one) for one in lanelets if one.subtype == "crosswalk")
+    drawn = tuple(outline(osm.line(one.left), osm.line(one.right)) for one in lanelets if one.subtype == "crosswalk")
+    crosswalks = drawn or marked_crosswalks(osm)
     stop_lines = _stop_lines(osm, lanes)
     unknown = Counter(one.subtype for one in lanelets if one.subtype not in KINDS and one.subtype != "crosswalk")
     notes += tuple(f"{count} lanelets of the subtype {name!r} passed over" for name, count in sorted(unknown.items()))
@@ -98,7 +100,7 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
 def _lanelet(osm: Osm, relation: Relation) -> _Lanelet:
     left, right = (_side(osm, relation, role) for role in ("left", "right"))
     left_line, right_line = osm.line(left), osm.line(right)
-    if _gap(left_line, right_line[::-1]) < _gap(left_line, right_line):
+    if gap(left_line, right_line[::-1]) < gap(left_line, right_line):
         right, right_line = right.turned, right_line[::-1]
     if _area(np.concatenate((right_line, left_line[::-1]))) < 0:
         left, right = left.turned, right.turned
@@ -110,11 +112,6 @@ def _side(osm: Osm, relation: Relation, role: str) -> Way:
     if len(ways) != 1:
         raise InputError(f"{osm.path}: lanelet {relation.id}: expected one way as {role}, found {len(ways)}")
     return ways[0]
-
-
-def _gap(one: Float, other: Float) -> float:
-    """How far apart two lines start and end."""
-    return float(np.hypot(*(one[[0, -1]] - other[[0, -1]]).T).sum())
 
 
 def _area(ring: Float) -> float:
@@ -177,10 +174,6 @@ def _rules(osm: Osm, *subtypes: str) -> tuple[Relation, ...]:
 def _limit(relation: Relation, limits: Mapping[str, float]) -> float:
     """The lowest of its limits [m/s]; NaN if there is none."""
     return min((limits[rule] for rule in relation.of("regulatory_element") if rule in limits), default=math.nan)
-
-
-def _outline(osm: Osm, one: _Lanelet) -> Float:
-    return np.concatenate((osm.line(one.right), osm.line(one.left)[::-1]))
 
 
 def _stop_lines(osm: Osm, lanes: Mapping[str, MapLane]) -> tuple[StopLine, ...]:
