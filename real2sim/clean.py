@@ -77,7 +77,7 @@ def _tracks(work: _Work, things: Sequence[Ego]) -> tuple[tuple[Track, ...], dict
     cavs: dict[str, str] = {}
     for thing, name in zip(things, unique_names(work.pieces, things), strict=True):
         seen = thing.seen if thing.observer else fused(work.pieces, thing.members)
-        if seen.valid.sum() < LEAST_FRAMES:
+        if seen.valid.sum() < min(LEAST_FRAMES, work.recording.frames):
             work.say(Reason.TOO_SHORT, name, int(seen.valid.sum()), f"seen in {int(seen.valid.sum())} frames only")
             continue
         for change in named_changes(work.recording, work.pieces, thing, name):
@@ -109,7 +109,7 @@ def _track(work: _Work, thing: Ego, name: str, seen: Fused) -> Track:
         work.say(Reason.LABEL, name, int(valid.sum()), said)
     if told:
         work.say(Reason.SIZE, name, int(valid.sum()), told)
-    parked = not moving
+    parked = not moving if valid.sum() > 1 else _called_parked(work.pieces, members)
     if parked:
         work.say(Reason.STATIC, name, int(valid.sum()), "by label" if _called_parked(work.pieces, members) else "")
     track = replace(track, category=category, parked=parked)
@@ -136,7 +136,8 @@ def _heading(work: _Work, thing: Ego, track: Track, seen: Fused) -> Float:
     yaws = pieces.yaw[members] if members else np.full((1, len(track.x)), np.nan)
     if track.category.kind is Kind.PEDESTRIAN:
         box = np.where(np.isfinite(seen.axis), seen.axis, np.nan)
-        work.say(Reason.HEADING, track.id, int(track.valid.sum()), "walker: from motion")
+        how = "stands, as its box" if track.parked else "from motion"
+        work.say(Reason.HEADING, track.id, int(track.valid.sum()), f"walker: {how}")
         return motion.walker_heading(course, speed, track.valid, box)
     votes = np.nan_to_num(np.cos(yaws - seen.axis)).sum(axis=0)
     heading = motion.vehicle_heading(seen.axis, votes, (course, speed, track.valid))

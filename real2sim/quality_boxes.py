@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.geometry import Bool, Float, boxes_corners, boxes_overlap
+from mdrive_sumo.state import Kind
 from real2sim.recording import Track
 
 DEFAULT_LENGTH_M, DEFAULT_WIDTH_M = 4.5, 1.8
@@ -65,7 +66,7 @@ class Contacts:
     spawn_overlaps: tuple[tuple[int, int], ...]
     """First, second: one of them appears inside the other."""
     duplicates: tuple[tuple[int, int], ...]
-    """First, second: one thing under two names."""
+    """First, second: one thing under two names. A walker who gets out of a car is none."""
     least_distance_m: float
     """Between any two boxes at any frame; infinite with less than two."""
     close_frames: int
@@ -82,11 +83,14 @@ def contacts(tracks: Sequence[Track], slack_m: float = 0.0) -> Contacts:
     a, b = (np.asarray(shapely.polygons(boxes.corners(side, frame))) for side in (first, second))
     distance = shapely.distance(a, b)
     spawn = hit & (_first_frames(boxes)[first] == frame) | hit & (_first_frames(boxes)[second] == frame)
+    shared = shapely.area(shapely.intersection(a, b)) / _smaller(a, b)
+    walker = np.array([track.category.kind is Kind.PEDESTRIAN for track in tracks], dtype=np.bool_)
+    alike = walker[first] == walker[second]
     counted = _per_pair(first[hit], second[hit])
     return Contacts(
         tuple((i, j, n) for (i, j), n in counted.items()),
         tuple(_per_pair(first[spawn], second[spawn])),
-        _duplicates(boxes, first, second, shapely.area(shapely.intersection(a, b)) / _smaller(a, b) > SAME_PLACE),
+        _duplicates(boxes, first, second, alike & (shared > SAME_PLACE)),
         float(distance.min()),
         int((distance < 1.0).sum()),
     )

@@ -1,120 +1,23 @@
-"""Cleaning against made-up logs of known truth: planted faults are repaired and told, clean logs stay as they are."""
+"""Cleaning, rule by rule, on made-up logs of known truth: clean logs stay as they are."""
 
 import time
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
-import log_faults
 import numpy as np
 import pytest
-from log_faults import DT, PLANTS, Fault, Log, alone, made, observed, truth
+from log_faults import planted, tracks_of, without
+from log_truth import DT, alone, made, observed, truth
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import wrap_angles
-from real2sim.clean import Cleaned, clean
+from real2sim.clean import clean
 from real2sim.clean_report import Reason
 from real2sim.hdmap import HdMap
 from real2sim.quality_boxes import contacts
+from real2sim.readers.v2xpnp import read_views
 from real2sim.reconstruct import reconstruct
 from real2sim.recording import Category, Recording, Track, View
-
-REASONS = {
-    "duplicate": {Reason.DUPLICATE},
-    "id flip": {Reason.ID_FLIP},
-    "jump": {Reason.TELEPORT},
-    "ego ghost": {Reason.EGO_GHOST},
-    "heading": {Reason.HEADING},
-    "gap": {Reason.GAP},
-}
-"""How the report calls what was planted."""
-ERROR_M = 0.6
-"""Position error that counts as repaired: noise and bias of one observer, doubled."""
-HEADING_RAD = 0.3
-SHARE = 0.98
-
-
-def tracks_of(tracks: Sequence[Track], thing: Track) -> list[Track]:
-    """All tracks of the result that lie on a true thing."""
-    reach = 0.4 if thing.category is Category.PEDESTRIAN else 1.0
-    found: list[Track] = []
-    for track in tracks:
-        both = track.valid & thing.valid
-        if both.any() and np.median(np.hypot(track.x - thing.x, track.y - thing.y)[both]) < reach:
-            found.append(track)
-    return found
-
-
-def repaired(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
-    """Whether exactly one track lies on the thing, near it and rightly turned in the frames of the fault."""
-    thing, frames = log.truth[fault.thing], list(fault.frames)
-    found = tracks_of(cleaned.tracks, thing)
-    if len(found) != 1:
-        return False
-    track = found[0]
-    error = np.hypot(track.x - thing.x, track.y - thing.y)
-    turned = np.abs(wrap_angles(track.yaw - thing.yaw))
-    if fault.kind == "id flip":
-        frames = [frame for frame in track.frames if abs(frame - frames[0]) < 40]
-    near = bool(track.valid[frames].all() and (error[frames] < ERROR_M).all())
-    return near and (fault.kind != "heading" or bool((turned[frames] < HEADING_RAD).all()))
-
-
-def told(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
-    """Whether the report has an entry of that reason for the track, or for the name in the source that was left out."""
-    names = {track.id for track in tracks_of(cleaned.tracks, log.truth[fault.thing])} | {log.truth[fault.thing].id}
-    return any(change.reason in REASONS[fault.kind] and change.track in names for change in cleaned.report.changes)
-
-
-def planted(log: Log, seed: int, kinds: Sequence[str] = tuple(PLANTS)) -> tuple[Log, list[Fault]]:
-    """The log with faults of all kinds, each thing with one kind only: else one may hide the other."""
-    faults: list[Fault] = []
-    for number, kind in enumerate(kinds):
-        log, more = PLANTS[kind](log, 100 * seed + number, frozenset(fault.thing for fault in faults))
-        faults += more
-    return log, faults
-
-
-def rates(logs: Sequence[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], list[Fault]]:
-    """Share of repaired faults per kind, and those nobody was told about."""
-    total, good, silent = Counter[str](), Counter[str](), list[Fault]()
-    for log, faults in logs:
-        cleaned = clean(log.recording)
-        for fault in faults:
-            total[fault.kind] += 1
-            good[fault.kind] += repaired(fault, log, cleaned)
-            if not told(fault, log, cleaned):
-                silent.append(fault)
-    return {kind: good[kind] / total[kind] for kind in total}, silent
-
-
-@pytest.mark.parametrize("kind", sorted(PLANTS))
-def test_faults_of_one_kind_are_repaired_and_told(kind: str) -> None:
-    share, silent = rates([planted(observed(truth(seed), seed), seed, [kind]) for seed in range(4)])
-    assert share[kind] >= SHARE
-    assert silent == []
-
-
-def test_all_kinds_at_once_are_repaired_and_told() -> None:
-    share, silent = rates([planted(observed(truth(seed), seed), seed) for seed in range(50, 56)])
-    assert min(share.values()) >= SHARE, share
-    assert silent == []
-
-
-@pytest.mark.parametrize("kind", ["duplicate", "id flip", "jump", "heading", "gap"])
-def test_one_observer_alone_is_repaired_too(kind: str) -> None:
-    share, silent = rates([planted(alone(truth(seed), seed), seed, [kind]) for seed in range(80, 83)])
-    assert share[kind] >= SHARE
-    assert silent == []
-
-
-@pytest.mark.slow
-def test_many_logs_with_all_faults() -> None:
-    logs = [planted(observed(truth(seed), seed), seed) for seed in range(100, 160)]
-    logs += [planted(alone(truth(seed), seed), seed, ["id flip", "jump", "heading", "gap"]) for seed in range(200, 230)]
-    share, silent = rates(logs)
-    assert min(share.values()) >= SHARE, share
-    assert silent == []
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -232,7 +135,7 @@ def test_frozen_frames_before_a_jump_are_motion() -> None:
 
 
 def test_a_long_gap_stays_and_is_told() -> None:
-    cleaned = clean(recording(log_faults.without(CAR, np.arange(40, 70))))
+    cleaned = clean(recording(without(CAR, np.arange(40, 70))))
     (track,) = cleaned.tracks
     assert not track.valid[40:70].any()
     assert [change.frames for change in cleaned.report.of(Reason.LONG_GAP)] == [30]
@@ -300,7 +203,7 @@ def test_same_name_far_apart_is_two_things() -> None:
 
 
 def test_what_is_left_out_is_listed() -> None:
-    cleaned = clean(recording(CAR, replace(log_faults.without(CAR, np.arange(2, 100)), id="x", y=np.full(100, 30.0))))
+    cleaned = clean(recording(CAR, replace(without(CAR, np.arange(2, 100)), id="x", y=np.full(100, 30.0))))
     assert [track.id for track in cleaned.tracks] == ["100"]
     assert cleaned.report.lost == {"x": "seen in 2 frames only"}
 
@@ -313,6 +216,24 @@ def test_tracks_of_another_length_are_refused() -> None:
     short = made(1, Category.CAR, (T[:50], T[:50], T[:50]))
     with pytest.raises(InputError, match="log log, observer log, track 101: expected 100 frames, found 50"):
         clean(recording(CAR, short))
+
+
+def test_fusion_of_the_real_excerpt(shared_data: Path, tmp_path: Path) -> None:
+    """Frame 0 of a real V2XPnP log: section 2.2 names the ghosts, and sizes that differ between the agents."""
+    folder = shared_data / "v2xpnp_excerpt" / "2023-03-17-16-12-12_3_0"
+    for agent in ("-1", "1", "2"):
+        (tmp_path / agent).mkdir()
+        (tmp_path / agent / "000000.yaml").symlink_to(folder / agent / "000000.yaml")
+    views = tuple(view for view, _ in read_views(tmp_path))
+    cleaned = clean(Recording("excerpt", "v2xpnp", DT, 1, views, HdMap()))
+    names = {track.id for view in views for track in view.tracks}
+    assert {track.id for track in cleaned.tracks} == names - {"7", "30"} | {"cav_1", "cav_2"}
+    ghosts = {change.track: change.detail for change in cleaned.report.of(Reason.EGO_GHOST)}
+    assert ghosts == {"cav_1": "30 of 2", "cav_2": "7 of 1"}
+    differing = {change.track: change.detail for change in cleaned.report.of(Reason.SIZE)}
+    assert "4.04 to 4.60 m" in differing["17"] and "4.55 to 5.22 m" in differing["4"]
+    cav = next(track for track in cleaned.tracks if track.id == "cav_1")
+    assert np.degrees(cav.yaw[0]) == pytest.approx(-98.2, abs=0.5)
 
 
 def test_a_large_log_is_cleaned_and_reconstructed_fast() -> None:

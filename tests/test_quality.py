@@ -215,6 +215,7 @@ def test_spawn_overlap_and_duplicates() -> None:
     assert found.spawn_overlaps == ((0, 1),)
     assert found.duplicates == ((0, 1),)
     assert contacts([CRUISE, replace(late, x=10 * T + 4.0)]).duplicates == ()
+    assert contacts([CRUISE, replace(late, category=Category.PEDESTRIAN)]).duplicates == ()
     assert contacts([CRUISE, track(10 * T + 1000)]).least_distance_m > 990
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_faults import DT, PLANTS, alone, along_bend, made, observed, truth, without
+from log_faults import PLANTS, without
+from log_truth import DT, alone, along_bend, made, observed, truth
 
 from mdrive_sumo.geometry import Float, wrap_angles
 from real2sim.clean import clean
