@@ -14,11 +14,12 @@ class ColmdriverRuleAgent:
     """Own sensors, and MCMs by which the one nearest to the conflict goes first and all others stop (protocol 10.5)."""
 
     label = "negotiation"
+    name = "colmdriver-rule"
 
     def __init__(self, config: Config) -> None:
         own = {name: value for name, value in config.items() if name == COMPAT}
-        self._compat = bool(read_options("colmdriver-rule", own, {COMPAT: Option(0, 0, 1)})[COMPAT])
-        self._habits = Habits("colmdriver-rule", {name: value for name, value in config.items() if name != COMPAT})
+        self._compat = bool(read_options(self.name, own, {COMPAT: Option(0, 0, 1)})[COMPAT])
+        self._habits = Habits(self.name, {name: value for name, value in config.items() if name != COMPAT})
 
     def negotiator(self, seed: int) -> RuleNegotiator | LlmNegotiator:  # noqa: ARG002  (a language model needs it)
         """Who settles the conflicts."""

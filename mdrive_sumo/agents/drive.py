@@ -8,6 +8,7 @@ import numpy as np
 from mdrive_sumo.agents.base import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.agents.foresight import Foresight
 from mdrive_sumo.agents.lines import Lines, lines_on
+from mdrive_sumo.agents.passing import Passing
 from mdrive_sumo.agents.planner import Barrier, Planner
 from mdrive_sumo.agents.prediction import Motion
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, SensorSpec
@@ -43,6 +44,7 @@ class Drive:
     def __init__(self, briefing: Briefing, own: OwnState, cruise: float) -> None:
         self.planner = Planner(briefing, own.yaw, cruise)
         self._foresight = Foresight(briefing, cruise)
+        self._me, self._passing = briefing, Passing(briefing)
         self._lines: Lines = lines_on(self.planner.path, briefing)
 
     def due(self, seen: Observation) -> bool:
@@ -61,10 +63,14 @@ class Drive:
 
         objects: whose motion must be guessed; announced: motions that are known; barriers: places to wait at.
         """
-        planner = self.planner
-        motions, waits = self._foresight.outlook(seen.own, objects, planner)
+        planner, path = self.planner, self.planner.path
         lines = self._lines_ahead(seen)
-        planner.update(seen.tick, seen.own.speed, [*motions, *announced], [*waits, *lines, *barriers])
+        objects, holds = self._passing.step(seen, objects, planner, [line.s for line in lines])
+        if planner.path is not path:
+            self._lines = lines_on(planner.path, self._me)
+            lines = self._lines_ahead(seen)
+        motions, waits = self._foresight.outlook(seen.own, objects, planner)
+        planner.update(seen.tick, seen.own.speed, [*motions, *announced], [*waits, *lines, *holds, *barriers])
 
     def _lines_ahead(self, seen: Observation) -> list[Barrier]:
         """Stop signs and red lights."""

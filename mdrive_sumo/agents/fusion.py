@@ -46,6 +46,7 @@ class Fusion:
         self._cams: dict[str, tuple[int, Cam]] = {}
         self._cpms: dict[str, tuple[int, Cpm]] = {}
         self._names: dict[str, str] = {}
+        self._listed: set[str] = set()
 
     def hear(self, messages: Iterable[Message]) -> tuple[Note, ...]:
         """Takes notice of what arrived; notes what could not be read."""
@@ -77,6 +78,7 @@ class Fusion:
             known = self._joined(known, _stations(tick, self._cams), own)
         for sender in self._senders(own):
             known = self._joined(known, _told(tick, sender, self._cpms[sender][1]), own)
+        self._listed.update(known.ids)
         return _renamed(known, self._names)
 
     def _senders(self, own: OwnState) -> list[str]:
@@ -100,7 +102,10 @@ class Fusion:
     def _call_same(self, mine: str, theirs: str) -> None:
         """Gives two names of one thing one meaning: the station's id, or the older of the two."""
         if theirs in self._cams:
+            self._names = {name: common for name, common in self._names.items() if common != theirs}
             self._names[mine] = theirs
+        elif theirs in self._listed and mine not in self._listed:
+            self._names[mine] = self._names.get(theirs, theirs)
         else:
             self._names.setdefault(theirs, self._names.get(mine, mine))
 
@@ -170,12 +175,12 @@ def _together(one: Objects, other: Objects) -> Objects:
 
 
 def _renamed(objects: Objects, names: dict[str, str]) -> Objects:
-    """The same under common names; of two that would have the same one, the later keeps its own."""
-    taken: set[str] = set()
+    """The same under common names; who would take another row's name keeps its own: they are two things now."""
+    taken = set(objects.ids)
     ids: list[str] = []
     for name in objects.ids:
         common = names.get(name, name)
-        ids.append(common if common not in taken else name)
+        ids.append(name if common in taken else common)
         taken.add(ids[-1])
     columns = {name: getattr(objects, name) for name in COLUMNS}
     return Objects(tuple(ids), objects.kind, **columns, free_m=objects.free_m)
