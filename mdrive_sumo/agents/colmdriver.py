@@ -16,7 +16,7 @@ class ColmdriverAgent(ColmdriverRuleAgent):
 
     def __init__(self, config: Config) -> None:
         talking = {name: value for name, value in config.items() if name not in DRIVING}
-        self._settings, self._instant = llm_options(self.name, talking)
+        self._settings, self._instant = llm_options(self.name, talking, DRIVING)
         super().__init__({name: value for name, value in config.items() if name in DRIVING})
 
     def negotiator(self, seed: int) -> LlmNegotiator:

@@ -1,13 +1,14 @@
 """`colmdriver-rule`: negotiates by rule."""
 
-from mdrive_sumo.agents.base import Config, Option, read_options
+from mdrive_sumo.agents.base import Config, Option
 from mdrive_sumo.agents.drive import Drive, Habits, without
 from mdrive_sumo.agents.fusion import Fusion
 from mdrive_sumo.agents.negotiation import LlmNegotiator, Parley, RuleNegotiator
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.v2x.messages import MCM
 
-COMPAT = "compat_ego0"
+COMPAT = {"compat_ego0": Option(0, 0, 1)}
+"""1: with the original's slip, see `RuleNegotiator`."""
 
 
 class ColmdriverRuleAgent:
@@ -17,9 +18,8 @@ class ColmdriverRuleAgent:
     name = "colmdriver-rule"
 
     def __init__(self, config: Config) -> None:
-        own = {name: value for name, value in config.items() if name == COMPAT}
-        self._compat = bool(read_options(self.name, own, {COMPAT: Option(0, 0, 1)})[COMPAT])
-        self._habits = Habits(self.name, {name: value for name, value in config.items() if name != COMPAT})
+        self._habits = Habits(self.name, config, COMPAT)
+        self._compat = bool(self._habits.numbers.get("compat_ego0", 0))
 
     def negotiator(self, seed: int) -> RuleNegotiator | LlmNegotiator:  # noqa: ARG002  (a language model needs it)
         """Who settles the conflicts."""

@@ -1,6 +1,6 @@
 """One CAV's driving, whatever it knows the others by: what `single`, `sharing` and the negotiating agents share."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -15,6 +15,7 @@ from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Senso
 from mdrive_sumo.sensing.profiles import IDEAL, LIDAR_SINGLE
 
 OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
+NO_OPTIONS: Mapping[str, Option] = MappingProxyType({})
 DETECTOR = Choice(LIDAR_SINGLE, (LIDAR_SINGLE, IDEAL))
 STOPPING = 4.0
 """[m/s2] A yellow light is minded by whoever can stop before it with this braking."""
@@ -26,9 +27,10 @@ class Habits:
     speed: at most so fast [m/s]; range: how far it sees [m]; detector: how well, see docs/sensors.md.
     """
 
-    def __init__(self, agent: str, config: Config) -> None:
-        numbers = read_options(agent, config, OPTIONS, {"detector": DETECTOR})
-        self.cruise, self.range_m = numbers["speed"], numbers["range"]
+    def __init__(self, agent: str, config: Config, more: Mapping[str, Option] = NO_OPTIONS) -> None:
+        """more: numbers that only this agent has; `numbers` holds their values. Raises InputError."""
+        self.numbers = read_options(agent, config, {**OPTIONS, **more}, {"detector": DETECTOR})
+        self.cruise, self.range_m = self.numbers["speed"], self.numbers["range"]
         self._detector = read_choice(agent, config, "detector", DETECTOR)
 
     def sensor(self, free_space: bool = False) -> SensorSpec:
