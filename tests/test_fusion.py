@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planning import FACTS, LENGTH, own, things
 
-from mdrive_sumo.agents.fusion import CAR_GATE_M, MEMORY_TICKS, Fusion, Reach
+from mdrive_sumo.agents.fusion import CAR_GATE_M, MEMORY_TICKS, Fusion, Reach, moved_on
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.geometry import wrap_angle
 from mdrive_sumo.state import DT, Kind
@@ -245,3 +245,15 @@ def test_the_order_of_messages_within_a_tick_does_not_matter(first: Rows, second
     one, other = fused(said), fused([said[i] for i in order])
     assert one.ids == other.ids
     assert np.array_equal(one.x, other.x)
+
+
+def test_what_was_said_earlier_and_comes_later_does_not_count() -> None:
+    fusion = Fusion(FACTS)
+    fusion.hear([cam("b", 20.0, tick=8), cpm("c", things((40.0, 0.0, 0.0, 0.0)), tick=8)])
+    fusion.hear([cam("b", 90.0, tick=2), cpm("c", things((90.0, 9.0, 0.0, 0.0)), tick=2)])
+    assert places(fusion.fused(8, own(), NOTHING)) == [(20.0, 0.0), (40.0, 0.0)]
+
+
+def test_own_detections_are_moved_on() -> None:
+    moved = moved_on(things((10.0, 0.0, np.pi / 2, 4.0), (5.0, 5.0, 0.3, 0.0)), 0.5)
+    assert places(moved) == [(5.0, 5.0), (10.0, 2.0)]

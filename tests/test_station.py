@@ -33,6 +33,12 @@ def test_it_tells_of_itself_and_of_what_it_sees() -> None:
     assert cpm.age.tolist() == [0, 0]
 
 
+def test_it_says_how_old_its_detections_are() -> None:
+    content = decode(sent(7, things((20.0, 3.0, 0.2, 4.0)), Station(briefing(), 80.0, latency_ticks=2))[1])
+    assert isinstance(content, Cpm)
+    assert content.age.tolist() == [2]
+
+
 def test_ten_times_a_second_whoever_asks_how_often() -> None:
     station = Station(briefing(), 80.0)
     assert [tick for tick in range(8) if sent(tick, things(), station)] == [0, 2, 4, 6]

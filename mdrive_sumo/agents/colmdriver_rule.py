@@ -38,14 +38,13 @@ class ColmdriverRuleAgent:
 
     def act(self, seen: Observation) -> Reply:
         """The plan, made anew when it is time to, and what I plan and claim for the others."""
-        assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
         planner = drive.planner
         notes = self._fusion.hear(message for message in seen.messages if message.type == MCM)
         self._parley.hear(seen)
         if drive.due(seen):
             names, motions = self._parley.announced(seen, planner)
-            objects = self._fusion.fused(seen.tick, seen.own, seen.objects)
+            objects = self._fusion.fused(seen.tick, seen.own, self._habits.current(seen))
             drive.step(seen, without(objects, names), motions, self._parley.barriers(seen, planner))
         plan = planner.plan(seen.tick)
         step = self._parley.step(seen, planner, plan.points)

@@ -7,12 +7,14 @@ import numpy as np
 
 from mdrive_sumo.agents.base import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.agents.foresight import Foresight
+from mdrive_sumo.agents.fusion import moved_on
 from mdrive_sumo.agents.lines import Lines, lines_on
 from mdrive_sumo.agents.passing import Passing
 from mdrive_sumo.agents.planner import Barrier, Planner
 from mdrive_sumo.agents.prediction import Motion
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, SensorSpec
-from mdrive_sumo.sensing.profiles import IDEAL, LIDAR_SINGLE
+from mdrive_sumo.sensing.profiles import IDEAL, LIDAR_SINGLE, PROFILES
+from mdrive_sumo.state import DT
 
 OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
 NO_OPTIONS: Mapping[str, Option] = MappingProxyType({})
@@ -38,6 +40,16 @@ class Habits:
         return SensorSpec(
             "objects", range_m=self.range_m, options={"profile": self._detector, "free_space": free_space}
         )
+
+    @property
+    def latency_ticks(self) -> int:
+        """How old what the detector tells is; its data sheet says so."""
+        return PROFILES[self._detector].latency_ticks
+
+    def current(self, seen: Observation) -> Objects:
+        """The own detections, moved on to now."""
+        assert seen.objects is not None, "the objects sensor is declared"
+        return moved_on(seen.objects, self.latency_ticks * DT) if self.latency_ticks else seen.objects
 
 
 class Drive:

@@ -6,6 +6,7 @@ measurement counts where I have one.
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -57,9 +58,9 @@ class Fusion:
             except MessageError as error:
                 notes.append(Note("unreadable", f"{message.type} from {message.sender}: {error}"))
                 continue
-            if isinstance(content, Cam):
+            if isinstance(content, Cam) and content.pose.tick >= self._last(message.sender):
                 self._cams[message.sender] = content.pose.tick, content
-            elif isinstance(content, Cpm):
+            elif isinstance(content, Cpm) and content.pose.tick >= self._cpms.get(message.sender, (-1,))[0]:
                 self._cpms[message.sender] = content.pose.tick, content
             elif isinstance(content, Mcm) and content.pose.tick > self._last(message.sender):
                 self._cams[message.sender] = content.pose.tick, Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
@@ -128,6 +129,12 @@ def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
     names = tuple(f"{sender}:{name}" for name in objects.ids)
     columns = {name: getattr(objects, name) for name in COLUMNS}
     return _moved_on(names, objects.kind, columns, ages, np.zeros(len(names)))
+
+
+def moved_on(objects: Objects, age_s: float) -> Objects:
+    """The same where they should be after that time [s], each straight on at its speed."""
+    way = objects.speed * age_s
+    return replace(objects, x=objects.x + way * np.cos(objects.yaw), y=objects.y + way * np.sin(objects.yaw))
 
 
 def _moved_on(

@@ -24,20 +24,19 @@ class SharingNegotiationAgent:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
         self._fusion = Fusion(briefing.vehicle)
-        self._station = Station(briefing, self._habits.range_m)
+        self._station = Station(briefing, self._habits.range_m, self._habits.latency_ticks)
         self._parley = Parley(briefing, RuleNegotiator(passing=True), stops=False)
         self._drive: Drive | None = None
 
     def act(self, seen: Observation) -> Reply:
         """The plan, made anew when it is time to, and what I see, plan and claim for the others."""
-        assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
         planner = drive.planner
         notes = self._fusion.hear(seen.messages)
         self._parley.hear(seen)
         if drive.due(seen):
             names, motions = self._parley.announced(seen, planner)
-            objects = self._fusion.fused(seen.tick, seen.own, seen.objects)
+            objects = self._fusion.fused(seen.tick, seen.own, self._habits.current(seen))
             drive.step(seen, without(objects, names), motions)
         plan = planner.plan(seen.tick)
         step = self._parley.step(seen, planner, plan.points)
