@@ -11,9 +11,10 @@ class SharingAgent:
     """The planner of `single`, fed by own detections fused with CAMs and CPMs of CAVs and road-side units."""
 
     label = "sharing"
+    name = "sharing"
 
     def __init__(self, config: Config) -> None:
-        self._habits = Habits("sharing", config)
+        self._habits = Habits(self.name, config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight, and how far sight is free."""
