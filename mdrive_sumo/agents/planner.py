@@ -27,6 +27,7 @@ LATERAL, BRAKING = 3.0, 2.0
 LEAST_MARGIN = Margin(0.5, 0.1)
 """Kept where the whole margin is violated already: one who stands behind another does not creep up to it."""
 HASTE = 0.05
+"""See `Task.haste`: who must wait behind somebody moves up now, not at the last moment."""
 PATIENT_TICKS = 40
 TIGHT_MARGIN = Margin(0.5, 0.1)
 """Of one who has stood for so long: two who wait close to each other must find a way past."""
