@@ -1,6 +1,7 @@
 """Shared by all tests: hypothesis profiles, material that may be absent, which skips are accepted."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,8 @@ class Guard:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # A shell ignores SIGINT for what it runs in the background, children inherit that, and then Ctrl-C tests hang.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # Workers of pytest-xdist send their reports to the process that has no workerinput.
     if not hasattr(config, "workerinput"):
         config.pluginmanager.register(Guard(), "guard")

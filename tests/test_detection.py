@@ -220,6 +220,13 @@ class TestFlaws:
         assert len(x) > 15
         assert all(seen == pytest.approx(18.0 + tick, abs=1.0) for tick, seen in x.items())
 
+    def test_latency_counts_ticks_however_seldom_one_looks(self) -> None:
+        late = sensor(profile="attfuse")
+        told = {t: late.sense(cars((20.0 + t, 0.0), tick=t), HERE) for t in range(0, 80, 4)}
+        x = {t: float(one.x[one.ids.index(name("c0"))]) for t, one in told.items() if name("c0") in one.ids}
+        assert len(x) > 5
+        assert all(seen == pytest.approx(16.0 + tick, abs=1.0) for tick, seen in x.items())
+
     @settings(max_examples=30, deadline=None)
     @given(
         distance=st.floats(0.0, 200.0),

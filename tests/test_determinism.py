@@ -13,9 +13,13 @@ COMMAND = [sys.executable, "-c", f"import {main.__module__} as cli; cli.main()"]
 SAMPLE = "*ins_chaos*"
 
 
-def evaluated(out: Path, scenario: str, *more: str) -> dict[str, str]:
+TALKING = ("sharing", "colmdriver-rule", "sharing+negotiation", "perception-swap:cobevt")
+WORN = ("--comm-loss", "0.3", "--comm-latency", "2", "--pose-error", "0.6,0.6")
+
+
+def evaluated(out: Path, scenario: str, *more: str, agent: str = "idm") -> dict[str, str]:
     """Digest by scenario id of a run through the real command line."""
-    arguments = ["eval", "--agent", "idm", "--scenario", scenario, "--out", str(out), *more]
+    arguments = ["eval", "--agent", agent, "--scenario", scenario, "--out", str(out), *more]
     subprocess.run([*COMMAND, *arguments], check=True, capture_output=True, timeout=600)
     results = json.loads((out / "results.json").read_text())
     return {row["id"]: row["digest"] for row in results["scenarios"]}
@@ -29,3 +33,31 @@ def test_worker_count_and_process_age_do_not_change_a_digest(tmp_path: Path) -> 
     for scenario, digest in used.items():
         fresh = evaluated(tmp_path / scenario, scenario, "--workers", "1")
         assert fresh == {scenario: digest}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agent", ["single", *TALKING])
+def test_loss_and_noise_are_the_same_for_any_worker_count(agent: str, tmp_path: Path) -> None:
+    sample = "i1[0-3]*"
+    one = evaluated(tmp_path / "one", sample, "--workers", "1", *WORN, agent=agent)
+    assert len(one) == 4
+    assert evaluated(tmp_path / "two", sample, "--workers", "2", *WORN, agent=agent) == one
+    verify = [*COMMAND, "verify", str(tmp_path / "two"), "--workers", "1"]
+    said = subprocess.run(verify, check=True, capture_output=True, text=True, timeout=600).stdout
+    assert said.splitlines()[-1] == "4 of 4 scenarios are identical"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agent", TALKING)
+def test_loss_changes_what_is_driven_and_another_seed_too(agent: str, tmp_path: Path) -> None:
+    ideal = evaluated(tmp_path / "ideal", "i13*", "--workers", "1", agent=agent)
+    worn = evaluated(tmp_path / "worn", "i13*", "--workers", "1", *WORN, agent=agent)
+    other = evaluated(tmp_path / "other", "i13*", "--workers", "1", *WORN, "--seed", "1", agent=agent)
+    assert ideal != worn != other != ideal
+
+
+@pytest.mark.full
+def test_the_whole_suite_is_the_same_with_loss_and_noise(tmp_path: Path) -> None:
+    one = evaluated(tmp_path / "one", "*", "--workers", "1", *WORN, agent="sharing+negotiation")
+    assert len(one) == 46
+    assert evaluated(tmp_path / "two", "*", "--workers", "2", *WORN, agent="sharing+negotiation") == one

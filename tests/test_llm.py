@@ -317,6 +317,8 @@ def test_the_key_is_sent_and_kept_nowhere(monkeypatch: pytest.MonkeyPatch) -> No
         (ModelSettings(), "option endpoint"),
         (ModelSettings(endpoint="file:///etc/passwd"), "option endpoint"),
         (ModelSettings(endpoint="http://"), "option endpoint"),
+        (ModelSettings(endpoint="http://127.0.0.1:99999/v1"), "option endpoint"),
+        (ModelSettings(endpoint="http://127.0.0.1:port/v1"), "option endpoint"),
         (ModelSettings(endpoint="https://me:sesame@h/v1"), r"found 'https://\.\.\.@h/v1'"),
         (ModelSettings(endpoint="https://h/v1?key=sesame"), "or query"),
         (ModelSettings(endpoint="http://h", api_key_env="NO_SUCH_VARIABLE_HERE"), "option api_key_env"),
@@ -351,7 +353,12 @@ def test_unusable_options(option: dict[str, Any], wrong: str) -> None:
         llm_options("colmdriver", {"endpoint": "http://h"} | option)
 
 
-@pytest.mark.parametrize("line", ["hello", "{}", "[]", '{"seed": 1, "ordinal": 0, "digest": "x"}', '{"seed": true}'])
+ENDLESS = '{"seed": 1, "ordinal": 0, "digest": "x", "answer": "y", "tokens": Infinity}'
+
+
+@pytest.mark.parametrize(
+    "line", ["hello", "{}", "[]", ENDLESS, '{"seed": 1, "ordinal": 0, "digest": "x"}', '{"seed": true}']
+)
 def test_a_file_that_is_no_transcript(tmp_path: Path, line: str) -> None:
     path = tmp_path / "t.jsonl"
     path.write_text(f"\n{line}\n")

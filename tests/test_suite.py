@@ -193,6 +193,7 @@ def test_an_agent_from_a_file_is_labelled_and_part_of_the_fingerprint(fakes: Mod
     ("options", "sentence"),
     [
         ({"agent": "nobody"}, "agent 'nobody': expected .*stationary.*found neither"),
+        ({"agent": "perception-swap:nobody"}, "agent 'perception-swap:nobody': expected .*perception-swap:cobevt"),
         ({"agent": "no_such_module:Agent"}, "no_such_module"),
         ({"agent": "missing.py:Agent"}, "missing.py: expected a Python file, found none"),
         ({"agent": "stationary", "agent_config": {"no": 1}}, "no"),

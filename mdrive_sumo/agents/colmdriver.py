@@ -12,9 +12,11 @@ DRIVING = (*OPTIONS, "detector")
 class ColmdriverAgent(ColmdriverRuleAgent):
     """As `colmdriver-rule`, but a language model speaks for each CAV and says what was agreed (protocol 10.4)."""
 
+    name = "colmdriver"
+
     def __init__(self, config: Config) -> None:
         talking = {name: value for name, value in config.items() if name not in DRIVING}
-        self._settings, self._instant = llm_options("colmdriver", talking)
+        self._settings, self._instant = llm_options(self.name, talking, DRIVING)
         super().__init__({name: value for name, value in config.items() if name in DRIVING})
 
     def negotiator(self, seed: int) -> LlmNegotiator:

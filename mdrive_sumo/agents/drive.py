@@ -1,19 +1,23 @@
 """One CAV's driving, whatever it knows the others by: what `single`, `sharing` and the negotiating agents share."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 
 from mdrive_sumo.agents.base import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.agents.foresight import Foresight
+from mdrive_sumo.agents.fusion import moved_on
 from mdrive_sumo.agents.lines import Lines, lines_on
+from mdrive_sumo.agents.passing import Passing
 from mdrive_sumo.agents.planner import Barrier, Planner
 from mdrive_sumo.agents.prediction import Motion
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, SensorSpec
-from mdrive_sumo.sensing.profiles import IDEAL, LIDAR_SINGLE
+from mdrive_sumo.sensing.profiles import IDEAL, LIDAR_SINGLE, PROFILES
+from mdrive_sumo.state import DT
 
 OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
+NO_OPTIONS: Mapping[str, Option] = MappingProxyType({})
 DETECTOR = Choice(LIDAR_SINGLE, (LIDAR_SINGLE, IDEAL))
 STOPPING = 4.0
 """[m/s2] A yellow light is minded by whoever can stop before it with this braking."""
@@ -25,9 +29,10 @@ class Habits:
     speed: at most so fast [m/s]; range: how far it sees [m]; detector: how well, see docs/sensors.md.
     """
 
-    def __init__(self, agent: str, config: Config) -> None:
-        numbers = read_options(agent, config, OPTIONS, {"detector": DETECTOR})
-        self.cruise, self.range_m = numbers["speed"], numbers["range"]
+    def __init__(self, agent: str, config: Config, more: Mapping[str, Option] = NO_OPTIONS) -> None:
+        """more: numbers that only this agent has; `numbers` holds their values. Raises InputError."""
+        self.numbers = read_options(agent, config, {**OPTIONS, **more}, {"detector": DETECTOR})
+        self.cruise, self.range_m = self.numbers["speed"], self.numbers["range"]
         self._detector = read_choice(agent, config, "detector", DETECTOR)
 
     def sensor(self, free_space: bool = False) -> SensorSpec:
@@ -36,6 +41,16 @@ class Habits:
             "objects", range_m=self.range_m, options={"profile": self._detector, "free_space": free_space}
         )
 
+    @property
+    def latency_ticks(self) -> int:
+        """How old what the detector tells is; its data sheet says so."""
+        return PROFILES[self._detector].latency_ticks
+
+    def current(self, seen: Observation) -> Objects:
+        """The own detections, moved on to now."""
+        assert seen.objects is not None, "the objects sensor is declared"
+        return moved_on(seen.objects, self.latency_ticks * DT) if self.latency_ticks else seen.objects
+
 
 class Drive:
     """The planner with its lines and its expectations of others."""
@@ -43,6 +58,7 @@ class Drive:
     def __init__(self, briefing: Briefing, own: OwnState, cruise: float) -> None:
         self.planner = Planner(briefing, own.yaw, cruise)
         self._foresight = Foresight(briefing, cruise)
+        self._me, self._passing = briefing, Passing(briefing)
         self._lines: Lines = lines_on(self.planner.path, briefing)
 
     def due(self, seen: Observation) -> bool:
@@ -61,10 +77,14 @@ class Drive:
 
         objects: whose motion must be guessed; announced: motions that are known; barriers: places to wait at.
         """
-        planner = self.planner
-        motions, waits = self._foresight.outlook(seen.own, objects, planner)
+        planner, path = self.planner, self.planner.path
         lines = self._lines_ahead(seen)
-        planner.update(seen.tick, seen.own.speed, [*motions, *announced], [*waits, *lines, *barriers])
+        objects, holds = self._passing.step(seen, objects, planner, [line.s for line in lines])
+        if planner.path is not path:
+            self._lines = lines_on(planner.path, self._me)
+            lines = self._lines_ahead(seen)
+        motions, waits = self._foresight.outlook(seen.own, objects, planner)
+        planner.update(seen.tick, seen.own.speed, [*motions, *announced], [*waits, *lines, *holds, *barriers])
 
     def _lines_ahead(self, seen: Observation) -> list[Barrier]:
         """Stop signs and red lights."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from mdrive_sumo.agents import yielding
-from mdrive_sumo.agents.path import Path
+from mdrive_sumo.agents.path import SPACING_M, Path
 from mdrive_sumo.agents.planner import CHECK_TICKS, Barrier, Planner
 from mdrive_sumo.agents.prediction import (
     FORESIGHT_S,
@@ -30,9 +30,13 @@ PATIENCE_S = (2.0, 8.0)
 drivers would wait for each other for ever."""
 BOLD_S = 3.0
 CROSSING_MARGIN_M = 2.0
+"""Waits so far before the place that both would use, at the least."""
 TURNING_ROOM_M = 6.0
 """Room for one who turns towards me where I expected him to go straight on."""
 HARD_BRAKING = 4.0
+"""[m/s2] As hard as the planner can brake."""
+BEYOND_STOP_M = 0.5
+"""A wait begins no nearer than this behind where the car could stop."""
 SAME_WAY = math.radians(45)
 SEEN_ROWS = int((TIMES <= FORESIGHT_S).sum())
 
@@ -74,7 +78,7 @@ class Foresight:
         """One who is on my path now."""
         speed = float(objects.speed[row])
         here = path.project(float(objects.x[row]), float(objects.y[row]), s + yielding.LOOK_M / 2, yielding.LOOK_M)
-        way = float(np.interp(here, np.arange(len(path.xy)) * 0.25, path.yaw))
+        way = float(np.interp(here, np.arange(len(path.xy)) * SPACING_M, path.yaw))
         if abs(speed) > STANDING_SPEED and abs(wrap_angle(float(objects.yaw[row]) - way)) < SAME_WAY:
             return _motion(objects, row, along_path(path, here, giving_way(speed)), stands=True)
         return _motion(objects, row, on_circle(objects, row, giving_way(speed), 0.0), stands=True)
@@ -96,17 +100,14 @@ def _before(crossing: yielding.Crossing, me: yielding.Mover, s: float) -> list[B
     stop_m = me.speed**2 / (2 * HARD_BRAKING)
     if crossing.first - CROSSING_MARGIN_M < stop_m:
         return []
-    gap = max(crossing.first - TURNING_ROOM_M, min(stop_m + 0.5, crossing.first - CROSSING_MARGIN_M))
+    gap = max(crossing.first - TURNING_ROOM_M, min(stop_m + BEYOND_STOP_M, crossing.first - CROSSING_MARGIN_M))
     return [Barrier(s + gap, crossing.leaves_s)]
 
 
 def _merging(objects: Objects, row: int, curvature: float) -> Motion:
     """One before me whose way comes into mine."""
     speed = float(objects.speed[row])
-    soonest, latest = steady(speed), hesitating(speed)
-    middle = on_circle(objects, row, (soonest + latest) / 2, curvature)[:SEEN_ROWS]
-    length = float(objects.length[row]) + (soonest - latest)[:SEEN_ROWS]
-    return Motion(middle, length, float(objects.width[row]))
+    return _between(objects, row, (hesitating(speed), steady(speed)), curvature)
 
 
 def _crossing(objects: Objects, row: int, curvature: float, first: bool) -> Motion:
@@ -116,9 +117,14 @@ def _crossing(objects: Objects, row: int, curvature: float, first: bool) -> Moti
         return _motion(objects, row, on_circle(objects, row, giving_way(speed), curvature), stands=True)
     if objects.kind[row] == Kind.STATIC:
         return _motion(objects, row, on_circle(objects, row, steady(0.0), 0.0), stands=True)
-    soonest, latest = going(speed, top_speed(objects, row)), hesitating(speed)
-    middle = on_circle(objects, row, (soonest + latest) / 2, curvature)[:SEEN_ROWS]
-    length = float(objects.length[row]) + (soonest - latest)[:SEEN_ROWS]
+    return _between(objects, row, (hesitating(speed), going(speed, top_speed(objects, row))), curvature)
+
+
+def _between(objects: Objects, row: int, ways: tuple[Float, Float], curvature: float) -> Motion:
+    """One who will have travelled something between the two ways (T,) [m]: its box covers them all."""
+    least, most = ways
+    middle = on_circle(objects, row, (most + least) / 2, curvature)[:SEEN_ROWS]
+    length = float(objects.length[row]) + (most - least)[:SEEN_ROWS]
     return Motion(middle, length, float(objects.width[row]))
 
 

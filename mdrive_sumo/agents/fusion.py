@@ -6,6 +6,7 @@ measurement counts where I have one.
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -46,6 +47,7 @@ class Fusion:
         self._cams: dict[str, tuple[int, Cam]] = {}
         self._cpms: dict[str, tuple[int, Cpm]] = {}
         self._names: dict[str, str] = {}
+        self._listed: set[str] = set()
 
     def hear(self, messages: Iterable[Message]) -> tuple[Note, ...]:
         """Takes notice of what arrived; notes what could not be read."""
@@ -56,9 +58,9 @@ class Fusion:
             except MessageError as error:
                 notes.append(Note("unreadable", f"{message.type} from {message.sender}: {error}"))
                 continue
-            if isinstance(content, Cam):
+            if isinstance(content, Cam) and content.pose.tick >= self._last(message.sender):
                 self._cams[message.sender] = content.pose.tick, content
-            elif isinstance(content, Cpm):
+            elif isinstance(content, Cpm) and content.pose.tick >= self._cpms.get(message.sender, (-1,))[0]:
                 self._cpms[message.sender] = content.pose.tick, content
             elif isinstance(content, Mcm) and content.pose.tick > self._last(message.sender):
                 self._cams[message.sender] = content.pose.tick, Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
@@ -77,6 +79,7 @@ class Fusion:
             known = self._joined(known, _stations(tick, self._cams), own)
         for sender in self._senders(own):
             known = self._joined(known, _told(tick, sender, self._cpms[sender][1]), own)
+        self._listed.update(known.ids)
         return _renamed(known, self._names)
 
     def _senders(self, own: OwnState) -> list[str]:
@@ -100,7 +103,10 @@ class Fusion:
     def _call_same(self, mine: str, theirs: str) -> None:
         """Gives two names of one thing one meaning: the station's id, or the older of the two."""
         if theirs in self._cams:
+            self._names = {name: common for name, common in self._names.items() if common != theirs}
             self._names[mine] = theirs
+        elif theirs in self._listed and mine not in self._listed:
+            self._names[mine] = self._names.get(theirs, theirs)
         else:
             self._names.setdefault(theirs, self._names.get(mine, mine))
 
@@ -123,6 +129,12 @@ def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
     names = tuple(f"{sender}:{name}" for name in objects.ids)
     columns = {name: getattr(objects, name) for name in COLUMNS}
     return _moved_on(names, objects.kind, columns, ages, np.zeros(len(names)))
+
+
+def moved_on(objects: Objects, age_s: float) -> Objects:
+    """The same where they should be after that time [s], each straight on at its speed."""
+    way = objects.speed * age_s
+    return replace(objects, x=objects.x + way * np.cos(objects.yaw), y=objects.y + way * np.sin(objects.yaw))
 
 
 def _moved_on(
@@ -170,12 +182,12 @@ def _together(one: Objects, other: Objects) -> Objects:
 
 
 def _renamed(objects: Objects, names: dict[str, str]) -> Objects:
-    """The same under common names; of two that would have the same one, the later keeps its own."""
-    taken: set[str] = set()
+    """The same under common names; who would take another row's name keeps its own: they are two things now."""
+    taken = set(objects.ids)
     ids: list[str] = []
     for name in objects.ids:
         common = names.get(name, name)
-        ids.append(common if common not in taken else name)
+        ids.append(name if common in taken else common)
         taken.add(ids[-1])
     columns = {name: getattr(objects, name) for name in COLUMNS}
     return Objects(tuple(ids), objects.kind, **columns, free_m=objects.free_m)

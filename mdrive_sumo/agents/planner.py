@@ -27,6 +27,7 @@ LATERAL, BRAKING = 3.0, 2.0
 LEAST_MARGIN = Margin(0.5, 0.1)
 """Kept where the whole margin is violated already: one who stands behind another does not creep up to it."""
 HASTE = 0.05
+"""See `Task.haste`: who must wait behind somebody moves up now, not at the last moment."""
 PATIENT_TICKS = 40
 TIGHT_MARGIN = Margin(0.5, 0.1)
 """Of one who has stood for so long: two who wait close to each other must find a way past."""
@@ -52,12 +53,23 @@ class Planner:
     def __init__(self, briefing: Briefing, start_yaw: float, cruise: float) -> None:
         self._me = briefing
         self.path: Path = make_path(briefing.route_xy, briefing.vehicle.rear_to_centre, start_yaw)
-        stations = np.linspace(0.0, self.path.length, len(self.path.xy))
-        legal = np.interp(stations, briefing.route_s, briefing.route_speed_limit)
-        self._speeds = np.minimum(curve_speeds(self.path, cruise, LATERAL, BRAKING), legal)
+        self._cruise = cruise
+        self._speeds = self._allowed()
         self._profile: Profile | None = None
         self._made_tick = self._moved_tick = 0
         self.s = 0.0
+
+    def _allowed(self) -> Float:
+        """(M,) [m/s] at the points of the path: what is legal and comfortable."""
+        stations = np.linspace(0.0, self.path.length, len(self.path.xy))
+        legal = np.interp(stations, self._me.route_s, self._me.route_speed_limit)
+        return np.minimum(curve_speeds(self.path, self._cruise, LATERAL, BRAKING), legal)
+
+    def divert(self, path: Path) -> None:
+        """Goes on along another path, which begins as the present one does."""
+        x, y = self.path.points(np.array((self.s,)))[0].tolist()
+        self.path, self.s = path, path.project(x, y, self.s)
+        self._speeds, self._profile = self._allowed(), None
 
     def follow(self, tick: int, own: OwnState) -> None:
         """Takes notice of the measured state."""

@@ -22,12 +22,14 @@ GOING = 2.0
 GOING_SPEED = 8.0
 """Who goes first speeds up by so much [m/s2] to that [m/s]."""
 HESITATING, HESITATION_S = 1.0, 1.5
+"""... or slows down by so much [m/s2] for so long."""
 REACTION_S = 0.3
 GIVING_WAY = 3.0
 """[m/s2] How hard somebody is expected to brake who has to let me go first."""
 WALKING_SPEED = 3.0
 """[m/s] Who is on foot does not speed up beyond this."""
 STANDING_SPEED = 0.2
+"""[m/s] Who is slower stands."""
 SHARPEST_TURN = math.pi / 2
 
 

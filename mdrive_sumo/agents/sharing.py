@@ -11,9 +11,10 @@ class SharingAgent:
     """The planner of `single`, fed by own detections fused with CAMs and CPMs of CAVs and road-side units."""
 
     label = "sharing"
+    name = "sharing"
 
     def __init__(self, config: Config) -> None:
-        self._habits = Habits("sharing", config)
+        self._habits = Habits(self.name, config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight, and how far sight is free."""
@@ -23,14 +24,13 @@ class SharingAgent:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
         self._fusion = Fusion(briefing.vehicle)
-        self._station = Station(briefing, self._habits.range_m)
+        self._station = Station(briefing, self._habits.range_m, self._habits.latency_ticks)
         self._drive: Drive | None = None
 
     def act(self, seen: Observation) -> Reply:
         """The plan as it is, made anew when it is time to, and what I see for the others."""
-        assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
         notes = self._fusion.hear(seen.messages)
         if drive.due(seen):
-            drive.step(seen, self._fusion.fused(seen.tick, seen.own, seen.objects))
+            drive.step(seen, self._fusion.fused(seen.tick, seen.own, self._habits.current(seen)))
         return Reply(plan=drive.planner.plan(seen.tick), messages=self._station.messages(seen), notes=notes)

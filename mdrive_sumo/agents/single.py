@@ -24,8 +24,7 @@ class SingleAgent:
 
     def act(self, seen: Observation) -> Reply:
         """The plan as it is, made anew when it is time to."""
-        assert seen.objects is not None, "the objects sensor is declared"
         drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
         if drive.due(seen):
-            drive.step(seen, seen.objects)
+            drive.step(seen, self._habits.current(seen))
         return Reply(plan=drive.planner.plan(seen.tick))

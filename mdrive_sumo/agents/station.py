@@ -13,8 +13,9 @@ INTERVAL_TICKS = TICKS_PER_SECOND // 10
 class Station:
     """The sending half of perception sharing."""
 
-    def __init__(self, briefing: Briefing, range_m: float) -> None:
-        self._vehicle, self._range = briefing.vehicle, range_m
+    def __init__(self, briefing: Briefing, range_m: float, latency_ticks: int = 0) -> None:
+        """latency_ticks: how old what the own detector tells is."""
+        self._vehicle, self._range, self._latency = briefing.vehicle, range_m, latency_ticks
         self._due_tick = 0
 
     def messages(self, seen: Observation) -> tuple[Message, ...]:
@@ -27,7 +28,7 @@ class Station:
         size = self._vehicle.length, self._vehicle.width
         cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size)
         objects = _sendable(seen.objects, own.x, own.y)
-        cpm = Cpm(pose, self._range, objects, age=np.zeros(len(objects.ids), dtype=np.uint8))
+        cpm = Cpm(pose, self._range, objects, age=np.full(len(objects.ids), self._latency, dtype=np.uint8))
         return encode(cam), encode(cpm)
 
 

@@ -9,6 +9,7 @@ from mdrive_sumo.observation.senses import Surrounds
 from mdrive_sumo.scenario.spec import RoadsideUnit
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.sensing.detection import ObjectsSensor
+from mdrive_sumo.sensing.profiles import PROFILES
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
 from mdrive_sumo.v2x.messages import MAX_OBJECTS, Cpm, Pose, encode
 
@@ -47,5 +48,5 @@ def _sensor(unit: RoadsideUnit, common: Surrounds) -> ObjectsSensor:
 def _told(unit: RoadsideUnit, sensor: ObjectsSensor, scene: Scene) -> Message:
     seen = sensor.sense(scene, Eye(unit.x, unit.y, 0.0, None))
     seen = seen.picked(slice(MAX_OBJECTS))  # the nearest
-    age = np.zeros(len(seen.ids), dtype=np.uint8)
+    age = np.full(len(seen.ids), PROFILES[unit.profile].latency_ticks, dtype=np.uint8)
     return encode(Cpm(Pose(unit.x, unit.y, 0.0, scene.tick), unit.range_m, seen, age, roadside=True))

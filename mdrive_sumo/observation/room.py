@@ -49,10 +49,12 @@ def _surface(roads: RoadMap) -> _Surface:
     """Lanes wider by `SEAM_M` on either side, and junctions without what belongs to pedestrians in them."""
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
     lanes = shapely.buffer(lines, roads.lane_width / 2 + SEAM_M)
-    junctions = [shapely.buffer(shapely.Polygon(outline), SEAM_M) for outline in roads.junctions]
     feet = shapely.STRtree([shapely.make_valid(shapely.Polygon(outline)) for outline in roads.pavements])
-    for i, junction in enumerate(junctions):
-        walked = feet.geometries[feet.query(junction, predicate="intersects")]
-        junctions[i] = shapely.difference(junction, shapely.union_all(walked)) if len(walked) else junction
+    junctions = [_without(shapely.buffer(shapely.Polygon(outline), SEAM_M), feet) for outline in roads.junctions]
     pieces = np.array([*lanes, *junctions], dtype=object)
     return _Surface(pieces, shapely.STRtree(pieces))
+
+
+def _without(junction: shapely.Geometry, feet: shapely.STRtree) -> shapely.Geometry:
+    walked = feet.geometries[feet.query(junction, predicate="intersects")]
+    return shapely.difference(junction, shapely.union_all(walked)) if len(walked) else junction

@@ -58,6 +58,11 @@ def infraction_counts(results: Results) -> Counter[str]:
     )
 
 
+def note_counts(results: Results) -> Counter[str]:
+    """How many notes of each kind agents made, most frequent first: fallbacks of a language model, for instance."""
+    return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
+
+
 def _sorted(names: Iterable[str]) -> Counter[str]:
     counts = Counter(names)
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
@@ -79,10 +84,12 @@ def score_rows(results: Results, captured: Captured | None = None) -> tuple[Row,
 def summary_table(results: Results, captured: Captured | None = None) -> str:
     """What a run ends with: scores per bucket and overall, how CAVs ended, infractions, void scenarios."""
     run = results.run
+    notes = note_counts(results)
     facts = (
         ("outcomes", _listed(outcome_counts(results))),
         ("infractions", _listed(infraction_counts(results))),
         ("void", str(results.void)),
+        *((("notes", _listed(notes)),) if notes else ()),
     )
     return "\n".join(
         (

@@ -45,14 +45,14 @@ class ObjectsSensor:
         self._exact = self._profile is PROFILES[IDEAL]
         self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
         self._names: dict[str, str] = {}
-        self._told: deque[Objects] = deque(maxlen=self._profile.latency_ticks + 1)
+        self._told: deque[tuple[int, Objects]] = deque(maxlen=self._profile.latency_ticks + 1)
 
     def sense(self, scene: Scene, eye: Eye) -> Objects:
-        """What was seen `latency_ticks` calls ago; before, nothing is seen, nor known to be free."""
-        self._told.append(self._seen(scene, eye))
-        if len(self._told) <= self._profile.latency_ticks:
-            return replace(NOTHING, free_m=np.zeros(self._sectors))
-        return self._told[0]
+        """The newest look that is `latency_ticks` old or older; before, nothing is seen, nor known to be free."""
+        self._told.append((scene.tick, self._seen(scene, eye)))
+        due_tick = scene.tick - self._profile.latency_ticks
+        ready = [seen for tick, seen in self._told if tick <= due_tick]
+        return ready[-1] if ready else replace(NOTHING, free_m=np.zeros(self._sectors))
 
     def _seen(self, scene: Scene, eye: Eye) -> Objects:
         view = View(eye, scene, walls_of(self._roads), self._range_m)

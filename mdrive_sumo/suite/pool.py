@@ -98,7 +98,8 @@ class Pool(Generic[J, R]):
     def _start(self) -> _Worker[J]:
         context = get_context("spawn")
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self._function), name="mdrive-sumo worker")
+        # A daemon: should a second Ctrl-C come before `__exit__` holds it back, the interpreter still ends the worker.
+        process = context.Process(target=_serve, args=(theirs, self._function), name="mdrive-sumo worker", daemon=True)
         with _without_interrupts():  # the child inherits it, until it has left our process group
             process.start()
         theirs.close()

@@ -101,7 +101,9 @@ def recording(run_folder: Path, scenario: str) -> Path:
 def _labels(settings: Settings) -> tuple[str, ...]:
     """What the agent calls itself, and "privileged" if it declares that sensor; one is made to find out."""
     agent = settings.agent
-    if agent not in AGENTS and ":" not in agent:
+    family = agent.partition(":")[0]
+    ours = any(name.startswith(f"{family}:") for name in AGENTS)  # perception-swap:WHAT is no module
+    if agent not in AGENTS and (":" not in agent or ours):
         raise InputError(f"agent {agent!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
     driver = open_driver(located(agent), settings.agent_config, LIMITS)
     try:

@@ -73,7 +73,7 @@ async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: 
             return response.status_code, bytes(body)
     except TimeoutError:
         raise ModelError("timeout", f"no answer within {timeout_s:g} s") from None
-    except (httpx.HTTPError, httpx.InvalidURL, UnicodeError, OSError) as error:
+    except (httpx.HTTPError, httpx.InvalidURL, UnicodeError, OSError, OverflowError, ExceptionGroup) as error:
         raise ModelError("connection", type(error).__name__) from None
 
 

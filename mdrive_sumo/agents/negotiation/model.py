@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 from mdrive_sumo.agents.negotiation.endpoint import Answer, ModelError, asked
 from mdrive_sumo.agents.negotiation.transcript import Transcript, check_transcript, exchange_line
@@ -49,7 +50,7 @@ def check_settings(settings: ModelSettings) -> ModelSettings:
     if settings.transcript:
         check_transcript(Path(settings.transcript))
         return settings
-    if not re.fullmatch(r"https?://[^/\s@?#]+(/[^\s@?#]*)?", settings.endpoint):
+    if not _is_address(settings.endpoint):
         raise InputError(  # it is recorded as all options are, so it must not carry a key
             "language model: option endpoint: expected the URL of an OpenAI-compatible service without user, password,"
             f" or query, or option transcript, found {re.sub('//.*@', '//...@', settings.endpoint)!r:.60}"
@@ -151,3 +152,11 @@ def _corrected(answer: str, error: str) -> list[dict[str, str]]:
         {"role": "assistant", "content": answer[:500] or "(nothing)"},
         {"role": "user", "content": f"That cannot be used: {error}. Answer again, in the form asked for."},
     ]
+
+
+def _is_address(endpoint: str) -> bool:
+    """Whether it is a web address without user, password or query, and its port, if one is given, is one."""
+    try:
+        return bool(re.fullmatch(r"https?://[^/\s@?#]+(/[^\s@?#]*)?", endpoint)) and urlsplit(endpoint).port != 0
+    except ValueError:
+        return False

@@ -23,11 +23,11 @@ NUMBERS: Mapping[str, Option] = {
 ROUNDS = ("channel", "instant")
 
 
-def llm_options(agent: str, config: Config) -> tuple[ModelSettings, bool]:
+def llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -> tuple[ModelSettings, bool]:
     """(settings of the model, whether rounds are instant); raises InputError for anything that makes no sense."""
     unknown = sorted(set(config) - set(TEXTS) - set(NUMBERS))
     if unknown:
-        known = ", ".join(sorted((*TEXTS, *NUMBERS)))
+        known = ", ".join(sorted((*TEXTS, *NUMBERS, *others)))
         raise InputError(f"agent {agent}: expected options among ({known}), found {unknown[0]!r}")
     texts = {name: _text(agent, name, config.get(name, default)) for name, default in TEXTS.items()}
     numbers = read_options(agent, {name: config[name] for name in NUMBERS if name in config}, NUMBERS)

@@ -10,6 +10,7 @@ from mdrive_sumo.agents.negotiation.llm import LlmNegotiator
 from mdrive_sumo.agents.negotiation.roster import motion_of
 from mdrive_sumo.agents.negotiation.rule import RuleNegotiator
 from mdrive_sumo.agents.negotiation.types import Decision, Member, Step
+from mdrive_sumo.agents.overlap import Margin
 from mdrive_sumo.agents.path import SPACING_M
 from mdrive_sumo.agents.planner import Barrier, Planner
 from mdrive_sumo.agents.prediction import TIMES, Motion, giving_way
@@ -23,7 +24,11 @@ AHEAD_M = 30.0
 SAME_WAY_COS = 0.7
 LEAD_M = 20.0
 LANE_M = 1.5
+"""Who is so near to my way, and at most so far ahead on it, leads me if he goes in my direction."""
 TRUST_ROWS = int((TIMES <= 2.0).sum())
+TRUST = Margin(0.6, 0.25)
+"""Who has promised to let me go first is minded for two seconds, and kept clear of by so much less than others:
+else both would wait for each other."""
 
 
 class Parley:
@@ -60,7 +65,7 @@ class Parley:
         if name not in decision.yield_to and _behind(seen.own, poses):
             return None
         if name in decision.priority_over:
-            return Motion(poses[:TRUST_ROWS], size[0] - 1.2, size[1] - 0.5)
+            return Motion(poses[:TRUST_ROWS], size[0] - 2 * TRUST.along, size[1] - 2 * TRUST.across)
         if self._leads(poses, planner):
             return Motion(_braking(poses, mcm.speed), *size, stands=True)
         return Motion(poses, *size)

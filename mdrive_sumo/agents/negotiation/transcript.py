@@ -80,7 +80,10 @@ def _entry(path: Path, number: int, line: str) -> tuple[int, int, str, Answer | 
             return seed, ordinal, digest, _again(str(kind), str(text))
         if not isinstance(entry["answer"], str):
             raise TypeError
-        return seed, ordinal, digest, Answer(entry["answer"], int(entry.get("tokens", 0)))
+        tokens = entry.get("tokens", 0)
+        if type(tokens) is not int or tokens < 0:
+            raise TypeError
+        return seed, ordinal, digest, Answer(entry["answer"], tokens)
     except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(
             f"transcript {path}: line {number}: expected an exchange with {', '.join(FIELDS)}, found {line!r:.60}"
