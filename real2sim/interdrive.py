@@ -12,7 +12,8 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.scenario.statistics import statistics
 from real2sim.conversion_report import ConversionReport, LeftOut, OffLane, Point, Shift, write_report
 from real2sim.dense import route_of, start_pose

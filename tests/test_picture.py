@@ -10,7 +10,8 @@ from matplotlib.image import imread
 from mdrive_sumo.report.picture import BUILDING, COLOURS, draw_scenario
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Scenario
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 
 
 def scenario(start: str) -> Scenario:

@@ -16,9 +16,13 @@ from mdrive_sumo.errors import InputError, WorldError
 from mdrive_sumo.geometry import boxes_corners, boxes_overlap, wrap_angle
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import net_checksum
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, Scenario
-from mdrive_sumo.state import DT, Actors, EgoState
-from mdrive_sumo.sumo import HELD_TICKS, SumoWorld, angle_to_sumo, front_bumper, yaws_from_sumo
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
+from mdrive_sumo.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.sumo.frames import angle_to_sumo, front_bumper, yaws_from_sumo
+from mdrive_sumo.sumo.traffic import HELD_TICKS
 
 SIZE = (4.9, 2.0)
 NODES = """<nodes>
@@ -87,10 +91,10 @@ def standing(roads: RoadMap, ego: EgoState, *vehicles: BackgroundVehicle, ticks:
     """Ticks with an overlap while the ego stands, and the actors at the end."""
     overlaps = 0
     with SumoWorld(scenario(*vehicles), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego})
+        around = world.start({"e": ego}, no_actors())
         for _ in range(ticks):
             overlaps += overlap(ego, around.actors)
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
     return overlaps, around.actors
 
 
@@ -108,7 +112,7 @@ def test_sumo_says_ninety_degrees_for_east_and_the_nose_for_the_position() -> No
 
 def test_background_poses_are_box_centres(roads: RoadMap) -> None:
     with SumoWorld(scenario(car("bg", pos=20.0, speed=0.0)), roads, {"e": SIZE}, seed=1) as world:
-        actors = world.start({"e": EgoState(0, 100, 0, 0)}).actors
+        actors = world.start({"e": EgoState(0, 100, 0, 0)}, no_actors()).actors
     assert actors.ids == ("bg",)
     assert actors.yaw[0] == pytest.approx(0.0, abs=1e-6)
     assert actors.y[0] == pytest.approx(-4.8, abs=0.01)
@@ -120,10 +124,10 @@ def test_background_poses_are_box_centres(roads: RoadMap) -> None:
 def test_a_follower_stops_behind_a_standing_ego(roads: RoadMap, action_step_s: float) -> None:
     ego, overlaps = EgoState(-60.0, -4.8, 0.0, 0.0), 0
     with SumoWorld(scenario(car("bg"), action_step_s=action_step_s), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego})
+        around = world.start({"e": ego}, no_actors())
         for _ in range(300):
             overlaps += overlap(ego, around.actors)
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
     assert overlaps == 0
     # SUMO lets it pass on the free lane in the end, or it stands behind: either way it has reacted
 
@@ -132,14 +136,14 @@ def test_a_follower_keeps_its_distance_to_a_slow_ego(roads: RoadMap) -> None:
     overlaps, seen = 0, []
     with SumoWorld(scenario(car("bg", edges=("c", "d"))), roads, {"e": SIZE}, seed=1) as world:
         y = -115.0
-        around = world.start({"e": EgoState(1.6, y, math.pi / 2, 4.0)})
+        around = world.start({"e": EgoState(1.6, y, math.pi / 2, 4.0)}, no_actors())
         lane_x = float(around.actors.x[0])
         for _ in range(400):
             ego = EgoState(lane_x, y, math.pi / 2, 4.0)
             overlaps += overlap(ego, around.actors)
             seen.append(float(around.actors.speed[0]))
             y += 4.0 * DT
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
     assert overlaps == 0
     assert seen[0] > 10.0
     assert seen[-1] == pytest.approx(4.0, abs=0.7)
@@ -183,21 +187,24 @@ def test_crossing_traffic_yields_to_an_ego_that_stands_in_the_junction(roads: Ro
 def test_ghosts_and_egos_are_never_actors_and_leave_with_their_ego(roads: RoadMap) -> None:
     ego = EgoState(-60.0, -3.2, 0.0, 0.0)
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego})
+        around = world.start({"e": ego}, no_actors())
         for _ in range(200):
             assert around.actors.ids == ("bg",)
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
         assert around.actors.speed[0] < 5.0
         for _ in range(100):
-            around = world.advance({}, ())
+            around = world.advance({}, no_actors(), ())
         assert around.actors.speed[0] > 5.0
 
 
 def test_a_struck_vehicle_is_held_for_two_seconds(roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
-        before = world.start(away).actors
-        speeds = [float(world.advance(away, ("bg",) if i == 0 else ()).actors.speed[0]) for i in range(HELD_TICKS + 20)]
+        before = world.start(away, no_actors()).actors
+        speeds = [
+            float(world.advance(away, no_actors(), ("bg",) if i == 0 else ()).actors.speed[0])
+            for i in range(HELD_TICKS + 20)
+        ]
     assert before.speed[0] > 11.0
     assert max(speeds[:HELD_TICKS]) == 0.0
     assert speeds[-1] > 0.5
@@ -209,9 +216,9 @@ def test_an_ego_survives_off_road_backwards_and_at_the_end_of_the_net(roads: Roa
     path += [EgoState(-60.0, -4.8, 0.0, 0.0)] * 200
     overlaps = 0
     with SumoWorld(scenario(car("late", pos=10.0)), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": path[0]})
+        around = world.start({"e": path[0]}, no_actors())
         for ego in path:
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
         overlaps = overlap(path[-1], around.actors)
     assert not overlaps
 
@@ -219,11 +226,11 @@ def test_an_ego_survives_off_road_backwards_and_at_the_end_of_the_net(roads: Roa
 def test_frozen_green_and_programs(lit_roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(), lit_roads, {"e": SIZE}, seed=1) as world:
-        states = {frozenset(world.start(away).signals.values())}
-        states |= {frozenset(world.advance(away, ()).signals.values()) for _ in range(1000)}
+        states = {frozenset(world.start(away, no_actors()).signals.values())}
+        states |= {frozenset(world.advance(away, no_actors(), ()).signals.values()) for _ in range(1000)}
     assert all(set(state) == {"g"} for group in states for state in group)
     with SumoWorld(scenario(signals="program"), lit_roads, {"e": SIZE}, seed=1) as world:
-        shown = [world.advance(away, ()).signals["x"] for _ in range(1000)]
+        shown = [world.advance(away, no_actors(), ()).signals["x"] for _ in range(1000)]
     assert any("r" in state for state in shown)
     assert len(set(shown)) > 2
 
@@ -233,9 +240,9 @@ def test_the_same_seed_gives_the_same_traffic(roads: RoadMap) -> None:
 
     def run(seed: int) -> list[float]:
         with SumoWorld(scenario(*cars), roads, {"e": SIZE}, seed=seed) as world:
-            around = world.start({"e": EgoState(-20.0, -4.8, 0.0, 0.0)})
+            around = world.start({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, no_actors())
             for _ in range(200):
-                around = world.advance({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, ())
+                around = world.advance({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, no_actors(), ())
             return [*around.actors.x, *around.actors.y]
 
     assert run(3) == run(3)
@@ -249,7 +256,7 @@ def test_a_second_simulation_is_refused_and_a_closed_one_is_forgotten(roads: Roa
     ):
         SumoWorld(scenario(), roads, {"e": SIZE}, seed=1).__enter__()
     with SumoWorld(scenario(), roads, {"e": SIZE}, seed=1) as world:
-        world.start({"e": EgoState(0, 120, 0, 0)})
+        world.start({"e": EgoState(0, 120, 0, 0)}, no_actors())
 
 
 def test_background_on_roads_that_do_not_exist_is_the_files_fault(roads: RoadMap) -> None:

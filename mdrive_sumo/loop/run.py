@@ -17,7 +17,7 @@ from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.sensing.scene import Scene
-from mdrive_sumo.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind
+from mdrive_sumo.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind, no_actors
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.v2x.settings import PRESETS, Comm
 
@@ -42,12 +42,12 @@ class Surroundings(Protocol):
 class World(Protocol):
     """What the loop needs of a simulator; `sumo.SumoWorld` is one, a fake in the tests another."""
 
-    def start(self, egos: Mapping[str, EgoState]) -> Surroundings:
-        """Places the egos; what surrounds them in frame 0."""
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+        """Places the egos and scripted road users; what else surrounds them in frame 0."""
         ...
 
-    def advance(self, egos: Mapping[str, EgoState], struck: Collection[str]) -> Surroundings:
-        """Moves the egos to their new places (whoever is not named leaves) and everything else by one tick."""
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
+        """Moves both to their new places (whoever is not named leaves) and everything else by one tick."""
         ...
 
 
@@ -98,7 +98,7 @@ class _Run:
         self._limit = criteria.time_limit_ticks(scenario)
         self._courses = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
         self._trials = {ego.id: criteria.Trial() for ego in scenario.egos}
-        self._bodies = {e.id: dynamics.at_rest(e.start.x, e.start.y, e.start.yaw) for e in scenario.egos}
+        self._bodies = {e.id: dynamics.rolling(e.start.x, e.start.y, e.start.yaw, e.start_speed) for e in scenario.egos}
         self._vehicles = dict.fromkeys(self._bodies, VEHICLE)
         self._walls = contact.walls(building.outline for building in setting.roads.buildings)
         self._followers: dict[tuple[str, str], control.Controller] = {}
@@ -143,7 +143,7 @@ class _Run:
     def first_frame(self, world: World) -> Frame:
         """Every CAV at rest on its start."""
         states = {ego: dynamics.ego_state(body) for ego, body in self._bodies.items()}
-        around = world.start(states)
+        around = world.start(states, no_actors())
         return Frame(0, states, around.actors, around.signals)
 
     def judge(self, frame: Frame) -> None:
@@ -213,7 +213,7 @@ class _Run:
         """Moves the CAVs, lets the world move everything else, and lets nothing pass through anything."""
         before = {ego: self._bodies[ego] for ego in self.living}
         after = {ego: dynamics.step(body, self._controls[ego], VEHICLE) for ego, body in before.items()}
-        around = world.advance(_states(after), self._struck(frame))
+        around = world.advance(_states(after), no_actors(), self._struck(frame))
         obstacles = contact.obstacles(frame.actors, around.actors)
         settled, contacts = contact.settle(before, after, self._vehicles, obstacles, self._walls)
         self._bodies |= after if self._setting.pass_through else settled

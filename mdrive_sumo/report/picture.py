@@ -17,7 +17,8 @@ from shapely.geometry.base import BaseGeometry
 from mdrive_sumo.dynamics import MKZ_2017
 from mdrive_sumo.geometry import Float, box_corners, polyline
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.spec import BackgroundVehicle, Ego, Scenario
+from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.scenario.traffic import BackgroundVehicle
 
 COLOURS = ("#e4572e", "#2e86de", "#12a67c", "#9b5de5", "#f2a104", "#d6336c", "#0fa3b1", "#7a5230")
 """One colour a CAV, in the order of the scenario; they repeat after eight."""
