@@ -76,6 +76,8 @@ class CategoryFacts:
     """Least and most CAVs (protocol 14.1: 2 to 6 by category)."""
     paper: Figures | None
     """None: the paper lists no scenarios of it."""
+    crops: tuple[str, ...] = ()
+    """Networks on which templates stage it; any other that offers what it needs serves too."""
 
 
 _ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)
@@ -89,6 +91,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.CORRIDOR,), multi_lane=True),
         (3, 6),
         Figures(10, 4.7, 88.8, 6.5, 3.4),
+        ("avenue",),
     ),
     Category.CONSTRUCTION: CategoryFacts(
         "Construction Zone",
@@ -96,6 +99,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.INTERSECTION,), multi_lane=True),
         (3, 6),
         Figures(10, 4.6, 95.5, 6.4, 7.1),
+        ("market_crossing", "wide_crossing"),
     ),
     Category.HIGHWAY_MERGE: CategoryFacts(
         "Highway On-Ramp Merge",
@@ -103,6 +107,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
         (3, 6),
         Figures(10, 4.6, 121.3, 18.5, 0.0),
+        ("expressway", "freeway"),
     ),
     Category.LANE_CHANGE: CategoryFacts(
         "Interactive Lane Change",
@@ -110,6 +115,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.HIGHWAY,), multi_lane=True),
         (3, 6),
         Figures(10, 4.2, 100.9, 43.5, 0.0),
+        ("expressway", "lane_drop", "motorway", "ramp_merge"),
     ),
     Category.DEADLOCK: CategoryFacts(
         "Intersection Deadlock Resolution",
@@ -117,6 +123,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.INTERSECTION,)),
         (4, 6),
         Figures(10, 4.7, 94.5, 89.7, 0.0),
+        ("old_town", "quiet_crossing", "school_crossing", "town_crossing"),
     ),
     Category.MAJOR_MINOR: CategoryFacts(
         "Major / Minor Unsignalized Entry",
@@ -124,6 +131,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.T_JUNCTION,)),
         (3, 5),
         Figures(10, 4.0, 71.4, 34.0, 0.6),
+        ("factory_gate", "minor_road", "side_street"),
     ),
     Category.OVERTAKING: CategoryFacts(
         "Overtaking on Two-Lane Road",
@@ -131,6 +139,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
         (2, 5),
         Figures(10, 3.7, 63.0, 0.2, 2.1),
+        ("country_road", "village_street"),
     ),
     Category.CROSSWALK: CategoryFacts(
         "Pedestrian Crosswalk",
@@ -138,6 +147,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.INTERSECTION,)),
         (3, 5),
         Figures(10, 3.8, 92.5, 9.5, 2.7),
+        ("market_crossing", "school_crossing"),
     ),
     Category.ROUNDABOUT: CategoryFacts(
         "Roundabout Navigation",
@@ -145,6 +155,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.ROUNDABOUT,)),
         (3, 5),
         Figures(10, 4.0, 112.1, 296.3, 0.0),
+        ("large_roundabout", "roundabout"),
     ),
     Category.UNPROTECTED_LEFT: CategoryFacts(
         "Unprotected Left Turn",
@@ -152,6 +163,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.INTERSECTION,), oncoming=True),
         (4, 6),
         Figures(10, 5.1, 95.9, 40.2, 0.3),
+        ("market_crossing", "quiet_crossing", "wide_crossing"),
     ),
     Category.LANE_DROP: CategoryFacts(
         "Lane Drop / Alternating Merge",
@@ -159,5 +171,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.HIGHWAY,), multi_lane=True, merge=True),
         (3, 6),
         None,
+        ("lane_drop",),
     ),
 }

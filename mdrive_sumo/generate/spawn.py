@@ -23,6 +23,11 @@ BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] of `constant-speed` (protocol 14.2)."""
 RUN_UP_M = (22.0, 46.0)
 """Distance from start to conflict of the first CAV; the original asks for 28 m before a junction on average."""
+LEAST_RUN_UP_M = 12.0
+CORRIDOR_M = (45.0, 70.0)
+"""Where CAVs start on roads without a junction, so that there is room for a queue behind and things ahead."""
+BESIDE_M = (-8.0, 8.0)
+"""How far ahead of a CAV one in the next lane starts."""
 APART_S = 0.5
 """How much earlier or later than another one a CAV may reach their conflict."""
 GAP_M = (7.0, 14.0)
@@ -46,9 +51,8 @@ class Line:
 @lru_cache(maxsize=4096)
 def line_of(roads: RoadMap, way: Way, change_share: float) -> Line:
     """The whole way; a lane change begins at that share of the lane that it leaves."""
-    first, last = roads.lanes[way.lanes[0]], roads.lanes[way.lanes[-1]]
-    route = route_along(roads, way.lanes, 0.0, last.centre.length, _changes(roads, way, change_share))
-    del first
+    goal_s = roads.lanes[way.lanes[-1]].centre.length
+    route = route_along(roads, way.lanes, 0.0, goal_s, _changes(roads, way, change_share))
     return Line(route.xy, 0.0)
 
 
@@ -121,22 +125,24 @@ def spawns(
 def _start(
     name: str, starts: Mapping[str, float], lines: Mapping[str, Line], ways: Mapping[str, Way], rng: random.Random
 ) -> float | None:
-    ahead = [other for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
+    """Behind who starts on the same lane, beside who starts on the same road, else so as to meet somebody."""
+    ahead = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
     if ahead:
-        return min(starts[other] for other in ahead) - rng.uniform(*GAP_M)
-    for other in starts:
-        met = meeting(lines[name], lines[other])
-        if met is None:
-            continue
-        time = blind_time(met[1] - starts[other]) + rng.uniform(-APART_S, APART_S)
-        if met[1] > starts[other] and time > 0:
-            return met[0] - blind_distance(time)
-    beside = [other for other in starts if ways[other].entry == ways[name].entry]
+        return min(ahead) - rng.uniform(*GAP_M)
+    beside = [starts[other] for other in starts if ways[other].entry == ways[name].entry]
     if beside:
-        return starts[beside[0]] + rng.uniform(-8.0, 8.0)
-    meetings = [met[0] for other in lines if other != name and (met := meeting(lines[name], lines[other])) is not None]
-    reach = rng.uniform(*RUN_UP_M)
-    return max(min(meetings) - reach, RIM_M) if meetings else None
+        return beside[0] + rng.uniform(*BESIDE_M)
+    met = {other: found for other in lines if other != name and (found := meeting(lines[name], lines[other]))}
+    first = min((found[0] for found in met.values()), default=None)
+    for other, start in starts.items():
+        if other in met and met[other][1] > start:
+            time = blind_time(met[other][1] - start) + rng.uniform(-APART_S, APART_S)
+            found = met[other][0] - blind_distance(time)
+            if first is not None and RIM_M <= found <= first - LEAST_RUN_UP_M:
+                return found
+    if first is not None:
+        return max(first - rng.uniform(*RUN_UP_M), RIM_M)
+    return rng.uniform(*CORRIDOR_M)
 
 
 def ego_of(roads: RoadMap, name: str, way: Way, spawn: Spawn, change_share: float) -> Ego:

@@ -1,4 +1,4 @@
-"""Templates: our own proposer. One function a category samples a proposal that keeps the rules; needs no language model."""
+"""Templates: our own proposer. A function a category samples proposals that keep the rules; no language model."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
