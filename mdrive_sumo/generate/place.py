@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
-from mdrive_sumo.generate.spawn import BLIND_SPEED, BLIND_ACCELERATION
+from mdrive_sumo.generate.spawn import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import Actor, AlongPath, DistanceTrigger, KindName, Motion, StartMotion, Trigger
 from mdrive_sumo.scenario.part import Pose
