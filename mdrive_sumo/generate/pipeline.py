@@ -1,0 +1,115 @@
+"""The pipeline: from a proposal to a scenario that is legal, feasible, difficult and new; every stage says why not.
+
+proposal -> rules -> crop -> ways -> spawns -> actors -> soundness -> difficulty -> feasibility -> duplicates
+"""
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.generate.assign import assign
+from mdrive_sumo.generate.category import CATEGORIES
+from mdrive_sumo.generate.crops import crops_for
+from mdrive_sumo.generate.duplicates import duplicate_of
+from mdrive_sumo.generate.place import actors_of
+from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.generate.rules import problems
+from mdrive_sumo.generate.screening import Screened, screen
+from mdrive_sumo.generate.spawn import ego_of, line_of, spawns
+from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.weather import WeatherName
+from mdrive_sumo.soundness import check_scenario
+
+BUCKET = "Interaction"
+ROUTE_M = 100.0
+"""Length of routes where the paper lists none."""
+
+
+class Stage(StrEnum):
+    """Stages in their order."""
+
+    RULES = "rules"
+    CROP = "crop"
+    WAYS = "ways"
+    SPAWNS = "spawns"
+    ACTORS = "actors"
+    SOUNDNESS = "soundness"
+    DIFFICULTY = "difficulty"
+    FEASIBILITY = "feasibility"
+    DUPLICATES = "duplicates"
+
+
+class Rejected(Exception):
+    """A stage refused; `args` are its name and the reason."""
+
+    def __init__(self, stage: Stage, reason: str) -> None:
+        super().__init__(stage, reason)
+        self.stage, self.reason = stage, reason
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a scenario is made from: the same recipe makes the same scenario, byte for byte."""
+
+    id: str
+    seed: str
+    proposal: Proposal
+    weather: WeatherName = "default"
+
+
+def built(recipe: Recipe) -> Scenario:
+    """Stages up to soundness; raises Rejected."""
+    proposal, rng = recipe.proposal, random.Random(recipe.seed)
+    if wrong := problems(proposal):
+        raise Rejected(Stage.RULES, "; ".join(wrong))
+    roads = _crop(proposal, rng)
+    ways = assign(proposal, roads, rng)
+    if ways is None:
+        raise Rejected(Stage.WAYS, f"network {roads.name}: expected ways that keep all relations, found none")
+    share = rng.uniform(0.25, 0.6)
+    lines = {name: line_of(roads, way, share) for name, way in ways.items()}
+    figures = CATEGORIES[proposal.category].paper
+    placed = spawns(proposal, lines, ways, figures.route_m if figures else ROUTE_M, rng)
+    if isinstance(placed, str):
+        raise Rejected(Stage.SPAWNS, f"network {roads.name}: {placed}")
+    try:
+        egos = {name: ego_of(roads, str(i), ways[name], placed[name], share) for i, name in enumerate(ways)}
+        scenario = Scenario(
+            id=recipe.id,
+            bucket=BUCKET,
+            category=proposal.category,
+            network=roads.name,
+            description=proposal.description,
+            egos=tuple(egos.values()),
+            actors=actors_of(proposal.actors, egos, roads, rng),
+            weather=recipe.weather,
+        )
+        check_scenario(scenario, roads)
+    except InputError as error:
+        raise Rejected(Stage.SOUNDNESS, str(error)) from None
+    return scenario
+
+
+def _crop(proposal: Proposal, rng: random.Random) -> RoadMap:
+    try:
+        return rng.choice(crops_for(proposal, CATEGORIES[proposal.category].crops))
+    except InputError as error:
+        raise Rejected(Stage.CROP, str(error)) from None
+
+
+def screened(scenario: Scenario, accepted: Sequence[Scenario]) -> Screened:
+    """Stages after soundness; raises Rejected."""
+    if (twin := duplicate_of(scenario, accepted)) is not None:
+        raise Rejected(Stage.DUPLICATES, f"expected something new, found a duplicate of {twin.id}")
+    found = screen(scenario, load(network_folder(scenario.network)))
+    if not found.difficult:
+        ttc = "none" if found.blind_ttc_s is None else f"{found.blind_ttc_s:.2f} s"
+        raise Rejected(Stage.DIFFICULTY, f"expected a blind TTC below 0.9 s, found {ttc}")
+    if not found.feasible:
+        raise Rejected(Stage.FEASIBILITY, f"expected omniscient to reach DS 100, found {found.omniscient_ds:.2f}")
+    return found
+
+
