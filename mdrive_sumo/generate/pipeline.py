@@ -72,7 +72,7 @@ def built(recipe: Recipe) -> Scenario:
     share = rng.uniform(0.25, 0.6)
     lines = {name: line_of(roads, way, share) for name, way in ways.items()}
     figures = CATEGORIES[proposal.category].paper
-    placed = spawns(proposal, lines, ways, figures.route_m if figures else ROUTE_M, rng)
+    placed = spawns(lines, ways, figures.route_m if figures else ROUTE_M, rng)
     if isinstance(placed, str):
         raise Rejected(Stage.SPAWNS, f"network {roads.name}: {placed}")
     try:
@@ -111,5 +111,3 @@ def screened(scenario: Scenario, accepted: Sequence[Scenario]) -> Screened:
     if not found.feasible:
         raise Rejected(Stage.FEASIBILITY, f"expected omniscient to reach DS 100, found {found.omniscient_ds:.2f}")
     return found
-
-

@@ -5,14 +5,13 @@ Every CAV starts from rest and, driven blindly, reaches the conflict with anothe
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import shapely
 
-from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.ways import Way
 from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import RoadMap, route_along
@@ -21,13 +20,16 @@ from mdrive_sumo.scenario.spec import Ego
 
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] of `constant-speed` (protocol 14.2)."""
-RUN_UP_M = (22.0, 46.0)
+RUN_UP_M = (14.0, 56.0)
 """Distance from start to conflict of the first CAV; the original asks for 28 m before a junction on average."""
 LEAST_RUN_UP_M = 12.0
 CORRIDOR_M = (45.0, 70.0)
 """Where CAVs start on roads without a junction, so that there is room for a queue behind and things ahead."""
-BESIDE_M = (-8.0, 8.0)
+BESIDE_M = (-5.0, 5.0)
 """How far ahead of a CAV one in the next lane starts."""
+DRAWS = 30
+TOGETHER_S = 0.5
+"""CAVs that reach their conflict within this meet there."""
 APART_S = 0.5
 """How much earlier or later than another one a CAV may reach their conflict."""
 GAP_M = (7.0, 14.0)
@@ -40,7 +42,7 @@ MEETING_M = 1.6
 """Ways that come so near to each other conflict there."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Line:
     """A way as a line: points every metre (N, 2) [m], and where it begins on its first lane [m]."""
 
@@ -62,6 +64,7 @@ def _changes(roads: RoadMap, way: Way, share: float) -> dict[int, float]:
     return {way.change_at: share * roads.lanes[way.lanes[way.change_at]].centre.length}
 
 
+@lru_cache(maxsize=4096)
 def meeting(one: Line, other: Line) -> tuple[float, float] | None:
     """Stations [m] at which two ways first come together after having been apart; None: they never do."""
     near = shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M
@@ -97,34 +100,58 @@ class Spawn:
     goal: float
 
 
-def spawns(
-    proposal: Proposal, lines: Mapping[str, Line], ways: Mapping[str, Way], route_m: float, rng: random.Random
-) -> dict[str, Spawn] | str:
-    """Start and goal of every CAV, routes about `route_m` long; or the reason why there is no room."""
-    starts: dict[str, float] = {}
-    last_conflict = dict.fromkeys(ways, 0.0)
-    for name in (ego.vehicle_id for ego in proposal.ego_vehicles):
-        start = _start(name, starts, lines, ways, rng)
-        length = len(lines[name].xy) - 1
-        if start is None or not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
-            where = "none" if start is None else f"{start:.0f} m of {length:.0f} m"
-            return f"{name}: expected room for its start on its way, found {where}"
+Lines = Mapping[str, Line]
+Ways = Mapping[str, Way]
+Starts = dict[str, float]
+"""Station of the start [m] by vehicle id."""
+
+
+def spawns(lines: Lines, ways: Ways, route_m: float, rng: random.Random) -> dict[str, Spawn] | str:
+    """Start and goal of every CAV, routes about `route_m` long; or the reason why there is no room.
+
+    The best of some draws: the one in which most pairs of CAVs meet.
+    """
+    draws = [_starts(lines, ways, rng) for _ in range(DRAWS)]
+    found = [draw for draw in draws if not isinstance(draw, str)]
+    if not found:
+        return next(draw for draw in draws if isinstance(draw, str))
+    starts = max(found, key=lambda draw: _encounters(draw, lines))
+    last = {name: max((met[0] for _, met in _met(name, lines)), default=0.0) for name in starts}
+    rims = {name: len(lines[name].xy) - 1 - RIM_M for name in starts}
+    goals = {
+        name: min(max(start + route_m * rng.uniform(0.9, 1.1), last[name] + RUN_OUT_M), rims[name])
+        for name, start in starts.items()
+    }
+    return {name: Spawn(start, goals[name]) for name, start in starts.items()}
+
+
+def _starts(lines: Lines, ways: Ways, rng: random.Random) -> Starts | str:
+    starts: Starts = {}
+    for name in ways:
+        start, length = _start(name, starts, lines, ways, rng), len(lines[name].xy) - 1
+        if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
+            return f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m"
         starts[name] = start
-        for other in list(starts):
-            if other != name and (met := meeting(lines[name], lines[other])) is not None:
-                last_conflict[name] = max(last_conflict[name], met[0])
-                last_conflict[other] = max(last_conflict[other], met[1])
-    found: dict[str, Spawn] = {}
-    for name, start in starts.items():
-        rim = len(lines[name].xy) - 1 - RIM_M
-        wanted = max(start + route_m * rng.uniform(0.9, 1.1), last_conflict[name] + RUN_OUT_M)
-        found[name] = Spawn(start, min(wanted, rim))
-    return found
+    return starts
 
 
-def _start(
-    name: str, starts: Mapping[str, float], lines: Mapping[str, Line], ways: Mapping[str, Way], rng: random.Random
-) -> float | None:
+def _met(name: str, lines: Lines) -> Iterator[tuple[str, tuple[float, float]]]:
+    for other in lines:
+        if other != name and (met := meeting(lines[name], lines[other])) is not None:
+            yield other, met
+
+
+def _encounters(starts: Starts, lines: Lines) -> int:
+    """Pairs of CAVs that blind driving brings together."""
+    return sum(
+        min(met[0] - starts[name], met[1] - starts[other]) > 0
+        and abs(blind_time(met[0] - starts[name]) - blind_time(met[1] - starts[other])) < TOGETHER_S
+        for name in starts
+        for other, met in _met(name, lines)
+    )
+
+
+def _start(name: str, starts: Starts, lines: Lines, ways: Ways, rng: random.Random) -> float:
     """Behind who starts on the same lane, beside who starts on the same road, else so as to meet somebody."""
     ahead = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
     if ahead:
@@ -132,17 +159,17 @@ def _start(
     beside = [starts[other] for other in starts if ways[other].entry == ways[name].entry]
     if beside:
         return beside[0] + rng.uniform(*BESIDE_M)
-    met = {other: found for other in lines if other != name and (found := meeting(lines[name], lines[other]))}
-    first = min((found[0] for found in met.values()), default=None)
+    met = dict(_met(name, lines))
+    if not met:
+        return rng.uniform(*CORRIDOR_M)
+    first = min(found[0] for found in met.values())
     for other, start in starts.items():
         if other in met and met[other][1] > start:
             time = blind_time(met[other][1] - start) + rng.uniform(-APART_S, APART_S)
             found = met[other][0] - blind_distance(time)
-            if first is not None and RIM_M <= found <= first - LEAST_RUN_UP_M:
+            if RIM_M <= found <= first - LEAST_RUN_UP_M:
                 return found
-    if first is not None:
-        return max(first - rng.uniform(*RUN_UP_M), RIM_M)
-    return rng.uniform(*CORRIDOR_M)
+    return max(first - rng.uniform(*RUN_UP_M), RIM_M)
 
 
 def ego_of(roads: RoadMap, name: str, way: Way, spawn: Spawn, change_share: float) -> Ego:

@@ -135,11 +135,11 @@ def _lane_drop(rng: random.Random) -> Draft:
 
 def _lane_change(rng: random.Random) -> Draft:
     count = _count(rng, 4.2)
-    side, back = rng.choice((("left_lane_of", "right_lane_of"), ("right_lane_of", "left_lane_of")))
-    egos = [_ego(1, "lane_change"), _ego(2, "lane_change"), _ego(3, rng.choice(("lane_change", "straight")))]
-    relations = [_relation(2, side, 1), _relation(1, "merges_into_lane_of", 2), _relation(3, back, 2)]
-    del relations[1 if rng.random() < 0.5 else 3 :]
-    queue = _queue(4, count, (1, 2, 3), rng)
+    side = rng.choice(("left_lane_of", "right_lane_of"))
+    swap = rng.random() < 0.6
+    egos = [_ego(1, "lane_change"), _ego(2, "lane_change" if swap else "straight")]
+    relations = [_relation(2, side, 1)] + ([] if swap else [_relation(1, "merges_into_lane_of", 2)])
+    queue = _queue(3, count, (1, 2), rng)
     return {
         "ego_vehicles": _like(egos, queue, count),
         "vehicle_constraints": relations + queue,
