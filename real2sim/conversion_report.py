@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,17 +11,19 @@ from real2sim.towns import Town
 
 REPORT_JSON = "conversion.json"
 REPORT_MARKDOWN = "conversion.md"
+NETWORKS_JSON = "networks.json"
+NETWORKS_MARKDOWN = "networks.md"
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A waypoint of a route file: `waypoint` 0 is the start. Coordinates are CARLA's."""
+    """A waypoint of a CAV: `waypoint` 0 is the start. Coordinates [m] are the map's: CARLA's with y flipped."""
 
     scenario: str
     ego: str
     waypoint: int
-    x_carla: float
-    y_carla: float
+    x: float
+    y: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,8 @@ class ConversionReport:
     left_out: tuple[LeftOut, ...]
     off_lane_threshold_m: float
     off_lane: tuple[OffLane, ...]
+    scenario_notes: Mapping[str, tuple[str, ...]]
+    """By id of the scenario: what its files hold that was passed over, changed or guessed."""
 
     @property
     def starts_off_lane(self) -> int:
@@ -80,13 +84,24 @@ def write_report(report: ConversionReport, folder: Path) -> None:
     (folder / REPORT_MARKDOWN).write_text(_markdown(report))
 
 
+def write_networks_report(networks: Sequence[Town], folder: Path) -> None:
+    """Writes `networks.json` and `networks.md`: where networks come from, their signs, the error of their offset."""
+    data = {"format": "mdrive-sumo/networks/1", "networks": [_plain_town(town) for town in networks]}
+    (folder / NETWORKS_JSON).write_text(json.dumps(data, indent=1) + "\n")
+    (folder / NETWORKS_MARKDOWN).write_text("# Networks from OpenDRIVE\n\n" + _town_table(networks) + "\n")
+
+
 def _plain(report: ConversionReport) -> dict[str, object]:
-    data = asdict(report)
-    for town in data["towns"]:
-        del town["folder"]
-        town["offset_error_m"] = None if math.isnan(town["offset_error_m"]) else round(town["offset_error_m"], 5)
-        town["offset_m"] = town.pop("offset")
-    return {"format": "mdrive-sumo/conversion/1", **data}
+    towns = [_plain_town(town) for town in report.towns]
+    return {"format": "mdrive-sumo/conversion/1", **asdict(report), "towns": towns}
+
+
+def _plain_town(town: Town) -> dict[str, object]:
+    data = asdict(town)
+    del data["folder"]
+    data["offset_error_m"] = None if math.isnan(town.offset_error_m) else round(town.offset_error_m, 5)
+    data["offset_m"] = data.pop("offset")
+    return data
 
 
 def _markdown(report: ConversionReport) -> str:
@@ -98,10 +113,7 @@ def _markdown(report: ConversionReport) -> str:
         f" change {numbers.mean_heading_change_deg:.2f} deg (over CAVs).",
         *report.notes,
         "## Towns",
-        _table(
-            ("town", "made from", "offset [m]", "offset error [m]", "stop signs"),
-            map(_town_row, report.towns),
-        ),
+        _town_table(report.towns),
         "## Starts moved apart",
         _table(
             ("scenario", "CAV", "forward [m]"),
@@ -109,7 +121,7 @@ def _markdown(report: ConversionReport) -> str:
         ),
         "## Waypoints left out",
         _table(
-            ("scenario", "CAV", "waypoint", "CARLA x, y", "nearest lane", "distance [m]", "why"),
+            ("scenario", "CAV", "waypoint", "x, y [m]", "nearest lane", "distance [m]", "why"),
             (
                 (*_where(out.point), out.nearest_lane, f"{out.nearest_lane_distance_m:.2f}", out.reason)
                 for out in report.left_out
@@ -121,7 +133,7 @@ def _markdown(report: ConversionReport) -> str:
                 "scenario",
                 "CAV",
                 "waypoint",
-                "CARLA x, y",
+                "x, y [m]",
                 "lane",
                 "distance [m]",
                 "nearest lane",
@@ -129,15 +141,25 @@ def _markdown(report: ConversionReport) -> str:
             ),
             map(_off_lane_row, sorted(report.off_lane, key=lambda off: -off.distance_m)),
         ),
+        "## Notes",
+        _table(
+            ("scenario", "note"),
+            ((id_, note) for id_, notes in report.scenario_notes.items() for note in notes),
+        ),
     )
     return "\n\n".join(sections) + "\n"
+
+
+def _town_table(towns: Sequence[Town]) -> str:
+    return _table(("network", "made from", "offset [m]", "offset error [m]", "stop signs"), map(_town_row, towns))
 
 
 def _town_row(town: Town) -> tuple[str, ...]:
     error = "not measured" if math.isnan(town.offset_error_m) else f"{town.offset_error_m:.4f}"
     signs = "signs unknown" if town.stop_signs is None else str(town.stop_signs)
     unplaced = f" (no lane found for {', '.join(town.unplaced_signs)})" if town.unplaced_signs else ""
-    return town.name, town.source, f"{town.offset[0]:g}, {town.offset[1]:g}", error, signs + unplaced
+    mended = f" (mended: {'; '.join(town.repairs)})" if town.repairs else ""
+    return town.name, town.source + mended, f"{town.offset[0]:g}, {town.offset[1]:g}", error, signs + unplaced
 
 
 def _off_lane_row(off: OffLane) -> tuple[str, ...]:
@@ -146,7 +168,7 @@ def _off_lane_row(off: OffLane) -> tuple[str, ...]:
 
 
 def _where(point: Point) -> tuple[str, ...]:
-    return point.scenario, point.ego, str(point.waypoint), f"{point.x_carla:g}, {point.y_carla:g}"
+    return point.scenario, point.ego, str(point.waypoint), f"{point.x:g}, {point.y:g}"
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

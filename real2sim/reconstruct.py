@@ -1,7 +1,8 @@
 """Reconstruction: cleaned tracks become smooth, dynamically plausible trajectories that stay close to them.
 
-Position: least squares with a penalty on jerk, as soft as every frame allows (`smoothing`). Standing is exactly so,
-vehicles do not roll back. Heading of vehicles: that of a car whose rear axle follows (`HITCH`), so it can neither flip
+Position: least squares with a soft penalty on jerk (`smoothing`); what is not plausible then becomes the nearest
+trajectory of bounded jerk and acceleration (`bounded`). Standing is exactly so, vehicles do not roll back.
+Heading of vehicles: that of a car whose rear axle follows (`HITCH`), so it can neither flip
 nor slide; a box seen turning lags the course of its centre by just that.
 """
 
@@ -12,31 +13,27 @@ import numpy as np
 
 from mdrive_sumo.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.state import Kind
+from real2sim.bounded import Bounds, bounded
 from real2sim.quality_motion import WINDOW, accelerations, jerks, runs
 from real2sim.recording import Track
 from real2sim.smoothing import smoothed
 
 SOFT = 0.3
-"""Penalty of jerk to begin with: it cuts motion faster than 2 Hz, which no road user has."""
+"""Penalty of jerk: it cuts motion faster than 2 Hz, which no road user has."""
 CALM = 100.0
 """Penalty that leaves motion slower than 0.7 Hz: where something was, apart from noise."""
-JERK_P95, JERK_LOCAL, JERK_MAX = 4.7, 4.2, 15.0
-"""[m/s³] Penalties grow where jerk exceeds the second, until the others hold. Fidelity asks for 5 (95th percentile)."""
-ACCELERATION_MAX, ACCELERATION_LOCAL = 5.8, 5.0
-"""[m/s²] The same; fidelity asks for 6."""
-SWEEPS = 40
-BENT = 0.01
-"""Penalty of acceleration where it is first exceeded."""
+JERK_P95, JERK_MAX, ACCELERATION_MAX = 4.7, 15.0, 5.8
+"""[m/s³], [m/s²] A trajectory that exceeds one is rough. Fidelity asks for 5 (95th percentile) and 6."""
+JERK_BOUND, ACCELERATION_BOUND = 4.6, 5.7
+"""[m/s³], [m/s²] What rough ones are bound to, at every frame."""
 ERROR_MEDIAN, ERROR_P95 = 0.3, 1.0
 """[m] No smoother than that: what fidelity asks for."""
-GROWTH = 2.0
-"""By how much a penalty grows at most in one sweep."""
 STAND_SPEED = 0.25
 """[m/s] Slower than this over `STAND_S` is standing."""
 STAND_S = 1.0
 CREEP_M = 0.6
-AROUND = 2
-"""Frames around a rough one that are smoothed with it."""
+BRAKING_S = 0.6
+"""So much of a standstill may be taken from either end by braking and driving off, if else they were too hard."""
 TIE = 1e7
 OUTLIER_M = 0.5
 ROUNDS = 6
@@ -106,32 +103,48 @@ def _replaced(track: Track, run: slice, xy: Float, yaw: Float) -> Track:
 
 
 def _trajectories(batch: _Batch, dt_s: float) -> tuple[Float, Float]:
-    """Positions (K, T, 2) and headings (K, T): smoothed where it has to be, and no more than that.
-
-    Penalties of jerk and acceleration begin soft and grow, frame by frame, where they are exceeded: nearly the closest
-    trajectory of bounded jerk.
-    """
+    """Positions (K, T, 2) and headings (K, T): smoothed where it has to be, and no more than that."""
     weights = _robust_weights(batch)
     calm = smoothed(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM))
     batch = replace(batch, yaw=_trusted(batch.yaw, _headings(batch, calm)))
     standing = _standing(batch, calm, dt_s)
-    best = np.zeros_like(batch.xy)
     tracks, frames = weights.shape
-    stiff, bent = np.full((tracks, frames - 3), SOFT), np.zeros((tracks, frames - 2))
-    rows = np.arange(tracks)
-    for sweep in range(SWEEPS):
-        part = _rows(batch, rows)
-        xy = _plausible(part, weights[rows], standing[rows], (stiff[rows], bent[rows]))
-        near = np.array([sweep == 0 or _near(part, row, n) for n, row in enumerate(xy)], dtype=np.bool_)
-        best[rows[near]] = xy[near]
-        rough = [n for n in np.flatnonzero(near) if _rough(xy[n][part.valid[n]], dt_s)]
-        rows = rows[rough]
-        if len(rows) == 0:
-            break
-        stiff[rows] *= _growth(xy[rough], 3, JERK_LOCAL * dt_s**3)
-        growth = _growth(xy[rough], 2, ACCELERATION_LOCAL * dt_s**2)
-        bent[rows] = np.where(growth > 1, np.maximum(bent[rows], BENT) * growth, bent[rows])
-    return best, _headings(batch, best)
+    xy = _plausible(batch, weights, standing, np.full((tracks, frames - 3), SOFT))
+    for row in range(tracks):
+        if _rough(xy[row][batch.valid[row]], dt_s):
+            course = calm[row] + weights[row, :, None] * (batch.xy[row] - calm[row])
+            xy[row] = _bounded(batch, row, (course, standing[row], xy[row]), dt_s)
+    return xy, _headings(batch, xy)
+
+
+def _bounded(batch: _Batch, row: int, start: tuple[Float, Bool, Float], dt_s: float) -> Float:
+    """Positions (T, 2) of one track within the bounds; as they were if that leads too far from the log."""
+    course, standing, xy = start
+    size = int(batch.valid[row].sum())
+    raw, heading = batch.xy[row, :size], batch.yaw[row, : size - 1] if batch.vehicle[row] else None
+    for still in (standing[: size - 1], _shortened(standing[: size - 1], round(BRAKING_S / dt_s))):
+        for wanted in (course[:size], raw):
+            result = bounded(wanted, Bounds(JERK_BOUND, ACCELERATION_BOUND, still, heading), dt_s)
+            result = _exact(result, still, heading)
+            if _near(result, raw) and not _rough(result, dt_s):
+                return np.concatenate((result, xy[size:]))
+    return xy
+
+
+def _shortened(standing: Bool, frames: int) -> Bool:
+    """(T-1,) without the first and last frames of every standstill, but for those at the ends of the track."""
+    padded = np.pad(standing, frames, constant_values=True)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * frames + 1).all(axis=-1))
+
+
+def _exact(xy: Float, still: Bool, heading: Float | None) -> Float:
+    """(T, 2) the same way with standing and going forward exactly so: millimetres, for `bounded` holds them nearly."""
+    step = np.where(still[:, None], 0.0, np.diff(xy, axis=0))
+    if heading is not None:
+        ahead = np.column_stack((np.cos(heading), np.sin(heading)))
+        step = step - np.minimum((step * ahead).sum(axis=1), 0.0)[:, None] * ahead
+    way = np.concatenate((np.zeros((1, 2)), np.cumsum(step, axis=0)))
+    return way + np.mean(xy - way, axis=0)
 
 
 def _trusted(box: Float, follows: Float) -> Float:
@@ -139,22 +152,10 @@ def _trusted(box: Float, follows: Float) -> Float:
     return np.where(np.abs(np.sin(box - follows)) < np.sin(ACROSS_RAD), box, follows)
 
 
-def _near(batch: _Batch, xy: Float, row: int) -> bool:
+def _near(xy: Float, raw: Float) -> bool:
     """Whether a trajectory is as near to the log as fidelity asks; a log that is not plausible at all is left rough."""
-    off = np.hypot(*(xy - batch.xy[row])[batch.valid[row]].T)
+    off = np.hypot(*(xy - raw).T)
     return bool(np.median(off) <= ERROR_MEDIAN and np.percentile(off, 95) <= ERROR_P95)
-
-
-def _growth(xy: Float, order: int, limit: float) -> Float:
-    """(K, T - order) by how much the penalties of differences have to grow: as far as they exceed the limit around."""
-    size = np.hypot(*np.moveaxis(np.diff(xy, n=order, axis=1), -1, 0))
-    padded = np.pad(size, ((0, 0), (AROUND, AROUND)), mode="edge")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1, axis=1).max(-1)
-    return np.clip(np.asarray(around, dtype=np.float64) / limit, 1.0, GROWTH)
-
-
-def _rows(batch: _Batch, rows: np.ndarray) -> _Batch:
-    return _Batch(batch.xy[rows], batch.valid[rows], batch.vehicle[rows], batch.yaw[rows], batch.length[rows])
 
 
 def _rough(xy: Float, dt_s: float) -> bool:
@@ -202,12 +203,12 @@ def _lasting(slow: Bool, calm: Float, least: int) -> Bool:
     return result
 
 
-def _plausible(batch: _Batch, weights: Float, standing: Bool, penalties: tuple[Float, Float]) -> Float:
+def _plausible(batch: _Batch, weights: Float, standing: Bool, stiff: Float) -> Float:
     """Positions (K, T, 2): smoothed, tied where it stands; steps of vehicles against their heading are tied as well."""
     tied = standing.copy()
     xy = batch.xy
     for _ in range(ROUNDS):
-        xy = smoothed(batch.xy, weights, *penalties, np.where(tied, TIE, 0.0))
+        xy = smoothed(batch.xy, weights, stiff, np.where(tied, TIE, 0.0))
         back = _rolls_back(batch, xy) & ~tied
         if not back.any():
             break

@@ -1,78 +1,85 @@
-"""InterDrive's files: a folder a scenario, an XML a CAV, waypoints in CARLA's frame (y to the right)."""
+"""CARLA route files (InterDrive, MDrive): one `<route>` of waypoints in CARLA's frame, y to the right, degrees.
 
-from dataclasses import dataclass
-from itertools import pairwise
+Documented in the leaderboard's and MDrive's own words; what real files hold: spec/data_formats section 4.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
-from real2sim.xml_file import number, read_xml
+from real2sim.xml_file import Element, number, read_xml
+
+WEATHER = ("sun_altitude_angle", "cloudiness", "precipitation", "fog_density")
+"""What is read of the weather: degrees above the horizon, and percent."""
 
 
 @dataclass(frozen=True, slots=True)
 class RouteFile:
-    """The route of one CAV. `yaw` is not read: in many files it is one constant (data_formats section 4)."""
+    """The route of one road user."""
 
     path: Path
-    index: int
-    """Number at the end of the file name; the CAV's id."""
     town: str
     xy_carla: Float
-    """Waypoints (M, 2) [m], M >= 2."""
-
-
-@dataclass(frozen=True, slots=True)
-class RouteFolder:
-    """A scenario of InterDrive: CAVs sorted by index, all in one town."""
-
-    name: str
-    town: str
-    routes: tuple[RouteFile, ...]
+    """Waypoints (M, 2) [m], M >= 1."""
+    yaw_carla_deg: Float
+    """(M,), clockwise from above; NaN where the file tells none. In InterDrive's files it is often one constant."""
+    times_s: Float | None = None
+    """(M,); None unless every waypoint has a time."""
+    point_speeds: bool = False
+    """Whether waypoints tell speeds of their own. Nobody drives by them: actors have one target speed."""
+    weather: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Those of `WEATHER` that the `<weather>` child has."""
+    attributes: Mapping[str, str] = field(default_factory=dict[str, str])
+    """All attributes of `<route>`."""
 
     @property
-    def category(self) -> str:
-        """The name's tail: `ins_c` of `r1_town05_ins_c`."""
-        return self.name.partition("_town")[2].partition("_")[2] or "route"
+    def id(self) -> str:
+        """The route's id; "" if there is none."""
+        return self.attributes.get("id", "")
 
 
-def read_route_folders(source: Path) -> tuple[RouteFolder, ...]:
-    """All scenario folders of a directory, sorted by name; raises InputError."""
-    if not source.is_dir():
-        raise InputError(f"{source}: expected a directory of scenario folders, found none")
-    folders = sorted(path for path in source.iterdir() if path.is_dir() and not path.name.startswith("."))
-    if not folders:
-        raise InputError(f"{source}: expected scenario folders with route XML files, found none")
-    return tuple(_folder(path) for path in folders)
-
-
-def _folder(path: Path) -> RouteFolder:
-    files = [file for file in sorted(path.glob("*.xml")) if not file.name.startswith(".")]
-    if not files:
-        raise InputError(f"{path}: expected route files NAME_<number>.xml, found no XML")
-    routes = sorted((read_route_file(file) for file in files), key=lambda route: route.index)
-    for before, route in pairwise(routes):
-        if before.index == route.index:
-            raise InputError(f"{path}: expected one file for each CAV, found {route.index} twice")
-    towns = sorted({route.town for route in routes})
-    if len(towns) > 1:
-        raise InputError(f"{path}: expected routes in one town, found {', '.join(towns)}")
-    return RouteFolder(path.name, towns[0], tuple(routes))
-
-
-def read_route_file(path: Path) -> RouteFile:
-    """Reads one route XML; routes inside comments are not there. Raises InputError."""
-    index = path.stem.rpartition("_")[2]
-    if not (index.isascii() and index.isdigit()):
-        raise InputError(f"{path}: expected a file name that ends in _<number>.xml, found {path.name!r}")
+def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
+    """Reads one route XML of `at_least` so many waypoints; routes inside comments are not there. Raises InputError."""
     routes = list(read_xml(path).iter("route"))
     if len(routes) != 1:
         raise InputError(f"{path}: expected exactly one <route>, found {len(routes)}")
-    town = routes[0].get("town")
+    route = routes[0]
+    town = route.get("town")
     if not town:
         raise InputError(f"{path}: route: expected an attribute town, found none")
-    points = [(number(path, point, "x"), number(path, point, "y")) for point in routes[0].iter("waypoint")]
-    if len(points) < 2:
-        raise InputError(f"{path}: expected at least 2 waypoints, found {len(points)}")
-    return RouteFile(path, int(index), town, np.array(points))
+    waypoints = list(route.iter("waypoint"))
+    if len(waypoints) < at_least:
+        raise InputError(f"{path}: expected at least {at_least} waypoint(s), found {len(waypoints)}")
+    return RouteFile(
+        path=path,
+        town=town,
+        xy_carla=np.array([(number(path, point, "x"), number(path, point, "y")) for point in waypoints]),
+        yaw_carla_deg=np.array([number(path, p, "yaw") if p.get("yaw") else np.nan for p in waypoints]),
+        times_s=_times(path, waypoints),
+        point_speeds=any("speed" in point.attrib for point in waypoints),
+        weather=_weather(path, route.find("weather")),
+        attributes=dict(route.attrib),
+    )
+
+
+def ego_index(path: Path) -> int | None:
+    """The number at the end of a CAV's file name, its index; None if there is none."""
+    index = path.stem.rpartition("_")[2]
+    return int(index) if index.isascii() and index.isdigit() else None
+
+
+def _times(path: Path, waypoints: list[Element]) -> Float | None:
+    names = ["time" if "time" in point.attrib else "t" for point in waypoints]
+    if not all(name in point.attrib for name, point in zip(names, waypoints, strict=True)):
+        return None
+    return np.array([number(path, point, name) for name, point in zip(names, waypoints, strict=True)])
+
+
+def _weather(path: Path, weather: Element | None) -> Mapping[str, float]:
+    if weather is None:
+        return {}
+    return {name: number(path, weather, name) for name in WEATHER if name in weather.attrib}

@@ -14,6 +14,7 @@ from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from real2sim.netconvert import compile_opendrive, netconvert_arguments
 from real2sim.opendrive import OpenDrive, offset_error_m, place_stop_signs, read_opendrive
+from real2sim.opendrive_links import mend_links, write_mended
 from real2sim.xml_file import Element, read_xml
 
 OFFSET_TOLERANCE_M = 0.01
@@ -35,6 +36,8 @@ class Town:
     unplaced_signs: tuple[str, ...]
     offset_error_m: float
     """NaN: could not be measured (ready nets)."""
+    repairs: tuple[str, ...] = ()
+    """What was mended in the map before netconvert saw it."""
 
 
 def build_town(name: str, maps: Path, folder: Path) -> Town:
@@ -52,6 +55,11 @@ def build_town(name: str, maps: Path, folder: Path) -> Town:
     return _from_opendrive(name, xodr, drive, folder)
 
 
+def build_opendrive(xodr: Path, folder: Path) -> Town:
+    """Makes the network folder of an OpenDRIVE map, named after its file; raises InputError."""
+    return _from_opendrive(xodr.stem, xodr, read_opendrive(xodr), folder)
+
+
 def _from_net(name: str, net: Path, folder: Path) -> Town:
     source = f"ready net {net.name}, {_sha256(net)}"
     xml = read_xml(net)
@@ -62,7 +70,8 @@ def _from_net(name: str, net: Path, folder: Path) -> Town:
 
 def _from_opendrive(name: str, xodr: Path, drive: OpenDrive, folder: Path) -> Town:
     source = f"{xodr.name} of {drive.date or 'unknown date'}, {_sha256(xodr)}"
-    xml = ElementTree.fromstring(compile_opendrive(xodr))
+    compiled, repairs = _compiled(xodr)
+    xml = ElementTree.fromstring(compiled)
     about = _about(name, xml, source, netconvert_arguments(xodr.name, "map.net.xml"))
     with tempfile.TemporaryDirectory() as draft:  # the signs need the lanes, network.json needs the signs
         _write(Path(draft), xml, about)
@@ -72,7 +81,17 @@ def _from_opendrive(name: str, xodr: Path, drive: OpenDrive, folder: Path) -> To
     signs = None if drive.stop_signs is None else placed.boxes
     _write(folder, xml, about.model_copy(update={"stop_signs": signs}))
     known = None if signs is None else len(signs)
-    return Town(name, folder, about.offset, source, known, placed.unplaced, error)
+    return Town(name, folder, about.offset, source, known, placed.unplaced, error, repairs)
+
+
+def _compiled(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
+    """The net, and what had to be mended of the map for it."""
+    root = read_xml(xodr)
+    repairs = mend_links(root)
+    if not repairs:
+        return compile_opendrive(xodr), ()
+    with tempfile.TemporaryDirectory() as folder:
+        return compile_opendrive(write_mended(root, Path(folder), xodr.name)), repairs
 
 
 def _checked_offset(xodr: Path, drive: OpenDrive, roads: RoadMap, offset: tuple[float, float]) -> float:

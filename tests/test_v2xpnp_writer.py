@@ -2,6 +2,7 @@
 
 import math
 import pickle
+import re
 import tempfile
 import time
 from dataclasses import replace
@@ -23,10 +24,12 @@ from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.v2xpnp_map_writer import lane_numbers, write_vector_map
 from real2sim.v2xpnp_noise import Noise, numbered, observe
-from real2sim.v2xpnp_writer import write_v2xpnp, write_views
+from real2sim.v2xpnp_writer import LABELS, write_v2xpnp, write_views
 
 REAL = Path(__file__).parents[2] / "shared/data/real_logs/scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
 needs_data = pytest.mark.skipif(not REAL.is_file(), reason="needs ../shared/data")
+EXCERPT = Path(__file__).parents[2] / "shared/data/v2xpnp_excerpt/2023-03-17-16-12-12_3_0"
+needs_excerpt = pytest.mark.skipif(not EXCERPT.is_dir(), reason="needs ../shared/data")
 FRAMES = 60
 HALF_MM = 0.00051
 
@@ -438,3 +441,48 @@ def test_a_real_log_and_its_map_survive(tmp_path: Path) -> None:
     assert len(read.map.lanes) == len(real.map.lanes)
     for lane in real.map.lanes.values():
         np.testing.assert_array_equal(read.map.lanes[names[lane.id]].centre, lane.centre)
+
+
+# --- against the real thing
+
+
+def outline(path: Path) -> tuple[str, set[str]]:
+    """Head and objects of a frame file, every value replaced by its type: what is left is keys, order and layout."""
+    text = re.sub(r"-?[0-9]+\.[0-9]+(e-?[0-9]+)?$", "FLOAT", path.read_text(), flags=re.MULTILINE)
+    text = re.sub(r"^  [0-9]+:$", "  ID:", text, flags=re.MULTILINE)
+    text = re.sub(r"obj_type: [A-Z][A-Za-z]+$", "obj_type: LABEL", text, flags=re.MULTILINE)
+    text = re.sub(r"attribute: (''|static)$", "attribute: WORD", text, flags=re.MULTILINE)
+    head, *objects = text.split("  ID:\n")
+    return head, set(objects)
+
+
+def typed(value: object) -> object:
+    """A loaded frame with types for values; all objects of a frame must be alike."""
+    if isinstance(value, dict):
+        if all(isinstance(key, int) for key in value):
+            return {"id": {repr(typed(one)) for one in value.values()}}
+        return {key: typed(one) for key, one in value.items()}
+    return [typed(one) for one in value] if isinstance(value, list) else type(value).__name__
+
+
+@needs_excerpt
+def test_files_are_like_the_real_ones_key_by_key(tmp_path: Path) -> None:
+    t = np.arange(FRAMES) * 0.1
+    things = [track("0", 10 * t, 0.0), track("1", 30.0, 5.0, 1.0, parked=True), track("2", 9.0, t, 1.0)]
+    walkers = [track("3", 20.0, 5 + t, category=Category.PEDESTRIAN)]
+    truth = scene(*things, *walkers, cavs=("0", "2"), stations=((5.0, 9.0, 1.0),))
+    write_v2xpnp(truth, tmp_path / "log", Noise(), 0)
+    real = sorted(EXCERPT.glob("*/*.yaml"))
+    assert {path.parent.name for path in real} == {"1", "2", "-1"}
+    assert {path.parent.name for path in (tmp_path / "log").glob("*/*.yaml")} == {"1", "2", "-1"}
+    for path in real:
+        written = tmp_path / "log" / path.parent.name / path.name
+        assert written.is_file()  # six digits, from 000000 on
+        head, objects = outline(written)
+        real_head, real_objects = outline(path)
+        assert head == real_head
+        assert len(objects) == 1
+        assert objects == real_objects
+        assert typed(yaml.safe_load(written.read_text())) == typed(yaml.safe_load(path.read_text()))
+    labels = {box["obj_type"] for path in real for box in yaml.safe_load(path.read_text())["vehicles"].values()}
+    assert labels <= set(LABELS.values())

@@ -2,6 +2,7 @@
 
 # pyright: basic
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -9,13 +10,30 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import box_corners
+from mdrive_sumo.geometry import Float, box_corners
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.state import DT
 from mdrive_sumo.sumo.remote import GHOST
 
 CORRIDOR_M = 1.8
 """Width of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
+SHORTEST_M = 0.5
+"""Least length of a ghost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What SUMO's traffic shall notice: SUMO id of its double (or what would be it), box, speed along its yaw."""
+
+    name: str
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    length: float
+    width: float
+    seen_on: str = ""
+    """The lane where SUMO sees it by a double of its own: no ghost is needed there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,29 +50,43 @@ class Ghost:
 
     def moved(self) -> "Ghost":
         """The ghost one tick later, if its body goes on as it does."""
+        if self.speed == 0.0:
+            return self
         return Ghost(self.body, self.lane, self.front_s + self.speed * DT, self.length, self.speed)
 
 
-def ghosts_of(
-    body: str, pose: tuple[float, float, float], speed: float, size: tuple[float, float], seen_on: str, roads: RoadMap
-) -> dict[str, Ghost]:
-    """By SUMO id, a ghost for every lane whose vehicle corridor a box (x, y, yaw; length, width) overlaps.
-
-    None for `seen_on`, the lane where SUMO sees the body itself.
-    """
-    box = shapely.polygons(box_corners(*pose, *size))
+def ghosts_of(bodies: Sequence[Body], roads: RoadMap) -> dict[str, Ghost]:
+    """By SUMO id, a ghost for every lane whose vehicle corridor a body overlaps, but for the lane it is seen on."""
+    if not bodies:
+        return {}
     strips = _corridors(roads)
-    found: dict[str, Ghost] = {}
-    for i in sorted(strips.tree.query(box, predicate="intersects")):
-        lane = roads.driving[i]
-        if lane.id == seen_on:
+    boxes = shapely.polygons([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in bodies])
+    body, lane = strips.tree.query(boxes, predicate="intersects")
+    order = np.lexsort((lane, body))
+    return dict(_ghosts(bodies, body[order], lane[order], boxes, roads))
+
+
+def _ghosts(bodies: Sequence[Body], body: Any, lane: Any, boxes: Any, roads: RoadMap) -> Iterator[tuple[str, Ghost]]:
+    first, last = _extents(boxes[body], lane, _corridors(roads))
+    for i, (b, found) in enumerate(zip(body, lane, strict=True)):
+        one, on = bodies[b], roads.driving[found]
+        if on.id == one.seen_on:
             continue
-        corners = shapely.get_coordinates(shapely.intersection(box, strips.tree.geometries[i]))
-        stations = shapely.line_locate_point(strips.lines[i], shapely.points(corners))
-        front, along = float(stations.max()), speed * math.cos(pose[2] - lane.centre.yaw_at(stations.max()))
-        length = max(front - float(stations.min()), 0.5)
-        found[f"{GHOST}{body}:{lane.id}"] = Ghost(body, lane, front, length, max(along, 0.0))
-    return found
+        front = float(last[i])
+        along = one.speed * math.cos(one.yaw - on.centre.yaw_at(front)) if one.speed else 0.0
+        length = max(front - float(first[i]), SHORTEST_M)
+        yield f"{GHOST}{one.name}:{on.id}", Ghost(one.name, on, front, length, max(along, 0.0))
+
+
+def _extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float, Float]:
+    """Least and greatest arc length (P,) [m] on the lanes (P,) of what the boxes (P,) have of their strips."""
+    if not len(lane):
+        return np.zeros(0), np.zeros(0)
+    shared = shapely.intersection(boxes, strips.tree.geometries[lane])
+    corners, pair = shapely.get_coordinates(shared, return_index=True)
+    stations = shapely.line_locate_point(strips.lines[lane[pair]], shapely.points(corners))
+    starts = np.flatnonzero(np.diff(pair, prepend=-1))
+    return np.minimum.reduceat(stations, starts), np.maximum.reduceat(stations, starts)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,10 @@ import libsumo
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sumo.frames import angle_to_sumo
 
-EGO, GHOST, SCRIPTED = "ego:", "ghost:", "scripted:"
+EGO, GHOST, SCRIPTED, CHANGING = "ego:", "ghost:", "scripted:", "changing:"
 """Prefixes of SUMO ids, of the vehicle types and of the vehicles. Background vehicles have ids without a colon."""
+DUMMY = "dummy:"
+"""Prefix of the routes of what we place; a background vehicle's route has its id."""
 MATCH_M = 5.0
 """How far [m] SUMO looks for a lane to put a placed vehicle on. Its default, 100 m, takes twice as long."""
 KEEP_ROUTE = 2
@@ -27,9 +29,10 @@ def add_remote(name: str, kind: str, size: tuple[float, float], edge: str, roads
     Its route is a dummy: with keepRoute=2 SUMO rewrites it anyway.
     """
     road = edge if not edge.startswith(":") else next(lane.edge for lane in roads.driving if not lane.junction)
-    if road not in libsumo.route.getIDList():
-        libsumo.route.add(road, [road])
-    libsumo.vehicle.add(name, road, typeID=kind)
+    route = DUMMY + road
+    if route not in libsumo.route.getIDList():
+        libsumo.route.add(route, [road])
+    libsumo.vehicle.add(name, route, typeID=kind)
     libsumo.vehicle.setLength(name, size[0])
     libsumo.vehicle.setWidth(name, size[1])
     libsumo.vehicle.setSpeedMode(name, 0)

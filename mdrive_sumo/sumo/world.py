@@ -14,17 +14,22 @@ from mdrive_sumo.errors import InputError, WorldError
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.state import DT, Actors, EgoState, Kind, no_actors
+from mdrive_sumo.sumo.conflict import Mover, mover_of
 from mdrive_sumo.sumo.frames import front_bumper, yaws_from_sumo
-from mdrive_sumo.sumo.ghosts import CORRIDOR_M, Ghost, ghosts_of
-from mdrive_sumo.sumo.remote import EGO, GHOST, add_remote, add_types, place
+from mdrive_sumo.sumo.ghosts import Body
+from mdrive_sumo.sumo.lane_change import shifted
+from mdrive_sumo.sumo.mirror import Mirror
+from mdrive_sumo.sumo.remote import CHANGING, EGO, add_remote, add_types, place
+from mdrive_sumo.sumo.replay import Replay
+from mdrive_sumo.sumo.scripted import Scripted
+from mdrive_sumo.sumo.together import Together
 from mdrive_sumo.sumo.traffic import Traffic
 
 _position, _angle, _speed = (
     getattr(libsumo.libsumo._libsumo, f"vehicle_get{what}") for what in ("Position", "Angle", "Speed")
 )
 """libsumo's own functions below its Python wrappers, which take as long again; called for every vehicle and tick."""
-GHOST_TICKS = 5
-"""Which lanes an ego overlaps is found every 0.25 s; between, its ghosts move along. SUMO's drivers look less often."""
+ROLLING = (Kind.VEHICLE, Kind.CYCLIST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +48,13 @@ class SumoWorld:
         self._scenario, self._roads, self._sizes, self._seed = scenario, roads, sizes, seed
         self._known: dict[str, tuple[float, float]] = {}
         self._present: Sequence[str] = ()
-        self._cast = no_actors()
-        self._traffic = Traffic(scenario.background)
+        self._cast = self._last = no_actors()
+        self._traffic = Traffic(scenario.background, roads)
         self._egos: tuple[str, ...] = ()
-        self._ghosts: dict[str, Ghost] = {}
+        self._replay = Replay(scenario.background, roads)
+        self._together = Together()
+        self._mirror = Mirror(roads)
+        self._scripted = Scripted(scenario.actors)
         self._tick = 0
         self._frozen: dict[str, str] | None = None
 
@@ -103,15 +111,23 @@ class SumoWorld:
         """
         try:
             self._place_egos(egos)
-            self._place_ghosts(egos)
+            for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
+                self._traffic.take(vehicle, berth)
+            replayed = self._replay.actors(self._tick)
+            self._place_ghosts(egos, (scripted, replayed))
             self._traffic.hold(struck, self._tick)
+            self._traffic.prepare(
+                self._tick, lambda: self._everybody(egos, scripted), lambda: self._unplanned(egos, scripted)
+            )
             libsumo.simulationStep()
             self._tick += 1
             if libsumo.simulation.getStartingTeleportNumber():
                 raise WorldError(
                     f"SUMO teleported {libsumo.simulation.getStartingTeleportIDList()} at step {self._tick}"
                 )
-            return Surroundings(self._actors(), self._signals())
+            shifted(driven := self._actors(), self._traffic.offsets)
+            self._last = self._together(driven, replayed)
+            return Surroundings(self._last, self._signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
 
@@ -125,34 +141,57 @@ class SumoWorld:
             x, y = front_bumper(ego.x, ego.y, ego.yaw, self._sizes[ego_id][0])
             place(EGO + ego_id, x, y, ego.yaw, ego.speed)
 
+    def _everybody(self, egos: Mapping[str, EgoState], scripted: Actors) -> Actors:
+        """CAVs and scripted road users as they are placed for this step, the rest as it was after the last."""
+        rows = [(one.x, one.y, one.yaw, one.speed, *self._sizes[name]) for name, one in egos.items()]
+        x, y, yaw, speed, length, width = np.array(rows).reshape(-1, 6).T
+        kind = np.zeros(len(rows), dtype=np.uint8)
+        cavs = Actors(tuple(EGO + name for name in egos), kind, x, y, yaw, speed, length, width)
+        parts = (cavs, scripted, self._last)
+        ids = tuple(chain.from_iterable(part.ids for part in parts))
+        names = ("kind", "x", "y", "yaw", "speed", "length", "width")
+        kind, x, y, yaw, speed, length, width = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in names
+        )
+        return Actors(ids, kind, x, y, yaw, speed, length, width)
+
+    def _unplanned(self, egos: Mapping[str, EgoState], scripted: Actors) -> list[Mover]:
+        """Whatever rolls and keeps to no schedule: CAVs, scripted vehicles and cyclists, traffic that is late."""
+        on_time = self._traffic.on_time
+        rolling = ((scripted, i) for i in np.flatnonzero(np.isin(scripted.kind, ROLLING) & (scripted.speed > 0)))
+        late = ((self._last, i) for i, name in enumerate(self._last.ids) if name not in on_time)
+        return [*self._movers(egos), *(mover_of(some, int(i)) for some, i in chain(rolling, late))]
+
     def _edge_at(self, ego: EgoState) -> str:
         return self._roads.driving[int(self._roads.nearest(np.array([[ego.x, ego.y]])).lane[0])].edge
 
-    def _place_ghosts(self, egos: Mapping[str, EgoState]) -> None:
-        if not self._known and not self._scenario.background.vehicles:
-            return  # nobody is there to see them
-        if self._tick % GHOST_TICKS == 0:
-            wanted = dict(ghost for ego_id, ego in egos.items() for ghost in self._ghosts_of(ego_id, ego).items())
-        else:
-            wanted = {
-                name: ghost.moved() for name, ghost in self._ghosts.items() if ghost.body.removeprefix(EGO) in egos
-            }
-        for name in [name for name in self._ghosts if name not in wanted]:
-            libsumo.vehicle.remove(name)
-        for name, ghost in wanted.items():
-            if name not in self._ghosts:
-                add_remote(name, GHOST, (ghost.length, CORRIDOR_M), ghost.lane.edge, self._roads)
-            elif ghost.length != self._ghosts[name].length:
-                libsumo.vehicle.setLength(name, ghost.length)
-            x, y = ghost.lane.centre.at(ghost.front_s)
-            hint = (ghost.lane.edge, ghost.lane.index)
-            place(name, x, y, ghost.lane.centre.yaw_at(ghost.front_s), ghost.speed, hint)
-        self._ghosts = wanted
+    def _movers(self, egos: Mapping[str, EgoState]) -> list[Mover]:
+        return [Mover(one.x, one.y, one.yaw, one.speed, *self._sizes[name]) for name, one in egos.items()]
 
-    def _ghosts_of(self, ego_id: str, ego: EgoState) -> dict[str, Ghost]:
-        name = EGO + ego_id
-        seen_on = libsumo.vehicle.getLaneID(name) if self._tick else ""
-        return ghosts_of(name, (ego.x, ego.y, ego.yaw), ego.speed, self._sizes[ego_id], seen_on, self._roads)
+    def _place_ghosts(self, egos: Mapping[str, EgoState], others: Sequence[Actors]) -> None:
+        if not self._traffic.drives:
+            return  # nobody is there to see them
+        bodies = [body for some in others for body in self._scripted.bodies(some)]
+        self._mirror.show([*self._ego_bodies(egos), *bodies, *self._changing_bodies()], self._tick)
+
+    def _changing_bodies(self) -> list[Body]:
+        """Vehicles that are between two lanes: SUMO sees them on one."""
+        between = self._traffic.offsets
+        found = [mover_of(self._last, i) for i, name in enumerate(self._last.ids if between else ()) if name in between]
+        names = [name for name in self._last.ids if name in between]
+        return [
+            Body(CHANGING + name, m.x, m.y, m.yaw, m.speed, m.length, m.width, libsumo.vehicle.getLaneID(name))
+            for name, m in zip(names, found, strict=True)
+        ]
+
+    def _ego_bodies(self, egos: Mapping[str, EgoState]) -> list[Body]:
+        return [
+            Body(EGO + name, one.x, one.y, one.yaw, one.speed, *self._sizes[name], self._lane_of(EGO + name))
+            for name, one in egos.items()
+        ]
+
+    def _lane_of(self, double: str) -> str:
+        return libsumo.vehicle.getLaneID(double) if self._tick else ""
 
     def _actors(self) -> Actors:
         """One pass of direct getters (sumo_pitfalls 9.1), then array arithmetic."""
@@ -172,8 +211,8 @@ class SumoWorld:
         return Actors(ids, cast.kind, x, y, yaw, speed, cast.length, cast.width)
 
     def _casting(self, present: Sequence[str]) -> Actors:
-        """Who of the vehicles in SUMO is background, with sizes; poses are filled in on every tick."""
-        ids = tuple(sorted(i for i in present if not i.startswith((EGO, GHOST))))
+        """Who of the vehicles in SUMO is background (ids without a colon), with sizes; poses come on every tick."""
+        ids = tuple(sorted(i for i in present if ":" not in i))
         for new in ids:
             if new not in self._known:
                 self._known[new] = (libsumo.vehicle.getLength(new), libsumo.vehicle.getWidth(new))
