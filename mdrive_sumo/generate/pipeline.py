@@ -5,7 +5,6 @@ proposal -> rules -> crop -> ways -> spawns -> actors -> soundness -> difficulty
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 
 from mdrive_sumo.errors import InputError
@@ -15,12 +14,12 @@ from mdrive_sumo.generate.crops import crops_for
 from mdrive_sumo.generate.duplicates import duplicate_of
 from mdrive_sumo.generate.place import actors_of
 from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import Screened, screen
 from mdrive_sumo.generate.spawn import ego_of, line_of, spawns
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.soundness import check_scenario
 
 BUCKET = "Interaction"
@@ -48,16 +47,6 @@ class Rejected(Exception):
     def __init__(self, stage: Stage, reason: str) -> None:
         super().__init__(stage, reason)
         self.stage, self.reason = stage, reason
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """What a scenario is made from: the same recipe makes the same scenario, byte for byte."""
-
-    id: str
-    seed: str
-    proposal: Proposal
-    weather: WeatherName = "default"
 
 
 def built(recipe: Recipe) -> Scenario:
