@@ -10,7 +10,8 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
 from real2sim.build import NETWORKS, Wish
-from real2sim.convert import Log, Outcome, convert_log, windows_of
+from real2sim.convert import Outcome, convert_log, windows_of
+from real2sim.convert_read import Log
 from real2sim.readers.window import Window
 from real2sim.report_index import write_index
 from real2sim.whole_folder import whole_folder

@@ -72,7 +72,9 @@ def _matrices(frames: int, jerk: float, acceleration: float, dt_s: float) -> tup
     rows = np.concatenate(blocks)
     scale = np.repeat([gain / size for gain, size in zip(STRENGTHS, most, strict=True)], [len(b) for b in blocks])
     third = np.diff(unit, n=3, axis=0)
-    inverse = np.linalg.inv(unit + SOFT * third.T @ third + rows.T @ (scale[:, None] * rows))
+    inverse = np.asarray(
+        np.linalg.inv(unit + SOFT * third.T @ third + rows.T @ (scale[:, None] * rows)), dtype=np.float64
+    )
     return rows, inverse, inverse @ (rows.T * scale)
 
 

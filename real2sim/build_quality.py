@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.roads import RoadMap
-from real2sim.build_targets import Target, closeness_targets, fidelity_targets, network_targets
+from real2sim.build_targets import Target, closeness_targets, fidelity_targets, lost_target, network_targets
 from real2sim.clean import Cleaned
 from real2sim.clean_report import CleaningReport
 from real2sim.closeness import Closeness
@@ -41,6 +41,7 @@ class Steps:
         return (
             *fidelity_targets(self.quality),
             *network_targets(self.network, broken),
+            lost_target(self.fitted.roles, [track.id for track in self.tracks]),
             *closeness_targets(self.closeness),
         )
 

@@ -1,10 +1,11 @@
 """Targets of a conversion: every figure that issue C asks for, with its limit and whether it is met."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict, computed_field
 
 from real2sim.closeness import MEDIAN_5S_M, ORDER_SHARE, Closeness
+from real2sim.findings import Became, Role
 from real2sim.netbuild import NetworkReport
 from real2sim.quality import Quality
 
@@ -61,6 +62,14 @@ def network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[
         Target(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
         Target(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),
         Target(name="driven ways that the network breaks", value=len(unroutable), limit=0),
+    )
+
+
+def lost_target(roles: Mapping[str, Role], tracks: Sequence[str]) -> Target:
+    """Tracks that are not in the scenario, and nobody says why."""
+    silent = Role(Became.LEFT_OUT)
+    return Target(
+        name="tracks lost without a reason", value=sum(roles.get(id_, silent) == silent for id_ in tracks), limit=0
     )
 
 

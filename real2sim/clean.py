@@ -12,14 +12,16 @@ from real2sim.clean_ego import Ego, egos_of
 from real2sim.clean_fuse import Fused, fused, groups_of
 from real2sim.clean_join import LONGEST_GAP_S, joined, orphans
 from real2sim.clean_names import named_changes, unique_names
+from real2sim.clean_overlap import apart
 from real2sim.clean_pieces import Pieces, pieces_of, split
 from real2sim.clean_report import Change, CleaningReport, Reason
 from real2sim.clean_size import label_of, size_of
+from real2sim.quality_motion import WINDOW
 from real2sim.recording import Category, Recording, Track
 from real2sim.standing import moves
 
-LEAST_FRAMES = 5
-"""Shorter tracks tell neither speed nor direction."""
+LEAST_FRAMES = WINDOW
+"""Shorter tracks have neither acceleration nor jerk (`quality_motion`): no check could say anything about them."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ def clean(recording: Recording) -> Cleaned:
         _say_mistake(work, groups[a])
     things = [Ego("", (), group) for a, group in enumerate(groups) if a not in lone]
     tracks, cavs = _tracks(work, [*egos, *things])
+    tracks, changes = apart(tracks, set(cavs.values()) | set(recording.cavs), recording.dt_s)
+    work.changes += changes
     cavs |= {name: name for name in recording.cavs if name in {track.id for track in tracks} and name not in cavs}
     return Cleaned(recording.dt_s, tracks, cavs, CleaningReport(tuple(work.changes)))
 
@@ -96,6 +100,9 @@ def _track(work: _Work, thing: Ego, name: str, seen: Fused) -> Track:
     _say_filled(work, name, seen.valid, valid)
     for frame, size in steps:
         work.say(Reason.TELEPORT, name, 1, f"step of {size:.2f} m at frame {frame} spread over the time around it")
+    x, y, held = motion.strayed(valid, x, y, dt_s)
+    if held:
+        work.say(Reason.TELEPORT, name, held, "left its place and came back faster than anything can: held there")
     category, said = label_of(work.pieces, members)
     length, width, told = size_of(work.pieces, members, category)
     full = np.where(valid, 1.0, np.nan)

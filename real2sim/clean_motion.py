@@ -4,9 +4,12 @@ import numpy as np
 
 from mdrive_sumo.geometry import Bool, Float, Int, wrap_angles
 from real2sim.clean_pieces import BREAK_M, unexplained
+from real2sim.quality_motion import runs
 
 SPREAD_S = 1.5
 """A step that no other observer corrects is spread over so much time on both sides."""
+STRAY_M, STRAY_ACCELERATION = 0.5, 6.0
+"""[m], [m/s²] So far from its usual place it is elsewhere; MDrive's limit of acceleration."""
 HEADING_SPEED = 0.5
 """[m/s] Slower than this the direction of motion says nothing."""
 TURN_M = 1.0
@@ -70,6 +73,28 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
         share = side * (1 + np.cos(np.pi * away)) / 4
         x, y = x - share * off[frame, 0], y - share * off[frame, 1]
     return x, y, steps
+
+
+def strayed(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float, int]:
+    """Positions of a thing that mostly stands, held where it left its place and came back faster than it can.
+
+    From rest to rest and back over a distance d in a time t takes accelerations of 16 d / t². Returns how many frames.
+    """
+    if not valid.any():
+        return x, y, 0
+    off = np.hypot(x - np.median(x[valid]), y - np.median(y[valid]))
+    out = valid & ~(off <= STRAY_M)
+    if out.sum() > valid.sum() / 2:
+        return x, y, 0
+    x, y, held_frames, frames = x.copy(), y.copy(), 0, np.flatnonzero(valid)
+    for run in runs(out):
+        before, after, time = run.start - 1, run.stop, (run.stop - run.start + 1) * dt_s
+        returns = before >= frames[0] and after <= frames[-1] and bool(valid[before] and valid[after])
+        if returns and 16 * off[run].max() / time**2 > STRAY_ACCELERATION:
+            for values in (x, y):
+                values[run] = np.interp(np.arange(run.start, run.stop), (before, after), values[[before, after]])
+            held_frames += run.stop - run.start
+    return x, y, held_frames
 
 
 def directions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float]:

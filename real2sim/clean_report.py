@@ -28,6 +28,10 @@ class Reason(StrEnum):
     """Classes that differ between observers, or contradict motion or size."""
     STATIC = "static"
     """Marked as never moving."""
+    OVERLAP = "overlap"
+    """Appeared inside another thing: begins later, or both are taken smaller."""
+    INSIDE = "inside another"
+    """Lies inside another thing for most of its life: left out altogether."""
     TOO_SHORT = "too short"
     """Left out altogether."""
 
@@ -59,4 +63,5 @@ class CleaningReport:
     @property
     def lost(self) -> dict[str, str]:
         """Tracks of the source that have no successor, with the reason."""
-        return {change.track: change.detail for change in self.of(Reason.TOO_SHORT)}
+        gone = (*self.of(Reason.TOO_SHORT), *self.of(Reason.INSIDE))
+        return {change.track: change.detail for change in gone}

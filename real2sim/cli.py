@@ -8,9 +8,7 @@ import click
 from mdrive_sumo.errors import InputError
 from real2sim.cli_authored import interdrive, mdrive, opendrive
 from real2sim.cli_logs import Ask, file_of, folder_of_agents, folder_with, log_options, logs_below, run
-from real2sim.convert import Log
-from real2sim.quality_file import load_qualities
-from real2sim.summary import summary, summary_table
+from real2sim.convert_read import Log
 
 map_option = click.option(
     "--map",
@@ -42,6 +40,9 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
         return
     if ctx.invoked_subcommand is not None:
         raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
+    from real2sim.quality_file import load_qualities  # here, as in `cli_logs.run`
+    from real2sim.summary import summary, summary_table
+
     found = summary(load_qualities(suite))
     click.echo(found.model_dump_json(indent=1) if as_json else summary_table(found))
     ctx.exit(0 if found.all.passed else 1)

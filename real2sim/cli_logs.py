@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -14,11 +14,11 @@ from mdrive_sumo.cli.evaluate import workers_option
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import SuiteFile
 from mdrive_sumo.scenario.traffic import Mode
-from real2sim.batch import Batch, Order, convert_logs
-from real2sim.build import Wish
-from real2sim.convert import Log
+from real2sim.convert_read import Log
 from real2sim.readers.window import Window
-from real2sim.report_page import PAGE
+
+if TYPE_CHECKING:
+    from real2sim.batch import Batch
 
 F = TypeVar("F", bound=Callable[..., Any])
 TRAFFIC = ("reactive", "replay", "hybrid")
@@ -79,7 +79,7 @@ _OPTIONS = (
         show_default=True,
         help="SUMO drives along the log; its poses, never reacting; its poses until a CAV is in the way.",
     ),
-    click.option("--report", is_flag=True, help=f"Write {PAGE}: raw against reconstructed, verdicts."),
+    click.option("--report", is_flag=True, help="Write pages: raw against reconstructed, verdicts."),
     workers_option,
 )
 
@@ -108,6 +108,10 @@ class Ask:
 
 def run(ctx: click.Context, logs: Sequence[Log], ask: Ask) -> None:
     """Converts, tells, and ends with the exit code."""
+    # here, because SUMO takes half a second that `--help` should not pay
+    from real2sim.batch import Order, convert_logs
+    from real2sim.build import Wish
+
     order = Order(Wish(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, told)
     batch = convert_logs(logs, ask.out, about(ask.out, ask.name), order)
     click.echo(words(batch, ask))
@@ -124,8 +128,9 @@ def about(out: Path, name: str | None) -> SuiteFile:
     return SuiteFile(name=wanted, title=wanted, description="Converted from logs by mdrive-sumo convert.")
 
 
-def words(batch: Batch, ask: Ask) -> str:
+def words(batch: "Batch", ask: Ask) -> str:
     """What was written, and what misses its target."""
+
     lines = [f"{outcome.id}: {miss}" for outcome in batch.missing for miss in outcome.misses]
     passed, converted = len(batch.outcomes) - len(batch.missing), len(batch.outcomes)
     lines.append(
@@ -133,7 +138,7 @@ def words(batch: Batch, ask: Ask) -> str:
         + f"; {len(batch.refused)} logs unusable" * bool(batch.refused)
     )
     if ask.report:
-        lines.append(f"Report: {ask.out / PAGE}")
+        lines.append(f"Report: {ask.out / 'conversion.html'}")
     lines += [f"Figures: mdrive-sumo convert --summary {ask.out}", f"Run it: mdrive-sumo eval --suite {ask.out}"]
     return "\n".join(lines)
 

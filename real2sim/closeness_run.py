@@ -38,6 +38,8 @@ class _Rail:
         """x, y [m], yaw [rad], speed [m/s]; None before and after."""
         if time < self.times[0] - 1e-6 or (time > self.times[-1] + 1e-6 and not self.stays):
             return None
+        if len(self.times) == 1:
+            return self.states[0]
         return np.array([np.interp(time, self.times, column) for column in self.states.T])
 
 
@@ -62,14 +64,16 @@ def simulate(scenario: Scenario, roads: RoadMap, tracks: Mapping[str, Track], dt
 def _rail_of(track: Track, dt_s: float) -> _Rail:
     rows = track.frames
     xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
-    return _Rail(rows * dt_s, np.column_stack((xy, yaw, _speed(xy, rows * dt_s))))
+    times = rows.astype(np.float64) * dt_s
+    return _Rail(times, np.column_stack((xy, yaw, _speed(xy, times))))
 
 
 def _speed(xy: Float, times: Float) -> Float:
     """[m/s] (N,)"""
     if len(times) < 2:
         return np.zeros(len(times))
-    return np.hypot(np.gradient(xy[:, 0], times), np.gradient(xy[:, 1], times))
+    x, y = (np.asarray(np.gradient(column, times), dtype=np.float64) for column in xy.T)
+    return np.hypot(x, y)
 
 
 def _rail(actor: Actor) -> _Rail:

@@ -3,10 +3,11 @@
 Who becomes what:
 - CAVs: egos that start as in the log, with the route they drove there.
 - Moving vehicles with a route: background vehicles with a schedule. One that begins inside a junction departs at the
-  end of the edge before it, and its schedule begins with the distance it is ahead of that.
-- Moving vehicles that leave the road, walkers, cyclists: actors on their path of the log, which stop for what is in
-  their way, in every mode.
-- What never moves: standing actors.
+  end of the edge before it, and its schedule begins with the distance it is ahead of that. One that comes onto the map
+  or leaves it at an end of its lanes is there while it is on the map.
+- Moving vehicles that leave the roads elsewhere or drive beside another one in a lane, walkers, cyclists: actors on
+  their path of the log, which stop for what is in their way, in every mode.
+- What never moves: standing actors. SUMO's traffic takes no notice of actors that were driven around (`fit_beside`).
 """
 
 import re
@@ -17,10 +18,11 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import Actor
 from mdrive_sumo.scenario.spec import Ego
-from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle, Mode
+from mdrive_sumo.scenario.traffic import Background, Mode
 from mdrive_sumo.state import Kind
 from real2sim.findings import Became, Role
 from real2sim.fit_actor import replayed, standing
+from real2sim.fit_beside import Centred, abreast, centred
 from real2sim.fit_driving import fitted
 from real2sim.fit_ego import choose_cavs, ego_of
 from real2sim.fit_vehicle import Driven, background_vehicle, driven
@@ -52,10 +54,8 @@ class Fitted:
 class _Work:
     """What is at hand while one log is fitted."""
 
-    tracks: Sequence[Track]
     matches: Mapping[str, Match]
     roads: RoadMap
-    mode: Mode
     dt_s: float
     names: dict[str, str]
     roles: dict[str, Role]
@@ -72,7 +72,7 @@ def fit(
     for name in cavs:
         if name not in known:
             raise InputError(f"CAV {name}: expected one of the tracks {_some(sorted(known))}, found none of that name")
-    work = _Work(tracks, matches, roads, mode, dt_s, scenario_names(tracks), {})
+    work = _Work(matches, roads, dt_s, scenario_names(tracks), {})
     egos = tuple(_ego(work, known[name]) for name in cavs)
     rest = [track for track in tracks if track.id not in cavs]
     drivers = _drivers(work, rest)
@@ -81,8 +81,8 @@ def fit(
         background_vehicle(one, work.names[one.track.id], driving, dt_s, mode != "reactive")
         for one, driving in zip(drivers, following, strict=True)
     ]
-    on_road = {one.track.id for one in drivers}
-    actors = [actor for track in rest if track.id not in on_road for actor in _actor(work, track, drivers)]
+    on_road, traffic = {one.track.id for one in drivers}, centred(drivers, roads)
+    actors = [actor for track in rest if track.id not in on_road for actor in _actor(work, track, traffic)]
     background = Background(vehicles=tuple(vehicles), action_step_s=ACTION_STEP_S, mode=mode)
     return Fitted(egos, background, tuple(actors), work.roles, work.names)
 
@@ -125,26 +125,26 @@ def _drivers(work: _Work, tracks: Sequence[Track]) -> list[Driven]:
         if isinstance(one, str):
             work.roles[track.id] = Role(Became.ACTOR, one)
             continue
-        work.roles[track.id] = Role(Became.BACKGROUND, one.said)
         found.append(one)
-    return found
+    beside = abreast(centred(found, work.roads), work.dt_s)
+    for one in found:
+        out = one.track.id in beside
+        role = Role(Became.ACTOR, beside[one.track.id]) if out else Role(Became.BACKGROUND, one.said)
+        work.roles[one.track.id] = role
+    return [one for one in found if one.track.id not in beside]
 
 
-def _actor(work: _Work, track: Track, drivers: Sequence[Driven]) -> list[Actor]:
+def _actor(work: _Work, track: Track, traffic: Centred) -> list[Actor]:
     name = work.names[track.id]
     frames = int(track.valid.sum())
     if frames < LEAST_FRAMES and not (track.parked and frames):
         work.roles[track.id] = Role(Became.LEFT_OUT, f"seen in {frames} frames only")
         return []
     if track.parked or track.category.kind is Kind.STATIC:
-        actor, said = standing(track, name, drivers, work.roads, work.dt_s)
+        actor, said = standing(track, name, traffic, work.dt_s)
         work.roles[track.id] = Role(Became.STANDING, said)
         return [actor]
-    work.roles.setdefault(track.id, Role(Became.ACTOR))
-    return [replayed(track, name, work.dt_s)]
-
-
-def vehicles_by_track(fitted_log: Fitted) -> dict[str, BackgroundVehicle]:
-    """Background vehicles by the id of their track."""
-    by_name = {vehicle.id: vehicle for vehicle in fitted_log.background.vehicles}
-    return {track: by_name[name] for track, name in fitted_log.names.items() if name in by_name}
+    actor, said = replayed(track, name, traffic, work.dt_s)
+    before = work.roles[track.id].reason if track.id in work.roles else ""
+    work.roles[track.id] = Role(Became.ACTOR, "; ".join(part for part in (before, said) if part))
+    return [actor]

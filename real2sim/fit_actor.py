@@ -3,18 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-import shapely
 
 from mdrive_sumo.geometry import box_corners, boxes_corners, boxes_overlap
-from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import KINDS, Actor, KindName, Motion, Replay, Standing
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.state import Kind
+from real2sim.fit_beside import Centred, run_into
 from real2sim.fit_vehicle import Driven, poses
 from real2sim.recording import Category, Track
 
-STRIP_M = 1.8 + 2 * 0.3
-"""Width of what SUMO's traffic sweeps on its lane (`sumo.ghosts.CORRIDOR_M`), with a margin on both sides."""
 NAMES: dict[Kind, KindName] = {kind: name for name, kind in KINDS.items()}
 SIZES = {
     Category.PEDESTRIAN: (0.6, 0.6),
@@ -27,20 +24,33 @@ SIZES = {
 """Length and width [m] of what the source tells no size of; a car's otherwise."""
 
 
-def replayed(track: Track, name: str, dt_s: float) -> Actor:
-    """An actor that repeats the track and stops for what is in its way; it stays if the log ends before it does."""
+def replayed(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+    """An actor that repeats the track and stops for what is in its way, and what is to be said about it.
+
+    It stays where it is if the log ends before it does.
+    """
     timed = poses(track, dt_s)
     x, y, yaw = timed[0][1:]
     length, width = _size(track)
-    return Actor(
+    corners = boxes_corners(track.x, track.y, np.nan_to_num(track.yaw), np.array(length), np.array(width))
+    around = run_into(traffic, track.valid, corners)
+    actor = Actor(
         id=name,
         kind=NAMES[track.category.kind],
         model=track.category.value,
         start=Pose(x=x, y=y, yaw=yaw),
-        motion=Replay(poses=_unwrapped(timed), stays=bool(track.valid[-1])),
         length=length,
         width=width,
+        motion=Replay(poses=_unwrapped(timed), stays=bool(track.valid[-1])),
+        mirrored=not around,
     )
+    return actor, _said(around)
+
+
+def _said(around: Sequence[str]) -> str:
+    if not around:
+        return ""
+    return f"not seen by SUMO's traffic: passed by {', '.join(around[:3])}{', ...' if len(around) > 3 else ''}"
 
 
 def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tuple[float, float, float, float], ...]:
@@ -59,7 +69,7 @@ def _size(track: Track) -> tuple[float, float]:
     return min(max(round(length, 2), 0.1), 40.0), min(max(round(width, 2), 0.1), 40.0)
 
 
-def standing(track: Track, name: str, traffic: Sequence[Driven], roads: RoadMap, dt_s: float) -> tuple[Actor, str]:
+def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
     """A thing that never moves, and what is to be said about it.
 
     Where a vehicle of the log drives later through the place where it stood, or before it came there, it is there only
@@ -72,15 +82,14 @@ def standing(track: Track, name: str, traffic: Sequence[Driven], roads: RoadMap,
     box = box_corners(x, y, heading, length, width)
     motion: Motion = Standing()
     said: list[str] = []
-    if any(_drives_through(box, one, track) for one in traffic):
+    if any(_drives_through(box, one, track) for one in traffic.drivers):
         first, last = int(track.frames[0]) * dt_s, (int(track.frames[-1]) + 1) * dt_s
         motion = Replay(
             poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
         )
         said.append("there only while the log shows it: a vehicle drives through its place at another time")
-    around = [one.track.id for one in traffic if _drives_around(box, one, roads)]
-    if around:
-        said.append(f"driven around by {', '.join(around[:3])}{', ...' if len(around) > 3 else ''}: not mirrored")
+    around = run_into(traffic, np.ones(len(track.valid), dtype=np.bool_), np.tile(box, (len(track.valid), 1, 1)))
+    said.append(_said(around))
     actor = Actor(
         id=name,
         kind=NAMES[track.category.kind],
@@ -91,7 +100,7 @@ def standing(track: Track, name: str, traffic: Sequence[Driven], roads: RoadMap,
         length=length,
         width=width,
     )
-    return actor, "; ".join(said)
+    return actor, "; ".join(part for part in said if part)
 
 
 def _drives_through(box: np.ndarray, one: Driven, track: Track) -> bool:
@@ -106,18 +115,3 @@ def _drives_through(box: np.ndarray, one: Driven, track: Track) -> bool:
     yaw = np.nan_to_num(moving.yaw[near])
     boxes = boxes_corners(moving.x[near], moving.y[near], yaw, np.array(one.length), np.array(one.width))
     return bool(boxes_overlap(boxes, box[None]).any())
-
-
-def _drives_around(box: np.ndarray, one: Driven, roads: RoadMap) -> bool:
-    """Whether the vehicle passed on a lane whose strip the box reaches into."""
-    outline = shapely.polygons(box)
-    seen = one.track.valid
-    for lane in {lane for lane in one.match.lane if lane}:
-        line = shapely.LineString(roads.lanes[lane].centre.xy)
-        if shapely.distance(line, outline) >= STRIP_M / 2:
-            continue
-        station = float(shapely.line_locate_point(line, shapely.centroid(outline)))
-        at = np.array([one.match.s[k] for k in np.flatnonzero(seen) if one.match.lane[k] == lane])
-        if at.min() + one.length / 2 < station < at.max() + one.length / 2 and station < line.length:
-            return True
-    return False

@@ -97,20 +97,24 @@ def _route(match: Match, roads: RoadMap) -> tuple[Route, str]:
     length = float(np.hypot(*np.diff(route.xy, axis=0).T).sum()) if route is not None else 0.0
     if route is not None and length >= ROUTE_M:
         return route, ""
-    short, missing = length, ROUTE_M - length
-    while missing > 0:
-        rest = roads.lanes[lanes[-1]].centre.length - goal
-        goal, missing = goal + min(rest, missing), missing - rest
-        ahead = straight_on(roads, lanes[-1], 0.1)
-        if missing > 0 and not ahead:
-            break
-        if missing > 0:
-            lanes, goal = [*lanes, *ahead], 0.0
-            missing -= sum(roads.lanes[lane].centre.length for lane in ahead[:-1])
+    lanes, goal = _prolonged(roads, lanes, goal, ROUTE_M - length)
     route = _dense(match, roads, lanes, start, goal)
     if route is None:
         raise InputError(f"lane {lanes[-1]}: expected room for a route, found its end")
-    return route, f"goes only {short:.1f} m in the log: its route is prolonged along its lane"
+    return route, f"goes only {length:.1f} m in the log: its route is prolonged along its lane"
+
+
+def _prolonged(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float) -> tuple[list[str], float]:
+    """The lanes and the arc length [m] on the last of them that much further ahead, or to the end of the network."""
+    found = list(lanes)
+    for lane in ("", *straight_on(roads, lanes[-1], missing)):
+        if lane:
+            found, goal = [*found, lane], 0.0
+        rest = roads.lanes[found[-1]].centre.length - goal
+        if missing <= rest:
+            return found, goal + missing
+        goal, missing = goal + rest, missing - rest
+    return found, goal
 
 
 def _dense(match: Match, roads: RoadMap, lanes: Sequence[str], start: float, goal: float) -> Route | None:

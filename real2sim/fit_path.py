@@ -14,6 +14,8 @@ from real2sim.recording import Track
 
 JOINT_M = 0.1
 """SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`net_shapes`)."""
+CLAMPED_M = 0.05
+"""A foot so near to an end of the path may be that of a place beyond it."""
 
 
 @dataclass(frozen=True)
@@ -111,13 +113,15 @@ def edge_length(roads: RoadMap, lane: Lane) -> float:
 def progress_of(path: RoutePath, track: Track, match: Match) -> Float:
     """Distance (T,) [m] of the box centre along the path, growing; NaN before the first and after the last frame.
 
-    Where no lane is known it is that of the frames around it and the distance driven.
+    Where no lane is known, or it is before or behind the path, that of the frames around it and the distance driven.
     """
     frames = np.flatnonzero(track.valid)
     whole = np.arange(frames[0], frames[-1] + 1)
     x, y = (np.interp(whole, frames, values[frames]) for values in (track.x, track.y))
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     at, ahead = _known(path, match, whole)
+    inside = (ahead > CLAMPED_M) & (ahead < path.length - CLAMPED_M)
+    at, ahead = (at[inside], ahead[inside]) if inside.any() else (at, ahead)
     along = np.full(len(match.lane), np.nan)
     along[whole] = np.maximum.accumulate(driven + np.interp(whole, at, ahead - driven[at - frames[0]]))
     return along
@@ -145,7 +149,7 @@ def straight_on(roads: RoadMap, lane: str, least_m: float) -> tuple[str, ...]:
     found: list[str] = []
     so_far = 0.0
     here = roads.lanes[lane]
-    while so_far < least_m and here.successors:
+    while (so_far < least_m or here.junction) and here.successors:
         here = roads.lanes[min(here.successors, key=lambda id_: (_turn(roads, id_), id_))]
         if here.id in found:
             break

@@ -84,7 +84,8 @@ def driven(track: Track, match: Match, roads: RoadMap) -> Driven | str:
     progress = progress_of(path, track, match)
     for off in _off_rows(track, on):
         progress[off] = np.nan
-    progress[progress + length / 2 > path.length + OVER_M] = np.nan
+    front = progress + length / 2
+    progress[(front < 0.0) | (front > path.length + OVER_M)] = np.nan
     if np.isfinite(progress).sum() < 2:
         return "it is on the roads of the map for one frame only"
     return Driven(track, match, path, progress, length, width)

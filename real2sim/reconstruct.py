@@ -17,6 +17,7 @@ from real2sim.bounded import Bounds, bounded
 from real2sim.quality_motion import WINDOW, accelerations, jerks, runs
 from real2sim.recording import Track
 from real2sim.smoothing import smoothed
+from real2sim.standing import rested
 
 SOFT = 0.3
 """Penalty of jerk: it cuts motion faster than 2 Hz, which no road user has."""
@@ -63,24 +64,13 @@ def reconstruct(tracks: Sequence[Track], dt_s: float) -> tuple[Track, ...]:
     """Smooth trajectories for cleaned tracks, frame by frame in the same places; things that never move stand still."""
     moving = [(n, run) for n, track in enumerate(tracks) if not track.parked for run in runs(track.valid)]
     long = [(n, run) for n, run in moving if run.stop - run.start >= SHORTEST_FRAMES]
-    results = [_rested(track) if track.parked else track for track in tracks]
+    results = [rested(track) if track.parked else track for track in tracks]
     if long:
         batch = _stacked(tracks, long)
         xy, yaw = _trajectories(batch, dt_s)
         for row, (n, run) in enumerate(long):
             results[n] = _replaced(results[n], run, xy[row], yaw[row])
     return tuple(results)
-
-
-def _rested(track: Track) -> Track:
-    """A thing that never moves: one place and one heading, the medians."""
-    if not track.valid.any():
-        return track
-    full = np.where(track.valid, 1.0, np.nan)
-    yaw = track.yaw[track.valid]
-    centre = np.arctan2(np.sin(yaw).sum(), np.cos(yaw).sum())
-    heading = wrap_angles(np.array(centre + np.median(wrap_angles(yaw - centre))))
-    return replace(track, x=full * np.nanmedian(track.x), y=full * np.nanmedian(track.y), yaw=full * heading)
 
 
 def _stacked(tracks: Sequence[Track], stretches: Sequence[tuple[int, slice]]) -> _Batch:

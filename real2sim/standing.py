@@ -1,8 +1,10 @@
 """Which tracks never move: MDrive's static rules (spec data_formats.md section 3 step 6), without jitter."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.geometry import Float, wrap_angles
 from real2sim.recording import Category, Track
 
 STATIC_PATH_M, STATIC_NET_M = 1.2, 0.8
@@ -42,3 +44,14 @@ def _calm(xy: Float, frames: int = JITTER_FRAMES) -> Float:
     at = np.arange(len(xy))
     reach = np.minimum(np.minimum(at, len(xy) - 1 - at), half)
     return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
+
+
+def rested(track: Track) -> Track:
+    """A thing that never moves: one place and one heading, the medians."""
+    if not track.valid.any():
+        return track
+    full = np.where(track.valid, 1.0, np.nan)
+    yaw = track.yaw[track.valid]
+    centre = np.arctan2(np.sin(yaw).sum(), np.cos(yaw).sum())
+    heading = wrap_angles(np.array(centre + np.median(wrap_angles(yaw - centre))))
+    return replace(track, x=full * np.nanmedian(track.x), y=full * np.nanmedian(track.y), yaw=full * heading)

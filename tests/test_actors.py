@@ -186,6 +186,16 @@ def test_noses_in_each_others_way_do_not_wait_for_each_other_for_ever() -> None:
     assert film.of("b")[-1, 1] == pytest.approx(60.0, abs=0.1)
 
 
+def test_a_walker_and_a_car_face_to_face_do_not_wait_for_each_other_for_ever() -> None:
+    film = Film(
+        actor("a", "vehicle", points=[(0, 0), (60, 0)], speed=5),
+        actor("p", "pedestrian", points=[(3.0, 0), (-60, 0)], speed=1.5),
+        seconds=40,
+    )
+    assert film.of("a")[-1, 0] == pytest.approx(60.0, abs=0.1)
+    assert film.of("p")[-1, 0] < -40.0
+
+
 def test_a_log_is_not_held_up_by_itself() -> None:
     def poses(y: float) -> list[tuple[float, float, float, float]]:
         return [(t / 10, 0.4 * t, y, 0.0) for t in range(100)]

@@ -12,6 +12,7 @@ from log_truth import DT, alone, made, observed, truth
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import wrap_angles
 from real2sim.clean import clean
+from real2sim.clean_motion import strayed
 from real2sim.clean_report import Reason
 from real2sim.hdmap import HdMap
 from real2sim.quality_boxes import contacts
@@ -243,3 +244,22 @@ def test_a_large_log_is_cleaned_and_reconstructed_fast() -> None:
     cleaned = clean(log.recording)
     reconstruct(cleaned.tracks, cleaned.dt_s)
     assert time.process_time() - begin < 1.5
+
+
+@pytest.mark.parametrize(("seconds", "mistake"), [(2.0, True), (5.0, False)])
+def test_who_leaves_its_place_and_comes_back_faster_than_a_car_can_was_there_all_the_time(
+    seconds: float, mistake: bool
+) -> None:
+    """A parked car of Argoverse wanders 3 m off within a second, and back: that would take 10 m/s²."""
+    t = np.arange(200) * 0.1
+    x = 3.0 * np.sin(np.pi * np.clip((t - 6) / seconds, 0, 1)) ** 2
+    there, held, frames = strayed(np.ones(200, dtype=np.bool_), x, np.zeros(200), 0.1)
+    assert (frames > 0) is mistake
+    assert np.abs(held).max() == 0.0
+    assert bool(np.abs(there).max() < 0.6) is mistake
+
+
+def test_who_goes_away_is_not_held() -> None:
+    t = np.arange(100) * 0.1
+    x = np.where(t < 7, 0.0, 3 * (t - 7) ** 2)
+    assert strayed(np.ones(100, dtype=np.bool_), x, np.zeros(100), 0.1)[2] == 0

@@ -1,7 +1,7 @@
 """Planted faults are repaired, and none silently."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def told(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
     return any(change.reason in REASONS[fault.kind] and change.track in names for change in cleaned.report.changes)
 
 
-def rates(logs: Sequence[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], list[Fault]]:
+def rates(logs: Iterable[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], list[Fault]]:
     """Share of repaired faults per kind, and those nobody was told about."""
     total, good, silent = Counter[str](), Counter[str](), list[Fault]()
     for log, faults in logs:

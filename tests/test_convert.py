@@ -1,5 +1,6 @@
 """`mdrive-sumo convert` for logs: the suite that is written, its quality.json, batches, windows, exit codes."""
 
+import io
 import json
 import shutil
 from pathlib import Path
@@ -14,8 +15,11 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.soundness import check_scenario
-from real2sim.build_targets import Target
-from real2sim.convert import Log, scenario_id, windows_of
+from real2sim.build_targets import Target, lost_target
+from real2sim.cli_logs import told
+from real2sim.convert import scenario_id, windows_of
+from real2sim.convert_read import Log
+from real2sim.findings import Became, Role
 from real2sim.quality_file import load_quality
 from real2sim.summary import summary
 
@@ -234,6 +238,26 @@ def test_ids_are_those_of_logs_in_plain_characters() -> None:
 )
 def test_targets(target: Target, met: bool | None) -> None:
     assert target.met is met
+
+
+def test_a_track_may_be_left_out_with_a_reason_only() -> None:
+    roles = {"a": Role(Became.LEFT_OUT, "seen in 1 frames only"), "b": Role(Became.LEFT_OUT), "c": Role(Became.ACTOR)}
+    assert lost_target(roles, ["a", "b", "c", "d"]).value == 2
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_is_one_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
+    told(1, 2, "first: passed")
+    told(2, 2, "second: passed")
+    before, half, end = screen.getvalue().split("\r\x1b[K")
+    assert (before, end) == ("", "")
+    assert half == "█" * 12 + "░" * 12 + " 1/2  first: passed"
 
 
 def test_authored_sources_have_the_same_door(tmp_path: Path, shared_data: Path) -> None:

@@ -234,6 +234,23 @@ def test_a_missing_package_names_the_extra(
     assert module in sentence
 
 
+def test_the_command_explains_itself_without_the_extra() -> None:
+    code = """
+import sys
+class Without:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in {"pyarrow", "commonroad", "yaml", "pyproj", "sumo", "scipy"}:
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Without())
+from mdrive_sumo.cli import main
+main(["convert", "v2xpnp", "--help"])
+"""
+    done = subprocess.run((sys.executable, "-c", code), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Convert V2XPnP scenarios" in done.stdout
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("most_bytes", [100, 6_000])
 def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tuple[Path, Path], tmp_path: Path) -> None:
     """No file may grow beyond the limit: the first one, or the quality.json."""
@@ -250,6 +267,7 @@ def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tup
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_nothing(small: tuple[Path, Path], tmp_path: Path) -> None:
     logs = tmp_path / "logs"
     for k in range(8):

@@ -134,7 +134,7 @@ def test_stop_signs_are_stop_lines() -> None:
 
 @pytest.fixture(scope="module")
 def driven() -> Driven:
-    return drive(0, Crowd(vehicles=12))
+    return drive(0, Crowd(vehicles=12, walkers=4, all=20))
 
 
 def test_an_episode_in_sumo_is_a_log_too(driven: Driven) -> None:

@@ -15,11 +15,14 @@ from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from mdrive_sumo.state import Kind
+from real2sim.build import Wish, build_log
 from real2sim.hdmap import HdMap, MapLane
 from real2sim.lane_matching import match
 from real2sim.netbuild import NetworkReport, build_network
 from real2sim.netconvert import netconvert_program
+from real2sim.quality_file import QualityFile
 from real2sim.recording import Recording, Track
+from real2sim.scene import Scene
 
 NODES = '<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>'
 EDGES = '<edges><edge id="ab" from="a" to="b" numLanes="3"/><edge id="ba" from="b" to="a" numLanes="2"/></edges>'
@@ -142,7 +145,7 @@ def check_both_sides(recording: Recording, folder: Path) -> None:
 
 
 def test_the_mirror_image_of_a_log_keeps_to_the_left(tmp_path: Path) -> None:
-    check_both_sides(busy_truth(0, Crowd(vehicles=20)), tmp_path)
+    check_both_sides(busy_truth(0, Crowd(vehicles=20, walkers=4, all=30)), tmp_path)
 
 
 def undirected(found: HdMap) -> HdMap:
@@ -153,7 +156,7 @@ def undirected(found: HdMap) -> HdMap:
 
 
 def test_the_side_is_found_without_directions_too(tmp_path: Path) -> None:
-    log = busy_truth(0, Crowd(vehicles=20))
+    log = busy_truth(0, Crowd(vehicles=20, walkers=4, all=30))
     for side, one in ((False, log), (True, mirrored(log))):
         report = build_network(undirected(one.map), motions(one), tmp_path / str(side), "net")
         assert report.left_hand is side
@@ -163,3 +166,22 @@ def test_the_side_is_found_without_directions_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["scene-0103", "scene-0757", "av2-forecasting", "av2-sensor", "peach", "interaction"])
 def test_the_mirror_image_of_a_real_log_keeps_to_the_left(name: str, shared_data: Path, tmp_path: Path) -> None:
     check_both_sides(READ[name](), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["scene-0757", "scene-1100", "peach"])
+def test_the_mirror_image_of_a_real_log_converts_as_well(name: str, shared_data: Path, tmp_path: Path) -> None:
+    """Cleaning, matching, fidelity and SUMO's traffic are as good; US-101, one way, tells no side."""
+    log = READ[name]()
+    found: list[QualityFile] = []
+    for one, folder in ((log, "as-it-is"), (mirrored(log), "mirrored")):
+        scene = Scene(name, log.source, "test", "test", one.map, one)
+        found.append(build_log(scene, tmp_path / folder, Wish()).quality)
+    before, after = found
+    assert after.network.left_hand is not before.network.left_hand
+    assert after.network.lost == before.network.lost
+    assert after.fidelity.moving_vehicles == before.fidelity.moving_vehicles
+    assert abs(after.fidelity.moving_passed - before.fidelity.moving_passed) <= 1
+    assert after.fidelity.wrong_way_frames == before.fidelity.wrong_way_frames
+    assert after.fidelity.error_p95 == pytest.approx(before.fidelity.error_p95, abs=0.02)
+    assert after.closeness.median_at_5s == pytest.approx(before.closeness.median_at_5s, abs=0.5)

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.geometry import Float
 from real2sim import quality_motion as motion
-from real2sim.hdmap import HdMap, LaneKind, MapLane
-from real2sim.quality import CHECKS, Converted, assess, judged
+from real2sim.quality import CHECKS, Check, Converted, assess, judged
 from real2sim.quality_actor import actor_quality, dtw, errors
 from real2sim.quality_boxes import contacts
-from real2sim.quality_lanes import LaneIndex, illegal_jumps
+from real2sim.quality_lanes import LaneIndex
 from real2sim.recording import Category, Track
 from real2sim.standing import moves
 
@@ -98,6 +97,7 @@ PLANTED: dict[str, Track] = {
     "yaw_second_max_deg": track(np.zeros(100) + 10 * T, 0.0, np.clip((T - 4) * math.radians(80), 0, math.radians(80))),
     "backward_max": track(10 * T, 0.0, math.pi),
     "jerk_p95": track(10 * T + 2.0 * np.sin(2 * T)),
+    "curvature_spread": track(6 * T, 0.1 * np.sin(8 * T)),
 }
 
 
@@ -113,6 +113,35 @@ ERRORS = {
     "dtw_mean": track(10 * T, 0.52),
     "turn_change_deg": track(10 * T, np.maximum(T - 9, 0) * 12),
 }
+
+
+ASTRAY = {
+    "lateral_mean": track(10 * T, 1.9),
+    "off_route_frames": track(10 * T, -3.1 * (T >= 9.85)),
+    "wrong_way_frames": track(10 * T, 0.0, math.pi),
+}
+
+
+@pytest.mark.parametrize("name", sorted(ASTRAY))
+def test_every_check_against_the_lanes_finds_its_fault(name: str) -> None:
+    one = LaneIndex.of_lines([np.array(((-50.0, 0.0), (150.0, 0.0)))], [True])
+    thing = ASTRAY[name]
+    backwards = replace(thing, x=thing.x[::-1].copy()) if name == "wrong_way_frames" else thing
+    log = backwards if name == "wrong_way_frames" else CRUISE
+    assert name in judged(actor_quality(backwards, DT, log, one)).failed
+    assert name not in judged(actor_quality(CRUISE, DT, CRUISE, one)).failed
+
+
+def test_every_check_has_a_trajectory_that_fails_it() -> None:
+    assert {check.figure for check in CHECKS} == PLANTED.keys() | ERRORS.keys() | ASTRAY.keys()
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.figure)
+def test_a_figure_at_its_limit_passes_and_above_it_fails(check: Check) -> None:
+    actor = actor_quality(CRUISE, DT, CRUISE)
+    at, above = (actor.model_copy(update={check.figure: check.limit + more}) for more in (0, 1e-6 + (check.limit == 0)))
+    assert check.figure not in judged(at).failed
+    assert check.figure in judged(above).failed
 
 
 @pytest.mark.parametrize("name", sorted(ERRORS))
@@ -144,50 +173,6 @@ def test_dtw_is_the_textbook_recursion(points: list[tuple[float, float]], seed: 
         for j in range(len(a)):
             best[i + 1, j + 1] = math.dist(a[i], b[j]) + min(best[i, j], best[i, j + 1], best[i + 1, j])
     assert dtw(a, b) == pytest.approx(best[-1, -1])
-
-
-def lanes() -> LaneIndex:
-    """Two directed lanes 3.5 m apart, eastwards at y = 0, westwards at y = 3.5; one undirected at y = 20."""
-    east, west = np.array(((-50.0, 0.0), (150.0, 0.0))), np.array(((150.0, 3.5), (-50.0, 3.5)))
-    return LaneIndex.of_lines([east, west, np.array(((150.0, 20.0), (-50.0, 20.0)))], [True, True, False])
-
-
-@pytest.mark.parametrize(
-    ("y", "lateral", "off", "wrong"),
-    [(0, 0, 0, 0), (0.8, 0.8, 0, 0), (3.1, 0.4, 0, 100), (8, 4.5, 100, 0), (20, 0, 0, 0)],
-)
-def test_lane_figures(y: float, lateral: float, off: int, wrong: int) -> None:
-    actor = actor_quality(track(10 * T, y), DT, None, lanes())
-    assert actor.lateral_mean == pytest.approx(lateral)
-    assert (actor.off_route_frames, actor.wrong_way_frames) == (off, wrong)
-    assert ("off_route_frames" in judged(actor).failed) == (off > 0)
-    assert ("wrong_way_frames" in judged(actor).failed) == (wrong > 0)
-
-
-def test_crossing_lanes_are_no_wrong_way() -> None:
-    cross = np.column_stack((np.full(2, 50.0), np.array((50.0, -50.0))))
-    index = LaneIndex.of_lines([np.array(((-50.0, 0.0), (150.0, 0.0))), cross], [True, True])
-    assert actor_quality(track(10 * T, 0.3), DT, None, index).wrong_way_frames == 0
-
-
-def test_lane_index_of_a_map_takes_driving_lanes_only() -> None:
-    line = np.array(((0.0, 0.0), (10.0, 0.0)))
-    index = LaneIndex.of_map(
-        HdMap({"a": MapLane("a", LaneKind.DRIVING, line), "b": MapLane("b", LaneKind.SIDEWALK, line + 5)})
-    )
-    assert index.offsets(np.array(((5.0, 4.0),)))[0] == pytest.approx(4.0)
-    assert np.isinf(LaneIndex.of_map(HdMap()).offsets(np.zeros((1, 2)))).all()
-
-
-def test_illegal_lane_jumps() -> None:
-    legal = {("a", "b"), ("b", "c")}
-    assert illegal_jumps(["a", "a", "", "b", "c", "a", "a"], lambda p, q: (p, q) in legal) == 1
-
-
-def test_backward_along_a_lane() -> None:
-    line = np.array(((0.0, 0.0), (5.0, 0.0), (5.0, 50.0)))
-    xy = np.array(((1.0, 0.1), (3.0, 0.0), (2.5, -0.1), (5.1, 3.0), (4.9, 2.0)))
-    assert np.allclose(motion.backward_along(line, xy), (0, 0.5, 0, 1.0))
 
 
 def test_collisions_use_the_box_and_not_the_length_of_the_track() -> None:
@@ -258,37 +243,6 @@ def test_nothing_at_all_can_be_assessed() -> None:
 def test_every_threshold_names_its_source() -> None:
     assert len({check.figure for check in CHECKS}) == len(CHECKS)
     assert all(check.source.startswith(("issue C", "MDrive", "ours")) for check in CHECKS)
-
-
-def test_outside_the_map_is_not_off_route() -> None:
-    """Beyond the end of the map, or far from all lanes, no lane can be asked for."""
-    index = LaneIndex.of_lines([np.array(((-50.0, 0.0), (50.0, 0.0)))], [True])
-    actor = actor_quality(track(10 * T), DT, None, index)
-    assert (actor.outside_frames, actor.off_route_frames) == (48, 0)
-    far = actor_quality(track(T, 12.0), DT, None, index)
-    assert (far.outside_frames, far.off_route_frames) == (100, None)
-    assert judged(far).failed == ()
-
-
-def test_a_wide_lane_is_on_the_route_to_its_edge() -> None:
-    line = np.array(((-50.0, 0.0), (200.0, 0.0)))
-    wide = MapLane("a", LaneKind.DRIVING, line, left=line + np.array((0, 4)), right=line - np.array((0, 4)))
-    assert actor_quality(track(10 * T, 4.2), DT, None, LaneIndex.of_map(HdMap({"a": wide}))).off_route_frames == 0
-    assert actor_quality(track(10 * T, 4.2), DT, None, LaneIndex.of_lines([line], [True])).off_route_frames == 100
-
-
-def test_cyclists_and_walkers_are_not_bound_to_lanes() -> None:
-    rider = track(5 * T, 8.0, category=Category.BICYCLE, id="b")
-    quality = assess(Converted("log", DT, [rider], {}, lanes()))
-    assert (quality.moving_vehicles, quality.walkers, quality.walkers_passed) == (0, 1, 1)
-
-
-def test_crossing_an_opposite_lane_is_no_wrong_way_driving() -> None:
-    index = LaneIndex.of_lines([np.array(((200.0, 0.0), (-50.0, 0.0)))], [True])
-    slanted = track(40 - 0.2 * T + 0.5 * T, 6 * T - 30, math.radians(85))
-    assert actor_quality(slanted, DT, None, index).wrong_way_frames == 0
-    along = actor_quality(track(10 * T), DT, None, index)
-    assert along.wrong_way_frames == 100
 
 
 def test_turn_ignores_noise_at_rest() -> None:

@@ -153,7 +153,7 @@ def test_the_network_comes_back(busy: Recording, trip: Trip, tmp_path: Path) -> 
 def test_many_drives_come_back(tmp_path: Path) -> None:
     visible = found = 0
     for seed in range(1, 9):
-        trip = there_and_back(busy_truth(seed, Crowd(vehicles=40)), tmp_path / str(seed), seed=seed)
+        trip = there_and_back(busy_truth(seed, Crowd(vehicles=40, walkers=12, all=60)), tmp_path / str(seed), seed=seed)
         visible, found = visible + len(trip.visible), found + len(trip.found)
         assert trip.duplicates == []
         assert trip.ghosts == []

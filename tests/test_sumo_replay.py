@@ -128,14 +128,16 @@ def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
 
 
 def test_whoever_is_about_to_hit_a_released_vehicle_is_released_too(roads: RoadMap) -> None:
+    """The CAV is gone before the second, fast vehicle comes near; the first one has just begun to drive again."""
+    first, second = logged(), logged(20.0, name="second")
+    second = second.model_copy(update={"log": tuple((t, x - 97.5, y, yaw) for t, x, y, yaw in second.log)})
     cav = EgoState(-60.0, -4.8, 0.0, 0.0)
-    second = logged().model_copy(update={"id": "second"})
-    later = tuple((t, x - 20.0, y, yaw) for t, x, y, yaw in second.log)
-    second = second.model_copy(update={"log": later, "depart_pos_m": 0.0})
-    frames = run(roads, "hybrid", [logged(), second], [cav] * 400)
+    egos = [*[cav] * 100, *[AWAY] * 120]
+    frames, alone = (run(roads, mode, [first, second], egos) for mode in ("hybrid", "replay"))
     for frame in frames:
         assert abs(frame.x[0] - frame.x[1]) > LENGTH
-    assert frames[-1].speed.max() < 0.1
+    assert frames[100].x[1] == alone[100].x[1]
+    assert frames[-1].x[1] < alone[-1].x[1] - 10.0
 
 
 def test_vehicles_without_a_log_react_to_those_on_theirs(roads: RoadMap) -> None:

@@ -75,9 +75,15 @@ def _headings(line: Polyline, s: Float, reach: float) -> Float:
     """Yaw (N,) [rad]: of the segment, or of the chord from `reach` metres behind to as far ahead."""
     if not reach:
         return np.unwrap(line.yaws_at(s))
-    ahead, behind = (np.array([line.at(one + way) for one in s.tolist()]) for way in (reach, -reach))
-    chord = ahead - behind
+    chord = _points(line, s + reach) - _points(line, s - reach)
     return np.unwrap(np.arctan2(chord[:, 1], chord[:, 0]))
+
+
+def _points(line: Polyline, s: Float) -> Float:
+    """Points (N, 2) [m] at arc lengths (N,); the end segments are prolonged."""
+    i = np.clip(np.searchsorted(line.s, s, side="right") - 1, 0, len(line.yaws) - 1)
+    ahead = (s - line.s[i])[:, None]
+    return line.xy[i] + ahead * np.column_stack((np.cos(line.yaws[i]), np.sin(line.yaws[i])))
 
 
 def replayed(poses: Sequence[tuple[float, float, float, float]]) -> Course:

@@ -8,8 +8,10 @@ from mdrive_sumo.actors.motion import Fitness, Going
 from mdrive_sumo.actors.tables import Places, Tables
 from mdrive_sumo.geometry import Bool, Float, Int
 
-HEAD_ON = -0.7
-"""Two whose headings have a lower cosine stand face to face; neither can go on, whoever has priority."""
+CREEPS = 0.1
+"""Who goes no faster [m/s] waits for what is in his way."""
+HEAD_ON = -0.95
+"""Two vehicles whose headings have a lower cosine stand face to face, and neither goes on; a walker walks around."""
 
 
 class Watch:
@@ -28,7 +30,8 @@ class Watch:
         `on_time` (M,): replays that are where their log has them; among themselves the log has settled everything.
         """
         limit = np.full(len(here.x), np.inf)
-        rows = np.flatnonzero(self._watchful & present)
+        arrived = (here.s >= tables.length) & ~self._fitness.timed  # and need not look any more
+        rows = np.flatnonzero(self._watchful & present & ~arrived)
         if not len(rows):
             return limit
         self._look_who_is_there(around)
@@ -37,11 +40,12 @@ class Watch:
         wary = wary & ~(on_time[rows, None] & settled)
         lookers = self._lookers(rows, going, here)
         way = free_way(lookers, wary, yields, around, tables)
-        loops = self._loops(rows, way, going, around)
-        if loops.any():  # those go on as if nobody of theirs were there
-            wary = wary & ~(loops[:, None] & (around.mover >= 0))
-            way = free_way(lookers, wary, yields, around, tables)
         limit[rows] = way.speed
+        loops = self._loops(rows, way, going, here, around)
+        if loops.any():  # those go on as if nobody of theirs were there
+            some = self._lookers(rows[loops], going, here)
+            way = free_way(some, wary[loops] & (around.mover < 0), yields[loops], around, tables)
+            limit[rows[loops]] = way.speed
         return limit
 
     def _look_who_is_there(self, around: Around) -> None:
@@ -71,19 +75,18 @@ class Watch:
             fit.foresight[rows],
         )
 
-    def _loops(self, rows: Int, way: Way, going: Going, around: Around) -> Bool:
-        """(R,) which lookers stand first in a ring of movers that all wait for the next one of it."""
+    def _loops(self, rows: Int, way: Way, going: Going, here: Places, around: Around) -> Bool:
+        """(R,) which lookers go first of a ring of movers that all wait for the next one: who walks, then by id."""
         found = np.zeros(len(rows), dtype=np.bool_)
-        waits = {
-            int(row): int(around.mover[other])
-            for row, other, speed in zip(rows, way.blocker, way.speed, strict=True)
-            if other >= 0 and speed < 0.1 and going.speed[row] < 0.1 and around.mover[other] >= 0
-        }
-        heading = {int(m): float(around.yaw[i]) for i, m in enumerate(around.mover) if m >= 0} if waits else {}
-        for i, row in enumerate(rows.tolist()):
+        waiting = (way.blocker >= 0) & (way.speed < CREEPS) & (going.speed[rows] < CREEPS)
+        waiting &= around.mover[way.blocker] >= 0
+        waits = dict(zip(rows[waiting].tolist(), around.mover[way.blocker[waiting]].tolist(), strict=True))
+        for i in np.flatnonzero(waiting).tolist():
+            row = int(rows[i])
             ring = _ring(row, waits)
-            if ring and row == min(ring) and np.cos(heading[row] - heading[waits[row]]) > HEAD_ON:
-                found[i] = True
+            if not ring or row != min(ring, key=lambda one: (not self._on_foot[one], one)):
+                continue
+            found[i] = self._on_foot[row] or np.cos(here.yaw[row] - here.yaw[waits[row]]) > HEAD_ON
         return found
 
 

@@ -56,11 +56,10 @@ def way_of(actor: Actor, roads: RoadMap) -> Float:
 
 
 def _shape(actor: Actor, colour: str) -> Patch:
-    """A disc for a person, else a box, crossed out if nobody is in it."""
+    """A disc for a person, else a box."""
     x, y = actor.start.x, actor.start.y
     length, width = max(actor.length, LEAST_M), max(actor.width, LEAST_M)
     if actor.kind == "pedestrian":
         return Circle((x, y), length / 2, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8)
     corners = box_corners(x, y, actor.start.yaw, length, width)
-    hatch = "xxxx" if actor.kind == "static" else None
-    return Polygon(corners, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8, hatch=hatch)
+    return Polygon(corners, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8)

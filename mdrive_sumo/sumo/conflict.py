@@ -29,12 +29,14 @@ class Mover:
     speed: float
     length: float
     width: float
+    off_log: bool = False
+    """Whether it has a log and left it: then it is enough that going on as now leads to a meeting."""
 
 
-def mover_of(actors: Actors, i: int) -> Mover:
+def mover_of(actors: Actors, i: int, off_log: bool = False) -> Mover:
     """One of the actors."""
     columns = (actors.x, actors.y, actors.yaw, actors.speed, actors.length, actors.width)
-    return Mover(*(float(column[i]) for column in columns))
+    return Mover(*(float(column[i]) for column in columns), off_log)
 
 
 def meets(logs: Logs, tick: int, there: Bool, mover: Mover) -> Bool:
@@ -50,7 +52,7 @@ def meets(logs: Logs, tick: int, there: Bool, mover: Mover) -> Bool:
         boxes = boxes_corners(x, y, yaw, *(logs.size[near].T[:, :, None] + 2 * MARGIN_M))
         as_now, *others = (present & boxes_overlap(boxes, _carried(mover, a)) for a in (0.0, BRAKING, SPEEDING))
         inevitable = np.all([hit.any(axis=1) for hit in (as_now, *others)], axis=0)
-        met[near] = as_now[:, 0] | inevitable
+        met[near] = as_now[:, 0] | (as_now.any(axis=1) if mover.off_log else inevitable)
     return met
 
 

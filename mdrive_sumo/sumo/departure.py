@@ -7,23 +7,26 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import libsumo
+import numpy as np
 import shapely
 
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, box_corners, boxes_overlap, wrap_angle
+from mdrive_sumo.geometry import boxes_corners, boxes_overlap, wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.traffic import BackgroundVehicle, Driving
-from mdrive_sumo.state import DT
+from mdrive_sumo.state import DT, Actors
 from mdrive_sumo.sumo.frames import angle_to_sumo, front_bumper
 from mdrive_sumo.sumo.logs import LogPose
 from mdrive_sumo.sumo.remote import MATCH_M
-from mdrive_sumo.sumo.schedule import Timetable
+from mdrive_sumo.sumo.schedule import ACTION_TICKS, Timetable
 
 STANDARD = "DEFAULT_VEHTYPE"
-SCHEDULED_ACTION_S = 0.1
-"""Action step of vehicles with a schedule: with longer ones they drive past what the log did."""
 EMERGENCY_DECEL = 9.0
 """[m/s2], SUMO's default; what a driver does who must."""
+SLACK_M = 0.2
+"""A log's vehicle may depart so near beside something [m]; parked cars and lanes are known no better."""
+KEEP_CLEAR = "junctionModel.jmIgnoreKeepClearTime"
+"""After how long [s] a driver enters a junction that SUMO thinks it cannot leave. The log knows that it can."""
 NO_LIMIT = 10.0
 """Speed factor at departure: SUMO refuses vehicles that come faster than allowed. When it drives freely it is 1."""
 ON_LANE, AS_IT_IS = 1, 2
@@ -55,7 +58,8 @@ def add_type(vehicle: BackgroundVehicle) -> None:
     types.setApparentDecel(name, driving.decel)
     types.setImperfection(name, driving.sigma)
     if vehicle.schedule is not None:
-        types.setActionStepLength(name, SCHEDULED_ACTION_S)
+        types.setActionStepLength(name, ACTION_TICKS * DT)
+        types.setParameter(name, KEEP_CLEAR, "0")
     if vehicle.schedule is not None or vehicle.log:
         types.setSpeedFactor(name, NO_LIMIT)
         types.setSpeedDeviation(name, 0.0)
@@ -73,8 +77,9 @@ class Berth:
     since: float
     """Where along its schedule [m] that is."""
     keep_route: int
-    corners: Float
-    """(4, 2) of its box."""
+    centre: tuple[float, float]
+    size: tuple[float, float]
+    """Length and width of its box [m]."""
     waits: bool
     """Whether it stays away while something stands there; not if it was there before, on its log."""
 
@@ -89,8 +94,9 @@ def berth_of(vehicle: BackgroundVehicle, roads: RoadMap) -> Berth:
     along = ahead * lane.centre.length / libsumo.lane.getLength(lane.id)
     x, y = lane.centre.at(along)
     yaw, back = lane.centre.yaw_at(along), vehicle.length / 2
-    box = box_corners(x - math.cos(yaw) * back, y - math.sin(yaw) * back, yaw, vehicle.length, vehicle.width)
-    return Berth(lane.edge, lane.index, (x, y, yaw), vehicle.depart_speed, since, ON_LANE, box, True)
+    centre = x - math.cos(yaw) * back, y - math.sin(yaw) * back
+    size = vehicle.length, vehicle.width
+    return Berth(lane.edge, lane.index, (x, y, yaw), vehicle.depart_speed, since, ON_LANE, centre, size, True)
 
 
 def _lane_at(vehicle: BackgroundVehicle, since: float, roads: RoadMap) -> tuple[Lane, float]:
@@ -119,9 +125,9 @@ def berth_at(vehicle: BackgroundVehicle, pose: LogPose, tick: int, waits: bool, 
     if not near:
         return None
     lane = min(near, key=lambda one: abs(_beside(one, x, y, pose.yaw)))
-    box = box_corners(pose.x, pose.y, pose.yaw, vehicle.length, vehicle.width)
-    since = Timetable(vehicle.schedule).place(tick * DT) if vehicle.schedule else 0.0
-    return Berth(lane.edge, lane.index, (x, y, pose.yaw), max(pose.speed, 0.0), since, AS_IT_IS, box, waits)
+    centre, size = (pose.x, pose.y), (vehicle.length, vehicle.width)
+    since = Timetable(vehicle.schedule).place(tick) if vehicle.schedule else 0.0
+    return Berth(lane.edge, lane.index, (x, y, pose.yaw), max(pose.speed, 0.0), since, AS_IT_IS, centre, size, waits)
 
 
 def _beside(lane: Lane, x: float, y: float, yaw: float) -> float:
@@ -150,9 +156,18 @@ def through(lane: str, edge: str, roads: RoadMap) -> set[str]:
     return passed if roads.lanes[lane].edge == edge else set()
 
 
-def free(berth: Berth, taken: Float) -> bool:
-    """Whether none of the boxes (N, 4, 2) [m] stands there."""
-    return not berth.waits or not boxes_overlap(berth.corners[None], taken).any()
+def free(berth: Berth, others: Actors) -> bool:
+    """Whether nobody stands there, nor so near before or behind that not even full braking helps."""
+    if not berth.waits:
+        return True
+    *_, yaw = berth.front
+    along = np.maximum(others.speed * np.cos(others.yaw - yaw), 0.0)
+    needed = np.abs(berth.speed**2 - along**2) / (2 * EMERGENCY_DECEL)
+    ahead = np.where(along < berth.speed, needed, -needed) / 2
+    x, y = berth.centre[0] + math.cos(yaw) * ahead, berth.centre[1] + math.sin(yaw) * ahead
+    mine = boxes_corners(x, y, np.array(yaw), berth.size[0] + needed, np.array(berth.size[1] - 2 * SLACK_M))
+    theirs = boxes_corners(others.x, others.y, others.yaw, others.length, others.width)
+    return not boxes_overlap(mine, theirs).any()
 
 
 def depart(vehicle: BackgroundVehicle, berth: Berth) -> None:

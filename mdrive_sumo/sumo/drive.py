@@ -7,13 +7,16 @@ import libsumo
 
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
-from mdrive_sumo.state import DT
 from mdrive_sumo.sumo.lane_change import DURATION_S, LaneChange, Others
 from mdrive_sumo.sumo.schedule import LATE_M, THERE_M, Timetable
 
-_distance, _set_speed, _set_mode = (
-    getattr(libsumo.libsumo._libsumo, f"vehicle_{what}") for what in ("getDistance", "setSpeed", "setSpeedMode")
+_distance, _speed, _set_speed, _set_mode = (
+    getattr(libsumo.libsumo._libsumo, f"vehicle_{what}")
+    for what in ("getDistance", "getSpeed", "setSpeed", "setSpeedMode")
 )
+HELD_BACK_MPS = 0.5
+"""Who is slower than it desires is left to SUMO: a vehicle with a commanded speed never brakes harder than comfortable.
+"""
 BOUND, BY_LOG, FREE = 31 | 64, 55 | 64, 31
 """Speed modes. All but the speed limit (64) bind: following, acceleration, right of way, red lights; the same without
 right of way at junctions (8) and on them (32), which the log has settled; SUMO's default."""
@@ -52,14 +55,14 @@ class Scheduled:
     def drive(self, tick: int, others: Others, disturbed: bool) -> bool:
         """Commands it for the step that makes frame `tick`; False once its schedule has ended."""
         name, table = self._name, self._table
-        time, place = (tick - 1) * DT, self._since + _distance(name)
-        if time >= table.ends_s - 1e-6 and place >= table.ends_m - THERE_M:
+        place = self._since + _distance(name)
+        if tick > table.ends_tick and place >= table.ends_m - THERE_M:
             self._end()
             return False
-        self._late = table.place(time) - place > LATE_M
+        self._late = table.place(tick - 1) - place > LATE_M
         self._bind(self._late or disturbed)
-        speed = table.desired(time, place)
-        _set_speed(name, speed)
+        speed = table.desired(tick - 1, place)
+        _set_speed(name, speed if speed - _speed(name) < HELD_BACK_MPS else -1)
         if self._changing or (self._lanes and place + speed * DURATION_S / 2 >= self._lanes[0][0]):
             self._change(place, others)
         return True

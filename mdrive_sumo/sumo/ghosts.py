@@ -72,9 +72,9 @@ def _ghosts(bodies: Sequence[Body], body: Any, lane: Any, boxes: Any, roads: Roa
         one, on = bodies[b], roads.driving[found]
         if on.id == one.seen_on:
             continue
-        front = float(last[i])
-        along = one.speed * math.cos(one.yaw - on.centre.yaw_at(front)) if one.speed else 0.0
-        length = max(front - float(first[i]), SHORTEST_M)
+        length = max(float(last[i]) - float(first[i]), SHORTEST_M)
+        front = max(float(last[i]), length)  # its rear is on this lane too: SUMO loses track of ghosts on two lanes
+        along = one.speed * math.cos(one.yaw - on.centre.yaw_at(float(last[i]))) if one.speed else 0.0
         yield f"{GHOST}{one.name}:{on.id}", Ghost(one.name, on, front, length, max(along, 0.0))
 
 

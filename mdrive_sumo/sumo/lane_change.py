@@ -2,8 +2,8 @@
 
 SUMO's own continuous lane changes corrupt its memory when such vehicles use them (libsumo 1.28: "Request backPos of
 vehicle ... for invalid lane", then std::bad_alloc), so we make them: in SUMO the vehicle is on one lane or the other,
-put over when its centre crosses the marking; its way across is added to the poses that we read, and ghosts stand for it
-on the lane beside.
+put over when its centre crosses the marking, and its way across is added to the poses that we read. Of a car of 1.8 m
+on lanes of 3.2 m, what vehicles on the other lane sweep is touched only 0.1 s longer than SUMO has it there.
 """
 
 # pyright: basic

@@ -1,7 +1,7 @@
 """Mirror: ghosts of everything that moves by itself, so that SUMO's traffic notices it wherever it overlaps a lane."""
 
 # pyright: basic
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import libsumo
 
@@ -24,9 +24,19 @@ class Mirror:
         self._ghosts: dict[str, Ghost] = {}
         self._bodies: dict[str, Body] = {}
 
-    def show(self, bodies: Sequence[Body], tick: int) -> None:
-        """Places the ghosts of all bodies for the coming step; those of bodies no longer named are removed."""
-        wanted = self._found(bodies) if tick % GHOST_TICKS == 0 else self._moved(bodies)
+    def looks(self, tick: int) -> bool:
+        """Whether it is time to `look`; else `follow` will do."""
+        return tick % GHOST_TICKS == 0
+
+    def look(self, bodies: Sequence[Body]) -> None:
+        """Places the ghosts of all bodies for the coming step, by what they overlap now."""
+        self._place_all(self._found(bodies))
+
+    def follow(self, names: Collection[str]) -> None:
+        """Moves the ghosts of the named bodies along as they did; a new body has none until it is looked for."""
+        self._place_all({name: ghost.moved() for name, ghost in self._ghosts.items() if ghost.body in names})
+
+    def _place_all(self, wanted: dict[str, Ghost]) -> None:
         for name in [name for name in self._ghosts if name not in wanted]:
             libsumo.vehicle.remove(name)
         for name, ghost in wanted.items():
@@ -36,16 +46,11 @@ class Mirror:
         self._ghosts = wanted
 
     def _found(self, bodies: Sequence[Body]) -> dict[str, Ghost]:
-        """Ghosts by what the bodies overlap now; whoever has not moved keeps its own."""
+        """Whoever has not moved keeps the ghosts it has."""
         still = {body.name for body in bodies if not body.speed and self._bodies.get(body.name) == body}
         fresh = ghosts_of([body for body in bodies if body.name not in still], self._roads)
         self._bodies = {body.name: body for body in bodies}
         return {name: ghost for name, ghost in self._ghosts.items() if ghost.body in still} | fresh
-
-    def _moved(self, bodies: Sequence[Body]) -> dict[str, Ghost]:
-        """Ghosts that move along as they did; a body that was not there yet gets its own when it is next looked for."""
-        named = {body.name for body in bodies}
-        return {name: ghost.moved() for name, ghost in self._ghosts.items() if ghost.body in named}
 
     def _place(self, name: str, ghost: Ghost, before: Ghost | None) -> None:
         if before is None:

@@ -6,7 +6,7 @@ import libsumo
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sumo.frames import angle_to_sumo
 
-EGO, GHOST, SCRIPTED, CHANGING = "ego:", "ghost:", "scripted:", "changing:"
+EGO, GHOST, SCRIPTED = "ego:", "ghost:", "scripted:"
 """Prefixes of SUMO ids, of the vehicle types and of the vehicles. Background vehicles have ids without a colon."""
 DUMMY = "dummy:"
 """Prefix of the routes of what we place; a background vehicle's route has its id."""

@@ -70,4 +70,4 @@ class Replay:
                 continue
             pose = self._logs.pose(released[name], tick)
             if pose is None or math.hypot(last.x[i] - pose.x, last.y[i] - pose.y) > STRAY_M:
-                yield mover_of(last, i)
+                yield mover_of(last, i, off_log=True)

@@ -14,11 +14,24 @@ class Scripted:
     def __init__(self, actors: Sequence[Actor]) -> None:
         self._unnoticed = frozenset(actor.id for actor in actors if not actor.mirrored)
 
-    def bodies(self, scripted: Actors) -> list[Body]:
-        """Their boxes. By ghosts alone: with a double SUMO also shuts lanes that they are in but leave room on."""
-        columns = (scripted.x, scripted.y, scripted.yaw, scripted.speed, scripted.length, scripted.width)
-        return [
-            Body(SCRIPTED + name, *row)
-            for name, row in zip(scripted.ids, zip(*(c.tolist() for c in columns), strict=True), strict=True)
-            if name not in self._unnoticed
-        ]
+    def noticed(self, scripted: Actors) -> Actors:
+        """Those that SUMO's traffic takes notice of."""
+        if self._unnoticed.isdisjoint(scripted.ids):
+            return scripted
+        chosen = [i for i, name in enumerate(scripted.ids) if name not in self._unnoticed]
+        columns = ("kind", "x", "y", "yaw", "speed", "length", "width")
+        return Actors(
+            tuple(scripted.ids[i] for i in chosen), *(getattr(scripted, column)[chosen] for column in columns)
+        )
+
+
+def names_of(actors: Actors) -> set[str]:
+    """SUMO ids of their bodies."""
+    return {SCRIPTED + name for name in actors.ids}
+
+
+def bodies_of(actors: Actors) -> list[Body]:
+    """Their boxes. By ghosts alone: with a double SUMO also shuts lanes that they are in but leave room on."""
+    columns = (actors.x, actors.y, actors.yaw, actors.speed, actors.length, actors.width)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [Body(SCRIPTED + name, *row) for name, row in zip(actors.ids, rows, strict=True)]

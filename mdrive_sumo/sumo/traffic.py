@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Sequence
 import libsumo
 import numpy as np
 
-from mdrive_sumo.geometry import boxes_corners
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors
@@ -96,9 +95,8 @@ class Traffic:
         return {name for name, scheduled in self._driving.items() if not scheduled.late}
 
     def _depart(self, due: list[tuple[BackgroundVehicle, Berth]], others: Actors) -> None:
-        taken = boxes_corners(others.x, others.y, others.yaw, others.length, others.width)
         for vehicle, berth in due:
-            if not free(berth, taken):
+            if not free(berth, others):
                 continue
             depart(vehicle, berth)
             self._waiting.remove((vehicle, berth))
@@ -106,7 +104,6 @@ class Traffic:
                 self._driving[vehicle.id] = Scheduled(vehicle, berth.since, self._roads, self._background.action_step_s)
             else:
                 self._departed.append(vehicle.id)
-            taken = np.concatenate((taken, berth.corners[None]))
 
     @property
     def offsets(self) -> dict[str, tuple[float, float]]:

@@ -19,9 +19,9 @@ from mdrive_sumo.sumo.frames import front_bumper, yaws_from_sumo
 from mdrive_sumo.sumo.ghosts import Body
 from mdrive_sumo.sumo.lane_change import shifted
 from mdrive_sumo.sumo.mirror import Mirror
-from mdrive_sumo.sumo.remote import CHANGING, EGO, add_remote, add_types, place
+from mdrive_sumo.sumo.remote import EGO, add_remote, add_types, place
 from mdrive_sumo.sumo.replay import Replay
-from mdrive_sumo.sumo.scripted import Scripted
+from mdrive_sumo.sumo.scripted import Scripted, bodies_of, names_of
 from mdrive_sumo.sumo.together import Together
 from mdrive_sumo.sumo.traffic import Traffic
 
@@ -110,6 +110,7 @@ class SumoWorld:
         Egos that are no longer named leave the world. Raises WorldError where SUMO fails or teleports a vehicle.
         """
         try:
+            scripted = self._scripted.noticed(scripted) if self._traffic.drives else no_actors()
             self._place_egos(egos)
             for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
                 self._traffic.take(vehicle, berth)
@@ -171,18 +172,12 @@ class SumoWorld:
     def _place_ghosts(self, egos: Mapping[str, EgoState], others: Sequence[Actors]) -> None:
         if not self._traffic.drives:
             return  # nobody is there to see them
-        bodies = [body for some in others for body in self._scripted.bodies(some)]
-        self._mirror.show([*self._ego_bodies(egos), *bodies, *self._changing_bodies()], self._tick)
-
-    def _changing_bodies(self) -> list[Body]:
-        """Vehicles that are between two lanes: SUMO sees them on one."""
-        between = self._traffic.offsets
-        found = [mover_of(self._last, i) for i, name in enumerate(self._last.ids if between else ()) if name in between]
-        names = [name for name in self._last.ids if name in between]
-        return [
-            Body(CHANGING + name, m.x, m.y, m.yaw, m.speed, m.length, m.width, libsumo.vehicle.getLaneID(name))
-            for name, m in zip(names, found, strict=True)
-        ]
+        if self._mirror.looks(self._tick):
+            bodies = [body for some in others for body in bodies_of(some)]
+            self._mirror.look([*self._ego_bodies(egos), *bodies])
+            return
+        names = set[str]().union(*(names_of(some) for some in others))
+        self._mirror.follow(names.union(EGO + name for name in egos))
 
     def _ego_bodies(self, egos: Mapping[str, EgoState]) -> list[Body]:
         return [
