@@ -17,7 +17,7 @@ from real2sim.closeness import closeness
 from real2sim.findings import Findings
 from real2sim.fit import Fitted, fit
 from real2sim.lane_matching import match
-from real2sim.netbuild import build_network
+from real2sim.netbuild import NetworkReport, build_network
 from real2sim.quality import Converted, Quality, assess
 from real2sim.quality_file import QualityFile
 from real2sim.quality_lanes import LaneIndex
@@ -48,8 +48,8 @@ class Built:
     findings: Findings
 
 
-def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
-    """Builds the network SUITE/networks/<scene id>, and the scenario on it; raises InputError.
+def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | None = None) -> Built:
+    """Builds the network SUITE/networks/<scene id>, unless one is given, and the scenario on it; raises InputError.
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
     """
@@ -61,12 +61,13 @@ def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
     if not cleaned.tracks:
         raise InputError(f"expected tracks of at least half a second, found none in {recording.frames} frames")
     seen = motions(cleaned.tracks)
-    network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
+    if network is None:
+        network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load(network.folder)
     tracks = reconstruct(cleaned.tracks, dt_s)
     matches = {id_: match(motion, roads) for id_, motion in motions(tracks).items()}
     fitted = fit(tracks, matches, roads, cav_tracks(wish.cavs, cleaned, tracks, matches), wish.mode, dt_s)
-    scenario = _scenario(scene, recording, fitted)
+    scenario = _scenario(scene, recording, fitted, network.name)
     check_scenario(scenario, roads)
     steps = Steps(
         id=scene.id,
@@ -92,13 +93,13 @@ def _assessed(recording: Recording, cleaned: Cleaned, tracks: tuple[Track, ...],
     return assess(Converted(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.lost))
 
 
-def _scenario(scene: Scene, recording: Recording, fitted: Fitted) -> Scenario:
+def _scenario(scene: Scene, recording: Recording, fitted: Fitted, network: str) -> Scenario:
     try:
         return Scenario(
             id=scene.id,
             bucket=scene.bucket,
             category=scene.category,
-            network=scene.id,
+            network=network,
             description=scene.description,
             egos=fitted.egos,
             background=fitted.background,

@@ -9,10 +9,13 @@ from enum import StrEnum
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.generate.assign import assign
-from mdrive_sumo.generate.category import CATEGORIES
+from mdrive_sumo.generate.category import CATEGORIES, Category
 from mdrive_sumo.generate.crops import crops_for
 from mdrive_sumo.generate.duplicates import duplicate_of
 from mdrive_sumo.generate.place import actors_of
+from mdrive_sumo.generate.pre_crash import crops_of
+from mdrive_sumo.generate.pre_crash_place import pre_crash_actors
+from mdrive_sumo.generate.pre_crash_spawn import spawns as pre_crash_spawns
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import problems
@@ -61,7 +64,11 @@ def built(recipe: Recipe) -> Scenario:
     share = rng.uniform(0.25, 0.6)
     lines = {name: line_of(roads, way, share) for name, way in ways.items()}
     figures = CATEGORIES[proposal.category].paper
-    placed = spawns(lines, ways, figures.route_m if figures else ROUTE_M, rng)
+    route_m = figures.route_m if figures else ROUTE_M
+    early = proposal.category is Category.PRE_CRASH  # they begin close to the junction, and have actors of their own
+    placed = (
+        pre_crash_spawns(proposal, lines, ways, roads, route_m, rng) if early else spawns(lines, ways, route_m, rng)
+    )
     if isinstance(placed, str):
         raise Rejected(Stage.SPAWNS, f"network {roads.name}: {placed}")
     try:
@@ -73,7 +80,9 @@ def built(recipe: Recipe) -> Scenario:
             network=roads.name,
             description=proposal.description,
             egos=tuple(egos.values()),
-            actors=actors_of(proposal.actors, egos, roads, rng),
+            actors=pre_crash_actors(proposal.actors, egos, roads, rng)
+            if early
+            else actors_of(proposal.actors, egos, roads, rng),
             weather=recipe.weather,
         )
         check_scenario(scenario, roads)
@@ -84,7 +93,7 @@ def built(recipe: Recipe) -> Scenario:
 
 def _crop(proposal: Proposal, rng: random.Random) -> RoadMap:
     try:
-        return rng.choice(crops_for(proposal, CATEGORIES[proposal.category].crops))
+        return rng.choice(crops_for(proposal, crops_of(proposal) or CATEGORIES[proposal.category].crops))
     except InputError as error:
         raise Rejected(Stage.CROP, str(error)) from None
 

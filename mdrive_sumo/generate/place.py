@@ -5,12 +5,11 @@ import random
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import shapely
 
+from mdrive_sumo.generate.crossing import LANE_M, WALK_MPS, Body, crossing, pose_at
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
-from mdrive_sumo.generate.spawn import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.actor import Actor, AlongPath, DistanceTrigger, KindName, Motion, StartMotion, Trigger
+from mdrive_sumo.scenario.actor import Actor, AlongPath, Motion, Standing
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.spec import Ego
@@ -31,14 +30,6 @@ LATERAL: Mapping[Lateral, float] = {
     "sidewalk_left": 1.1,
 }
 """Offset from the lane's centre line as a share of its width; left is positive."""
-WALK_MPS: Mapping[str, float] = {
-    "slow": 1.0,
-    "normal": 1.5,
-    "fast": 2.5,
-    "erratic": 2.0,
-    "unknown": 1.5,
-    "stopped": 0.0,
-}
 DRIVE_MPS: Mapping[str, float] = {
     "slow": 4.0,
     "normal": 8.0,
@@ -49,11 +40,20 @@ DRIVE_MPS: Mapping[str, float] = {
 }
 WALKER_SIZE, CYCLIST_SIZE, CAR_SIZE = (0.6, 0.6), (1.8, 0.6), (4.6, 1.85)
 """Length and width [m]."""
-CROSSING_REACH_M = 18.0
-"""Who crosses near a zebra crossing takes it."""
-KERB_M = 1.5
-"""How far beyond the road's edge somebody waits."""
-LANE_M = 3.5
+LEAST_PITCH_M, APART_M, GROUP_GAP_M = 2.2, 1.5, 0.5
+"""Things of a group stand at least so far from each other along the road, groups behind each other have so much between
+them, and things side by side so much [m]."""
+BESIDE_START_M, CLEAR_M = 4.0, 1.35
+"""Who parks nearer to a CAV's start than `NEAREST_M` does so at least that far ahead of it and that far beside its line
+[m], half on the pavement."""
+LEAST_AHEAD_M, NEAREST_M = 22.0, 12.0
+"""From a CAV's start to what stands on its way: room to see it and turn out; at the very least [m]."""
+AROUND_M = 10.0
+"""[m] So far before and behind a thing the lane that one passes it in must lie beside it."""
+CLOSED_M, PASSABLE_M = 1.2, 0.0
+"""[m] How far to the left of the lane's centre line a thing may reach that is passed in the next lane, and one that is
+passed in the own lane with part of the car in the oncoming one: a car 2 m wide that keeps 0.5 m from it then still has
+its centre nearer to its own lane."""
 
 
 def actors_of(
@@ -61,19 +61,46 @@ def actors_of(
 ) -> tuple[Actor, ...]:
     """Actors of the scenario; `egos` are by the proposal's vehicle ids."""
     found: list[Actor] = []
-    for actor in proposed:
+    bodies = [_body(actor, rng) for actor in proposed]
+    filled: dict[tuple[str, str], float] = {}
+    for actor, body in zip(proposed, bodies, strict=True):
         ego = egos[actor.affects_vehicle]
-        made = (
-            _crossing(actor, ego, roads, rng)
-            if actor.motion == "cross_perpendicular"
-            else _along(actor, ego, roads, rng)
-        )
-        found += list(made)
+        if actor.motion == "cross_perpendicular":
+            station = _station(actor, ego, roads, 0.0)
+            found += crossing(actor, (ego, station), roads, body, found)
+            continue
+        begin = filled.get(_spot(actor)) or _station(actor, ego, roads, _depth(actor, proposed, bodies))
+        found += _along(actor, ego, roads, body, begin + body[2][0] / 2)
+        if actor.motion == "static":
+            filled[_spot(actor)] = begin + _length(actor, body[2]) + APART_M
     return tuple(found)
 
 
-def _station(actor: ProposedActor, ego: Ego, roads: RoadMap) -> float:
-    """Where on the CAV's route [m] the actor belongs."""
+def _length(actor: ProposedActor, size: tuple[float, float]) -> float:
+    """How much of the road [m] a group takes up."""
+    return size[0] + (actor.quantity - 1) * _pitch(actor, size)
+
+
+def _pitch(actor: ProposedActor, size: tuple[float, float]) -> float:
+    """From one of a group to the next along the road [m]."""
+    return 0.0 if actor.group_pattern == "across_lane" else max(size[0] + 0.4, LEAST_PITCH_M)
+
+
+def _depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[Body]) -> float:
+    """How much of the road [m] all take up that stand where this one does."""
+    return sum(
+        _length(other, body[2]) + APART_M
+        for other, body in zip(proposed, bodies, strict=True)
+        if _spot(other) == _spot(actor) and other.motion == "static"
+    )
+
+
+def _spot(actor: ProposedActor) -> tuple[str, str]:
+    return actor.affects_vehicle, actor.timing_phase
+
+
+def _station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> float:
+    """Where on the CAV's route [m] the actor, and what stands behind it for `depth` metres, belongs."""
     inside = [k for k, (x, y) in enumerate(ego.xy) if any(lane.junction for lane in roads.lanes_near(x, y, 0.3))]
     length = len(ego.route) - 1.0
     if not inside:
@@ -82,33 +109,27 @@ def _station(actor: ProposedActor, ego: Ego, roads: RoadMap) -> float:
         return min(inside[-1] + BEHIND_M, length - 2.0)
     if actor.timing_phase == "in_intersection":
         return (inside[0] + inside[-1]) / 2
-    return max(inside[0] - BEFORE_M, 10.0)
+    before = inside[0] - BEFORE_M - depth
+    if _at_edge(actor):
+        return max(before, BESIDE_START_M)
+    if before >= LEAST_AHEAD_M or inside[-1] + BEHIND_M + depth > length:
+        return max(before, NEAREST_M)
+    return max(inside[-1] + BEHIND_M, LEAST_AHEAD_M) if depth else max(before, NEAREST_M)
 
 
-def _at(ego: Ego, station: float, offset: float) -> tuple[float, float, float]:
-    """Pose [m, m, rad] beside the route, `offset` to its left."""
-    k = min(max(round(station), 0), len(ego.route) - 1)
-    x, y, yaw = ego.route[k]
-    along = station - k
-    x, y = x + along * math.cos(yaw), y + along * math.sin(yaw)
-    return x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw
-
-
-def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, rng: random.Random) -> Iterator[Actor]:
-    model, kind, size = _body(actor, rng)
-    base = _station(actor, ego, roads)
-    first = LATERAL[actor.start_lateral or actor.lateral_position] * LANE_M
-    last = LATERAL[actor.end_lateral or actor.lateral_position] * LANE_M
-    for n in range(actor.quantity):
-        share = n / max(actor.quantity - 1, 1)
-        station, offset = base, first
-        if actor.group_pattern == "across_lane":
-            offset = first + (share - 0.5) * (LANE_M - size[1]) * (actor.quantity > 1)
-        elif actor.group_pattern == "diagonal":
-            station, offset = base + n * 2.5, first + share * (last - first)
-        else:
-            station = base + n * (size[0] + 1.0)
-        x, y, yaw = _at(ego, station, offset)
+def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, body: Body, base: float) -> Iterator[Actor]:
+    model, kind, size = body
+    free = _beside(ego, roads, base)
+    offsets = _offsets(actor, size[1])
+    if _at_edge(actor):  # of the road, not between two lanes
+        near = base - size[0] / 2 < NEAREST_M
+        least = CLEAR_M + size[1] / 2 if near else 0.0
+        offsets = [min(offset, -least) - LANE_M * free[1] for offset in offsets]
+    elif actor.motion == "static":
+        offsets = passable(offsets, size[1], free)
+    for n, offset in enumerate(offsets):
+        station = base + n * _pitch(actor, size)
+        x, y, yaw = pose_at(ego, station, offset)
         yield Actor(
             id=actor.actor_id if actor.quantity == 1 else f"{actor.actor_id}.{n}",
             kind=kind,
@@ -116,11 +137,58 @@ def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, rng: random.Random) -
             length=size[0],
             width=size[1],
             start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4)),
-            **_motion(actor, ego, station, offset),
+            motion=_motion(actor, ego, station, offset),
         )
 
 
-def _body(actor: ProposedActor, rng: random.Random) -> tuple[str, KindName, tuple[float, float]]:
+def _at_edge(actor: ProposedActor) -> bool:
+    """Whether it is parked at the right edge of the road."""
+    lateral = LATERAL[actor.start_lateral or actor.lateral_position]
+    return actor.kind == "parked_vehicle" and actor.motion == "static" and lateral < LATERAL["half_right"]
+
+
+def _offsets(actor: ProposedActor, width: float) -> list[float]:
+    """To the left of the lane's centre line [m], those of a group."""
+    first = LATERAL[actor.start_lateral or actor.lateral_position] * LANE_M
+    last = LATERAL[actor.end_lateral or actor.lateral_position] * LANE_M
+    middle = (actor.quantity - 1) / 2
+    if actor.group_pattern == "across_lane":
+        apart = max(min(width + GROUP_GAP_M, (LANE_M - width) / max(2 * middle, 1)), width)
+        return [first + (n - middle) * apart for n in range(actor.quantity)]
+    if actor.group_pattern == "diagonal":
+        return np.linspace(first, last, actor.quantity).tolist()
+    return [first] * actor.quantity
+
+
+def passable(offsets: Sequence[float], width: float, free: tuple[bool, bool]) -> list[float]:
+    """The offsets [m] of things of that width on the lane, so that they can be passed without driving in a lane of
+    opposite direction (protocol 7.3): all moved off the side where a lane of the same direction lies, left and right;
+    where there is none, off the left half of the lane. What belongs on the right is mirrored where only that is free.
+    """
+    left, right = free
+    if max(map(abs, offsets)) > LANE_M / 2 + width / 2:
+        return list(offsets)
+    if right and not left:
+        return [-offset for offset in passable(offsets, width, (True, False))]
+    least = min((CLOSED_M if left else PASSABLE_M) - width / 2 - max(offsets), 0.0)
+    return [offset + least for offset in offsets]
+
+
+def _beside(ego: Ego, roads: RoadMap, station: float) -> tuple[bool, bool]:
+    """Whether a lane of the same direction lies to the left and to the right of the route around there."""
+    poses = [pose_at(ego, station + ahead, 0.0) for ahead in (-AROUND_M, 0.0, AROUND_M)]
+    return _all_beside(poses, roads, LANE_M), _all_beside(poses, roads, -LANE_M)
+
+
+def _all_beside(poses: Sequence[tuple[float, float, float]], roads: RoadMap, offset: float) -> bool:
+    points = np.array([(x - offset * math.sin(yaw), y + offset * math.cos(yaw)) for x, y, yaw in poses])
+    near = roads.nearest(points)
+    turned = np.cos(near.yaw - np.array([yaw for _, _, yaw in poses]))
+    outside = ~roads.in_junction[near.lane]
+    return bool(((near.distance < LANE_M / 3) & (turned > 0))[outside].all()) and bool(outside.any())
+
+
+def _body(actor: ProposedActor, rng: random.Random) -> Body:
     if actor.kind == "walker":
         return "adult", "pedestrian", WALKER_SIZE
     if actor.kind == "cyclist":
@@ -138,69 +206,12 @@ def _things(actor: ProposedActor) -> tuple[str, ...]:
     return named or (("cone",) if actor.quantity > 3 else ("barrier", "crate"))
 
 
-def _motion(actor: ProposedActor, ego: Ego, station: float, offset: float) -> dict[str, Motion]:
+def _motion(actor: ProposedActor, ego: Ego, station: float, offset: float) -> Motion:
     if actor.motion == "static":
-        return {}
+        return Standing()
     forth = -1.0 if actor.direction_relative_to == "opposite" else 1.0
     reach = max(len(ego.route) - 1 - station, 20.0) if forth > 0 else station
-    points = [_at(ego, station + forth * d, offset)[:2] for d in np.arange(0.0, reach, 2.0)]
+    points = [pose_at(ego, station + forth * d, offset)[:2] for d in np.arange(0.0, reach, 2.0)]
     speeds = WALK_MPS if actor.kind == "walker" else DRIVE_MPS
     path = tuple((round(x, 3), round(y, 3)) for x, y in points)
-    return {"motion": AlongPath(points=path, speed=speeds[actor.speed])}
-
-
-def _crossing(actor: ProposedActor, ego: Ego, roads: RoadMap, rng: random.Random) -> Iterator[Actor]:
-    """Walks across the CAV's way, on the zebra crossing if there is one, set off so that blind driving meets it."""
-    model, kind, size = _body(actor, rng)
-    station = _station(actor, ego, roads)
-    begin, end = _kerbs(actor, ego, roads, station)
-    speed = WALK_MPS[actor.speed] if actor.kind == "walker" else 3.0
-    yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
-    for n in range(actor.quantity):
-        x, y = begin[0] - n * 0.9 * math.cos(yaw), begin[1] - n * 0.9 * math.sin(yaw)
-        yield Actor(
-            id=actor.actor_id if actor.quantity == 1 else f"{actor.actor_id}.{n}",
-            kind=kind,
-            model=model,
-            length=size[0],
-            width=size[1],
-            start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4)),
-            motion=AlongPath(points=((round(x, 3), round(y, 3)), (round(end[0], 3), round(end[1], 3))), speed=speed),
-            trigger=_trigger(ego, (x, y), end, speed),
-            action=StartMotion(),
-        )
-
-
-Spot = tuple[float, float]
-
-
-def _kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) -> tuple[Spot, Spot]:
-    x, y, yaw = _at(ego, station, 0.0)
-    near = [
-        line for line, _ in roads.crossings if shapely.LineString(line).distance(shapely.Point(x, y)) < CROSSING_REACH_M
-    ]
-    route = shapely.LineString(ego.xy)
-    near = [line for line in near if shapely.LineString(line).intersects(route)]
-    if near:
-        line = min(near, key=lambda line: shapely.LineString(line).distance(shapely.Point(x, y)))
-        ends = [(float(px), float(py)) for px, py in (line[0], line[-1])]
-    else:
-        half = LANE_M * 1.5 + KERB_M
-        ends = [(x + s * half * math.sin(yaw), y - s * half * math.cos(yaw)) for s in (1.0, -1.0)]
-    from_right = actor.crossing_direction == "right" or actor.lateral_position.endswith("right")
-    ends.sort(key=lambda end: -math.sin(yaw) * (end[0] - x) + math.cos(yaw) * (end[1] - y))
-    begin, end = (ends[0], ends[-1]) if from_right else (ends[-1], ends[0])
-    out = math.hypot(end[0] - begin[0], end[1] - begin[1])
-    ux, uy = (end[0] - begin[0]) / out, (end[1] - begin[1]) / out
-    return (begin[0] - ux, begin[1] - uy), (end[0] + ux, end[1] + uy)
-
-
-def _trigger(ego: Ego, begin: Spot, end: Spot, speed: float) -> Trigger:
-    """When the CAV is as far away as blind driving covers until the walker is in its lane."""
-    meet = shapely.LineString(ego.xy).intersection(shapely.LineString((begin, end)))
-    point = shapely.centroid(meet) if not meet.is_empty else shapely.Point(end)
-    walk_s = math.hypot(point.x - begin[0], point.y - begin[1]) / max(speed, 0.1)
-    along = float(shapely.line_locate_point(shapely.LineString(ego.xy), point))
-    rolling = min(BLIND_SPEED * walk_s, along - 0.5 * BLIND_SPEED**2 / BLIND_ACCELERATION)
-    away = math.hypot(rolling, math.hypot(point.x - begin[0], point.y - begin[1]))
-    return DistanceTrigger(vehicle=ego.id, distance_m=round(min(max(away, 3.0), 50.0), 2))
+    return AlongPath(points=path, speed=speeds[actor.speed])

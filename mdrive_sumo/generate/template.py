@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from mdrive_sumo.generate import pre_crash
 from mdrive_sumo.generate.category import CATEGORIES, Category, Topology
 from mdrive_sumo.generate.proposal import Maneuver, Proposal
 
@@ -253,11 +254,8 @@ def _roundabout(rng: random.Random) -> Draft:
     }
 
 
-def _pre_crash(rng: random.Random) -> Draft:
-    raise NotImplementedError  # pre_crash.py
-
-
 TEMPLATES: Mapping[Category, Callable[[random.Random], Draft]] = {
+    Category.PRE_CRASH: pre_crash.draft,
     Category.BLOCKED_LANE: _blocked_lane,
     Category.CONSTRUCTION: _construction,
     Category.HIGHWAY_MERGE: _highway_merge,

@@ -3,6 +3,8 @@
 SUITE/suite.json                    name, title, description
 SUITE/<scenario id>/scenario.json   one scenario
 SUITE/networks/<name>/              networks of the suite's own, if any
+
+A suite may instead name others as its parts in `suite.json`: then it has their scenarios, and no folders of its own.
 """
 
 import hashlib
@@ -32,6 +34,8 @@ class SuiteFile(BaseModel):
     name: Identifier
     title: str
     description: str = ""
+    parts: tuple[Identifier, ...] = ()
+    """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +79,23 @@ def load_suite(name_or_folder: str) -> Suite:
     if not folder.is_dir():
         raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither")
     about = _suite_file(folder / SUITE_FILE)
+    if about.parts:
+        return Suite(about, folder, _scenarios_of_parts(about, folder))
     paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: _by_number(path.parent.name))
     if not paths:
         raise InputError(f"{folder}: expected scenarios in <id>/{SCENARIO_FILE}, found none")
     return Suite(about, folder, tuple(_scenario(path) for path in paths))
+
+
+def _scenarios_of_parts(about: SuiteFile, folder: Path) -> tuple[Scenario, ...]:
+    parts = [load_suite(name if name in packaged_suites() else str(folder.parent / name)) for name in about.parts]
+    if nested := [part.name for part in parts if part.about.parts]:
+        raise InputError(f"{folder}: expected parts with scenarios of their own, found {nested[0]!r}, which has parts")
+    scenarios = tuple(scenario for part in parts for scenario in part.scenarios)
+    ids = [scenario.id for scenario in scenarios]
+    if twice := sorted({name for name in ids if ids.count(name) > 1}):
+        raise InputError(f"{folder}: expected every scenario id once in its parts, found {twice[0]!r} twice")
+    return scenarios
 
 
 def save_suite(suite: Suite) -> None:

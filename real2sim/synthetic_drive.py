@@ -1,0 +1,130 @@
+"""Synthetic recordings in the V2XPnP format: dense reactive traffic in SUMO, noted by CAVs and stations with noise.
+
+The real V2XPnP logs cannot be shipped. These are no copies of them: the places, the people and the drives are made up;
+what is alike is the format, its noise (`v2xpnp_noise`), and how full the scenes are.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.agents import AGENTS
+from mdrive_sumo.agents.driver import LocalDriver
+from mdrive_sumo.episode import Ending, Episode
+from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.scenario.spec import RoadsideUnit, Scenario
+from mdrive_sumo.scenario.traffic import Background
+from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.state import TICKS_PER_SECOND, End
+from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.v2x.settings import PRESETS
+from real2sim.episode_log import recording_of
+from real2sim.synthetic_people import People, people
+from real2sim.synthetic_traffic import cavs, traffic
+from real2sim.v2xpnp_noise import Noise
+from real2sim.v2xpnp_writer import write_v2xpnp
+
+BUCKET, CATEGORY = "V2XPnP", "synthetic"
+DRIVER = "single"
+"""Who drives the CAVs while they are recorded."""
+WINDOW_S = 10.0
+WARM_UP_S = 2.0
+LATEST_S = 32.0
+"""The recording begins between these two moments [s] of the drive."""
+LEAST_M = 12.0
+"""Each CAV drives at least this far in a recording."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A map, the stations on it, and how full it is."""
+
+    network: str
+    stations: tuple[tuple[float, float], ...]
+    """x, y [m]"""
+    vehicles: int
+    people: People
+
+
+PLACES = {
+    "crossing": Place("city_crossing", ((16.0, 17.0), (-16.0, -17.0)), 20, People(20, 5, 7, 5, 25)),
+    "corridor": Place("city_corridor", ((-40.0, -1.0), (40.0, 2.0)), 20, People(23, 5, 7, 6, 28)),
+}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What was driven, and where."""
+
+    scenario: Scenario
+    roads: RoadMap
+    episode: Episode
+
+
+def recorded(place: str, number: int, count: int, seed: int) -> Drive:
+    """A drive of `count` CAVs among dense traffic at one of `PLACES`."""
+    where = PLACES[place]
+    roads = load(network_folder(where.network))
+    name = f"{place}_{number:03d}"
+    rng = np.random.default_rng(derived_seed(seed, "synthetic", name))
+    egos = cavs(roads, count, rng)
+    until_s = LATEST_S + WINDOW_S
+    scenario = Scenario(
+        id=name,
+        bucket=BUCKET,
+        category=CATEGORY,
+        network=where.network,
+        signals="program",
+        egos=egos,
+        background=Background(vehicles=traffic(roads, egos, where.vehicles, until_s, rng)),
+        actors=people(roads, where.people, until_s, rng),
+        rsus=tuple(RoadsideUnit(id=f"post{n}", x=x, y=y) for n, (x, y) in enumerate(where.stations)),
+    )
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
+    drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in egos}
+    with SumoWorld(scenario, roads, sizes, derived_seed(seed, name, "sumo")) as world:
+        return Drive(scenario, roads, run_episode(_setting(scenario, roads, seed), world, drivers))
+
+
+def _setting(scenario: Scenario, roads: RoadMap, seed: int) -> Setting:
+    """Nobody speaks, so that stations need not look; and the drive is over when the last recording may end."""
+    over = round((LATEST_S + WINDOW_S) * TICKS_PER_SECOND) + 1
+    endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
+    return Setting(scenario, roads, seed, comm=PRESETS["off"], replayed=endings)
+
+
+def window_of(drive: Drive) -> tuple[float, float] | None:
+    """The part [s] of the drive in which the CAVs turn most, of those in which all are there and drive; None if none.
+
+    A tenth of a degree counts as nothing, of equal parts the first is taken.
+    """
+    parts = [(start, start + WINDOW_S) for start in np.arange(WARM_UP_S, LATEST_S + 0.5, 1.0).tolist()]
+    fit = [part for part in parts if _all_drive(drive.episode, part)]
+    return max(fit, key=lambda part: round(_turned_deg(drive.episode, part), 1)) if fit else None
+
+
+def _rows(part: tuple[float, float]) -> slice:
+    """The ticks of a part, one in every tenth of a second."""
+    first, last = (round(s * TICKS_PER_SECOND) for s in part)
+    return slice(first, last + 1, TICKS_PER_SECOND // 10)
+
+
+def _all_drive(episode: Episode, part: tuple[float, float]) -> bool:
+    rows = _rows(part)
+    if rows.stop > episode.ticks or not episode.valid[rows, : episode.egos].all():
+        return False
+    x, y = episode.x[rows, : episode.egos], episode.y[rows, : episode.egos]
+    return bool((np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0) >= LEAST_M).all())
+
+
+def _turned_deg(episode: Episode, part: tuple[float, float]) -> float:
+    yaw = np.unwrap(episode.yaw[_rows(part), : episode.egos], axis=0)
+    return float(np.degrees(np.abs(np.diff(yaw, axis=0)).sum()))
+
+
+def write_log(drive: Drive, window_s: tuple[float, float], folder: Path, seed: int) -> None:
+    """Writes FOLDER/<agent>/<frame>.yaml."""
+    truth = recording_of(drive.episode, drive.scenario, drive.roads, window_s)
+    write_v2xpnp(truth, folder, Noise(), derived_seed(seed, "noise", drive.scenario.id))
