@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.agents.driver import LocalDriver
+from mdrive_sumo.certificate import Drive, certify
 from mdrive_sumo.episode import Episode
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.score import ScoreMode, score_episode
+from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.validate import FULL_SCORE, NEAR_MISS_TTC_S
@@ -23,6 +24,8 @@ class Screened:
     blind_ttc_s: float | None
     """Least time to collision of blind driving; None: never dangerous."""
     omniscient_ds: float
+    occluded: bool = False
+    """Whether the scenario has an occlusion certificate (certificate.py)."""
 
     @property
     def difficult(self) -> bool:
@@ -45,11 +48,15 @@ def driven(scenario: Scenario, roads: RoadMap, agent: str) -> Episode:
 
 def screen(scenario: Scenario, roads: RoadMap) -> Screened:
     """Drives a scenario blindly and, if that is dangerous, with `omniscient`."""
-    ttc = _scored(scenario, roads, "constant-speed").min_ttc
+    blind = driven(scenario, roads, "constant-speed")
+    ttc = _scored(blind, scenario, roads).min_ttc
     if ttc is None or ttc >= NEAR_MISS_TTC_S:
         return Screened(ttc, 0.0)
-    return Screened(ttc, _scored(scenario, roads, "omniscient").ds)
+    solved = driven(scenario, roads, "omniscient")
+    drives: dict[Drive, Episode] = {"constant-speed": blind, "omniscient": solved}
+    hidden = [found for drive, episode in drives.items() for found in certify(drive, episode, scenario, roads)]
+    return Screened(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
 
 
-def _scored(scenario: Scenario, roads: RoadMap, agent: str):
-    return score_episode(driven(scenario, roads, agent), scenario, roads, ScoreMode.MDRIVE, SEED)
+def _scored(episode: Episode, scenario: Scenario, roads: RoadMap) -> ScenarioResult:
+    return score_episode(episode, scenario, roads, ScoreMode.MDRIVE, SEED)

@@ -7,11 +7,11 @@ from mdrive_sumo.generate.category import Figures
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
 
-SWAPS = 4000
+SWAPS = 6000
 FLOOR = (1.0, 10.0, 10.0, 1.0)
 """Means below these are compared as differences in these units: 0.2 degrees cannot be met within 10 %."""
-CROWDED = 0.02
-"""Cost of every scenario that is on the same network as another one: variety, where the means do not suffer."""
+CROWDED, ALIKE = 0.02, 0.3
+"""Cost of every scenario on the same network as another one, or with the same description: variety."""
 
 
 def selected(pool: Sequence[Scenario], figures: Figures, count: int, rng: random.Random) -> tuple[Scenario, ...]:
@@ -43,4 +43,5 @@ def _cost(chosen: Sequence[int], pool: Sequence[Scenario], sizes: Sequence[Sizes
     wanted = (figures.cavs, figures.route_m, figures.heading_change_deg, figures.actors)
     errors = [(f - w) / max(w, floor) for f, w, floor in zip(found, wanted, FLOOR, strict=True)]
     crowd = len(chosen) - len({pool[i].network for i in chosen})
-    return sum(error**2 for error in errors) * 100 + CROWDED * crowd
+    alike = len(chosen) - len({pool[i].description for i in chosen})
+    return sum(error**2 for error in errors) * 100 + CROWDED * crowd + ALIKE * alike
