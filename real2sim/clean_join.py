@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.geometry import Float, Int
 from mdrive_sumo.state import Kind
-from real2sim.clean_fuse import Fused, fused
+from real2sim.clean_fuse import LEAST_COMMON, Fused, fused
 from real2sim.clean_pieces import Pieces
 
 LONGEST_GAP_S = 2.0
@@ -114,7 +114,9 @@ def _costs(pieces: Pieces, groups: Sequence[list[int]], ends: Ends, dt_s: float)
     standing = (speed < STANDING_SPEED) & (here < STANDING_M)
     jumped = named & (off < limit + NAMED_M) & (gap_s <= LONGEST_GAP_S)
     long_unseen = named & (gap_s > LONGEST_GAP_S) & (here < ORPHAN_M + (speed + 2.0) * gap_s)
-    possible = (gap > 0) & _alike(pieces, groups) & (explained | standing | jumped | long_unseen)
+    follows = (gap > -LEAST_COMMON) & (np.subtract.outer(ends.first, ends.first) < 0)
+    follows &= np.subtract.outer(ends.last, ends.last) < 0
+    possible = follows & _alike(pieces, groups) & (explained | standing | jumped | long_unseen)
     cost = off / limit + 0.2 * gap_s + np.where(named, 0.0, 0.3) + np.where(explained | standing, 0.0, 10.0)
     return np.where(possible, cost, np.inf)
 

@@ -43,9 +43,14 @@ def repaired(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
 
 
 def told(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
-    """Whether the report has an entry of that reason for the track, or for the name in the source that was left out."""
+    """Whether the report has an entry of that reason for the track, or for the name in the source that was left out.
+
+    A duplicate too far off to be fused is left out for lying inside the track, which the entry names.
+    """
     names = {track.id for track in tracks_of(cleaned.tracks, log.truth[fault.thing])} | {log.truth[fault.thing].id}
-    return any(change.reason in REASONS[fault.kind] and change.track in names for change in cleaned.report.changes)
+    inside = {change for change in cleaned.report.of(Reason.INSIDE) if names & set(change.detail.split())}
+    found = {change for change in cleaned.report.changes if change.reason in REASONS[fault.kind]}
+    return any(change.track in names for change in found) or bool(inside and fault.kind == "duplicate")
 
 
 def rates(logs: Iterable[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], list[Fault]]:

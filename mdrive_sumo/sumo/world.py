@@ -112,8 +112,9 @@ class SumoWorld:
         try:
             scripted = self._scripted.noticed(scripted) if self._traffic.drives else no_actors()
             self._place_egos(egos)
-            for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
-                self._traffic.take(vehicle, berth)
+            if self._replay.releases:
+                for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
+                    self._traffic.take(vehicle, berth)
             replayed = self._replay.actors(self._tick)
             self._place_ghosts(egos, (scripted, replayed))
             self._traffic.hold(struck, self._tick)
@@ -126,7 +127,9 @@ class SumoWorld:
                 raise WorldError(
                     f"SUMO teleported {libsumo.simulation.getStartingTeleportIDList()} at step {self._tick}"
                 )
-            shifted(driven := self._actors(), self._traffic.offsets)
+            driven = self._actors()
+            if offsets := self._traffic.offsets:
+                shifted(driven, offsets)
             self._last = self._together(driven, replayed)
             return Surroundings(self._last, self._signals())
         except libsumo.TraCIException as error:
@@ -176,8 +179,7 @@ class SumoWorld:
             bodies = [body for some in others for body in bodies_of(some)]
             self._mirror.look([*self._ego_bodies(egos), *bodies])
             return
-        names = set[str]().union(*(names_of(some) for some in others))
-        self._mirror.follow(names.union(EGO + name for name in egos))
+        self._mirror.follow({EGO + name for name in egos}.union(*(names_of(some) for some in others if len(some))))
 
     def _ego_bodies(self, egos: Mapping[str, EgoState]) -> list[Body]:
         return [
