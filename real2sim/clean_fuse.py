@@ -1,7 +1,8 @@
 """Which pieces show the same thing at the same time, and what they show together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,8 @@ SPREAD = 1.8
 TURNED_RAD = float(np.radians(35.0))
 FAR = 1.5
 """Beyond this many times the limit pieces of two observers cannot be one thing, whoever else resembles both."""
+UNSEEN_FRAMES = 20
+"""Gaps of one observer up to so many frames are bridged where names agree."""
 RAMP_FRAMES = 10
 """An observer gains and loses its say over this many frames, so that the sum of all does not jump."""
 OUTLIER_M = 0.3
@@ -41,8 +44,12 @@ class Fused:
 
 def groups_of(pieces: Pieces) -> list[list[int]]:
     """Groups of pieces that show the same thing while they overlap in time: the nearest pairs first."""
-    first, second = _near(pieces)
+    whole = _filled(pieces)
+    first, second = _near(whole)
     closeness = _closeness(pieces, first, second)
+    named = np.flatnonzero([pieces.ids[i] == pieces.ids[j] for i, j in zip(first, second, strict=True)])
+    if len(named):
+        closeness[named] = _closeness(whole, first[named], second[named])
     common = pieces.valid.astype(np.float32) @ pieces.valid.T.astype(np.float32) > 0
     apart = common.copy()
     one_observer = pieces.observer[first] == pieces.observer[second]
@@ -58,6 +65,19 @@ def groups_of(pieces: Pieces) -> list[list[int]]:
             for i in group[a]:
                 owner[i] = a
     return [sorted(members) for members in group.values()]
+
+
+def _filled(pieces: Pieces) -> Pieces:
+    """The same without short gaps: two observers of one name may see it by turns, and never in one frame."""
+    valid, x, y = pieces.valid.copy(), pieces.x.copy(), pieces.y.copy()
+    for k in range(len(pieces)):
+        frames = np.flatnonzero(pieces.valid[k])
+        for a, b in pairwise(frames.tolist()):
+            if 1 < b - a <= UNSEEN_FRAMES:
+                inner = np.arange(a + 1, b)
+                valid[k, inner] = True
+                x[k, inner], y[k, inner] = (np.interp(inner, (a, b), v[k, [a, b]]) for v in (pieces.x, pieces.y))
+    return replace(pieces, valid=valid, x=x, y=y)
 
 
 def _near(pieces: Pieces) -> tuple[Int, Int]:
@@ -91,7 +111,8 @@ def _closeness(pieces: Pieces, first: Int, second: Int) -> Float:
     closeness = np.where(mixed, np.inf, closeness)
     closeness = np.where(named, by_name, closeness)
     count = common.sum(1)
-    least = np.minimum(LEAST_COMMON, np.minimum(pieces.valid[first].sum(1), pieces.valid[second].sum(1)))
+    least = np.where(named, 1, LEAST_COMMON)
+    least = np.minimum(least, np.minimum(pieces.valid[first].sum(1), pieces.valid[second].sum(1)))
     return np.where(count >= least, closeness, 1.0 + 1e-9 + closeness)
 
 

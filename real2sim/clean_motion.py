@@ -63,8 +63,8 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
 
     Returns positions and (frame, size [m]) of every step.
     """
-    off = unexplained(x[None], y[None], valid[None])[0][0]
-    size = np.hypot(off[:, 0], off[:, 1])
+    off, since = (found[0] for found in unexplained(x[None], y[None], valid[None]))
+    size = np.where(since > 1, 0.0, np.hypot(off[:, 0], off[:, 1]))  # what it did in a gap that stays open nobody knows
     steps = [(int(frame), float(size[frame])) for frame in np.flatnonzero(size > BREAK_M)]
     at, span = np.arange(len(x)), SPREAD_S / dt_s
     for frame, _ in steps:

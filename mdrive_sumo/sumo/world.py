@@ -110,7 +110,7 @@ class SumoWorld:
         Egos that are no longer named leave the world. Raises WorldError where SUMO fails or teleports a vehicle.
         """
         try:
-            scripted = self._scripted.noticed(scripted) if self._traffic.drives else no_actors()
+            scripted = self._scripted.noticed(scripted) if len(scripted) else scripted
             self._place_egos(egos)
             if self._replay.releases:
                 for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
