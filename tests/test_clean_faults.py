@@ -10,7 +10,7 @@ from log_truth import Log, alone, observed, truth
 
 from mdrive_sumo.geometry import wrap_angles
 from real2sim.clean import Cleaned, clean
-from real2sim.clean_report import Reason
+from real2sim.clean.report import Reason
 
 REASONS = {
     "duplicate": {Reason.DUPLICATE},

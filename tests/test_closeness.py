@@ -10,7 +10,7 @@ from real_fits import NAMES, fitted_log
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
 from real2sim.closeness import GONE_M, Closeness, closeness
-from real2sim.closeness_order import conflicts, kept_in_order
+from real2sim.closeness.order import conflicts, kept_in_order
 
 
 @pytest.fixture(scope="module")

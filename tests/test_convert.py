@@ -15,13 +15,13 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.soundness import check_scenario
-from real2sim.build_targets import Target, lost_target
-from real2sim.cli_logs import told
-from real2sim.convert import scenario_id, windows_of
-from real2sim.convert_read import Log
-from real2sim.findings import Became, Role
-from real2sim.quality_file import load_quality
-from real2sim.summary import summary
+from real2sim.cli.logs import told
+from real2sim.fit.role import Became, Role
+from real2sim.pipeline.convert import scenario_id, windows_of
+from real2sim.pipeline.quality_file import load_quality
+from real2sim.pipeline.read import Log
+from real2sim.pipeline.summary import summary
+from real2sim.targets import Target, lost_target
 
 LOGS = Path("real_logs")
 SCENE = "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
-from real2sim.clean_report import Reason
+from real2sim.clean.report import Reason
 from real2sim.findings import Findings
+from real2sim.page.charts import Chart, Series, draw
+from real2sim.page.index import index_html, index_line, write_index
+from real2sim.page.network import deviation
+from real2sim.page.page import PAGE, page_html, write_page
+from real2sim.page.words import CLEANED, FIGURES, failures, words_of
 from real2sim.quality import CHECKS
-from real2sim.quality_actor import ActorQuality
+from real2sim.quality.actor import ActorQuality
 from real2sim.readers.scenarionet import read_scenarionet
-from real2sim.report_charts import Chart, Series, draw
-from real2sim.report_index import index_html, index_line, write_index
-from real2sim.report_network import deviation
-from real2sim.report_page import PAGE, page_html, write_page
-from real2sim.report_words import CLEANED, FIGURES, failures, words_of
 
 
 class Page(HTMLParser):

@@ -12,9 +12,9 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import Replay, Standing
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
 from mdrive_sumo.soundness import check_scenario
-from real2sim.findings import Became
 from real2sim.fit import choose_cavs, fit, scenario_names
-from real2sim.fit_path import path_of, progress_of
+from real2sim.fit.path import path_of, progress_of
+from real2sim.fit.role import Became
 from real2sim.recording import Category, Track
 
 

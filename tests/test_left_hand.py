@@ -15,12 +15,12 @@ from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from mdrive_sumo.state import Kind
-from real2sim.build import Wish, build_log
 from real2sim.hdmap import HdMap, MapLane
-from real2sim.lane_matching import match
-from real2sim.netbuild import NetworkReport, build_network
+from real2sim.match import match
 from real2sim.netconvert import netconvert_program
-from real2sim.quality_file import QualityFile
+from real2sim.network import NetworkReport, build_network
+from real2sim.pipeline.build import Wish, build_log
+from real2sim.pipeline.quality_file import QualityFile
 from real2sim.recording import Recording, Track
 from real2sim.scene import Scene
 

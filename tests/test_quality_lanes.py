@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_quality import DT, T, track
 
-from real2sim import quality_motion as motion
 from real2sim.hdmap import HdMap, LaneKind, MapLane
 from real2sim.quality import Converted, assess, judged
-from real2sim.quality_actor import actor_quality
-from real2sim.quality_lanes import LaneIndex, illegal_jumps
+from real2sim.quality.actor import actor_quality
+from real2sim.quality.lanes import LaneIndex, illegal_jumps
 from real2sim.recording import Category
+from real2sim.tracks import motion
 
 
 def lanes() -> LaneIndex:

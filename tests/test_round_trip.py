@@ -14,14 +14,14 @@ from mdrive_sumo.geometry import Bool
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.state import Kind
 from real2sim.clean import clean
-from real2sim.clean_report import Reason
+from real2sim.clean.report import Reason
 from real2sim.hdmap import HdMap, LaneKind
-from real2sim.net_lanes import bounds_width
-from real2sim.netbuild import build_network
+from real2sim.network import build_network
+from real2sim.network.lanes import bounds_width
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.v2xpnp_map_writer import write_vector_map
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 SHARE = 0.98
 """Of the moving vehicles that were visible long enough, found again one to one."""
