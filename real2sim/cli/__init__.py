@@ -59,7 +59,7 @@ convert.add_command(opendrive)
 @click.option("--agents", metavar="ID,...", help="Agent folders to read [default: all].")
 @click.pass_context
 def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
-    """Convert V2XPnP scenarios: folders of agent folders with YAML frames, or folders of such."""
+    """Convert V2XPnP scenarios: folders of agent folders with YAML frames, or folders with such in them."""
     ask = Ask(**options)
     if not maps:
         raise InputError("v2xpnp: expected the vector map, found no --map")
@@ -92,7 +92,7 @@ def commonroad(ctx: click.Context, **options: Any) -> None:
 @log_options
 @click.pass_context
 def argoverse2(ctx: click.Context, **options: Any) -> None:
-    """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders of such."""
+    """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
     ask = Ask(**options)
     paths = logs_below(ask.paths, folder_with("*.parquet", "*.feather"))
     run(ctx, [Log("argoverse2", path, window=ask.window) for path in paths], ask)

@@ -155,12 +155,14 @@ def told(done: int, total: int, text: str) -> None:
 
 
 def logs_below(paths: Sequence[Path], is_log: Callable[[Path], bool]) -> list[Path]:
-    """Every path that is a log, or else the logs right in it, by name; what has none is for its reader to refuse."""
-    found: list[Path] = []
-    for path in paths:
-        below = sorted(filter(is_log, path.iterdir())) if path.is_dir() and not is_log(path) else []
-        found += below or [path]
-    return found
+    """Every path that is a log, or else the logs somewhere in it; what has none is for its reader to refuse."""
+    return [found for path in paths for found in _logs_in(path, is_log) or [path]]
+
+
+def _logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
+    if is_log(path) or not path.is_dir():
+        return [path] if is_log(path) else []
+    return [found for below in sorted(path.iterdir()) for found in _logs_in(below, is_log)]
 
 
 def file_of(pattern: str) -> Callable[[Path], bool]:

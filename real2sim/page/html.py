@@ -63,7 +63,7 @@ def _side(column: int, words: int) -> str | None:
 
 def page(title: str, *content: Piece) -> str:
     """A whole page that may load nothing and run nothing; its style travels with it."""
-    style = (files("real2sim") / "static" / "report.css").read_text("utf-8")
+    style = (files("real2sim.page") / "static" / "report.css").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; base-uri 'none'; form-action 'none'"
     head = tag(

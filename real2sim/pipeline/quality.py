@@ -13,9 +13,9 @@ from real2sim.fit.role import Became, Role
 from real2sim.match import Match
 from real2sim.network import NetworkReport
 from real2sim.pipeline.quality_file import Cleaning, CleaningChange, FitRole, Network, QualityFile
-from real2sim.targets import Target, closeness_targets, fidelity_targets, lost_target, network_targets
 from real2sim.quality import Quality
 from real2sim.recording import Recording, Track
+from real2sim.targets import Target, closeness_targets, fidelity_targets, lost_target, network_targets
 
 
 @dataclass(frozen=True)

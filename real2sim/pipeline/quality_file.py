@@ -14,8 +14,8 @@ from mdrive_sumo.scenario.spec import first_problem
 from real2sim.clean.report import Reason
 from real2sim.closeness import Closeness
 from real2sim.fit.role import Became
-from real2sim.targets import Target
 from real2sim.quality import Quality
+from real2sim.targets import Target
 
 QUALITY_FILE = "quality.json"
 
