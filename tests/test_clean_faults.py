@@ -86,7 +86,7 @@ def test_one_observer_alone_is_repaired_too(kind: str) -> None:
     assert silent == []
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_logs_with_all_faults() -> None:
     logs = [planted(observed(truth(seed), seed), seed) for seed in range(100, 160)]
     logs += [planted(alone(truth(seed), seed), seed, ["id flip", "jump", "heading", "gap"]) for seed in range(200, 230)]

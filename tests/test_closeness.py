@@ -129,7 +129,7 @@ def test_contacts_that_the_log_has_not_are_told(roads: RoadMap) -> None:
 # --- real logs ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", NAMES)
 def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log(name, tmp_path)
@@ -139,7 +139,7 @@ def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path
     assert found.vehicles >= 5
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["replay", "hybrid"])
 def test_other_modes_repeat_a_real_log_while_the_cavs_do(mode: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log("peach", tmp_path, mode)  # type: ignore[arg-type]

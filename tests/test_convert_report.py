@@ -319,7 +319,7 @@ def contrast(first: tuple[float, ...], second: tuple[float, ...]) -> float:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_words_can_be_read_and_lines_be_told_from_the_road(scheme: str) -> None:
-    css = (Path(__file__).parent.parent / "real2sim" / "static" / "report.css").read_text()
+    css = (Path(__file__).parent.parent / "real2sim" / "page" / "static" / "report.css").read_text()
     light, dark = css.split("@media (prefers-color-scheme: dark)")
     colour = colours(light if scheme == "light" else dark.split("* {")[0])
     for ground in ("paper", "card", "stripe"):

@@ -215,6 +215,12 @@ def test_ids_of_logs_become_ids_of_scenarios() -> None:
     assert names == {"a:1": "a-1", "a-1": "a-1.2", "_x": "t_x", "<script>": "t-script-", "7": "7"}
 
 
+def test_long_ids_are_cut_to_what_tells_them_apart() -> None:
+    ids = ("0bfc7d407d09490cbca7", "0bfc7d40aaaaaaaaaaaa", "36209f00d7442a19485f", "36209f", "ego")
+    names = scenario_names([track(id_, 0.0, 0.0) for id_ in ids])
+    assert [names[id_] for id_ in ids] == ["0bfc7d407", "0bfc7d40a", "36209f0", "36209f", "ego"]
+
+
 def test_progress_grows_through_junction_and_gaps(roads: RoadMap) -> None:
     hidden = (seconds() > 4.0) & (seconds() < 6.0)
     one = track("a", np.where(hidden, np.nan, 150.0 + 10.0 * seconds()), 0.0)

@@ -162,13 +162,13 @@ def test_the_side_is_found_without_directions_too(tmp_path: Path) -> None:
         assert report.left_hand is side
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["scene-0103", "scene-0757", "av2-forecasting", "av2-sensor", "peach", "interaction"])
 def test_the_mirror_image_of_a_real_log_keeps_to_the_left(name: str, shared_data: Path, tmp_path: Path) -> None:
     check_both_sides(READ[name](), tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["scene-0757", "scene-1100", "peach"])
 def test_the_mirror_image_of_a_real_log_converts_as_well(name: str, shared_data: Path, tmp_path: Path) -> None:
     """Cleaning, matching, fidelity and SUMO's traffic are as good; US-101, one way, tells no side."""

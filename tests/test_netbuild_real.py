@@ -96,7 +96,7 @@ def test_every_driven_manoeuvre_is_routable(network: Network) -> None:
     assert len(on_road) >= 0.6 * len(driving)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_maps_as_dirty_as_those_of_v2xpnp_route_every_manoeuvre_too(
     name: str, shared_data: Path, tmp_path: Path

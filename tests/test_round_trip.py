@@ -149,7 +149,7 @@ def test_the_network_comes_back(busy: Recording, trip: Trip, tmp_path: Path) -> 
     assert (report.left_hand, report.directions.inverted, report.directions.undecided) == (False, (), ())
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_drives_come_back(tmp_path: Path) -> None:
     visible = found = 0
     for seed in range(1, 9):
@@ -169,7 +169,7 @@ def real(name: str) -> Recording:
     return windowed(found, slice(1000, 1100)) if found.frames > 300 else found
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_a_real_log_comes_back(name: str, shared_data: Path, tmp_path: Path) -> None:
     truth = as_truth(real(name))
@@ -180,7 +180,7 @@ def test_a_real_log_comes_back(name: str, shared_data: Path, tmp_path: Path) -> 
     same_lanes(truth.map, read_vector_map(tmp_path / "map.pkl")[0], names)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_the_network_of_a_real_log_comes_back(name: str, shared_data: Path, tmp_path: Path) -> None:
     """V2XPnP knows no directions, neighbours, widths and limits: the network is the same without."""

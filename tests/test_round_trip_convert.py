@@ -71,7 +71,7 @@ def scene(name: str, recording: Recording) -> Scene:
     return Scene(name, recording.source, "V2XPnP", "real2sim", recording.map, recording)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_a_real_log_converts_as_well_through_the_format(name: str, shared_data: Path, tmp_path: Path) -> None:
     """Against the conversion of the same scene as it is: sizes, headings, occlusion and the bare map cost little."""

@@ -133,7 +133,7 @@ def test_all_kinds_at_once_through_the_files(tmp_path: Path) -> None:
     assert all(result.told for result in results)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_logs_through_the_files(tmp_path: Path) -> None:
     results: list[Result] = []
     for seed in range(24):
@@ -184,7 +184,7 @@ def test_a_faulty_vector_map_is_repaired(tmp_path: Path) -> None:
     check_maps([result])
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_faulty_vector_maps_are_repaired(tmp_path: Path) -> None:
     results = [map_through_files(seed, tmp_path) for seed in range(15)]
     assert sum(r.reversed + r.removed for r in results) > 150

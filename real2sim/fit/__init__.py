@@ -11,7 +11,7 @@ Who becomes what:
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.errors import InputError
@@ -34,6 +34,8 @@ __all__ = ["Fitted", "choose_cavs", "fit", "scenario_names"]
 ACTION_STEP_S = 0.1
 """Drivers of a log react at its frame rate; SUMO's insertion and schedules need it."""
 LEAST_FRAMES = 2
+LONG_NAME, SHORT_NAME = 16, 6
+"""Names of more characters are cut, but to no fewer than the second."""
 DRIVEN_KINDS = frozenset((Category.CAR, Category.VAN, Category.TRUCK, Category.BUS, Category.MOTORCYCLE))
 
 
@@ -88,17 +90,27 @@ def fit(
 
 
 def scenario_names(tracks: Sequence[Track]) -> dict[str, str]:
-    """Ids as scenario files allow them: other characters become -, numbers and equals get something added."""
+    """Ids as scenario files allow them, long ones cut to what tells them apart; equal ones get a number added."""
+    plain = {track.id: re.sub(r"[^A-Za-z0-9_.+-]", "-", track.id) for track in tracks}
+    plain = {id_: text if re.match(r"[A-Za-z0-9]", text) else f"t{text}" for id_, text in plain.items()}
     names: dict[str, str] = {}
-    for track in tracks:
-        plain = re.sub(r"[^A-Za-z0-9_.+-]", "-", track.id)[:70]
-        plain = plain if re.match(r"[A-Za-z0-9]", plain) else f"t{plain}"
-        name, k = plain, 1
+    for id_, text in plain.items():
+        stem = _short(text, plain.values())
+        name, k = stem, 1
         while name in names.values():
             k += 1
-            name = f"{plain}.{k}"
-        names[track.id] = name
+            name = f"{stem}.{k}"
+        names[id_] = name
     return names
+
+
+def _short(text: str, texts: Iterable[str]) -> str:
+    """The text, or if it is long (a hash) its first characters, as many as no other one begins with."""
+    if len(text) <= LONG_NAME:
+        return text
+    others = [other for other in texts if other != text]
+    length = next((n for n in range(SHORT_NAME, 70) if not any(other.startswith(text[:n]) for other in others)), 70)
+    return text[:length]
 
 
 def _some(names: Sequence[str]) -> str:

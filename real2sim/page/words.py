@@ -37,6 +37,8 @@ CLEANED: dict[Reason, str] = {
     Reason.SIZE: "sizes that differ or are unknown, settled",
     Reason.LABEL: "classes that contradict each other or the motion, settled",
     Reason.STATIC: "things that never move, laid to rest",
+    Reason.OVERLAP: "things that appear inside others: they begin later, or are taken smaller",
+    Reason.INSIDE: "things inside others for most of their life, left out",
     Reason.TOO_SHORT: "tracks too short to tell anything, left out",
 }
 """What was found and what was done about it."""
