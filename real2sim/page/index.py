@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from mdrive_sumo.scenario.catalog import by_number
 from real2sim.findings import Findings
 from real2sim.page.html import Html, joined, page, table, tag
 from real2sim.page.map import plan_of, thumbnail
@@ -73,7 +74,7 @@ def write_index(suite: Path, name: str, lines: Sequence[IndexLine]) -> Path:
 
 def index_html(name: str, lines: Sequence[IndexLine]) -> str:
     """The index as text."""
-    ordered = sorted(lines, key=lambda line: (not line.misses, line.id))
+    ordered = sorted(lines, key=lambda line: (not line.misses, by_number(line.id)))
     faithful = sum(not line.misses for line in lines)
     passed, moving = sum(line.passed for line in lines), sum(line.moving for line in lines)
     words = (

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, by_number
 from mdrive_sumo.scenario.spec import first_problem
 from real2sim.clean.report import Reason
 from real2sim.closeness import Closeness
@@ -120,7 +120,7 @@ def load_qualities(suite: Path) -> tuple[QualityFile, ...]:
     """Those of all scenarios of a suite, by id; raises InputError if there is none."""
     if not suite.is_dir():
         raise InputError(f"{suite}: expected a suite folder, found none")
-    paths = sorted(suite.glob(f"*/{QUALITY_FILE}"))
+    paths = sorted(suite.glob(f"*/{QUALITY_FILE}"), key=lambda path: by_number(path.parent.name))
     if not paths:
         raise InputError(f"{suite}: expected {QUALITY_FILE} beside {SCENARIO_FILE} of converted logs, found none")
     return tuple(map(load_quality, paths))
