@@ -10,6 +10,7 @@ from real2sim.fit.role import Role
 from real2sim.network import NetworkReport
 from real2sim.quality import Quality
 from real2sim.recording import Recording, Track
+from real2sim.targets import Target
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class Findings:
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """`Fitted.names`: track id -> id in the scenario."""
     closeness: Closeness | None = None
+    targets: tuple[Target, ...] = ()
+    """All of them; () where no pipeline has set any: then those of quality and closeness are shown."""
     misses: tuple[str, ...] = ()
     """What misses its target, a sentence each; () is a pass."""
     notes: tuple[str, ...] = ()

@@ -4,10 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict, computed_field
 
+from real2sim.clean import Cleaned
 from real2sim.closeness import MEDIAN_5S_M, ORDER_SHARE, Closeness
 from real2sim.fit.role import Became, Role
 from real2sim.network import NetworkReport
-from real2sim.quality import Quality
+from real2sim.quality import SCRIPTED, Quality
+from real2sim.recording import Recording
 
 
 class Target(BaseModel):
@@ -65,12 +67,25 @@ def network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[
     )
 
 
-def lost_target(roles: Mapping[str, Role], tracks: Sequence[str]) -> Target:
-    """Tracks that are not in the scenario, and nobody says why."""
+def silently_lost(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Role]) -> tuple[str, ...]:
+    """Tracks of the source of which nothing is in the scenario, and nobody says why."""
     silent = Role(Became.LEFT_OUT)
-    return Target(
-        name="tracks lost without a reason", value=sum(roles.get(id_, silent) == silent for id_ in tracks), limit=0
-    )
+    told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.lost)
+    source = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
+    return tuple(sorted(id_ for id_ in source if not told & {id_, *cleaned.successors.get(id_, ())}))
+
+
+def lost_target(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Role]) -> Target:
+    """All tracks of the source are in the scenario, or it is told why not."""
+    lost = silently_lost(recording, cleaned, roles)
+    return Target(name="tracks lost without a reason", value=len(lost), limit=0)
+
+
+def by_sumo(quality: Quality, roles: Mapping[str, Role], mode: str) -> int:
+    """How many of the moving vehicles SUMO drives; the others are CAVs, or scripted on their path of the log."""
+    moving = [actor.id for actor in quality.actors if actor.moving and actor.category not in SCRIPTED]
+    driven = (id_ for id_ in moving if id_ in roles and roles[id_].became is Became.BACKGROUND)
+    return 0 if mode == "replay" else sum(1 for _ in driven)
 
 
 def closeness_targets(close: Closeness) -> tuple[Target, ...]:

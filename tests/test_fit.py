@@ -12,7 +12,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import Replay, Standing
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
 from mdrive_sumo.soundness import check_scenario
-from real2sim.fit import choose_cavs, fit, scenario_names
+from real2sim.fit import choose_cavs, fit, passed_over, scenario_names, unfit
 from real2sim.fit.path import path_of, progress_of
 from real2sim.fit.role import Became
 from real2sim.recording import Category, Track
@@ -203,6 +203,11 @@ def test_the_cavs_of_the_source_are_taken_if_they_will_do_else_who_is_there_long
     assert choose_cavs(("short",), tracks, matches) == ("short",)
     assert choose_cavs(("off",), tracks, matches) == ("long",)
     assert choose_cavs((), tracks, matches) == ("long",)
+    assert passed_over(("off", "short", "lost"), ("short",), tracks, matches) == {
+        "off": unfit(off, matches["off"]),
+        "lost": "it is not in the cleaned log",
+    }
+    assert "off the road" in unfit(off, matches["off"])
     with pytest.raises(InputError, match="expected a moving vehicle"):
         choose_cavs((), (off,), matches)
 

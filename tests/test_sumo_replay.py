@@ -117,6 +117,22 @@ def test_hybrid_stops_for_a_cav_in_the_way_and_replay_does_not(roads: RoadMap) -
     assert hit["replay"] > 0
 
 
+def test_a_released_vehicle_sees_ghosts_at_once(roads: RoadMap, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CAV comes, over two lanes, in a tick between those in which lanes are looked for."""
+    from mdrive_sumo.sumo import mirror
+
+    placed: list[str] = []
+    real = mirror.add_remote
+
+    def noted(name: str, *rest: object) -> None:
+        placed.append(name)
+        real(name, *rest)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(mirror, "add_remote", noted)
+    run(roads, "hybrid", [logged()], [*[AWAY] * 101, EgoState(-60.0, -3.2, 0.0, 0.0)])
+    assert any(name.startswith("ghost:ego:e:") for name in placed)
+
+
 def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
     cav = EgoState(-60.0, -4.8, 0.0, 0.0)
     frames = run(roads, "hybrid", [logged()], [*[cav] * 200, *[AWAY] * 300])

@@ -10,6 +10,7 @@ from typing import Self
 import libsumo
 import numpy as np
 
+from mdrive_sumo.actors import Crowd
 from mdrive_sumo.errors import InputError, WorldError
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
@@ -22,7 +23,6 @@ from mdrive_sumo.sumo.mirror import Mirror
 from mdrive_sumo.sumo.remote import EGO, add_remote, add_types, place
 from mdrive_sumo.sumo.replay import Replay
 from mdrive_sumo.sumo.scripted import Scripted, bodies_of, names_of
-from mdrive_sumo.sumo.together import Together
 from mdrive_sumo.sumo.traffic import Traffic
 
 _position, _angle, _speed = (
@@ -52,7 +52,7 @@ class SumoWorld:
         self._traffic = Traffic(scenario.background, roads)
         self._egos: tuple[str, ...] = ()
         self._replay = Replay(scenario.background, roads)
-        self._together = Together()
+        self._crowd = Crowd()
         self._mirror = Mirror(roads)
         self._scripted = Scripted(scenario.actors)
         self._tick = 0
@@ -130,7 +130,7 @@ class SumoWorld:
             driven = self._actors()
             if offsets := self._traffic.offsets:
                 shifted(driven, offsets)
-            self._last = self._together(driven, replayed)
+            self._last = self._crowd.merged(driven, replayed)
             return Surroundings(self._last, self._signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error

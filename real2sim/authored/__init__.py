@@ -53,7 +53,7 @@ def build_authored(scene: Scene, network: Path) -> Authored:
     shifts = _shifts(scene, roads, [cav.match for cav in cavs])
     egos = tuple(_ego(cav, roads, shift) for cav, shift in zip(cavs, shifts, strict=True))
     actors, notes = placed(scene.actors, roads, (float(offset[0]), float(offset[1])))
-    notes = (*scene.notes, *notes, *starts_in_contact(egos, actors), *never_set_off(egos, actors))
+    notes = (*scene.notes, *notes, *starts_in_contact(egos, actors, roads), *never_set_off(egos, actors))
     try:
         scenario = Scenario(
             id=scene.id,

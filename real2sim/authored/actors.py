@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import box_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import (
     Actor,
@@ -21,7 +20,7 @@ from mdrive_sumo.scenario.actor import (
 )
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.spec import Ego
-from real2sim.authored.separation import CAR_LENGTH_M, CAR_WIDTH_M
+from mdrive_sumo.soundness import contacts_at_start
 from real2sim.match.waypoints import match_waypoints
 
 ON_LANE_M = 1.0
@@ -50,16 +49,11 @@ def placed(actors: Sequence[Actor], roads: RoadMap, offset: Offset) -> tuple[tup
     return tuple(there), tuple(notes)
 
 
-def starts_in_contact(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]:
+def starts_in_contact(egos: Sequence[Ego], actors: Sequence[Actor], roads: RoadMap) -> Iterator[str]:
     """A note for each actor that stands in a CAV at the start; who is there later does not count."""
     for actor in actors:
-        if isinstance(actor.motion, Replay) and actor.motion.poses[0][0] > 0:
-            continue
-        box = box_corners(actor.start.x, actor.start.y, actor.start.yaw, actor.length, actor.width)
-        for ego in egos:
-            pose = ego.start
-            if boxes_overlap(box, box_corners(pose.x, pose.y, pose.yaw, CAR_LENGTH_M, CAR_WIDTH_M)):
-                yield f"{actor.id} overlaps CAV {ego.id} at the start"
+        for ego, _ in contacts_at_start(actor, egos, roads):
+            yield f"{actor.id} overlaps CAV {ego} at the start"
 
 
 def never_set_off(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]:

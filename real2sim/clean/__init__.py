@@ -21,7 +21,7 @@ from real2sim.tracks.motion import WINDOW
 from real2sim.tracks.standing import moves
 
 LEAST_FRAMES = WINDOW
-"""Shorter tracks have neither acceleration nor jerk (`quality_motion`): no check could say anything about them."""
+"""Shorter tracks have neither acceleration nor jerk (`tracks.motion`): no check could say anything about them."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class Cleaned:
     cavs: Mapping[str, str]
     """Connected automated vehicles: name in the recording (observer or track) -> track id."""
     report: CleaningReport
+    successors: Mapping[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
+    """Name in the source -> what the report or the tracks call the things that it showed."""
 
 
 @dataclass
@@ -42,9 +44,14 @@ class _Work:
     recording: Recording
     pieces: Pieces
     changes: list[Change] = field(default_factory=list[Change])
+    successors: dict[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
 
     def say(self, reason: Reason, track: str, frames: int, detail: str = "") -> None:
         self.changes.append(Change(reason, track, frames, detail))
+
+    def follows(self, name: str, members: Sequence[int]) -> None:
+        for id_ in {self.pieces.ids[i] for i in members}:
+            self.successors[id_] = self.successors.get(id_, frozenset()) | {name}
 
 
 def clean(recording: Recording) -> Cleaned:
@@ -66,13 +73,15 @@ def clean(recording: Recording) -> Cleaned:
     tracks, changes = apart(tracks, set(cavs.values()) | set(recording.cavs), recording.dt_s)
     work.changes += changes
     cavs |= {name: name for name in recording.cavs if name in {track.id for track in tracks} and name not in cavs}
-    return Cleaned(recording.dt_s, tracks, cavs, CleaningReport(tuple(work.changes)))
+    return Cleaned(recording.dt_s, tracks, cavs, CleaningReport(tuple(work.changes)), work.successors)
 
 
 def _say_mistake(work: _Work, group: Sequence[int]) -> None:
     frames = int(work.pieces.valid[group].sum())
     observers = sorted({work.recording.views[work.pieces.observer[i]].observer for i in group})
-    work.say(Reason.TELEPORT, work.pieces.ids[group[0]], frames, f"left out of {', '.join(observers)}")
+    name = work.pieces.ids[group[0]]
+    work.changes.append(Change(Reason.TELEPORT, name, frames, f"left out of {', '.join(observers)}", whole=True))
+    work.follows(name, group)
 
 
 def _tracks(work: _Work, things: Sequence[Ego]) -> tuple[tuple[Track, ...], dict[str, str]]:
@@ -80,6 +89,7 @@ def _tracks(work: _Work, things: Sequence[Ego]) -> tuple[tuple[Track, ...], dict
     tracks: list[Track] = []
     cavs: dict[str, str] = {}
     for thing, name in zip(things, unique_names(work.pieces, things), strict=True):
+        work.follows(name, (*thing.members, *thing.own))
         seen = thing.seen if thing.observer else fused(work.pieces, thing.members)
         if seen.valid.sum() < min(LEAST_FRAMES, work.recording.frames):
             work.say(Reason.TOO_SHORT, name, int(seen.valid.sum()), f"seen in {int(seen.valid.sum())} frames only")

@@ -36,6 +36,9 @@ class Reason(StrEnum):
     """Left out altogether."""
 
 
+LEFT_OUT = frozenset((Reason.INSIDE, Reason.TOO_SHORT))
+
+
 @dataclass(frozen=True, slots=True)
 class Change:
     """One change: which track of the result (for what was left out: of the source), how many frames, and how."""
@@ -44,6 +47,8 @@ class Change:
     track: str
     frames: int
     detail: str = ""
+    whole: bool = False
+    """Whether all of the track was left out, for a reason that does not say so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +67,5 @@ class CleaningReport:
 
     @property
     def lost(self) -> dict[str, str]:
-        """Tracks of the source that have no successor, with the reason."""
-        gone = (*self.of(Reason.TOO_SHORT), *self.of(Reason.INSIDE))
-        return {change.track: change.detail for change in gone}
+        """Things of any kind that were left out altogether, with the reason."""
+        return {change.track: change.detail for change in self.changes if change.whole or change.reason in LEFT_OUT}

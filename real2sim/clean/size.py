@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from mdrive_sumo.state import Kind
 from real2sim.clean.pieces import Pieces
 from real2sim.recording import Category
 
@@ -22,6 +23,16 @@ USUAL_SIZE: Mapping[Category, tuple[float, float]] = {
 """Length and width [m] for sources that tell none."""
 
 
+SMALLEST_M, LONGEST_M, WIDEST_M = 0.1, 40.0, 10.0
+"""Sizes that a scenario can have; `WIDEST_M` is of vehicles, other things may be as wide as long."""
+
+
+def bounded(length: float, width: float, kind: Kind) -> tuple[float, float]:
+    """Length and width [m] within what a scenario can have, to the centimetre."""
+    widest = WIDEST_M if kind is Kind.VEHICLE else LONGEST_M
+    return min(max(round(length, 2), SMALLEST_M), LONGEST_M), min(max(round(width, 2), SMALLEST_M), widest)
+
+
 def label_of(pieces: Pieces, members: Sequence[int]) -> tuple[Category, str]:
     """The label of most frames, and what to report if there were several. A CAV that nobody saw is a car."""
     votes: Counter[Category] = Counter()
@@ -34,7 +45,7 @@ def label_of(pieces: Pieces, members: Sequence[int]) -> tuple[Category, str]:
 
 
 def size_of(pieces: Pieces, members: Sequence[int], category: Category) -> tuple[float, float, str]:
-    """Length and width [m], the median over all boxes, and what to report if they disagree or are assumed."""
+    """Length and width [m], the median over all boxes, and what to report if they disagree, are assumed or odd."""
     rows = list(members)
     told: list[str] = []
     size: list[float] = []
@@ -47,4 +58,9 @@ def size_of(pieces: Pieces, members: Sequence[int], category: Category) -> tuple
             told.append(f"{name} {usual:g} m assumed")
         elif category is not Category.PEDESTRIAN and np.ptp(known) > DISAGREE_M:
             told.append(f"{name} {known.min():.2f} to {known.max():.2f} m: {size[-1]:.2f}")
+    within = bounded(size[0], size[1], category.kind)
+    for name, value, limit in zip(("length", "width"), size, within, strict=True):
+        if abs(value - limit) > 0.01:
+            told.append(f"{name} {value:.2f} m is beyond what a scenario can have: {limit:g}")
+            size[name == "width"] = limit
     return size[0], size[1], ", ".join(told)

@@ -22,12 +22,19 @@ map_option = click.option(
 
 @click.group(invoke_without_command=True)
 @click.option(
-    "--summary", "suite", type=click.Path(path_type=Path), metavar="SUITE", help="How faithful a converted suite is."
+    "--summary",
+    "suite",
+    type=click.Path(path_type=Path),
+    metavar="SUITE",
+    help="How faithful a suite of converted logs is.",
 )
 @click.option("--json", "as_json", is_flag=True, help="With --summary: all figures as JSON.")
 @click.pass_context
 def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     """Turn recordings and foreign scenario files into suites.
+
+    mdrive, interdrive and opendrive are authored sources: there is no log to compare with, so they take neither
+    --report nor --window nor --cavs, and write conversion.md in place of quality.json and its summary.
 
     \b
     Exit codes: 0 every scenario meets the thresholds, 1 some do not (listed; the suite is written all the same),
@@ -40,7 +47,7 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
         return
     if ctx.invoked_subcommand is not None:
         raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
-    from real2sim.pipeline.quality_file import load_qualities  # here, as in `cli_logs.run`
+    from real2sim.pipeline.quality_file import load_qualities  # here, as in `cli.logs`
     from real2sim.pipeline.summary import summary, summary_table
 
     found = summary(load_qualities(suite))
@@ -64,7 +71,7 @@ def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opt
     if not maps:
         raise InputError("v2xpnp: expected the vector map, found no --map")
     names = tuple(agents.split(",")) if agents else None
-    paths = logs_below(ask.paths, folder_of_agents)
+    paths = logs_below(ask.paths, folder_of_agents, "numbered agent folders")
     run(ctx, [Log("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
 
 
@@ -74,7 +81,7 @@ def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opt
 def scenarionet(ctx: click.Context, **options: Any) -> None:
     """Convert ScenarioNet descriptions (nuScenes, Waymo, nuPlan): pickles, or folders of them."""
     ask = Ask(**options)
-    paths = logs_below(ask.paths, file_of("*.pkl"))
+    paths = logs_below(ask.paths, file_of("*.pkl"), "*.pkl")
     run(ctx, [Log("scenarionet", path, window=ask.window) for path in paths], ask)
 
 
@@ -84,7 +91,7 @@ def scenarionet(ctx: click.Context, **options: Any) -> None:
 def commonroad(ctx: click.Context, **options: Any) -> None:
     """Convert CommonRoad scenarios: XML files, or folders of them."""
     ask = Ask(**options)
-    paths = logs_below(ask.paths, file_of("*.xml"))
+    paths = logs_below(ask.paths, file_of("*.xml"), "*.xml")
     run(ctx, [Log("commonroad", path, window=ask.window) for path in paths], ask)
 
 
@@ -94,7 +101,7 @@ def commonroad(ctx: click.Context, **options: Any) -> None:
 def argoverse2(ctx: click.Context, **options: Any) -> None:
     """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
     ask = Ask(**options)
-    paths = logs_below(ask.paths, folder_with("*.parquet", "*.feather"))
+    paths = logs_below(ask.paths, folder_with("*.parquet", "*.feather"), "*.parquet or *.feather")
     run(ctx, [Log("argoverse2", path, window=ask.window) for path in paths], ask)
 
 
@@ -109,5 +116,5 @@ def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
     """
     ask = Ask(**options)
     maps = (osm,) if osm else ()
-    paths = logs_below(ask.paths, file_of("vehicle_tracks_*.csv"))
+    paths = logs_below(ask.paths, file_of("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
     run(ctx, [Log("interaction", path, maps, window=ask.window) for path in paths], ask)

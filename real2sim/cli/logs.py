@@ -60,7 +60,7 @@ _OPTIONS = (
     click.option(
         "--every",
         "every_s",
-        type=click.FloatRange(1.0, 60.0),
+        type=click.FloatRange(2.0, 60.0),
         metavar="SECONDS",
         help="Cut each log, or its window, into scenarios of this length.",
     ),
@@ -135,7 +135,7 @@ def words(batch: "Batch", ask: Ask) -> str:
     passed, converted = len(batch.outcomes) - len(batch.missing), len(batch.outcomes)
     lines.append(
         f"{passed} of {converted} scenarios meet every target"
-        + f"; {len(batch.refused)} logs unusable" * bool(batch.refused)
+        + f"; {len(batch.refused)} {'log' if len(batch.refused) == 1 else 'logs'} unusable" * bool(batch.refused)
     )
     if ask.report:
         lines.append(f"Report: {ask.out / 'conversion.html'}")
@@ -154,9 +154,18 @@ def told(done: int, total: int, text: str) -> None:
     click.echo("\r\x1b[K" + (line if done < total else ""), nl=False, err=True)
 
 
-def logs_below(paths: Sequence[Path], is_log: Callable[[Path], bool]) -> list[Path]:
-    """Every path that is a log, or else the logs somewhere in it; what has none is for its reader to refuse."""
-    return [found for path in paths for found in _logs_in(path, is_log) or [path]]
+def logs_below(paths: Sequence[Path], is_log: Callable[[Path], bool], wanted: str) -> list[Path]:
+    """Every path that is a log, or else the logs somewhere in it; a file that is none is for its reader to refuse.
+
+    Raises InputError for a folder without any `wanted`, which is what to call them.
+    """
+    return [found for path in paths for found in _logs_in(path, is_log) or [_no_folder(path, wanted)]]
+
+
+def _no_folder(path: Path, wanted: str) -> Path:
+    if path.is_dir():
+        raise InputError(f"{path}: expected {wanted} in it or below, found none")
+    return path
 
 
 def _logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:

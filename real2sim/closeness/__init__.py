@@ -68,19 +68,6 @@ class Closeness(BaseModel):
     contacts: tuple[tuple[str, str, int], ...]
     """Background vehicles whose boxes share area though the log's do not, with the number of frames."""
 
-    @property
-    def misses(self) -> tuple[str, ...]:
-        """What misses its target, a sentence each."""
-        found: list[str] = []
-        if self.median_at_5s is not None and self.median_at_5s > MEDIAN_5S_M:
-            found.append(f"position error at 5 s: median {self.median_at_5s:.1f} m, at most {MEDIAN_5S_M:g} m wanted")
-        if self.order_share is not None and self.order_share < ORDER_SHARE:
-            found.append(
-                f"order through conflict points: kept in {self.order_share:.0%} of {self.order_pairs} pairs,"
-                f" at least {ORDER_SHARE:.0%} wanted"
-            )
-        return tuple(found)
-
 
 @dataclass(frozen=True)
 class _Vehicle:

@@ -23,13 +23,13 @@ from mdrive_sumo.state import Kind
 from real2sim.fit.actor import replayed, standing
 from real2sim.fit.beside import Centred, abreast, centred
 from real2sim.fit.driving import fitted
-from real2sim.fit.ego import choose_cavs, ego_of
+from real2sim.fit.ego import choose_cavs, ego_of, passed_over, unfit
 from real2sim.fit.role import Became, Role
 from real2sim.fit.vehicle import Driven, background_vehicle, driven
 from real2sim.match import Match
 from real2sim.recording import Category, Track
 
-__all__ = ["Fitted", "choose_cavs", "fit", "scenario_names"]
+__all__ = ["Fitted", "choose_cavs", "fit", "passed_over", "scenario_names", "unfit"]
 
 ACTION_STEP_S = 0.1
 """Drivers of a log react at its frame rate; SUMO's insertion and schedules need it."""

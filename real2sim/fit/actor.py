@@ -9,7 +9,7 @@ from mdrive_sumo.scenario.actor import KINDS, Actor, KindName, Motion, Replay, S
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.state import Kind
 from real2sim.fit.beside import Centred, run_into
-from real2sim.fit.vehicle import Driven, poses
+from real2sim.fit.vehicle import LENGTH_M, WIDTH_M, Driven, poses, size_of
 from real2sim.recording import Category, Track
 
 NAMES: dict[Kind, KindName] = {kind: name for name, kind in KINDS.items()}
@@ -61,12 +61,7 @@ def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tupl
 
 def _size(track: Track) -> tuple[float, float]:
     """Length and width [m]."""
-    rows = track.valid & np.isfinite(track.length) & np.isfinite(track.width)
-    if not rows.any():
-        length, width = SIZES.get(track.category, (4.5, 1.8))
-    else:
-        length, width = float(np.median(track.length[rows])), float(np.median(track.width[rows]))
-    return min(max(round(length, 2), 0.1), 40.0), min(max(round(width, 2), 0.1), 40.0)
+    return size_of(track, SIZES.get(track.category, (LENGTH_M, WIDTH_M)))
 
 
 def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:

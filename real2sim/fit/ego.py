@@ -40,6 +40,20 @@ def choose_cavs(wanted: Sequence[str], tracks: Sequence[Track], matches: Mapping
     return (max(fit.values(), key=lambda track: (int(track.valid.sum()), _driven_m(track), track.id)).id,)
 
 
+def passed_over(
+    wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[Track], matches: Mapping[str, Match]
+) -> dict[str, str]:
+    """The CAVs of the source that are none in the scenario, with the reason."""
+    known = {track.id: track for track in tracks}
+    return {name: _why(known.get(name), matches.get(name)) for name in wanted if name not in chosen}
+
+
+def _why(track: Track | None, match: Match | None) -> str:
+    if track is None:
+        return "it is not in the cleaned log"
+    return "it never moves" if track.parked else unfit(track, match)
+
+
 def _driven_m(track: Track) -> float:
     return float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum())
 

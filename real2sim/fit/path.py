@@ -13,7 +13,7 @@ from real2sim.match import Match
 from real2sim.recording import Track
 
 JOINT_M = 0.1
-"""SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`net_shapes`)."""
+"""SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`network.shapes`)."""
 CLAMPED_M = 0.05
 """A foot so near to an end of the path may be that of a place beyond it."""
 
@@ -96,7 +96,7 @@ def path_of(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
 
 
 def edge_length(roads: RoadMap, lane: Lane) -> float:
-    """SUMO's length [m] of the edge of a lane: the mean of its lanes (`net_shapes`); a junction lane has its own."""
+    """SUMO's length [m] of the edge of a lane: the mean of its lanes (`network.shapes`); a junction lane has one."""
     if lane.junction:
         return lane.centre.length
     side, beside = lane, [lane]

@@ -14,7 +14,6 @@ class Became(StrEnum):
     """A scripted road user on its path of the log."""
     STANDING = "standing"
     """A thing that never moves."""
-    RSU = "roadside unit"
     LEFT_OUT = "left out"
 
 

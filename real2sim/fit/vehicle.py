@@ -9,6 +9,7 @@ import numpy as np
 from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.traffic import BackgroundVehicle, Driving, Schedule
+from real2sim.clean.size import bounded
 from real2sim.fit.path import RoutePath, path_of, progress_of, straight_on
 from real2sim.match import Match
 from real2sim.recording import Track
@@ -58,12 +59,13 @@ class Driven:
         return "; ".join(part for part in (comes, goes) if part)
 
 
-def size_of(track: Track) -> tuple[float, float]:
-    """Length and width [m] of a track, a small car's where unknown."""
+def size_of(track: Track, usual: tuple[float, float] = (LENGTH_M, WIDTH_M)) -> tuple[float, float]:
+    """Length and width [m] of a track, the usual ones where unknown, within what a scenario can have."""
     rows = track.valid & np.isfinite(track.length) & np.isfinite(track.width)
     if not rows.any():
-        return LENGTH_M, WIDTH_M
-    return round(float(np.median(track.length[rows])), 2), round(float(np.median(track.width[rows])), 2)
+        return usual
+    size = float(np.median(track.length[rows])), float(np.median(track.width[rows]))
+    return bounded(*size, track.category.kind)
 
 
 def driven(track: Track, match: Match, roads: RoadMap) -> Driven | str:

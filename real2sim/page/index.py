@@ -13,6 +13,7 @@ from real2sim.page.page import PAGE
 from real2sim.page.targets import missed
 from real2sim.page.things import things_of
 from real2sim.page.words import measured, share
+from real2sim.targets import by_sumo
 
 HEAD = (
     "map",
@@ -20,6 +21,7 @@ HEAD = (
     "verdict",
     "source",
     "moving vehicles pass",
+    "driven by SUMO",
     "median [m]",
     "p95 [m]",
     "jerk p95 [m/s³]",
@@ -37,6 +39,7 @@ class IndexLine:
     misses: tuple[str, ...]
     passed: int
     moving: int
+    by_sumo: int
     error_median: float | None
     error_p95: float | None
     jerk_p95: float
@@ -56,6 +59,7 @@ def index_line(findings: Findings) -> IndexLine:
         missed(findings),
         quality.moving_passed,
         quality.moving_vehicles,
+        by_sumo(quality, findings.roles, findings.mode),
         quality.error_median,
         quality.error_p95,
         quality.jerk_p95,
@@ -97,6 +101,7 @@ def _row(line: IndexLine) -> tuple[Html | str | None, ...]:
         _verdict(line),
         line.source,
         f"{line.passed} of {line.moving}",
+        f"{line.by_sumo} of {line.moving}",
         measured(line.error_median),
         measured(line.error_p95),
         measured(line.jerk_p95, decimals=1),

@@ -32,7 +32,7 @@ class Deviation:
 
 
 def deviation(findings: Findings) -> Deviation:
-    """As `netbuild` measures it, but with the places."""
+    """As `network.measure` measures it, but with the places."""
     lines = _kept(findings.recording.map, findings.network)
     if not lines:
         return Deviation((), np.zeros((0, 2)), np.zeros(0))

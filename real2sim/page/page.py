@@ -15,6 +15,7 @@ from real2sim.page.things import Thing, numbers_of, things_of
 from real2sim.page.traffic import traffic_part
 from real2sim.page.words import CLEANED, frames, measured, words_of
 from real2sim.quality import CHECKS
+from real2sim.targets import by_sumo
 
 PAGE = "conversion.html"
 LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "what stands"), ("names", "numbers"))
@@ -110,6 +111,8 @@ def _actors_intro(findings: Findings) -> Html:
         f"{quality.moving_passed} of {quality.moving_vehicles} moving vehicles, {quality.walkers_passed} of"
         f" {quality.walkers} walkers and cyclists and {quality.static_passed} of {quality.static_things} things that"
         " stand pass every check. Failing ones come first."
+        f" SUMO drives {by_sumo(quality, findings.roles, findings.mode)} of the moving vehicles ({findings.mode}); the"
+        " others are CAVs, or scripted on their path of the log."
     )
     return tag("p", words)
 
@@ -140,7 +143,7 @@ def _cleaning_part(findings: Findings, actors: Shown) -> Html:
             if rows
             else tag("p", "Nothing.", class_="none"),
             named("Changes to what is not in the scenario", [f"{c.track}: {c.reason.value}, {c.detail}" for c in gone]),
-            named("Moving vehicles that are lost", [f"{id_}: {why}" for id_, why in findings.quality.lost.items()]),
+            named("Left out altogether", [f"{id_}: {why}" for id_, why in findings.quality.lost.items()]),
             named("Notes of reading and fitting", notes),
         )
     )

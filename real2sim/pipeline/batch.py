@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
 from real2sim.page.index import write_index
 from real2sim.pipeline.build import NETWORKS, Wish
 from real2sim.pipeline.convert import Outcome, convert_log, windows_of
-from real2sim.pipeline.read import Log
+from real2sim.pipeline.read import Log, named, part
 from real2sim.readers.window import Window
 from real2sim.whole_folder import whole_folder
 
@@ -95,15 +95,26 @@ def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order)
 
 def _tasks(logs: Sequence[Log], parts: Path, order: Order) -> tuple[list[Task], list[str]]:
     """A task for every log, or for every window of every log; and the logs that cannot be cut, a sentence each."""
-    tasks = [Task(i, log, order.wish, order.page, parts / str(i)) for i, log in enumerate(logs)]
+    once, refused = _once(logs)
+    tasks = [Task(i, log, order.wish, order.page, parts / str(i)) for i, log in enumerate(once)]
     if order.every_s is None:
-        return tasks, []
+        return tasks, refused
     whole = [replace(task, every_s=order.every_s) for task in tasks]
     with Pool(_windows, min(order.workers, max(len(whole), 1)), LIMIT_S) as pool:
         found = {task.number: _checked(answer) for task, answer in pool.run(whole)}
-    cut = [replace(log, window=window) for i, log in enumerate(logs) for window in _of(found[i])]
-    refused = [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]
+    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _of(found[i])]
+    refused += [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]
     return _tasks(cut, parts, replace(order, every_s=None))[0], refused
+
+
+def _once(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+    """The logs without those given before, which are refused."""
+    once: dict[tuple[Path, Window | None], Log] = {}
+    refused: list[str] = []
+    for log in logs:
+        if once.setdefault((log.path.resolve(), log.window), log) is not log:
+            refused.append(named(log, "expected every log once, found it twice"))
+    return list(once.values()), refused
 
 
 def _of(windows: Windows | str) -> Windows:
@@ -126,23 +137,34 @@ def _failed(failure: WorkerFailure) -> str:
 def _answers(
     done: Iterable[tuple[Task, Outcome | str | WorkerFailure]], total: int, order: Order
 ) -> Iterator[tuple[int, Outcome | str]]:
+    ids: set[str] = set()
     for i, (task, answer) in enumerate(done, 1):
         if isinstance(answer, WorkerFailure):
-            answer = f"{task.log.path}: {_failed(answer)}"
-        order.progress(i, total, f"{task.log.path.name}: {_verdict(answer)}")
+            answer = named(task.log, _failed(answer))
+        order.progress(i, total, f"{_title(task.log)}: {_verdict(answer, ids)}")
+        ids |= {answer.id} if isinstance(answer, Outcome) else set()
         yield task.number, answer
 
 
-def _verdict(answer: Outcome | str) -> str:
+def _title(log: Log) -> str:
+    """The log in progress lines: the name of its file and its window."""
+    return f"{log.path.name}, {part(log)}" if log.window else log.path.name
+
+
+def _verdict(answer: Outcome | str, before: Collection[str]) -> str:
+    """`before`: ids of the logs that were done earlier; a suite has room for one of each."""
     if isinstance(answer, str):
         return "unusable"
-    return f"misses {len(answer.misses)} targets" if answer.misses else "passed"
+    if answer.id in before:
+        return f"unusable, the second {answer.id}"
+    count = len(answer.misses)
+    return f"misses {count} target{'' if count == 1 else 's'}" if count else "passed"
 
 
 def _taken(outcome: Outcome, task: Task, draft: Path, before: Sequence[Outcome]) -> Outcome | str:
     """Moves a finished scenario and its network into the suite; a sentence if there is one of that name."""
     if any(outcome.id == other.id for other in before):
-        return f"{task.log.path}: expected logs of different names, found {outcome.id} twice"
+        return named(task.log, f"expected logs of different names, found {outcome.id} twice")
     (draft / NETWORKS).mkdir(exist_ok=True)
     (task.folder / outcome.id).rename(draft / outcome.id)
     (task.folder / NETWORKS / outcome.id).rename(draft / NETWORKS / outcome.id)

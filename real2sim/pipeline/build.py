@@ -1,6 +1,6 @@
 """A log becomes a scenario: cleaned, put on a network of its map, reconstructed, made reactive, and measured."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -18,7 +18,7 @@ from real2sim.match import match
 from real2sim.network import build_network
 from real2sim.pipeline.quality import Steps, findings_of, quality_file
 from real2sim.pipeline.quality_file import QualityFile
-from real2sim.pipeline.tracks import cav_tracks, check_on_map, motions, stations
+from real2sim.pipeline.tracks import cav_notes, cav_tracks, check_on_map, motions, stations
 from real2sim.quality import Converted, Quality, assess
 from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Recording, Track
@@ -65,8 +65,13 @@ def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
     roads = load(network.folder)
     tracks = reconstruct(cleaned.tracks, dt_s)
     matches = {id_: match(motion, roads) for id_, motion in motions(tracks).items()}
-    fitted = fit(tracks, matches, roads, cav_tracks(wish.cavs, cleaned, tracks, matches), wish.mode, dt_s)
-    scenario = _scenario(scene, recording, fitted)
+    cavs = cav_tracks(wish.cavs, cleaned, tracks, matches)
+    try:
+        fitted = fit(tracks, matches, roads, cavs, wish.mode, dt_s)
+    except ValidationError as error:
+        raise InputError(first_problem(error)) from None
+    notes = cav_notes(wish.cavs, cavs, cleaned, tracks, matches)
+    scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted)
     check_scenario(scenario, roads)
     steps = Steps(
         id=scene.id,
@@ -79,7 +84,8 @@ def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
         matches=matches,
         quality=_assessed(recording, cleaned, tracks, roads),
         fitted=fitted,
-        closeness=closeness(scenario, roads, tracks, fitted.names, dt_s),
+        notes=notes,
+        closeness=closeness(_reactive(scenario), roads, tracks, fitted.names, dt_s),
     )
     return Built(scenario, quality_file(steps), findings_of(steps))
 
@@ -90,6 +96,12 @@ def _assessed(recording: Recording, cleaned: Cleaned, tracks: tuple[Track, ...],
     )
     raw = {track.id: track for track in cleaned.tracks}
     return assess(Converted(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.lost))
+
+
+def _reactive(scenario: Scenario) -> Scenario:
+    """The same with reactive traffic, whatever was asked for: poses of the log are always close to the log."""
+    background = scenario.background.model_copy(update={"mode": "reactive"})
+    return scenario.model_copy(update={"background": background})
 
 
 def _scenario(scene: Scene, recording: Recording, fitted: Fitted) -> Scenario:

@@ -2,11 +2,12 @@
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.spec import save_scenario
+from real2sim.clean import LEAST_FRAMES
 from real2sim.page.index import IndexLine, index_line
 from real2sim.page.page import write_page
 from real2sim.pipeline.build import Wish, build_log
@@ -20,6 +21,9 @@ BUCKETS = {"v2xpnp": "V2XPnP"}
 CATEGORY = "real2sim"
 LONGEST_S = 60.0
 """Longer logs need a window: an episode is a matter of seconds."""
+LEAST_S = 2.0
+"""Shorter logs pass without being asked much: turns are measured within a second, traffic against the log after one
+and two seconds."""
 PROPOSED_S = 20.0
 
 
@@ -38,7 +42,7 @@ def convert_log(log: Log, draft: Path, wish: Wish, page: bool) -> Outcome:
     try:
         recording = windowed(str(log.path), read(log), log.window)
         _check_length(recording)
-        built = build_log(_scene(recording, log.window), draft, wish)
+        built = build_log(_scene(recording, log.window), draft, replace(wish, window_s=log.window))
     except InputError as error:
         raise InputError(named(log, str(error))) from None
     folder = draft / built.scenario.id
@@ -50,7 +54,7 @@ def convert_log(log: Log, draft: Path, wish: Wish, page: bool) -> Outcome:
 
 
 def windows_of(log: Log, every_s: float) -> tuple[Window, ...]:
-    """Windows of that length [s], one after another; a rest shorter than half of it belongs to none."""
+    """Windows of that length [s], one after another; a rest shorter than half of it or `LEAST_S` belongs to none."""
     try:
         recording = windowed(str(log.path), read(log), log.window)
     except InputError as error:
@@ -58,13 +62,16 @@ def windows_of(log: Log, every_s: float) -> tuple[Window, ...]:
     first = log.window[0] if log.window else 0.0
     end = first + (recording.frames - 1) * recording.dt_s
     starts = [first + k * every_s for k in range(math.ceil((end - first) / every_s - 1e-6))]
-    if len(starts) > 1 and end - starts[-1] < every_s / 2:
+    if len(starts) > 1 and end - starts[-1] < max(every_s / 2, LEAST_S) - recording.dt_s / 2:
         starts.pop()
     return tuple((round(start, 3), round(min(start + every_s, end), 3)) for start in starts)
 
 
 def _check_length(recording: Recording) -> None:
     length_s = (recording.frames - 1) * recording.dt_s
+    least_s = max(LEAST_S, (LEAST_FRAMES - 1) * recording.dt_s)
+    if length_s < least_s - recording.dt_s / 2:
+        raise InputError(f"expected at least {least_s:g} s, found {length_s:g} s: too short for the checks to say much")
     if length_s > LONGEST_S:
         raise InputError(
             f"expected at most {LONGEST_S:g} s, found a log of {length_s:g} s: choose a part with"

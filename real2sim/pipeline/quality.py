@@ -15,7 +15,7 @@ from real2sim.network import NetworkReport
 from real2sim.pipeline.quality_file import Cleaning, CleaningChange, FitRole, Network, QualityFile
 from real2sim.quality import Quality
 from real2sim.recording import Recording, Track
-from real2sim.targets import Target, closeness_targets, fidelity_targets, lost_target, network_targets
+from real2sim.targets import Target, by_sumo, closeness_targets, fidelity_targets, lost_target, network_targets
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,9 @@ class Steps:
     quality: Quality
     fitted: Fitted
     closeness: Closeness
+    """Of reactive traffic, whatever the mode."""
+    notes: tuple[str, ...]
+    """What was passed over on the way; those of the reader stand in `recording`."""
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -42,7 +45,7 @@ class Steps:
         return (
             *fidelity_targets(self.quality),
             *network_targets(self.network, broken),
-            lost_target(self.fitted.roles, [track.id for track in self.tracks]),
+            lost_target(self.recording, self.cleaned, self.fitted.roles),
             *closeness_targets(self.closeness),
         )
 
@@ -68,12 +71,13 @@ def quality_file(steps: Steps) -> QualityFile:
         cleaning=_cleaning(steps.cleaned.report),
         network=_network(steps.network),
         fidelity=steps.quality,
+        by_sumo=by_sumo(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
         fit=_fit(steps.fitted),
         closeness=steps.closeness,
         targets=steps.targets,
         misses=steps.misses,
         passed=not steps.misses,
-        notes=steps.recording.notes,
+        notes=(*steps.recording.notes, *steps.notes),
     )
 
 
@@ -90,7 +94,9 @@ def findings_of(steps: Steps) -> Findings:
         roles=steps.fitted.roles,
         names=steps.fitted.names,
         closeness=steps.closeness,
+        targets=steps.targets,
         misses=steps.misses,
+        notes=steps.notes,
         mode=steps.fitted.background.mode,
         window_s=steps.window_s,
     )

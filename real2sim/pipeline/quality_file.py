@@ -92,6 +92,8 @@ class QualityFile(_Part):
     cleaning: Cleaning
     network: Network
     fidelity: Quality
+    by_sumo: int
+    """Of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
     fit: tuple[FitRole, ...]
     closeness: Closeness
     targets: tuple[Target, ...]
@@ -122,5 +124,8 @@ def load_qualities(suite: Path) -> tuple[QualityFile, ...]:
         raise InputError(f"{suite}: expected a suite folder, found none")
     paths = sorted(suite.glob(f"*/{QUALITY_FILE}"), key=lambda path: by_number(path.parent.name))
     if not paths:
-        raise InputError(f"{suite}: expected {QUALITY_FILE} beside {SCENARIO_FILE} of converted logs, found none")
+        written = " (authored sources have conversion.md instead)" if (suite / "conversion.md").is_file() else ""
+        raise InputError(
+            f"{suite}: expected {QUALITY_FILE} beside {SCENARIO_FILE} of converted logs, found none{written}"
+        )
     return tuple(map(load_quality, paths))

@@ -79,4 +79,9 @@ READERS: dict[str, Callable[[Log], Recording]] = {
 def named(log: Log, sentence: str) -> str:
     """A sentence about a log, with its path and window."""
     text = sentence if str(log.path) in sentence else f"{log.path}: {sentence}"
-    return f"{text} (window {log.window[0]:g} s to {log.window[1]:g} s)" if log.window else text
+    return f"{text} ({part(log)})" if log.window else text
+
+
+def part(log: Log) -> str:
+    """Which window of the log, in words; "" for all of it."""
+    return f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""

@@ -7,11 +7,18 @@ from pydantic import BaseModel, ConfigDict
 
 from real2sim.pipeline.quality_file import QualityFile
 
-HEAD = ("scenario", "moving ok", "median", "p95", "jerk", "wrong", "spawn", "twice", "jumps", "5 s", "order", "verdict")
+HEAD = (
+    *("scenario", "moving ok", "by SUMO", "median", "p95", "jerk", "wrong", "spawn", "twice", "jumps", "overlap"),
+    *("5 s", "worst", "touch", "order", "verdict"),
+)
 LEGEND = (
-    "moving ok: moving vehicles that pass all checks; median, p95: raw against reconstructed [m]; jerk: p95 [m/s3];"
+    "moving ok: moving vehicles that pass all checks; by SUMO: moving vehicles that SUMO drives, the others are CAVs or"
+    " scripted; median, p95: raw against reconstructed [m]; jerk: p95 [m/s3];"
     " wrong: frames against the lane; spawn: overlaps at the start; twice: duplicate tracks; jumps: over 1 m;"
-    " 5 s: reactive traffic off the log [m], median; order: kept at conflicts"
+    " overlap: pairs of reconstructed boxes that overlap later (no target);"
+    " 5 s, worst: traffic off the log after 5 s [m], median and worst vehicle; touch: pairs of background vehicles that"
+    " overlap in SUMO but not in the log (no target); order: kept at conflicts.\n"
+    "The last row: sums of counts; median, p95, jerk and worst of the worst scenario; 5 s of the median scenario."
 )
 
 
@@ -23,6 +30,7 @@ class Line(BaseModel):
     scenario: str
     moving_passed: int
     moving_vehicles: int
+    by_sumo: int
     error_median: float | None
     error_p95: float | None
     jerk_p95: float
@@ -31,6 +39,11 @@ class Line(BaseModel):
     duplicates: int
     teleports: int
     median_at_5s: float | None
+    worst_at_5s: float | None
+    collisions: int
+    """Pairs of reconstructed boxes that overlap after the start, mostly so in the log; no target."""
+    contacts: int
+    """Pairs of background vehicles that overlap in SUMO but not in the log; there is no target for them."""
     order_kept: int
     order_pairs: int
     passed: bool
@@ -43,7 +56,7 @@ class Summary(BaseModel):
 
     scenarios: tuple[Line, ...]
     all: Line
-    """Sums of counts; of errors and jerk the worst scenario, of `median_at_5s` the median scenario."""
+    """Sums of counts; of errors, jerk and `worst_at_5s` the worst scenario, of `median_at_5s` the median scenario."""
     misses: dict[str, dict[str, str]]
     """Name of the figure -> scenario -> sentence."""
 
@@ -65,6 +78,7 @@ def _line(quality: QualityFile) -> Line:
         scenario=quality.scenario,
         moving_passed=fidelity.moving_passed,
         moving_vehicles=fidelity.moving_vehicles,
+        by_sumo=quality.by_sumo,
         error_median=fidelity.error_median,
         error_p95=fidelity.error_p95,
         jerk_p95=fidelity.jerk_p95,
@@ -73,6 +87,9 @@ def _line(quality: QualityFile) -> Line:
         duplicates=len(fidelity.duplicates),
         teleports=fidelity.teleports,
         median_at_5s=close.median_at_5s,
+        worst_at_5s=next((error.worst for error in close.errors if error.after_s == 5.0), None),
+        collisions=len(fidelity.collisions),
+        contacts=len(close.contacts),
         order_kept=close.order_kept,
         order_pairs=close.order_pairs,
         passed=quality.passed,
@@ -87,6 +104,9 @@ def _all(lines: Sequence[Line]) -> Line:
     counts = (
         "moving_passed",
         "moving_vehicles",
+        "by_sumo",
+        "collisions",
+        "contacts",
         "wrong_way_frames",
         "spawn_overlaps",
         "duplicates",
@@ -100,6 +120,7 @@ def _all(lines: Sequence[Line]) -> Line:
         error_p95=known("error_p95", max),
         jerk_p95=max(line.jerk_p95 for line in lines),
         median_at_5s=known("median_at_5s", median),
+        worst_at_5s=known("worst_at_5s", max),
         passed=all(line.passed for line in lines),
         **{name: sum(getattr(line, name) for line in lines) for name in counts},
     )
@@ -130,11 +151,14 @@ def _cells(line: Line) -> tuple[str, ...]:
     return (
         line.scenario,
         f"{line.moving_passed}/{line.moving_vehicles}",
+        f"{line.by_sumo}/{line.moving_vehicles}",
         _number(line.error_median, 3),
         _number(line.error_p95, 3),
         _number(line.jerk_p95, 2),
-        *map(str, (line.wrong_way_frames, line.spawn_overlaps, line.duplicates, line.teleports)),
+        *map(str, (line.wrong_way_frames, line.spawn_overlaps, line.duplicates, line.teleports, line.collisions)),
         _number(line.median_at_5s, 2),
+        _number(line.worst_at_5s, 2),
+        str(line.contacts),
         f"{line.order_kept}/{line.order_pairs}",
         "passed" if line.passed else "misses",
     )

@@ -10,7 +10,7 @@ from mdrive_sumo.geometry import Float
 from mdrive_sumo.scenario.spec import RoadsideUnit
 from mdrive_sumo.state import Kind
 from real2sim.clean import Cleaned
-from real2sim.fit import choose_cavs
+from real2sim.fit import choose_cavs, passed_over, scenario_names, unfit
 from real2sim.hdmap import HdMap, LaneKind
 from real2sim.match import Match
 from real2sim.recording import Recording, Track, View
@@ -60,10 +60,42 @@ def motions(tracks: Sequence[Track]) -> dict[str, Float]:
 def cav_tracks(
     names: Sequence[str], cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]
 ) -> tuple[str, ...]:
-    """Tracks of the named observers or tracks; without names those of the source, else the one there longest."""
+    """Tracks of the named observers or tracks; without names those of the source, else the one there longest.
+
+    A name is one of an observer, a track or a scenario, in this order, or how only one of them begins.
+    """
     if not names:
         return choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
-    return tuple(dict.fromkeys(cleaned.cavs.get(name, name) for name in names))
+    return tuple(dict.fromkeys(_track_of(name, cleaned, tracks, matches) for name in names))
+
+
+def _track_of(name: str, cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]) -> str:
+    """The id of the track of that name; raises InputError, naming what can be a CAV."""
+    shown = scenario_names(tracks)
+    exact = [cleaned.cavs[name]] if name in cleaned.cavs else [name] if name in shown else []
+    exact = exact or [id_ for id_, text in shown.items() if text == name]
+    found = exact or [id_ for id_, text in shown.items() if id_.startswith(name) or text.startswith(name)]
+    if len(found) == 1:
+        return found[0]
+    usable = sorted(shown[one.id] for one in tracks if not one.parked and not unfit(one, matches.get(one.id)))
+    what = f"{len(found)} whose names begin so" if found else "none of that name"
+    raise InputError(
+        f"CAV {name}: expected one of the vehicles {', '.join(usable) or '(none is usable)'}, found {what}"
+    )
+
+
+def cav_notes(
+    names: Sequence[str], chosen: Sequence[str], cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]
+) -> tuple[str, ...]:
+    """A sentence for every CAV of the source that is none here although nobody named others."""
+    if names:
+        return ()
+    shown = scenario_names(tracks)
+    others = ", ".join(shown[id_] for id_ in chosen)
+    over = passed_over(tuple(cleaned.cavs.values()), chosen, tracks, matches)
+    return tuple(
+        f"{id_}, a CAV of the source, is none here: {why}; driven instead: {others}" for id_, why in over.items()
+    )
 
 
 def stations(views: Sequence[View]) -> tuple[RoadsideUnit, ...]:

@@ -100,7 +100,7 @@ class Quality(BaseModel):
     least_distance: float | None
     close_frames: int
     lost: dict[str, str] = {}
-    """Moving vehicles of the source that are not there any more, with the reason."""
+    """What cleaning left out altogether, of any kind (`CleaningReport.lost`), with the reason."""
     off_map: dict[str, str] = {}
     """Moving vehicles that the log shows off all lanes for a while: there lanes were not asked for."""
 

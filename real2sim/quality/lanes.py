@@ -1,8 +1,7 @@
-"""Where trajectories lie on the lanes of a map: lateral offset, off-route and wrong-way frames, illegal lane jumps."""
+"""Where trajectories lie on the lanes of a map: lateral offset, off-route and wrong-way frames."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -94,13 +93,6 @@ class LaneIndex:
         away = np.full(len(xy), np.inf)
         np.minimum.at(away, point, np.abs(wrap_angles(direction - yaw[point])))
         return np.where(np.isfinite(away), away, 0.0)
-
-
-def illegal_jumps(lanes: Sequence[str], connected: Callable[[str, str], bool]) -> int:
-    """How often a sequence of lanes (one a frame, "" = none) changes to one that is neither exit nor neighbour."""
-    known = [lane for lane in lanes if lane]
-    changes = [(a, b) for a, b in pairwise(known) if a != b]
-    return sum(not connected(a, b) for a, b in changes)
 
 
 def _width(lane: MapLane) -> float:
