@@ -103,7 +103,12 @@ class Body:
 
 def at_rest(x: float, y: float, yaw: float) -> Body:
     """A car that stands at that pose [m, m, rad], pedals released, wheels straight."""
-    return Body(x, y, wrap_angle(yaw))
+    return rolling(x, y, yaw, 0.0)
+
+
+def rolling(x: float, y: float, yaw: float, speed: float) -> Body:
+    """A car that goes straight ahead at that pose [m, m, rad] with that speed [m/s], pedals released."""
+    return Body(x, y, wrap_angle(yaw), vx=speed)
 
 
 def ego_state(body: Body) -> EgoState:

@@ -31,7 +31,7 @@ def compile_opendrive(xodr: Path) -> bytes:
         net = Path(folder) / "map.net.xml"
         arguments = netconvert_arguments(str(xodr.resolve()), str(net))
         done = subprocess.run(
-            (str(_binary()), *arguments[1:]), capture_output=True, text=True, check=False, timeout=600
+            (str(netconvert_program()), *arguments[1:]), capture_output=True, text=True, check=False, timeout=600
         )
         if done.returncode or not net.is_file():
             errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
@@ -40,7 +40,8 @@ def compile_opendrive(xodr: Path) -> bytes:
         return net.read_bytes()
 
 
-def _binary() -> Path:
+def netconvert_program() -> Path:
+    """Path of netconvert, of this Python environment if it has one; raises InputError if there is none."""
     spec = importlib.util.find_spec("sumo")
     for folder in (spec.submodule_search_locations or ()) if spec else ():
         if (wheel := Path(folder) / "bin" / "netconvert").is_file():

@@ -29,11 +29,15 @@ def read_xml(path: Path) -> Element:
 
 def number(path: Path, element: Element, name: str) -> float:
     """A finite number in an attribute; raises InputError."""
-    text = element.get(name)
+    return finite(f"{path}: {element.tag}: {name}", element.get(name))
+
+
+def finite(where: str, text: str | None) -> float:
+    """A finite number; raises InputError."""
     try:
         value = float(text or "")
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{path}: {element.tag}: {name}: expected a finite number, found {text!r}")
+        raise InputError(f"{where}: expected a finite number, found {text!r}")
     return value

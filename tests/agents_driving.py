@@ -14,7 +14,8 @@ from mdrive_sumo.geometry import Float, Polyline, polyline
 from mdrive_sumo.loop import Setting, run_episode
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.state import DT, Actors, EgoState, End, Kind, no_actors
 from mdrive_sumo.sumo import Surroundings
 
@@ -76,10 +77,10 @@ class BoxWorld:
     def __init__(self, boxes: Sequence[Box] = (), red_until: int = 0) -> None:
         self._boxes, self._red_until, self._tick = boxes, red_until, -1
 
-    def start(self, egos: Mapping[str, EgoState]) -> Surroundings:
-        return self.advance(egos, ())
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+        return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
         self._tick += 1
         t = self._tick * DT
         table = np.array(

@@ -12,7 +12,8 @@ from mdrive_sumo.episode import Ending, Episode, Recorder, quantised_frame
 from mdrive_sumo.geometry import Polyline
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.state import Actors, Contact, EgoState, End, Failure, Frame, Kind, no_actors
 
 WIDTH = 3.2

@@ -9,7 +9,8 @@ from pool_fakes import Task, perform
 from mdrive_sumo import cli
 from mdrive_sumo.roads.network_file import net_checksum
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.score import ScenarioResult, void_result
 from mdrive_sumo.suite import run
 from mdrive_sumo.suite.job import Job

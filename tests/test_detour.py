@@ -323,10 +323,10 @@ class ThingWorld:
     def __init__(self, things: tuple[Thing, ...]) -> None:
         self._things, self._tick = things, -1
 
-    def start(self, egos: Mapping[str, EgoState]) -> Surroundings:
-        return self.advance(egos, ())
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+        return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
         self._tick += 1
         if not self._things:
             return Surroundings(no_actors(), {})

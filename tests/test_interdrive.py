@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from made_up_town import Points, make_town, route_xml
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float, box_corners, boxes_overlap
@@ -18,37 +18,22 @@ from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import statistics
+from real2sim.authored.interdrive import convert_interdrive
+from real2sim.authored.separation import moved
 from real2sim.cli import convert
-from real2sim.interdrive import convert_interdrive
-from real2sim.matching import Leg, match_waypoints
-from real2sim.route_file import read_route_folders
-from real2sim.separation import moved
+from real2sim.match.waypoints import Leg, match_waypoints
+from real2sim.readers.interdrive import read_interdrive
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 ROUTES = DATA / "mdrive" / "interdrive"
 TOWNS = {"xodr": DATA / "carla_towns", "ready": DATA / "carla_towns" / "sumo_net_scenic"}
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
 
-LANE = '<lane id="{}" type="driving"><link/><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
-ROAD = f"""<OpenDRIVE><header revMajor="1" revMinor="4"/><road id="7" junction="-1" length="200">
-<planView><geometry s="0" x="0" y="0" hdg="0" length="200"><line/></geometry></planView>
-<lanes><laneSection s="0"><left>{LANE.format(1)}</left><center><lane id="0" type="none" level="false"/></center>
-<right>{LANE.format(-1)}{LANE.format(-2)}</right></laneSection></lanes></road></OpenDRIVE>"""
-"""200 m eastwards in CARLA too; centres of the eastbound lanes at CARLA y = 1.75 and 5.25, westbound -1.75."""
-
-Points = Sequence[tuple[float, float]]
-
-
-def route_xml(points: Points, town: str = "TownXX") -> str:
-    tags = "".join(f'<waypoint x="{x}" y="{y}" z="0" yaw="0"/>' for x, y in points)
-    return f'<routes><route id="1" town="{town}">{tags}</route></routes>'
-
 
 @pytest.fixture
 def work(tmp_path: Path) -> Path:
     """A folder with one made-up town."""
-    (tmp_path / "maps").mkdir()
-    (tmp_path / "maps" / "TownXX.xodr").write_text(ROAD)
+    make_town(tmp_path / "maps")
     return tmp_path
 
 
@@ -166,8 +151,8 @@ def test_routes_in_comments_are_not_there(work: Path) -> None:
     folder.mkdir(parents=True)
     comment = f"<!-- <?xml version='1.0'?>{route_xml([(0, 0), (1, 1)])} -->"
     (folder / "r_0.xml").write_text(route_xml([(20, 1.75), (80, 1.75)]) + comment)
-    (route,) = read_route_folders(work / "src")[0].routes
-    assert route.xy_carla.tolist() == [[20, 1.75], [80, 1.75]]
+    (route,) = read_interdrive(work / "src", work / "maps")[0].routes
+    assert route.waypoints.tolist() == [[20, -1.75], [80, -1.75]]
 
 
 @pytest.mark.parametrize(
@@ -177,7 +162,7 @@ def test_routes_in_comments_are_not_there(work: Path) -> None:
         ("<!DOCTYPE r [<!ENTITY a 'b'>]><routes/>", "without a document type"),
         ("<routes/>", "exactly one <route>, found 0"),
         ("<routes><route id='1'/></routes>", "attribute town"),
-        (route_xml([(1, 1)]), "at least 2 waypoints, found 1"),
+        (route_xml([(1, 1)]), "at least 2 waypoint(s), found 1"),
         (route_xml([(1, 1), (math.nan, 2)]), "x: expected a finite number, found 'nan'"),
         (route_xml([(1, 1), (2, 2)]).replace('y="2"', ""), "y: expected a finite number, found None"),
         (route_xml([(1, 1), (2, 2)], "Town99"), "expected Town99.xodr or Town99.net.xml"),
@@ -198,16 +183,16 @@ def test_a_bad_route_file_is_refused_in_one_sentence(work: Path, text: str, sent
 
 def test_sources_without_routes_are_refused(work: Path) -> None:
     with pytest.raises(InputError, match="expected a directory of scenario folders, found none"):
-        read_route_folders(work / "nowhere")
+        read_interdrive(work / "nowhere", work / "maps")
     (work / "src").mkdir()
     with pytest.raises(InputError, match="expected scenario folders"):
-        read_route_folders(work / "src")
+        read_interdrive(work / "src", work / "maps")
     (work / "src" / "r1_townxx_ins_c").mkdir()
     with pytest.raises(InputError, match="found no XML"):
-        read_route_folders(work / "src")
+        read_interdrive(work / "src", work / "maps")
     (work / "src" / "r1_townxx_ins_c" / "ego.xml").write_text(route_xml([(1, 1), (2, 2)]))
     with pytest.raises(InputError, match="ends in _<number>"):
-        read_route_folders(work / "src")
+        read_interdrive(work / "src", work / "maps")
 
 
 def test_a_folder_with_two_towns_or_one_cav_twice_is_refused(work: Path) -> None:
@@ -216,16 +201,19 @@ def test_a_folder_with_two_towns_or_one_cav_twice_is_refused(work: Path) -> None
     (folder / "a_0.xml").write_text(route_xml([(1, 1), (2, 2)]))
     (folder / "b_0.xml").write_text(route_xml([(1, 1), (2, 2)]))
     with pytest.raises(InputError, match="0 twice"):
-        read_route_folders(work / "src")
+        read_interdrive(work / "src", work / "maps")
     (folder / "b_0.xml").rename(folder / "b_1.xml")
     (folder / "b_1.xml").write_text(route_xml([(1, 1), (2, 2)], "Town01"))
     with pytest.raises(InputError, match="Town01, TownXX"):
-        read_route_folders(work / "src")
+        read_interdrive(work / "src", work / "maps")
 
 
 def test_a_folder_with_something_in_it_is_not_written_to(work: Path) -> None:
     (work / "out").mkdir()
     (work / "out" / "mine").touch()
+    folder = work / "src" / "r1_townxx_ins_c"
+    folder.mkdir(parents=True)
+    (folder / "a_0.xml").write_text(route_xml([(20, 1.75), (80, 1.75)]))
     with pytest.raises(InputError, match="new or empty folder"):
         convert_interdrive(work / "src", work / "maps", work / "out")
 
@@ -266,13 +254,14 @@ def test_every_waypoint_is_on_its_route_in_order_unless_listed(original: Suite) 
     off_lane = {key(off["point"]): off["distance_m"] for off in report["off_lane"]}
     assert len(left_out) == 1
     egos = {(scenario.id, ego.id): ego for scenario in original.scenarios for ego in scenario.egos}
-    for folder in read_route_folders(ROUTES):
-        offset = np.array(read_network_file(original.folder / "networks" / folder.town).offset)
-        for route in folder.routes:
-            ego = egos[folder.name, str(route.index)]
+    networks = {scenario.id: scenario.network for scenario in original.scenarios}
+    for scene in read_interdrive(ROUTES, TOWNS["xodr"]):
+        offset = np.array(read_network_file(original.folder / "networks" / networks[scene.id]).offset)
+        for route in scene.routes:
+            ego = egos[scene.id, route.id]
             last = 0
-            for i, xy in enumerate(route.xy_carla * (1, -1) + offset):
-                where = (folder.name, ego.id, i)
+            for i, xy in enumerate(route.waypoints + offset):
+                where = (scene.id, ego.id, i)
                 if where in left_out:
                     continue
                 distance = np.hypot(*(ego.xy[last:] - xy).T)

@@ -14,7 +14,8 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.generate.interdrive import RECIPE_FILE, interdrive, route_of, steps
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, packaged_suites, save_suite
-from mdrive_sumo.scenario.spec import Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import statistics
 
 COMPOSITION = {

@@ -1,19 +1,24 @@
 """OpenDRIVE: poses on reference lines, stop signs on lanes, towns through netconvert."""
 
 import gzip
+import json
 import math
 import os
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import wrap_angle
-from mdrive_sumo.roads import load
+from mdrive_sumo.roads import drivable_path, load, network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
-from real2sim.opendrive import read_opendrive
-from real2sim.towns import build_town
+from real2sim.carla.links import mend_links
+from real2sim.carla.networks import convert_opendrive
+from real2sim.carla.opendrive import read_opendrive
+from real2sim.carla.report import write_networks_report
+from real2sim.carla.towns import Town, build_town
 
 MAPS = Path(__file__).parent.parent.parent / "shared" / "data" / "carla_towns"
 needs_data = pytest.mark.skipif(not MAPS.is_dir(), reason="needs ../shared/data")
@@ -125,6 +130,80 @@ def test_a_bad_map_is_refused_in_one_sentence(tmp_path: Path, text: str, sentenc
     with pytest.raises(InputError, match=sentence) as caught:
         build_town("TownXX", tmp_path, tmp_path / "net")
     assert "TownXX.xodr" in str(caught.value)
+
+
+def two_roads(link: str) -> str:
+    """A road of 60 m and one of 40 m behind it, whose own link is the given one."""
+    whole = ROAD.format(length=60, geometry=LINE, signals="", offset="")
+    end = f'{10 + 60 * math.cos(0.3)!r}" y="{20 + 60 * math.sin(0.3)!r}'
+    first = whole[whole.index("<road") : whole.index("</OpenDRIVE>")]
+    second = first.replace('id="7"', 'id="8"').replace('"60"', '"40"').replace('10" y="20', end)
+    ahead = '<link><successor elementType="road" elementId="8" contactPoint="start"/></link>'
+    for sign in ("1", "-1"):
+        lane = f'<lane id="{sign}" type="driving" level="false"><link/>'
+        first = first.replace(lane, lane.replace("<link/>", f'<link><successor id="{sign}"/></link>'))
+    roads = first.replace("<planView>", f"{ahead}<planView>") + second.replace("<planView>", f"{link}<planView>")
+    return f'<OpenDRIVE><header revMajor="1" revMinor="4"/>{roads}</OpenDRIVE>'
+
+
+@pytest.mark.parametrize(
+    ("link", "was"),
+    [
+        ("", "nothing"),
+        ("<link/>", "nothing"),
+        ('<link><predecessor elementType="junction" elementId="9"/></link>', "junction 9"),
+        ('<link><predecessor elementType="road" elementId="9" contactPoint="end"/></link>', "road 9"),
+    ],
+)
+def test_a_link_that_one_road_alone_tells_is_mended(tmp_path: Path, link: str, was: str) -> None:
+    (tmp_path / "TownXX.xodr").write_text(two_roads(link))
+    town = build_town("TownXX", tmp_path, tmp_path / "net")
+    assert town.repairs == (f"road 8: its predecessor is road 7, which says so, not {was}",)
+    assert drivable_path(load(town.folder), "-7_0", "-8_0")
+    assert drivable_path(load(town.folder), "8_0", "7_0")
+    assert "(mended: road 8" in networks_report(tmp_path, town)
+
+
+def networks_report(folder: Path, town: Town) -> str:
+    write_networks_report([town], folder)
+    return (folder / "networks.md").read_text()
+
+
+def test_links_that_both_roads_tell_are_let_be() -> None:
+    both = '<link><predecessor elementType="road" elementId="7" contactPoint="end"/></link>'
+    root = ElementTree.fromstring(two_roads(both))
+    before = ElementTree.tostring(root)
+    assert mend_links(root) == ()
+    assert ElementTree.tostring(root) == before
+
+
+def test_maps_become_networks_ready_for_scenarios(tmp_path: Path) -> None:
+    maps = [xodr(tmp_path, signals=SIGN.format(id="r", s=50, t=-5)), xodr(tmp_path, ARC, name="Other")]
+    towns = convert_opendrive(maps, tmp_path / "out")
+    assert [town.name for town in towns] == ["TownXX", "Other"]
+    for name in ("TownXX", "Other"):
+        assert load(network_folder(name, tmp_path / "out")).name == name
+    found = json.loads((tmp_path / "out" / "networks.json").read_text())["networks"]
+    assert [network["stop_signs"] for network in found] == [1, None]
+    assert all(network["offset_error_m"] < 0.01 for network in found)
+    assert "signs unknown" in (tmp_path / "out" / "networks.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        ((), "expected maps of different names, found no map"),
+        (("TownXX", "TownXX"), "expected maps of different names, found TownXX"),
+        (("TownXX", "Broken"), "Broken.xodr: expected well-formed XML"),
+        (("TownXX", "Missing"), "Missing.xodr: cannot be read: No such file"),
+    ],
+)
+def test_maps_that_cannot_be_converted_leave_nothing(tmp_path: Path, names: tuple[str, ...], sentence: str) -> None:
+    xodr(tmp_path)
+    (tmp_path / "Broken.xodr").write_text("<OpenDRIVE>")
+    with pytest.raises(InputError, match=sentence):
+        convert_opendrive([tmp_path / f"{name}.xodr" for name in names], tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["Broken.xodr", "TownXX.xodr"]
 
 
 def test_a_missing_town_names_both_files(tmp_path: Path) -> None:

@@ -4,13 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from actors_world import actor
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from mdrive_sumo.report.picture import BUILDING, COLOURS, draw_scenario
+from mdrive_sumo.report.picture_actors import COLOURS as KIND_COLOURS
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Scenario
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 
 
 def scenario(start: str) -> Scenario:
@@ -55,3 +58,16 @@ def test_background_cars_wait_where_they_depart(tmp_path: Path) -> None:
 def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="docx"):
         drawn(scenario("i07"), tmp_path / "i07.docx")
+
+
+def test_scripted_road_users_stand_out_by_kind_and_are_named_in_a_legend(tmp_path: Path) -> None:
+    one = scenario("i07")
+    start = one.egos[0].start
+    kinds = ("pedestrian", "cyclist", "static")
+    cast = tuple(actor(kind, kind, at=(start.x + 6 * i, start.y + 6)) for i, kind in enumerate(kinds, 1))
+    busy = one.model_copy(update={"actors": cast})
+    before, after = drawn(one, tmp_path / "before.png"), drawn(busy, tmp_path / "busy.png")
+    for kind in kinds:
+        assert pixels(after, KIND_COLOURS[kind]) > pixels(before, KIND_COLOURS[kind]) + 10
+    text = drawn(busy, tmp_path / "busy.svg").read_text()
+    assert all(kind in text for kind in kinds)

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.geometry import Float
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.scenario.statistics import heading_change_deg, route_length, statistics
+from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 
 
 def ego_along(xy: Float, name: str = "0") -> Ego:

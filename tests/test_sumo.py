@@ -1,56 +1,20 @@
 """Contract with SUMO: where egos are, that background traffic reacts to them, and that nobody vanishes."""
 
-import gzip
 import math
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sumo_crossing import SIZE, car, compiled, overlap, scenario
 
 from mdrive_sumo.errors import InputError, WorldError
-from mdrive_sumo.geometry import boxes_corners, boxes_overlap, wrap_angle
-from mdrive_sumo.roads import NetworkFile, RoadMap, load
-from mdrive_sumo.roads.network_file import net_checksum
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, Scenario
-from mdrive_sumo.state import DT, Actors, EgoState
-from mdrive_sumo.sumo import HELD_TICKS, SumoWorld, angle_to_sumo, front_bumper, yaws_from_sumo
-
-SIZE = (4.9, 2.0)
-NODES = """<nodes>
-    <node id="west" x="-150" y="0"/><node id="east" x="150" y="0"/><node id="x" x="0" y="0" type="{kind}"/>
-    <node id="south" x="0" y="-150"/><node id="north" x="0" y="150"/></nodes>"""
-EDGES = """<edges>
-    <edge id="a" from="west" to="x" numLanes="2" speed="13.89"/>
-    <edge id="b" from="x" to="east" numLanes="2" speed="13.89"/>
-    <edge id="c" from="south" to="x" numLanes="1" speed="13.89"/>
-    <edge id="d" from="x" to="north" numLanes="1" speed="13.89"/>
-    </edges>"""
-
-
-def compiled(folder: Path, kind: str) -> RoadMap:
-    """A crossing of a road with two lanes (eastbound, y = -4.8 and -1.6) and one with one lane (northbound)."""
-    netconvert = shutil.which("netconvert", path=str(Path(sys.executable).parent)) or shutil.which("netconvert")
-    if netconvert is None:
-        pytest.skip("needs netconvert")
-    (folder / "n.nod.xml").write_text(NODES.format(kind=kind))
-    (folder / "n.edg.xml").write_text(EDGES)
-    subprocess.run(
-        [netconvert, "-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml", "--no-turnarounds", "true",
-         "--offset.disable-normalization", "true"],
-        cwd=folder, check=True, capture_output=True,
-    )  # fmt: skip
-    xml = (folder / "n.net.xml").read_bytes()
-    (folder / "map.net.xml.gz").write_bytes(gzip.compress(xml, mtime=0))
-    about = NetworkFile(
-        name="cross", origin="test", licence="none", offset=(0, 0), build=(), checksum=net_checksum(xml)
-    )
-    (folder / "network.json").write_text(about.model_dump_json())
-    return load(folder)
+from mdrive_sumo.geometry import wrap_angle
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.traffic import BackgroundVehicle
+from mdrive_sumo.state import DT, HELD_TICKS, Actors, EgoState, no_actors
+from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.sumo.frames import angle_to_sumo, front_bumper, yaws_from_sumo
 
 
 @pytest.fixture(scope="module")
@@ -63,34 +27,14 @@ def lit_roads(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
     return compiled(tmp_path_factory.mktemp("lit"), "traffic_light")
 
 
-def scenario(*vehicles: BackgroundVehicle, action_step_s: float = 0.5, signals: str = "frozen-green") -> Scenario:
-    ego = Ego(id="e", start=Pose(x=0, y=0, yaw=0), lanes=("a_0",), route=((0, 0, 0), (1, 0, 0)))
-    return Scenario(
-        id="s", bucket="Test", category="test", network="cross", egos=(ego,), signals=signals,
-        background=Background(vehicles=vehicles, action_step_s=action_step_s),
-    )  # fmt: skip
-
-
-def car(
-    name: str, edges: tuple[str, ...] = ("a", "b"), lane: int = 0, pos: float = 20.0, speed: float = 12.0
-) -> BackgroundVehicle:
-    return BackgroundVehicle(id=name, depart_s=0, edges=edges, depart_lane=lane, depart_pos_m=pos, depart_speed=speed)
-
-
-def overlap(ego: EgoState, actors: Actors) -> bool:
-    mine = boxes_corners(*(np.array([v]) for v in (ego.x, ego.y, ego.yaw, *SIZE)))
-    boxes = boxes_corners(actors.x, actors.y, actors.yaw, actors.length, actors.width)
-    return bool(boxes_overlap(mine, boxes).any())
-
-
 def standing(roads: RoadMap, ego: EgoState, *vehicles: BackgroundVehicle, ticks: int = 600) -> tuple[int, Actors]:
     """Ticks with an overlap while the ego stands, and the actors at the end."""
     overlaps = 0
     with SumoWorld(scenario(*vehicles), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego})
+        around = world.start({"e": ego}, no_actors())
         for _ in range(ticks):
             overlaps += overlap(ego, around.actors)
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
     return overlaps, around.actors
 
 
@@ -108,7 +52,7 @@ def test_sumo_says_ninety_degrees_for_east_and_the_nose_for_the_position() -> No
 
 def test_background_poses_are_box_centres(roads: RoadMap) -> None:
     with SumoWorld(scenario(car("bg", pos=20.0, speed=0.0)), roads, {"e": SIZE}, seed=1) as world:
-        actors = world.start({"e": EgoState(0, 100, 0, 0)}).actors
+        actors = world.start({"e": EgoState(0, 100, 0, 0)}, no_actors()).actors
     assert actors.ids == ("bg",)
     assert actors.yaw[0] == pytest.approx(0.0, abs=1e-6)
     assert actors.y[0] == pytest.approx(-4.8, abs=0.01)
@@ -120,10 +64,10 @@ def test_background_poses_are_box_centres(roads: RoadMap) -> None:
 def test_a_follower_stops_behind_a_standing_ego(roads: RoadMap, action_step_s: float) -> None:
     ego, overlaps = EgoState(-60.0, -4.8, 0.0, 0.0), 0
     with SumoWorld(scenario(car("bg"), action_step_s=action_step_s), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego})
+        around = world.start({"e": ego}, no_actors())
         for _ in range(300):
             overlaps += overlap(ego, around.actors)
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
     assert overlaps == 0
     # SUMO lets it pass on the free lane in the end, or it stands behind: either way it has reacted
 
@@ -132,14 +76,14 @@ def test_a_follower_keeps_its_distance_to_a_slow_ego(roads: RoadMap) -> None:
     overlaps, seen = 0, []
     with SumoWorld(scenario(car("bg", edges=("c", "d"))), roads, {"e": SIZE}, seed=1) as world:
         y = -115.0
-        around = world.start({"e": EgoState(1.6, y, math.pi / 2, 4.0)})
+        around = world.start({"e": EgoState(1.6, y, math.pi / 2, 4.0)}, no_actors())
         lane_x = float(around.actors.x[0])
         for _ in range(400):
             ego = EgoState(lane_x, y, math.pi / 2, 4.0)
             overlaps += overlap(ego, around.actors)
             seen.append(float(around.actors.speed[0]))
             y += 4.0 * DT
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
     assert overlaps == 0
     assert seen[0] > 10.0
     assert seen[-1] == pytest.approx(4.0, abs=0.7)
@@ -183,21 +127,24 @@ def test_crossing_traffic_yields_to_an_ego_that_stands_in_the_junction(roads: Ro
 def test_ghosts_and_egos_are_never_actors_and_leave_with_their_ego(roads: RoadMap) -> None:
     ego = EgoState(-60.0, -3.2, 0.0, 0.0)
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego})
+        around = world.start({"e": ego}, no_actors())
         for _ in range(200):
             assert around.actors.ids == ("bg",)
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
         assert around.actors.speed[0] < 5.0
         for _ in range(100):
-            around = world.advance({}, ())
+            around = world.advance({}, no_actors(), ())
         assert around.actors.speed[0] > 5.0
 
 
 def test_a_struck_vehicle_is_held_for_two_seconds(roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
-        before = world.start(away).actors
-        speeds = [float(world.advance(away, ("bg",) if i == 0 else ()).actors.speed[0]) for i in range(HELD_TICKS + 20)]
+        before = world.start(away, no_actors()).actors
+        speeds = [
+            float(world.advance(away, no_actors(), ("bg",) if i == 0 else ()).actors.speed[0])
+            for i in range(HELD_TICKS + 20)
+        ]
     assert before.speed[0] > 11.0
     assert max(speeds[:HELD_TICKS]) == 0.0
     assert speeds[-1] > 0.5
@@ -209,9 +156,9 @@ def test_an_ego_survives_off_road_backwards_and_at_the_end_of_the_net(roads: Roa
     path += [EgoState(-60.0, -4.8, 0.0, 0.0)] * 200
     overlaps = 0
     with SumoWorld(scenario(car("late", pos=10.0)), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": path[0]})
+        around = world.start({"e": path[0]}, no_actors())
         for ego in path:
-            around = world.advance({"e": ego}, ())
+            around = world.advance({"e": ego}, no_actors(), ())
         overlaps = overlap(path[-1], around.actors)
     assert not overlaps
 
@@ -219,11 +166,11 @@ def test_an_ego_survives_off_road_backwards_and_at_the_end_of_the_net(roads: Roa
 def test_frozen_green_and_programs(lit_roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(), lit_roads, {"e": SIZE}, seed=1) as world:
-        states = {frozenset(world.start(away).signals.values())}
-        states |= {frozenset(world.advance(away, ()).signals.values()) for _ in range(1000)}
+        states = {frozenset(world.start(away, no_actors()).signals.values())}
+        states |= {frozenset(world.advance(away, no_actors(), ()).signals.values()) for _ in range(1000)}
     assert all(set(state) == {"g"} for group in states for state in group)
     with SumoWorld(scenario(signals="program"), lit_roads, {"e": SIZE}, seed=1) as world:
-        shown = [world.advance(away, ()).signals["x"] for _ in range(1000)]
+        shown = [world.advance(away, no_actors(), ()).signals["x"] for _ in range(1000)]
     assert any("r" in state for state in shown)
     assert len(set(shown)) > 2
 
@@ -233,9 +180,9 @@ def test_the_same_seed_gives_the_same_traffic(roads: RoadMap) -> None:
 
     def run(seed: int) -> list[float]:
         with SumoWorld(scenario(*cars), roads, {"e": SIZE}, seed=seed) as world:
-            around = world.start({"e": EgoState(-20.0, -4.8, 0.0, 0.0)})
+            around = world.start({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, no_actors())
             for _ in range(200):
-                around = world.advance({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, ())
+                around = world.advance({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, no_actors(), ())
             return [*around.actors.x, *around.actors.y]
 
     assert run(3) == run(3)
@@ -249,7 +196,7 @@ def test_a_second_simulation_is_refused_and_a_closed_one_is_forgotten(roads: Roa
     ):
         SumoWorld(scenario(), roads, {"e": SIZE}, seed=1).__enter__()
     with SumoWorld(scenario(), roads, {"e": SIZE}, seed=1) as world:
-        world.start({"e": EgoState(0, 120, 0, 0)})
+        world.start({"e": EgoState(0, 120, 0, 0)}, no_actors())
 
 
 def test_background_on_roads_that_do_not_exist_is_the_files_fault(roads: RoadMap) -> None:

@@ -9,7 +9,9 @@ from mdrive_sumo.episode import Episode
 from mdrive_sumo.geometry import boxes_corners, boxes_overlap
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
 from mdrive_sumo.roads import load, network_folder, route_along
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 from mdrive_sumo.score import ScoreMode, score_episode
 from mdrive_sumo.state import End
 from mdrive_sumo.sumo import SumoWorld

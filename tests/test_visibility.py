@@ -56,6 +56,13 @@ def first_hits(shape: shapely.Geometry, eye: Eye, angles: Float) -> Float:
     return np.where(shapely.is_empty(met), np.inf, shapely.distance(met, shapely.Point(eye.x, eye.y)))
 
 
+def hides(view: Scene, row: int) -> bool:
+    """Cars, and what is static and not low."""
+    boxes = view.boxes
+    high = max(boxes.length[row], boxes.width[row]) > 2.5
+    return boxes.kind[row] == Kind.VEHICLE or (boxes.kind[row] == Kind.STATIC and high)
+
+
 def share_by_rays(view: Scene, roads: RoadMap, eye: Eye, row: int) -> float:
     """The visible share of one box by brute force."""
     shapes = [shapely.Polygon(corners) for corners in view.corners]
@@ -63,9 +70,7 @@ def share_by_rays(view: Scene, roads: RoadMap, eye: Eye, row: int) -> float:
     angles = angles[0] + (angles - angles[0] + math.pi) % TAU - math.pi
     rays = angles.min() + (np.arange(RAYS) + 0.5) / RAYS * np.ptp(angles)
     hit = first_hits(shapes[row], eye, rays)
-    opaque = [
-        i for i, kind in enumerate(view.boxes.kind) if kind in (Kind.VEHICLE, Kind.STATIC) and i not in (row, eye.row)
-    ]
+    opaque = [i for i in range(len(shapes)) if hides(view, i) and i not in (row, eye.row)]
     for shape in [*(shapes[i] for i in opaque), *roads.building_shapes]:
         hit = np.where(first_hits(shape, eye, rays) < hit - 1e-9, np.nan, hit)
     return float(np.isfinite(hit).mean())
@@ -112,8 +117,8 @@ class TestAgainstRays:
         eye, roads, view = Eye(0.0, 0.0, yaw, None), town(*houses), scene(*boxes)
         angles = yaw + np.arange(24) * TAU / 24
         brute = np.full(24, 35.0)
-        for shape, kind in zip(view.corners, view.boxes.kind, strict=True):
-            if kind in (Kind.VEHICLE, Kind.STATIC):
+        for row, shape in enumerate(view.corners):
+            if hides(view, row):
                 brute = np.minimum(brute, first_hits(shapely.Polygon(shape), eye, angles))
         for shape in roads.building_shapes:
             brute = np.minimum(brute, first_hits(shape, eye, angles))
@@ -161,6 +166,10 @@ class TestByHand:
     @pytest.mark.parametrize("kind", [Kind.PEDESTRIAN, Kind.CYCLIST])
     def test_people_hide_nothing(self, kind: Kind) -> None:
         assert shares((kind, 10.0, 0.0, 0.0, 3.0, 3.0), (Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0)).tolist() == [1.0, 1.0]
+
+    @pytest.mark.parametrize(("side", "share"), [(0.4, 1.0), (2.5, 1.0), (2.6, 0.0)])
+    def test_one_looks_over_a_cone_but_not_over_a_container(self, side: float, share: float) -> None:
+        assert shares((Kind.STATIC, 5.0, 0.0, 0.0, side, side), (Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0))[1] == share
 
     @pytest.mark.parametrize("kind", [Kind.VEHICLE, Kind.STATIC])
     def test_vehicles_and_props_hide(self, kind: Kind) -> None:

@@ -11,7 +11,8 @@ from mdrive_sumo.geometry import Float, Polyline
 from mdrive_sumo.report.viewer import Mark
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
 
 ARM_M, CORE_M, WIDTH_M = 260.0, 12.0, 3.5

@@ -9,8 +9,9 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.geometry import Polyline
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
-from mdrive_sumo.state import EgoState, no_actors
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.state import Actors, EgoState, no_actors
 from mdrive_sumo.sumo import Surroundings
 
 
@@ -37,10 +38,10 @@ class EmptyWorld:
     def __init__(self) -> None:
         self.placed: list[tuple[str, ...]] = []
 
-    def start(self, egos: Mapping[str, EgoState]) -> Surroundings:
-        return self.advance(egos, ())
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+        return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
         self.placed.append(tuple(egos))
         return Surroundings(no_actors(), MappingProxyType({}))
 

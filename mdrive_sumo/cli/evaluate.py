@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.report.markdown import report_markdown
@@ -19,6 +20,7 @@ from mdrive_sumo.suite.settings import Settings, load_agent_config
 
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
+ACTOR_MODES = tuple(mode.value for mode in ActorMode)
 
 
 def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
@@ -28,6 +30,11 @@ def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
     if not value.isdecimal() or int(value) < 1:
         raise click.BadParameter(f"expected a positive number or auto, found {value!r}")
     return int(value)
+
+
+def actor_mode(_: click.Context, __: click.Parameter, value: str) -> ActorMode:
+    """The option --actors."""
+    return ActorMode(value)
 
 
 workers_option = click.option(
@@ -57,6 +64,14 @@ workers_option = click.option(
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     metavar="FILE",
     help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
+)
+@click.option(
+    "--actors",
+    type=click.Choice(ACTOR_MODES),
+    default=ACTOR_MODES[0],
+    show_default=True,
+    callback=actor_mode,
+    help="Scripted road users: reacting, on a global clock; or as in MDrive's own code.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
 @workers_option

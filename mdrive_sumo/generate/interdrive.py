@@ -19,7 +19,8 @@ from typing import Any
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import RoadMap, Route, drivable_path, load, network_folder, route_along
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.spec import Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
 
 RECIPE_FILE = "recipe.toml"
 BUCKET = "InterDrive"

@@ -1,10 +1,11 @@
 """One episode, tick by tick. See `run_episode`."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from mdrive_sumo import contact, control, criteria, dynamics
+from mdrive_sumo.actors import ActorMode, Cast, Crowd
 from mdrive_sumo.agents.driver import AgentFailure, Driver
 from mdrive_sumo.clock import IDEAL, Clock
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Plan, Reply, SensorSpec
@@ -42,12 +43,12 @@ class Surroundings(Protocol):
 class World(Protocol):
     """What the loop needs of a simulator; `sumo.SumoWorld` is one, a fake in the tests another."""
 
-    def start(self, egos: Mapping[str, EgoState]) -> Surroundings:
-        """Places the egos; what surrounds them in frame 0."""
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+        """Places the egos and scripted road users; what else surrounds them in frame 0."""
         ...
 
-    def advance(self, egos: Mapping[str, EgoState], struck: Collection[str]) -> Surroundings:
-        """Moves the egos to their new places (whoever is not named leaves) and everything else by one tick."""
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
+        """Moves both to their new places (whoever is not named leaves) and everything else by one tick."""
         ...
 
 
@@ -67,6 +68,8 @@ class Setting:
     clock: Clock = IDEAL
     thought: tuple[Thinking, ...] = ()
     """How long the agents of a recorded run thought, for re-execution under a measured clock."""
+    actors: ActorMode = ActorMode.DEFAULT
+    """How scripted road users behave."""
     pass_through: bool = False
     """Boxes pass through each other; contacts are recorded all the same."""
 
@@ -98,9 +101,10 @@ class _Run:
         self._limit = criteria.time_limit_ticks(scenario)
         self._courses = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
         self._trials = {ego.id: criteria.Trial() for ego in scenario.egos}
-        self._bodies = {e.id: dynamics.at_rest(e.start.x, e.start.y, e.start.yaw) for e in scenario.egos}
+        self._bodies = {e.id: dynamics.rolling(e.start.x, e.start.y, e.start.yaw, e.start_speed) for e in scenario.egos}
         self._vehicles = dict.fromkeys(self._bodies, VEHICLE)
         self._walls = contact.walls(building.outline for building in setting.roads.buildings)
+        self._cast, self._crowd = Cast(scenario, setting.roads, setting.actors), Crowd()
         self._followers: dict[tuple[str, str], control.Controller] = {}
         self._controls: dict[str, Control] = dict.fromkeys(self._bodies, STANDSTILL)
         self._mail: dict[str, tuple[Message, ...]] = dict.fromkeys(self._bodies, ())
@@ -141,10 +145,10 @@ class _Run:
         self.endings[ego] = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text)
 
     def first_frame(self, world: World) -> Frame:
-        """Every CAV at rest on its start."""
+        """Every CAV on its start, with its start speed."""
         states = {ego: dynamics.ego_state(body) for ego, body in self._bodies.items()}
-        around = world.start(states)
-        return Frame(0, states, around.actors, around.signals)
+        around = world.start(states, self._cast.present)
+        return Frame(0, states, self._crowd.merged(around.actors, self._cast.present), around.signals)
 
     def judge(self, frame: Frame) -> None:
         """Ends CAVs that arrived, deviated, were blocked or timed out by this frame (protocol 5 to 7)."""
@@ -213,21 +217,25 @@ class _Run:
         """Moves the CAVs, lets the world move everything else, and lets nothing pass through anything."""
         before = {ego: self._bodies[ego] for ego in self.living}
         after = {ego: dynamics.step(body, self._controls[ego], VEHICLE) for ego, body in before.items()}
-        around = world.advance(_states(after), self._struck(frame))
-        obstacles = contact.obstacles(frame.actors, around.actors)
+        struck = self._struck(frame)
+        scripted = self._cast.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
+        around = world.advance(_states(after), scripted, struck)
+        actors = self._crowd.merged(around.actors, scripted)
+        obstacles = contact.obstacles(frame.actors, actors)
         settled, contacts = contact.settle(before, after, self._vehicles, obstacles, self._walls)
         self._bodies |= after if self._setting.pass_through else settled
         return Frame(
             frame.tick + 1,
             _states({e: self._bodies[e] for e in after}),
-            around.actors,
+            actors,
             around.signals,
             contacts,
         )
 
     @staticmethod
     def _struck(frame: Frame) -> set[str]:
-        return {c.other for c in frame.contacts if c.kind == Kind.VEHICLE and c.other not in frame.egos}
+        """Actors that a CAV met in this frame; they stand for a while (props always do)."""
+        return {c.other for c in frame.contacts if c.kind != Kind.STATIC and c.other not in frame.egos}
 
 
 def _states(bodies: Mapping[str, dynamics.Body]) -> dict[str, EgoState]:

@@ -63,6 +63,7 @@ def _facts(results: Results) -> str:
         "suite": f"{run.suite}, checksum `{run.suite_checksum}`",
         "seed": str(run.seed),
         "score mode": run.score_mode,
+        "scripted road users": run.actors,
         "command": f"`{shlex.join(run.command)}`",
         "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
     }

@@ -16,8 +16,10 @@ from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.dynamics import MKZ_2017
 from mdrive_sumo.geometry import Float, box_corners, polyline
+from mdrive_sumo.report.picture_actors import draw_actors
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.spec import BackgroundVehicle, Ego, Scenario
+from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.scenario.traffic import BackgroundVehicle
 
 COLOURS = ("#e4572e", "#2e86de", "#12a67c", "#9b5de5", "#f2a104", "#d6336c", "#0fa3b1", "#7a5230")
 """One colour a CAV, in the order of the scenario; they repeat after eight."""
@@ -33,8 +35,6 @@ MARGIN_M = 16.0
 LEAST_VIEW_M = 60.0
 INCHES = 9.0
 """Longer side of the picture."""
-BACKGROUND_CAR_M = (5.0, 1.8)
-"""Length and width of SUMO's default passenger car."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,7 @@ def draw_scenario(scenario: Scenario, roads: RoadMap, path: FilePath, dpi: int =
     _add(axes, (b for b in roads.building_shapes if view.holds(b)), BUILDING, 5, edge=BUILDING_EDGE)
     for vehicle in scenario.background.vehicles:
         _draw_background(axes, vehicle, roads)
+    draw_actors(axes, scenario.actors, roads)
     for ego, colour in _coloured(scenario.egos):
         _draw_ego(axes, ego, colour)
     _draw_scale(axes, view)
@@ -198,9 +199,8 @@ def _draw_background(axes: Axes, vehicle: BackgroundVehicle, roads: RoadMap) -> 
     """A vehicle of SUMO's where it departs; its edge may be unknown to the map of car lanes."""
     lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
     if lane is not None:
-        length, width = BACKGROUND_CAR_M
-        s = vehicle.depart_pos_m - length / 2
-        corners = box_corners(*lane.centre.at(s), lane.centre.yaw_at(s), length, width)
+        s = vehicle.depart_pos_m - vehicle.length / 2
+        corners = box_corners(*lane.centre.at(s), lane.centre.yaw_at(s), vehicle.length, vehicle.width)
         axes.add_patch(Polygon(corners, facecolor="#3d4047", edgecolor="white", linewidth=0.6, zorder=8))
 
 

@@ -2,6 +2,7 @@
 
 # pyright: basic
 import gzip
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -33,7 +34,7 @@ class Lane:
     id: str
     edge: str
     index: int
-    """0 is the rightmost lane of the edge."""
+    """0 is the lane beside the kerb: the rightmost of the edge, the leftmost in networks that keep to the left."""
     width: float
     speed_limit: float
     centre: Polyline
@@ -168,10 +169,16 @@ def load(folder: Path) -> RoadMap:
         raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
     if (found := net_checksum(xml)) != about.checksum:
         raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
-    return _road_map(folder, about, path)
+    return _road_map(folder, about, path, _keeps_left(xml))
 
 
-def _road_map(folder: Path, about: NetworkFile, path: Path) -> RoadMap:
+def _keeps_left(xml: bytes) -> bool:
+    """What sumolib does not read: whether a net was built for left-hand traffic."""
+    root = re.search(rb"<net\s[^>]*>", xml)
+    return root is not None and b' lefthand="true"' in root[0]
+
+
+def _road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
     import sumolib  # here, because it takes 0.1 s that `--help` should not pay
 
     net = sumolib.net.readNet(str(path), withInternal=True, withPrograms=False)
@@ -182,7 +189,7 @@ def _road_map(folder: Path, about: NetworkFile, path: Path) -> RoadMap:
     return RoadMap(
         name=about.name,
         folder=folder,
-        lanes={lane_id: _lane(lane, cars) for lane_id, lane in sorted(cars.items())},
+        lanes={lane_id: _lane(lane, cars, left_hand) for lane_id, lane in sorted(cars.items())},
         junctions=tuple(
             _points(node.getShape())
             for node in net.getNodes()
@@ -217,12 +224,13 @@ def _chain(lane: Any) -> Polyline | None:
         return None
 
 
-def _lane(lane: Any, cars: Mapping[str, Any]) -> Lane:
+def _lane(lane: Any, cars: Mapping[str, Any], left_hand: bool) -> Lane:
     centre = _chain(lane)
     assert centre is not None
     edge, index = lane.getEdge(), lane.getIndex()
     neighbours = {other.getIndex(): other.getID() for other in edge.getLanes() if other.getID() in cars}
     junction = edge.getFunction() == "internal"
+    leftwards = -1 if left_hand else 1
     ways = list(_ways(lane, cars))
     return Lane(
         id=lane.getID(),
@@ -233,8 +241,8 @@ def _lane(lane: Any, cars: Mapping[str, Any]) -> Lane:
         centre=centre,
         junction=junction,
         successors=tuple(dict.fromkeys(way for way, _ in ways)),
-        left="" if junction else neighbours.get(index + 1, ""),
-        right="" if junction else neighbours.get(index - 1, ""),
+        left="" if junction else neighbours.get(index + leftwards, ""),
+        right="" if junction else neighbours.get(index - leftwards, ""),
         lights={way: light for way, light in ways if light},
     )
 

@@ -16,7 +16,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.spec import Identifier, Scenario, first_problem, load_scenario, save_scenario
+from mdrive_sumo.scenario.part import Identifier
+from mdrive_sumo.scenario.spec import Scenario, first_problem, load_scenario, save_scenario
 
 SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"
@@ -74,7 +75,7 @@ def load_suite(name_or_folder: str) -> Suite:
     if not folder.is_dir():
         raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither")
     about = _suite_file(folder / SUITE_FILE)
-    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: _by_number(path.parent.name))
+    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: by_number(path.parent.name))
     if not paths:
         raise InputError(f"{folder}: expected scenarios in <id>/{SCENARIO_FILE}, found none")
     return Suite(about, folder, tuple(_scenario(path) for path in paths))
@@ -104,5 +105,6 @@ def _scenario(path: Path) -> Scenario:
     return scenario
 
 
-def _by_number(name: str) -> list[tuple[int, str]]:
+def by_number(name: str) -> list[tuple[int, str]]:
+    """Sort key of names with numbers in them, which count by value: r2 before r10."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

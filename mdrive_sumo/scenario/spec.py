@@ -7,38 +7,28 @@ box centre.
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.actor import Actor
+from mdrive_sumo.scenario.part import Coordinate, Identifier, Part, Point, Pose, Speed
+from mdrive_sumo.scenario.traffic import Background
 from mdrive_sumo.scenario.weather import WeatherName
 
 FORMAT = "mdrive-sumo/scenario/1"
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
-Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}$")]
-Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Pose(_Part):
-    """Box centre [m] and yaw [rad]."""
-
-    x: Coordinate
-    y: Coordinate
-    yaw: Coordinate
-
-
-class Ego(_Part):
-    """One CAV: where it stands at tick 0 (speed 0, as the original) and the route it shall drive."""
+class Ego(Part):
+    """One CAV: where it is at tick 0 and the route it shall drive."""
 
     id: Identifier
     start: Pose
+    start_speed: Speed = 0.0
+    """[m/s]; 0 as in the original, or that of a log."""
     lanes: tuple[str, ...] = Field(min_length=1)
     """SUMO lane ids in driving order, junction-internal lanes included; a lane change lists both lanes."""
     route: tuple[Point, ...] = Field(min_length=2)
@@ -66,26 +56,7 @@ class Ego(_Part):
         return self
 
 
-class BackgroundVehicle(_Part):
-    """A vehicle driven by SUMO along `edges`."""
-
-    id: Identifier
-    depart_s: float = Field(ge=0, le=3600)
-    edges: tuple[str, ...] = Field(min_length=1)
-    depart_lane: int = Field(default=0, ge=0)
-    depart_pos_m: float = Field(default=0.0, ge=0)
-    depart_speed: float = Field(default=0.0, ge=0, le=60)
-
-
-class Background(_Part):
-    """SUMO's traffic. Every vehicle is a passenger car of SUMO's default model unless said otherwise."""
-
-    vehicles: tuple[BackgroundVehicle, ...] = ()
-    action_step_s: float = Field(default=0.5, ge=0.05, le=1.0, multiple_of=0.05)
-    """Reaction interval of background drivers (spec/sumo_pitfalls 6.1)."""
-
-
-class RoadsideUnit(_Part):
+class RoadsideUnit(Part):
     """A station beside the road that tells by CPM what it sees, with an objects sensor of the given profile."""
 
     id: Identifier
@@ -96,7 +67,7 @@ class RoadsideUnit(_Part):
     """Error profile of its detections, see docs/sensors.md."""
 
 
-class Scenario(_Part):
+class Scenario(Part):
     """One closed-loop episode: map, CAVs with routes, traffic, conditions."""
 
     format: Literal["mdrive-sumo/scenario/1"] = FORMAT
@@ -109,16 +80,27 @@ class Scenario(_Part):
     signals: Literal["frozen-green", "program"] = "frozen-green"
     egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)
     background: Background = Background()
+    actors: tuple[Actor, ...] = ()
+    """Scripted road users and props."""
     weather: WeatherName = "default"
     rsus: tuple[RoadsideUnit, ...] = ()
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _unique_ids(self) -> "Scenario":
-        ids = [one.id for one in (*self.egos, *self.background.vehicles, *self.rsus)]
+        ids = [one.id for one in (*self.egos, *self.background.vehicles, *self.actors, *self.rsus)]
         if len(set(ids)) < len(ids):
             twice = sorted({i for i in ids if ids.count(i) > 1})
             raise ValueError(f"expected every road user to have its own id, found twice: {', '.join(twice)}")
+        return self
+
+    @model_validator(mode="after")
+    def _known_vehicles(self) -> "Scenario":
+        cavs = [ego.id for ego in self.egos]
+        for actor in self.actors:
+            for name in actor.vehicles:
+                if name not in cavs:
+                    raise ValueError(f"actor {actor.id}: expected one of the CAVs {', '.join(cavs)}, found {name!r}")
         return self
 
 
@@ -156,7 +138,8 @@ def first_problem(error: ValidationError) -> str:
         if problem["type"] in ("missing", "json_invalid", "value_error")
         else f", found {shortened(problem['input'])}"
     )
-    return f"{where}: {problem['msg']}{found}{more}"
+    said = problem["msg"].removeprefix("Value error, ")  # pydantic's words before a sentence of ours
+    return f"{where}: {said}{found}{more}"
 
 
 def shortened(value: object) -> str:

@@ -107,6 +107,8 @@ class RunInfo(_Part):
     """Settings of the V2X channel."""
     agent_clock: str = "ideal"
     """What thinking costs: ideal, fixed:MS, or measured (which no other machine reproduces)."""
+    actors: str = "default"
+    """How scripted road users behave: default (reactive, on a global clock), or original as in MDrive's code."""
 
 
 class Results(_Part):

@@ -3,8 +3,8 @@
 A ray from the eye meets a box or building first on an edge that faces the eye, so only those edges matter. The angles
 of their ends cut the circle into intervals, in each of which the same edges lie side by side; 1/distance of an edge is
 A cos + B sin of the direction, so that two edges of an interval change places at most once, at an angle that is known.
-Nothing is sampled. Pedestrians and cyclists hide nothing. What the eye is inside of (a box it collided with, a
-building it is mounted in) hides nothing, and a box around the eye is seen entirely.
+Nothing is sampled. Pedestrians, cyclists and low props (cones, crates) hide nothing. What the eye is inside of (a box
+it collided with, a building it is mounted in) hides nothing, and a box around the eye is seen entirely.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,8 @@ from mdrive_sumo.state import Kind
 
 TIE = 1e-9
 """Edges whose 1/distance differs by less [1/m] are equally near: 0.01 mm at 100 m. Touching boxes do not flicker."""
+LOW_M = 2.5
+"""A static thing whose longer side is no longer is taken to be low: one looks over cones, crates, pieces of barrier."""
 FLAT = 1e-9
 """The eye lies on an edge's line, and does not see it, below this value of twice their triangle [m2]."""
 
@@ -131,7 +133,8 @@ class View:
         facing = double_area < -FLAT
         p, q, owner, double_area = p[facing], q[facing], owner[facing], double_area[facing]
         left, right = np.arctan2(p[:, 1], p[:, 0]), np.arctan2(q[:, 1], q[:, 0])
-        opaque = np.append((b.kind == Kind.VEHICLE) | (b.kind == Kind.STATIC), True)  # the last one is of the walls
+        high = (b.kind == Kind.STATIC) & (np.maximum(b.length, b.width) > LOW_M)
+        opaque = np.append((b.kind == Kind.VEHICLE) | high, True)  # the last one is of the walls
         side = (q - p) / double_area[:, None]
         return _Edges(right, left, side[:, 1], -side[:, 0], owner, opaque[owner])
 
@@ -212,7 +215,8 @@ def visible_fractions(eye: Eye, scene: Scene, buildings: Buildings, range_m: flo
 def free_sight(eye: Eye, scene: Scene, buildings: Buildings, range_m: float, sectors: int) -> Float:
     """(sectors,) how far sight is free [m], at most range_m, on the ray at the beginning of each equal sector.
 
-    Sectors are counted counter-clockwise from the eye's yaw. Buildings, vehicles and static boxes end sight.
+    Sectors are counted counter-clockwise from the eye's yaw. Buildings, vehicles and high static boxes end
+    sight.
     """
     return View(eye, scene, buildings, range_m).free(sectors)
 

@@ -35,6 +35,7 @@ def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...
         "score_mode": settings.score_mode,
         "comm": comm_text(settings.comm),
         "agent_clock": settings.clock.text,
+        "actors": settings.actors,
         "record": settings.record,
         "code": code_checksum(),
         **versions(),

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.agents.driver import Driver, LocalDriver
 from mdrive_sumo.agents.lookup import split_locator
@@ -44,6 +45,8 @@ class Job:
     comm: str = "{}"
     """The V2X channel, as `v2x.settings.comm_text` writes it."""
     clock: str = "ideal"
+    actors: str = "default"
+    """How scripted road users behave, see `actors.ActorMode`."""
     transcripts: str = ""
     """Folder for the transcripts of language models; "" for none."""
     replayed: tuple[Ending, ...] = ()
@@ -109,7 +112,9 @@ def _drivers(job: Job, scenario: Scenario) -> Generator[dict[str, Driver]]:
 
 
 def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
-    about = {"agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock}
+    about = {
+        "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors
+    }  # fmt: skip
     setting = Setting(
         scenario,
         roads,
@@ -118,6 +123,7 @@ def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
         replayed=job.replayed,
         comm=comm_from(json.loads(job.comm)),
         clock=clock_of(job.clock),
+        actors=ActorMode(job.actors),
         thought=job.thought,
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}

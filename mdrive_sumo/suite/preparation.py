@@ -50,6 +50,7 @@ class Prepared:
             recording=str(recording(self.folder, scenario.id)) if settings.record else "",
             comm=comm_text(settings.comm),
             clock=settings.clock.text,
+            actors=settings.actors,
             transcripts=str(self.folder / TRANSCRIPTS_FOLDER),
             log_folder="" if settings.agent in AGENTS else str(self.folder / LOGS_FOLDER),
             limits=LIMITS,
@@ -86,6 +87,7 @@ def prepare(settings: Settings) -> Prepared:
         score_mode=settings.score_mode,
         comm=described(settings.comm),
         agent_clock=settings.clock.text,
+        actors=settings.actors,
         versions=versions(),
         command=settings.command,
     )

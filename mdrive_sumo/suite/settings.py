@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.clock import IDEAL, Clock
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.score import ScoreMode
@@ -30,6 +31,8 @@ class Settings:
     score_mode: ScoreMode = ScoreMode.MDRIVE
     comm: Comm = PRESETS["ideal"]
     clock: Clock = IDEAL
+    actors: ActorMode = ActorMode.DEFAULT
+    """How scripted road users behave."""
     record: bool = True
     workers: int = 1
     out: Path | None = None
@@ -76,6 +79,7 @@ def default_folder(settings: Settings, suite_name: str) -> Path:
         config_hash(settings.agent_config)[7:13],
         _comm_part(settings.comm),
         settings.clock.text if settings.clock != IDEAL else "",
+        f"{settings.actors}-actors" if settings.actors != ActorMode.DEFAULT else "",
         settings.score_mode if settings.score_mode != ScoreMode.MDRIVE else "",
         "" if settings.record else "norecord",
     ]

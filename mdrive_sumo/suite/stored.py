@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.clock import clock_of
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import load_suite
@@ -52,6 +53,7 @@ def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> Settings:
             score_mode=ScoreMode(fingerprint["score_mode"]),
             comm=comm_from(json.loads(fingerprint["comm"])),
             clock=clock_of(fingerprint["agent_clock"]),
+            actors=ActorMode(fingerprint["actors"]),
             record=fingerprint["record"],
             out=folder,
         )

@@ -29,7 +29,9 @@ from mdrive_sumo.loop import VEHICLE, Setting, run_episode
 from mdrive_sumo.roads import NetworkFile, RoadMap, load, route_along
 from mdrive_sumo.roads.network_file import net_checksum
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.spec import Background, BackgroundVehicle, Ego, Pose, Scenario
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 from mdrive_sumo.state import TICKS_PER_SECOND
 from mdrive_sumo.suite.job import open_driver
 from mdrive_sumo.sumo import SumoWorld
@@ -123,9 +125,9 @@ def evaluator_ticks(scenario: Scenario, roads: RoadMap, agent: str) -> list[floa
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
 
     class Clocked(SumoWorld):
-        def advance(self, egos: Any, struck: Any) -> Any:
+        def advance(self, egos: Any, scripted: Any, struck: Any) -> Any:
             times.append(time.perf_counter() - TimedDriver.spent_s)
-            return super().advance(egos, struck)
+            return super().advance(egos, scripted, struck)
 
     TimedDriver.spent_s = 0.0
     drivers: dict[str, Driver] = {ego.id: TimedDriver(AGENTS[agent]({})) for ego in scenario.egos}

@@ -82,7 +82,20 @@ class Scene {
     ctx.strokeStyle = isEgo ? theme.halo : theme["vehicle-edge"];
     ctx.stroke();
     if (kind === "pedestrian") this.tickAhead(length, pixel);
-    else if (kind !== "static" && 6 * pixel < width) this.heading(length, width, isEgo);
+    else if (kind === "static") this.crossed(length, width, pixel);
+    else if (6 * pixel < width) this.heading(length, width, isEgo);
+  }
+
+  /** A prop: nobody is in there. */
+  crossed(length, width, pixel) {
+    const { ctx } = this;
+    ctx.beginPath();
+    for (const side of [1, -1]) {
+      ctx.moveTo(-length / 2, (-side * width) / 2);
+      ctx.lineTo(length / 2, (side * width) / 2);
+    }
+    ctx.lineWidth = pixel;
+    ctx.stroke();
   }
 
   /** Around whom the selected CAV does not see. */

@@ -1,0 +1,34 @@
+"""Props: things that stand in the road, by name, with the size of their box and what hitting them counts as.
+
+Sizes are of common products (traffic cones 0.3 to 0.5 m wide, New Jersey barriers 0.6 m wide and here cut into pieces
+of 2 m, Euro pallets 1.2 m x 0.8 m), not measured on CARLA's meshes, which are only known there.
+"""
+
+from dataclasses import dataclass
+
+from mdrive_sumo.scenario.actor import KindName
+
+
+@dataclass(frozen=True, slots=True)
+class Prop:
+    """A kind of thing: length and width [m]; hitting it counts as a collision with `kind`.
+
+    That multiplies the infraction penalty by 0.65 for what is static, by 0.60 for a vehicle (protocol 7.1).
+    """
+
+    length: float
+    width: float
+    kind: KindName = "static"
+
+
+PROPS: dict[str, Prop] = {
+    "cone": Prop(0.4, 0.4),
+    "barrier": Prop(2.0, 0.6),
+    "crate": Prop(1.2, 0.8),
+    "bin": Prop(0.8, 0.8),
+    "pallet": Prop(1.2, 0.8),
+    "sign": Prop(0.8, 0.3),
+    "parked-car": Prop(4.6, 1.85, "vehicle"),
+    "parked-van": Prop(5.9, 2.0, "vehicle"),
+    "parked-truck": Prop(8.5, 2.5, "vehicle"),
+}

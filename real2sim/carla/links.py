@@ -1,0 +1,71 @@
+"""OpenDRIVE roads whose link only one side tells: netconvert leaves a gap there (as in CARLA's Town03 of 2019)."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from real2sim.xml_file import Element
+
+ENDS = {"start": "predecessor", "end": "successor"}
+"""Contact point of a road -> its link there."""
+CONTACTS = {link: contact for contact, link in ENDS.items()}
+
+
+def mend_links(root: Element) -> tuple[str, ...]:
+    """Makes roads outside junctions answer the links of their neighbours, in place; returns what was changed."""
+    roads = {road.get("id", ""): road for road in root.iter("road") if road.get("junction") == "-1"}
+    return tuple(changed for id_, road in roads.items() for changed in _mended(id_, road, roads))
+
+
+def _mended(id_: str, road: Element, roads: dict[str, Element]) -> Iterator[str]:
+    for end, contact in CONTACTS.items():
+        link = road.find(f"link/{end}")
+        other_id = "" if link is None or link.get("elementType") != "road" else link.get("elementId", "")
+        if link is None or other_id not in roads:
+            continue
+        answer = ENDS.get(link.get("contactPoint", ""), "predecessor")
+        back = roads[other_id].find(f"link/{answer}")
+        if back is not None and (back.get("elementType"), back.get("elementId")) == ("road", id_):
+            continue
+        _answer(roads[other_id], answer, (id_, contact))
+        _link_lanes(road, end, roads[other_id], answer)
+        was = "nothing" if back is None else f"{back.get('elementType')} {back.get('elementId')}"
+        yield f"road {other_id}: its {answer} is road {id_}, which says so, not {was}"
+
+
+def _answer(road: Element, end: str, to: tuple[str, str]) -> None:
+    links = road.find("link")
+    if links is None:
+        links = ElementTree.SubElement(road, "link")
+    for old in links.findall(end):
+        links.remove(old)
+    id_, contact = to
+    ElementTree.SubElement(links, end, {"elementType": "road", "elementId": id_, "contactPoint": contact})
+
+
+def _link_lanes(road: Element, end: str, other: Element, answer: str) -> None:
+    """The lanes of `other` answer those of `road`, in the lane sections that touch."""
+    here, there = _sections(road), _sections(other)
+    if not here or not there:
+        return
+    section, facing = here[0 if end == "predecessor" else -1], there[0 if answer == "predecessor" else -1]
+    facing_lanes = {lane.get("id"): lane for lane in facing.iter("lane")}
+    for lane in section.iter("lane"):
+        link = lane.find(f"link/{end}")
+        target = facing_lanes.get(link.get("id")) if link is not None else None
+        if target is not None and target.find(f"link/{answer}") is None:
+            links = target.find("link")
+            if links is None:
+                links = ElementTree.SubElement(target, "link")
+            ElementTree.SubElement(links, answer, {"id": lane.get("id", "")})
+
+
+def _sections(road: Element) -> list[Element]:
+    return list(road.iterfind("lanes/laneSection"))
+
+
+def write_mended(root: Element, folder: Path, name: str) -> Path:
+    """Writes a mended map for netconvert."""
+    path = folder / name
+    path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+    return path

@@ -1,0 +1,175 @@
+"""Pieces: stretches of one observer's track of one id without a jump. They are what is fused and joined."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Bool, Float, Int
+from real2sim.recording import Category, Recording
+
+BREAK_M = 0.8
+"""A step that far from the usual ones around it is no motion: several times the noise of any source."""
+BREAK_ACCELERATION = 4.0
+"""[m/s²] What may happen to the speed while a track is not seen."""
+BREAK_MOST_M = 6.0
+HALF_WINDOW = 4
+EXCURSION_S = 1.5
+FROZEN_M = 0.02
+FROZEN_SPEED = 2.0
+"""[m/s] Nothing that drives this fast stands still within a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Frames of one observer's track that were left out."""
+
+    track: int
+    """Number among the whole tracks, as `pieces_of` gives them."""
+    frames: int
+    detail: str
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """K pieces over T frames. Arrays (K, T) hold NaN where a piece is not there."""
+
+    observer: Int
+    """(K,)"""
+    ids: tuple[str, ...]
+    """Names in the source."""
+    categories: tuple[Category, ...]
+    parked: Bool
+    """(K,)"""
+    broken: Bool
+    """(K,) whether a jump cut it off on either side."""
+    valid: Bool
+    x: Float
+    y: Float
+    yaw: Float
+    length: Float
+    width: Float
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def rows(self, keep: np.ndarray, valid: Bool) -> "Pieces":
+        """Pieces number `keep` (M,), there only where `valid` (M, T)."""
+        hidden = {
+            name: np.where(valid, getattr(self, name)[keep], np.nan) for name in ("x", "y", "yaw", "length", "width")
+        }
+        return replace(
+            self,
+            observer=self.observer[keep],
+            ids=tuple(self.ids[i] for i in keep),
+            categories=tuple(self.categories[i] for i in keep),
+            parked=self.parked[keep],
+            broken=self.broken[keep],
+            valid=valid,
+            **hidden,
+        )
+
+
+def pieces_of(recording: Recording) -> Pieces:
+    """All views' tracks, unsplit; raises InputError where a track does not fit the recording."""
+    found = [(i, track) for i, view in enumerate(recording.views) for track in view.tracks]
+    shape = (len(found), recording.frames)
+    for i, track in found:
+        if len(track.valid) != recording.frames:
+            raise InputError(
+                f"log {recording.id}, observer {recording.views[i].observer}, track {track.id}: "
+                f"expected {recording.frames} frames, found {len(track.valid)}"
+            )
+    valid = np.array([track.valid for _, track in found], dtype=np.bool_).reshape(shape)
+    arrays = {
+        name: np.array([getattr(track, name) for _, track in found], dtype=np.float64).reshape(shape)
+        for name in ("x", "y", "yaw", "length", "width")
+    }
+    valid &= np.isfinite(arrays["x"]) & np.isfinite(arrays["y"])
+    return Pieces(
+        np.array([i for i, _ in found], dtype=np.int64),
+        tuple(track.id for _, track in found),
+        tuple(track.category for _, track in found),
+        np.array([track.parked for _, track in found], dtype=np.bool_),
+        np.zeros(len(found), dtype=np.bool_),
+        valid,
+        **{name: np.where(valid, values, np.nan) for name, values in arrays.items()},
+    )
+
+
+def unexplained(x: Float, y: Float, valid: Bool) -> tuple[Float, Int]:
+    """Steps that motion does not explain, for K tracks at once.
+
+    Returns vectors (K, T, 2) [m] from where a track should be by the median step around it to where it is (0 at its
+    first frame and where it is not there), and how many frames (K, T) ago it was seen before.
+    """
+    tracks, frames = valid.shape
+    at = np.where(valid, np.arange(frames), -1)
+    last = np.concatenate((np.full((tracks, 1), -1), np.maximum.accumulate(at, axis=1)[:, :-1]), axis=1)
+    stepped = valid & (last >= 0)
+    since = np.where(stepped, np.arange(frames) - last, 1)
+    xy = np.stack((x, y), axis=-1)
+    before = np.take_along_axis(xy, np.maximum(last, 0)[..., None], axis=1)
+    step = np.where(stepped[..., None], xy - before, np.nan)
+    usual = _median_around(step / since[..., None])
+    off = np.where(stepped[..., None], step - usual * since[..., None], 0.0)
+    return np.nan_to_num(off), since
+
+
+def _median_around(step: Float) -> Float:
+    """Median (K, T, 2) over `HALF_WINDOW` steps on both sides, the own one left out; alone it is usual."""
+    padded = np.pad(step, ((0, 0), (HALF_WINDOW, HALF_WINDOW), (0, 0)), constant_values=np.nan)
+    windows = sliding_window_view(padded, 2 * HALF_WINDOW + 1, axis=1)
+    others = np.sort(np.delete(windows, HALF_WINDOW, axis=-1), axis=-1)
+    count = np.isfinite(others).sum(-1)
+    low = np.take_along_axis(others, np.maximum((count - 1) // 2, 0)[..., None], axis=-1)[..., 0]
+    high = np.take_along_axis(others, np.minimum(count // 2, others.shape[-1] - 1)[..., None], axis=-1)[..., 0]
+    return np.where(count > 0, (low + high) / 2, step)
+
+
+def split(whole: Pieces, dt_s: float) -> tuple[Pieces, tuple[Mistake, ...]]:
+    """Cuts pieces at their jumps, and leaves out what cannot be: excursions, and frozen frames before a jump."""
+    off, since = unexplained(whole.x, whole.y, whole.valid)
+    gate = BREAK_M + np.minimum(0.5 * BREAK_ACCELERATION * ((since - 1) * dt_s) ** 2, BREAK_MOST_M)
+    breaks = np.hypot(off[..., 0], off[..., 1]) > gate
+    away = _excursions(off, breaks, round(EXCURSION_S / dt_s)) & whole.valid
+    part = np.cumsum(breaks, axis=1)
+    rows = [(k, n) for k in range(len(whole)) for n in range(int(part[k, -1]) + 1)] if len(whole) else []
+    keep = np.array([k for k, _ in rows], dtype=np.int64)
+    valid = (whole.valid & ~away)[keep] & (part[keep] == np.array([n for _, n in rows], dtype=np.int64)[:, None])
+    mistakes = [Mistake(int(k), int(away[k].sum()), "elsewhere for a moment") for k in np.flatnonzero(away.any(axis=1))]
+    for row, (k, n) in enumerate(rows):
+        if n < part[k, -1] and (tail := _frozen_tail(whole, k, valid[row], dt_s)):
+            valid[row, tail] = False
+            mistakes.append(Mistake(k, len(tail), "frozen before a jump"))
+    broken = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
+    return replace(whole.rows(keep, valid), broken=broken), tuple(mistakes)
+
+
+def _excursions(off: Float, breaks: Bool, longest: int) -> Bool:
+    """Frames (K, T) between two jumps that cancel each other. Takes both off `breaks`: the track goes on."""
+    away = np.zeros_like(breaks)
+    for k in np.flatnonzero(breaks.sum(axis=1) > 1):
+        frames, n = np.flatnonzero(breaks[k]), 0
+        while n + 1 < len(frames):
+            there, back = frames[n], frames[n + 1]
+            if back - there <= longest and np.hypot(*(off[k, there] + off[k, back])) < BREAK_M:
+                away[k, there:back] = True
+                breaks[k, [there, back]] = False
+                n += 1
+            n += 1
+    return away
+
+
+def _frozen_tail(whole: Pieces, k: int, valid: Bool, dt_s: float) -> list[int]:
+    """Last frames of a stretch at which it stood although it had been moving up to then."""
+    frames = np.flatnonzero(valid)
+    if len(frames) < 5:
+        return []
+    step = np.hypot(np.diff(whole.x[k, frames]), np.diff(whole.y[k, frames]))
+    moving = np.flatnonzero(step > FROZEN_M)
+    if len(moving) < 3 or moving[-1] == len(step) - 1:
+        return []
+    speed = np.median(step[moving[-3:]]) / dt_s
+    return [int(frame) for frame in frames[moving[-1] + 2 :]] if speed > FROZEN_SPEED else []

@@ -1,0 +1,100 @@
+"""Conflict points: where the paths of two vehicles cross or merge, and who passes them first."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from mdrive_sumo.geometry import Float, polyline
+
+NEAR_M = 1.5
+"""Paths this near to one another cannot be driven at the same time."""
+APART_M = 3.0
+"""A path that is near the other within its first metres begins there: it follows, it does not merge."""
+SPACING_M = 0.5
+SHORTEST_M = 2.0
+"""Who drives less has no path."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """A conflict point of two vehicles: `first` passed it before `second` did in the log; x, y [m] on both paths."""
+
+    first: str
+    second: str
+    first_at: tuple[float, float]
+    second_at: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Where a vehicle drove: points (N, 2) [m] every `SPACING_M`, time [frames] at each."""
+
+    xy: Float
+    frame: Float
+    tree: KDTree
+
+
+def conflicts(tracks: Mapping[str, Float]) -> tuple[Conflict, ...]:
+    """All pairs of vehicles, positions (T, 2) [m] by name with NaN where they are not there, whose paths meet."""
+    paths = {name: path for name, xy in sorted(tracks.items()) if (path := _path(xy)) is not None}
+    found: list[Conflict] = []
+    for a, b in combinations(paths, 2):
+        at = _meeting(paths[a], paths[b])
+        if at is None:
+            continue
+        i, j = at
+        first, second, k, n = (a, b, i, j) if paths[a].frame[i] <= paths[b].frame[j] else (b, a, j, i)
+        found.append(Conflict(first, second, _xy(paths[first], k), _xy(paths[second], n)))
+    return tuple(found)
+
+
+def _xy(path: _Path, k: int) -> tuple[float, float]:
+    return float(path.xy[k, 0]), float(path.xy[k, 1])
+
+
+def _path(xy: Float) -> _Path | None:
+    rows = np.flatnonzero(np.isfinite(xy[:, 0]))
+    if len(rows) < 2:
+        return None
+    driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy[rows], axis=0).T))))
+    if driven[-1] < SHORTEST_M:
+        return None
+    stations = np.arange(0.0, driven[-1], SPACING_M)
+    points = np.column_stack([np.interp(stations, driven, xy[rows, axis]) for axis in (0, 1)])
+    first_there = np.concatenate(((True,), np.diff(driven) > 1e-6))
+    return _Path(points, np.interp(stations, driven[first_there], rows[first_there].astype(np.float64)), KDTree(points))
+
+
+def _meeting(one: _Path, other: _Path) -> tuple[int, int] | None:
+    """Where two paths come near each other first, both after a stretch apart: indices of their points."""
+    gap, _ = one.tree.query(other.xy, distance_upper_bound=NEAR_M)
+    back, _ = other.tree.query(one.xy, distance_upper_bound=NEAR_M)
+    begins, meets = np.flatnonzero(np.isfinite(back)), np.flatnonzero(np.isfinite(gap))
+    if not len(begins) or not len(meets):
+        return None
+    i, j = int(begins[0]), int(meets[0])
+    apart = round(APART_M / SPACING_M)
+    return (i, j) if i >= apart and j >= apart else None
+
+
+def kept_in_order(conflict: Conflict, log: Mapping[str, Float], simulated: Mapping[str, Float]) -> bool:
+    """Whether `first` passes the point before `second` in the simulation too. If neither passes it is not kept."""
+    first = _passed(log[conflict.first], simulated[conflict.first], conflict.first_at)
+    second = _passed(log[conflict.second], simulated[conflict.second], conflict.second_at)
+    return first < second or (first == second and np.isfinite(first))
+
+
+def _passed(log: Float, simulated: Float, point: tuple[float, float]) -> float:
+    """Frame in which a vehicle is past the point on its path of the log; infinite if it never is."""
+    path = polyline(log[np.isfinite(log[:, 0])])
+    goal = path.project(*point)[0]
+    before = -np.inf
+    for frame in np.flatnonzero(np.isfinite(simulated[:, 0])).tolist():
+        s = path.project(float(simulated[frame, 0]), float(simulated[frame, 1]))[0]
+        if s >= goal - 1e-6:
+            return frame - ((s - goal) / (s - before) if s > before > -np.inf else 0.0)
+        before = s
+    return float("inf")

@@ -1,0 +1,41 @@
+"""Findings: everything one conversion of a log found out, gathered for its report page. Frame: that of the log [m]."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from mdrive_sumo.roads import RoadMap
+from real2sim.clean import Cleaned
+from real2sim.closeness import Closeness
+from real2sim.fit.role import Role
+from real2sim.network import NetworkReport
+from real2sim.quality import Quality
+from real2sim.recording import Recording, Track
+from real2sim.targets import Target
+
+
+@dataclass(frozen=True)
+class Findings:
+    """One scenario of a suite; filled by the pipeline. What was not done or measured is None."""
+
+    id: str
+    """Of the scenario: the name of its folder in the suite."""
+    recording: Recording
+    cleaned: Cleaned
+    tracks: tuple[Track, ...]
+    """Reconstructed, with the ids of `cleaned.tracks`."""
+    quality: Quality
+    network: NetworkReport
+    roads: RoadMap
+    roles: Mapping[str, Role] = field(default_factory=dict[str, Role])
+    """`Fitted.roles`, by track id."""
+    names: Mapping[str, str] = field(default_factory=dict[str, str])
+    """`Fitted.names`: track id -> id in the scenario."""
+    closeness: Closeness | None = None
+    targets: tuple[Target, ...] = ()
+    """All of them; () where no pipeline has set any: then those of quality and closeness are shown."""
+    misses: tuple[str, ...] = ()
+    """What misses its target, a sentence each; () is a pass."""
+    notes: tuple[str, ...] = ()
+    """What the fit had to pass over, for the page; those of the reader stand in `recording`."""
+    mode: str = "reactive"
+    window_s: tuple[float, float] | None = None

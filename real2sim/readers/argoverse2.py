@@ -1,0 +1,19 @@
+"""Argoverse 2: a folder is a motion-forecasting scenario or a sensor log, by the files in it."""
+
+from pathlib import Path
+
+from mdrive_sumo.errors import InputError
+from real2sim.readers.argoverse2_forecasting import read_argoverse2_forecasting
+from real2sim.readers.argoverse2_sensor import read_argoverse2_sensor
+from real2sim.recording import Recording
+
+
+def read_argoverse2(folder: Path) -> Recording:
+    """Reads either part of Argoverse 2; raises InputError."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder of Argoverse 2, found {'a file' if folder.exists() else 'none'}")
+    if any(folder.glob("*.parquet")):
+        return read_argoverse2_forecasting(folder)
+    if any(folder.glob("*.feather")):
+        return read_argoverse2_sensor(folder)
+    raise InputError(f"{folder}: expected scenario_*.parquet or annotations.feather of Argoverse 2, found neither")

@@ -1,0 +1,152 @@
+"""The vector map of an Argoverse 2 log: lane segments and pedestrian crossings in the city frame [m]."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.spec import first_problem
+from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.readers.shapes import between, points
+
+KINDS: Mapping[str, LaneKind] = {
+    "VEHICLE": LaneKind.DRIVING,
+    "BUS": LaneKind.DRIVING,
+    "BIKE": LaneKind.BIKE,
+}
+
+
+class Point(BaseModel, frozen=True):
+    """A point in the city frame [m]; its height is left out."""
+
+    x: float = Field(allow_inf_nan=False)
+    y: float = Field(allow_inf_nan=False)
+
+
+def _id(raw: Any) -> Any:
+    return str(raw) if isinstance(raw, int) else raw
+
+
+Line = tuple[Point, ...]
+Id = Annotated[str, BeforeValidator(_id)]
+
+
+class Segment(BaseModel, frozen=True):
+    """A piece of a lane. The forecasting part has centre lines, the sensor part has none."""
+
+    lane_type: str
+    is_intersection: bool
+    centerline: Line = ()
+    left_lane_boundary: Line
+    right_lane_boundary: Line
+    predecessors: tuple[Id, ...]
+    successors: tuple[Id, ...]
+    left_neighbor_id: Id | None
+    right_neighbor_id: Id | None
+
+
+class Crossing(BaseModel, frozen=True):
+    """The two long edges of a pedestrian crossing."""
+
+    edge1: Line = Field(min_length=2)
+    edge2: Line = Field(min_length=2)
+
+
+class Archive(BaseModel, frozen=True):
+    """What we read of a `log_map_archive_*.json`."""
+
+    lane_segments: dict[str, Segment] = Field(min_length=1)
+    pedestrian_crossings: dict[str, Crossing] = {}
+
+
+def read_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
+    """The `log_map_archive_*.json` in a folder, and what had to be passed over; raises InputError."""
+    path = the_file(folder, "log_map_archive_*.json")
+    archive = _archive(path)
+    read = ((id_, _lane(path, id_, segment)) for id_, segment in archive.lane_segments.items())
+    lanes = {id_: lane for id_, lane in read if lane is not None}
+    lost = len(archive.lane_segments) - len(lanes)
+    if not lanes:
+        raise InputError(f"{path}: lane_segments: expected at least one that is a lane, found none in {lost}")
+    crossings = tuple(_ring(path, id_, one) for id_, one in archive.pedestrian_crossings.items())
+    hd_map = HdMap(lanes=_same_way_neighbours(lanes), crosswalks=crossings)
+    return hd_map, (f"{lost} lane segments of an unknown type or without length passed over",) if lost else ()
+
+
+def the_file(folder: Path, *patterns: str) -> Path:
+    """The only file of a folder that matches the first pattern for which there is any; raises InputError."""
+    for pattern in patterns:
+        found = sorted(folder.glob(pattern))
+        if len(found) == 1:
+            return found[0]
+        if found:
+            names = f"{found[0].name}, {found[1].name}"
+            raise InputError(f"{folder}: expected one {pattern}, found {len(found)}, such as {names}")
+    raise InputError(f"{folder}: expected {' or '.join(patterns)}, found none")
+
+
+def _archive(path: Path) -> Archive:
+    try:
+        return Archive.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+
+
+def _lane(path: Path, id_: str, segment: Segment) -> MapLane | None:
+    where = f"{path}: lane_segments.{id_}"
+    kind = KINDS.get(segment.lane_type)
+    centre, left, right = (
+        _xy(where, line) for line in (segment.centerline, segment.left_lane_boundary, segment.right_lane_boundary)
+    )
+    if kind is None or min(len(left), len(right)) < 2:
+        return None
+    return MapLane(
+        id=id_,
+        kind=kind,
+        centre=centre if len(centre) > 1 else between(left, right),
+        left=left,
+        right=right,
+        entries=segment.predecessors,
+        exits=segment.successors,
+        left_neighbour=segment.left_neighbor_id or "",
+        right_neighbour=segment.right_neighbor_id or "",
+        junction=segment.is_intersection,
+    )
+
+
+def _xy(where: str, line: Line) -> Float:
+    return points(where, [(point.x, point.y) for point in line]) if line else np.zeros((0, 2))
+
+
+def _ring(path: Path, id_: str, one: Crossing) -> Float:
+    """The two long edges joined to a ring (N, 2)."""
+    first, second = (_xy(f"{path}: pedestrian_crossings.{id_}", edge) for edge in (one.edge1, one.edge2))
+    same_way = (first[-1] - first[0]) @ (second[-1] - second[0]) > 0
+    return np.concatenate((first, second[::-1] if same_way else second))
+
+
+def _same_way_neighbours(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
+    """Without neighbours that lead the other way: the source names those too, behind a yellow line."""
+
+    def kept(lane: MapLane, other: str) -> str:
+        return other if other in lanes and _along(lane) @ _along(lanes[other]) > 0 else ""
+
+    return {
+        id_: replace(
+            lane,
+            left_neighbour=kept(lane, lane.left_neighbour),
+            right_neighbour=kept(lane, lane.right_neighbour),
+        )
+        for id_, lane in lanes.items()
+    }
+
+
+def _along(lane: MapLane) -> Float:
+    return lane.centre[-1] - lane.centre[0]

@@ -1,0 +1,62 @@
+"""Rigid poses in tables of Argoverse 2: a quaternion (w, x, y, z) and a translation [m] at a time in nanoseconds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float, Int
+from real2sim.readers.tables import Columns
+
+POSE = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Positions and rotations (of a box or of the ego) at times (N,) [s]."""
+
+    t: Float
+    xyz: Float
+    """(N, 3) [m]"""
+    quaternion: Float
+    """(N, 4) w, x, y, z of length 1."""
+
+    def at(self, t: Float) -> "Poses":
+        """Interpolated; quaternions linearly and made unit again, which is exact enough over 10 ms."""
+        signs = np.cumprod(np.where((self.quaternion[1:] * self.quaternion[:-1]).sum(1) < 0, -1.0, 1.0))
+        smooth = self.quaternion * np.concatenate(((1.0,), signs))[:, None]
+        xyz, mixed = (
+            np.column_stack([np.interp(t, self.t, column) for column in rows.T]) for rows in (self.xyz, smooth)
+        )
+        return Poses(t, xyz, mixed / np.linalg.norm(mixed, axis=1)[:, None])
+
+    @property
+    def rotation(self) -> Float:
+        """(N, 3, 3)"""
+        w, x, y, z = self.quaternion.T
+        rows = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def poses(path: Path, rows: Columns, start_ns: int) -> Poses:
+    """Poses of all rows of a table, times after `start_ns`; raises InputError."""
+    quaternion = np.column_stack([rows[name] for name in POSE[1:5]])
+    length = np.linalg.norm(quaternion, axis=1)
+    bad = np.abs(length - 1) > 0.01
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise InputError(
+            f"{path}: qw, qx, qy, qz: expected quaternions of length 1, found {length[row]:g} in row {row}"
+        )
+    xyz = np.column_stack([rows[name] for name in POSE[5:]]).astype(np.float64)
+    return Poses(seconds(rows["timestamp_ns"], start_ns), xyz, quaternion / length[:, None])
+
+
+def seconds(timestamp_ns: Int, start_ns: int) -> Float:
+    """Times [s] after a start."""
+    return (timestamp_ns - start_ns).astype(np.float64) / 1e9

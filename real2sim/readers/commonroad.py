@@ -1,0 +1,266 @@
+"""CommonRoad: scenarios with recorded traffic (.xml, 2018b and 2020a) become recordings, through commonroad-io.
+
+Source: Althoff, Koschi and Manzinger, CommonRoad, IV 2017, and its documentation of the XML formats. Metres, radians,
+full sizes; a state is the box centre (or `originXShift` from it).
+"""
+
+import logging
+import math
+import warnings
+from collections import Counter
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from shapely.errors import ShapelyError
+
+from mdrive_sumo.errors import InputError
+from real2sim.readers.commonroad_map import read_map
+from real2sim.readers.window import Window, windowed
+from real2sim.recording import Category, Recording, Track, View
+from real2sim.xml_file import Element, number, read_xml
+
+VERSIONS = ("2018b", "2020a")
+CATEGORIES: Mapping[str, Category] = {
+    "car": Category.CAR,
+    "taxi": Category.CAR,
+    "priorityVehicle": Category.CAR,
+    "parkedVehicle": Category.CAR,
+    "vehicle": Category.CAR,
+    "truck": Category.TRUCK,
+    "bus": Category.BUS,
+    "motorcycle": Category.MOTORCYCLE,
+    "bicycle": Category.BICYCLE,
+    "pedestrian": Category.PEDESTRIAN,
+    "constructionZone": Category.STATIC,
+    "roadBoundary": Category.STATIC,
+    "building": Category.STATIC,
+    "pillar": Category.STATIC,
+    "median_strip": Category.STATIC,
+}
+LINKS = ("predecessor", "successor", "adjacentLeft", "adjacentRight")
+TROUBLE = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
+"""What commonroad-io raises at a scenario that is not as it expects."""
+NUMBERS = frozenset({"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"})
+OBSTACLES = ("obstacle", "staticObstacle", "dynamicObstacle")
+
+
+def read_commonroad(path: Path, window: Window | None = None) -> Recording:
+    """Reads a scenario; raises InputError, also on a version other than 2018b and 2020a.
+
+    `window` is start and end [s] since the first frame. All obstacles are in one view. Planning problems are not read:
+    their vehicle has no recorded motion.
+    """
+    root = read_xml(path)
+    _check(path, root)
+    notes = list(_cleaned(root))
+    scenario, remarks = _opened(path, root)
+    tracks, track_notes = _tracks(path, scenario)
+    recording = Recording(
+        id=str(root.get("benchmarkID") or path.stem),
+        source="commonroad",
+        dt_s=float(scenario.dt),
+        frames=len(tracks[0].valid),
+        views=(View("log", tracks),),
+        map=read_map(path, scenario.lanelet_network),
+        notes=(*notes, *remarks, *track_notes),
+    )
+    return windowed(str(path), recording, window)
+
+
+def _check(path: Path, root: Element) -> None:
+    """What commonroad-io would answer with an assertion or a bare Exception."""
+    if root.tag != "commonRoad":
+        raise InputError(f"{path}: expected the root <commonRoad>, found <{root.tag}>")
+    if root.get("commonRoadVersion") not in VERSIONS:
+        raise InputError(
+            f"{path}: commonRoadVersion: expected {' or '.join(VERSIONS)}, found {root.get('commonRoadVersion')!r}"
+        )
+    if number(path, root, "timeStepSize") <= 0:
+        raise InputError(f"{path}: timeStepSize: expected a positive number, found {root.get('timeStepSize')!r}")
+    if root.find("lanelet") is None:
+        raise InputError(f"{path}: expected at least one <lanelet>, found none")
+    for element in root:
+        _check_numbers(path, element)
+    for obstacle in _obstacles(root):
+        for state in (*obstacle.iter("initialState"), *obstacle.iter("state")):
+            _check_state(path, obstacle, state)
+
+
+def _check_numbers(path: Path, element: Element) -> None:
+    for value in element.iter():
+        try:
+            fine = value.tag not in NUMBERS or math.isfinite(float(value.text or ""))
+        except ValueError:
+            fine = False
+        if not fine:
+            where = f"{path}: {element.tag} {element.get('id')}"
+            raise InputError(f"{where}: {value.tag}: expected a finite number, found {value.text!r}")
+
+
+def _obstacles(root: Element) -> Iterator[Element]:
+    return (element for element in root if element.tag in OBSTACLES)
+
+
+def _check_state(path: Path, obstacle: Element, state: Element) -> None:
+    where = f"{path}: obstacle {obstacle.get('id')}"
+    for name in ("position", "orientation", "time"):
+        if state.find(name) is None:
+            raise InputError(f"{where}: expected <{name}> in every state, found one without")
+    for value in state:
+        wanted = ("point", "rectangle", "circle", "polygon") if value.tag == "position" else ("exact", "intervalStart")
+        if all(value.find(name) is None for name in wanted):
+            raise InputError(f"{where}: {value.tag}: expected one of {', '.join(wanted)}, found none of them")
+
+
+def _cleaned(root: Element) -> Iterator[str]:
+    """Takes out what is not needed and what commonroad-io cannot read; says so of the latter."""
+    for problem in root.findall("planningProblem"):
+        root.remove(problem)
+    groups = [one for one in _obstacles(root) if (shape := one.find("shape")) is not None and len(shape) > 1]
+    for obstacle in groups:
+        root.remove(obstacle)
+    if groups:
+        yield f"{len(groups)} obstacles of more than one shape passed over"
+    there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
+    lost = [(one, link) for one in root.iter("lanelet") for name in LINKS for link in one.findall(name)]
+    lost = [(one, link) for one, link in lost if link.get("ref") not in there]
+    for lanelet, link in lost:
+        lanelet.remove(link)
+    if lost:
+        yield f"{len(lost)} links to lanelets that are not in the file passed over"
+
+
+def _reader(path: Path) -> Any:
+    """The class of commonroad-io that reads; imported only here, for it takes a while."""
+    try:
+        with _remarks():  # those of its own dependencies say nothing of the file
+            from commonroad.common.file_reader import CommonRoadFileReader
+    except ImportError:
+        raise InputError(
+            f"{path}: expected commonroad-io to be installed, found none: pip install mdrive-sumo[convert]"
+        ) from None
+    return CommonRoadFileReader
+
+
+def _opened(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
+    """The scenario, and the library's own remarks."""
+    reader = _reader(path)
+    with _remarks() as remarks:
+        try:
+            scenario = reader(ElementTree.tostring(root)).open()[0]
+        except (*TROUBLE, ShapelyError) as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            what = "an element is missing: " if isinstance(error, AttributeError) else ""
+            raise InputError(f"{path}: expected a valid CommonRoad scenario, found: {what}{reason}") from None
+    return scenario, (f"commonroad-io made {len(remarks)} remarks, the first: {remarks[0]}",) if remarks else ()
+
+
+@contextmanager
+def _remarks() -> Generator[list[str]]:
+    """Collects what commonroad-io warns of and logs, instead of showing it, while it reads."""
+    remarks: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: remarks.append(record.getMessage())
+    logger = logging.getLogger("commonroad")
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            yield remarks
+        remarks += [str(warning.message) for warning in caught]
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagate
+
+
+def _tracks(path: Path, scenario: Any) -> tuple[tuple[Track, ...], tuple[str, ...]]:
+    found: list[tuple[Any, Category, Sequence[Any]]] = []
+    passed_over: Counter[str] = Counter()
+    for obstacle in scenario.obstacles:
+        reason = _unusable(obstacle)
+        if reason:
+            passed_over[reason] += 1
+        else:
+            found.append((obstacle, _category(obstacle), _states(obstacle)))
+    times = [state.time_step for obstacle, _, states in found if _moves(obstacle) for state in states]
+    if not times:
+        raise InputError(f"{path}: expected at least one dynamic obstacle with a trajectory, found none")
+    span = range(min(times), max(times) + 1)
+    tracks = tuple(_track(path, *one, span) for one in found)
+    return tracks, tuple(f"{count} obstacles {why} passed over" for why, count in sorted(passed_over.items()))
+
+
+def _unusable(obstacle: Any) -> str:
+    if not hasattr(obstacle, "initial_state") or obstacle.initial_state is None:
+        return "without a state"
+    if obstacle.obstacle_type.value not in (*CATEGORIES, "unknown"):
+        return f"of the type {obstacle.obstacle_type.value}"
+    if _moves(obstacle) and obstacle.prediction is not None and not hasattr(obstacle.prediction, "trajectory"):
+        return "with a set-based prediction"
+    states = _states(obstacle)
+    exact = all(isinstance(one.position, np.ndarray) and isinstance(one.time_step, int) for one in states)
+    return "" if exact else "without exact positions and times"
+
+
+def _moves(obstacle: Any) -> bool:
+    return bool(obstacle.obstacle_role.value == "dynamic")
+
+
+def _category(obstacle: Any) -> Category:
+    unknown = Category.CAR if _moves(obstacle) else Category.STATIC
+    return CATEGORIES.get(obstacle.obstacle_type.value, unknown)
+
+
+def _states(obstacle: Any) -> Sequence[Any]:
+    prediction = getattr(obstacle, "prediction", None)
+    return (obstacle.initial_state, *(prediction.trajectory.state_list if prediction is not None else ()))
+
+
+def _track(path: Path, obstacle: Any, category: Category, states: Sequence[Any], span: range) -> Track:
+    where = f"{path}: obstacle {obstacle.obstacle_id}"
+    poses = np.array([(*state.position[:2], _angle(state.orientation)) for state in states], dtype=np.float64)
+    table = np.full((len(span), 3), np.nan)
+    if _moves(obstacle):
+        table[[state.time_step - span.start for state in states]] = poses
+    else:
+        table[:] = poses[0]
+    ahead, left, length, width = _box(where, obstacle.obstacle_shape)
+    x, y, yaw = table.T
+    valid = np.isfinite(x)
+    turn = np.where(np.isfinite(yaw), yaw, 0.0)
+    return Track(
+        id=str(obstacle.obstacle_id),
+        category=category,
+        valid=valid,
+        x=x + ahead * np.cos(turn) - left * np.sin(turn),
+        y=y + ahead * np.sin(turn) + left * np.cos(turn),
+        yaw=yaw,
+        length=np.where(valid, length, np.nan),
+        width=np.where(valid, width, np.nan),
+        parked=not _moves(obstacle) or obstacle.obstacle_type.value == "parkedVehicle",
+    )
+
+
+def _angle(orientation: Any) -> float:
+    """NaN for an interval of angles."""
+    return float(orientation) if isinstance(orientation, int | float) else math.nan
+
+
+def _box(where: str, shape: Any) -> tuple[float, float, float, float]:
+    """Where the box centre is (ahead, left) of the state's position, length, width [m]."""
+    from commonroad.scenario.state import CustomState
+
+    if hasattr(shape, "radius"):
+        box = (0.0, 0.0, 2 * float(shape.radius), 2 * float(shape.radius))
+    else:
+        at_origin = shape.compute_occupancy(CustomState(time_step=0, position=np.zeros(2), orientation=0.0))
+        x0, y0, x1, y1 = at_origin.shapely_object.bounds
+        box = ((x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0)
+    if not (math.isfinite(sum(box)) and min(box[2:]) > 0):
+        raise InputError(f"{where}: shape: expected a positive length and width, found {box[2]:g} and {box[3]:g}")
+    return box

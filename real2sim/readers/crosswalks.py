@@ -1,0 +1,45 @@
+"""Crosswalks that a map draws as pairs of marked lines, as INTERACTION's do, and not as lanelets."""
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.geometry import Float
+from real2sim.readers.osm import Osm
+
+WIDTHS_M = (1.5, 8.0)
+"""Between the two lines of a crosswalk."""
+LEAST_SHARED = 0.5
+"""The shorter line is at least this share of the longer."""
+
+
+def marked_crosswalks(osm: Osm) -> tuple[Float, ...]:
+    """Polygons (N, 2) [m] between lines of pedestrian markings that are each other's nearest and alike in length."""
+    marked = [osm.line(way) for way in osm.ways.values() if way.tags.get("type") == "pedestrian_marking"]
+    if len(marked) < 2:
+        return ()
+    lines = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(marked)))
+    apart = np.array([[one.hausdorff_distance(other) for other in lines] for one in lines])
+    np.fill_diagonal(apart, np.inf)
+    nearest = apart.argmin(axis=1)
+    pairs = ((one, int(other)) for one, other in enumerate(nearest) if nearest[other] == one < other)
+    return tuple(_between(lines[one], lines[other]) for one, other in pairs if _match(lines[one], lines[other]))
+
+
+def _match(one: shapely.LineString, other: shapely.LineString) -> bool:
+    alike = min(one.length, other.length) >= LEAST_SHARED * max(one.length, other.length)
+    return alike and WIDTHS_M[0] <= one.interpolate(0.5, normalized=True).distance(other) <= WIDTHS_M[1]
+
+
+def _between(one: shapely.LineString, other: shapely.LineString) -> Float:
+    left, right = (np.asarray(line.coords, dtype=np.float64)[:, :2] for line in (one, other))
+    return outline(left, right if gap(left, right) <= gap(left, right[::-1]) else right[::-1])
+
+
+def outline(left: Float, right: Float) -> Float:
+    """Polygon (N, 2) [m] between two lines that run the same way."""
+    return np.concatenate((right, left[::-1]))
+
+
+def gap(one: Float, other: Float) -> float:
+    """How far apart two lines start and end [m], summed."""
+    return float(np.hypot(*(one[[0, -1]] - other[[0, -1]]).T).sum())

@@ -1,0 +1,171 @@
+"""INTERACTION: track tables (.csv) and a Lanelet2 map become a recording.
+
+Source: Zhan et al., INTERACTION dataset, 2019, and its documentation of the columns: 10 Hz, metres, radians, full
+sizes, x and y of the box centre; pedestrians and bicycles share a table without heading and size.
+"""
+
+import csv
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from real2sim.readers.lanelet2 import read_lanelet2
+from real2sim.readers.window import Window, windowed
+from real2sim.recording import Category, Recording, Track, View
+
+DT_S = 0.1
+STEP_MS = 100
+KEYS = ("track_id", "timestamp_ms", "agent_type")
+MOTION = ("x", "y", "vx", "vy")
+BOX = ("psi_rad", "length", "width")
+CATEGORIES: Mapping[str, Category] = {
+    "car": Category.CAR,
+    "truck": Category.TRUCK,
+    "bus": Category.BUS,
+    "motorcycle": Category.MOTORCYCLE,
+    "bicycle": Category.BICYCLE,
+    "pedestrian": Category.PEDESTRIAN,
+    "pedestrian/bicycle": Category.PEDESTRIAN,
+}
+CYCLING_MPS = 3.0
+"""Median speed above which a "pedestrian/bicycle" is taken for a bicycle: few people run that fast, few ride slower."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    line: int
+    id: str
+    agent_type: str
+    time_ms: float
+    values: tuple[float, ...]
+    """MOTION, then BOX; NaN where the table has no such column."""
+
+
+def read_interaction(tracks: Path, osm: Path, window: Window | None = None) -> Recording:
+    """Reads `vehicle_tracks_*.csv` and the pedestrians beside it, or the folder with one such pair; raises InputError.
+
+    `window` is start and end [s] since the first frame. All tracks are in one view; none is a connected vehicle.
+    """
+    vehicles = _vehicle_file(tracks)
+    pedestrians = vehicles.with_name(vehicles.name.replace("vehicle", "pedestrian"))
+    rows = {vehicles: _rows(vehicles, MOTION + BOX)}
+    if pedestrians != vehicles and pedestrians.is_file():
+        rows[pedestrians] = _rows(pedestrians, MOTION)
+    times = [row.time_ms for its_rows in rows.values() for row in its_rows]
+    frames = round((max(times) - min(times)) / STEP_MS) + 1
+    found = tuple(track for path, its_rows in rows.items() for track in _tracks(path, its_rows, min(times), frames))
+    hd_map, notes = read_lanelet2(osm)
+    recording = Recording(
+        id=f"{osm.stem}_{vehicles.stem}",
+        source="interaction",
+        dt_s=DT_S,
+        frames=frames,
+        views=(View("log", found),),
+        map=hd_map,
+        notes=(*_guesses(found), *notes),
+    )
+    return windowed(str(vehicles), recording, window)
+
+
+def _vehicle_file(tracks: Path) -> Path:
+    if not tracks.is_dir():
+        return tracks
+    files = sorted(tracks.glob("vehicle_tracks_*.csv"))
+    if len(files) != 1:
+        raise InputError(f"{tracks}: expected one vehicle_tracks_*.csv (name one of several), found {len(files)}")
+    return files[0]
+
+
+def _rows(path: Path, columns: Sequence[str]) -> list[_Row]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(_parsed(path, csv.reader(file), columns))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected a table of comma-separated values, found: {error}") from None
+    if not rows:
+        raise InputError(f"{path}: expected at least one row, found none")
+    return rows
+
+
+def _parsed(path: Path, lines: Iterator[list[str]], columns: Sequence[str]) -> Iterator[_Row]:
+    header = [name.strip() for name in next(lines, [])]
+    missing = [name for name in (*KEYS, *columns) if name not in header]
+    if missing:
+        raise InputError(f"{path}: expected the column {missing[0]}, found {', '.join(header) or 'none'}")
+    id_, time, agent_type, *values = (header.index(name) for name in (*KEYS, *columns))
+    rest = (math.nan,) * (len(MOTION) + len(BOX) - len(columns))
+    for line, cells in enumerate(lines, start=2):
+        if not cells:
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"{path}: line {line}: expected {len(header)} columns, found {len(cells)}")
+        numbers = tuple(_number(path, line, header[index], cells[index]) for index in (time, *values))
+        yield _Row(line, cells[id_], cells[agent_type], numbers[0], numbers[1:] + rest)
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or (name in ("length", "width") and value <= 0):
+        what = "a positive number" if name in ("length", "width") else "a finite number"
+        raise InputError(f"{path}: line {line}: {name}: expected {what}, found {text!r}")
+    return value
+
+
+def _tracks(path: Path, rows: Sequence[_Row], start_ms: float, frames: int) -> Iterator[Track]:
+    by_id: defaultdict[str, list[_Row]] = defaultdict(list)
+    for row in rows:
+        by_id[row.id].append(row)
+    for id_, its_rows in by_id.items():
+        index = _frames_of(path, its_rows, start_ms)
+        table = np.full((frames, len(MOTION) + len(BOX)), np.nan)
+        table[index] = [row.values for row in its_rows]
+        yield _track(id_, _category(path, its_rows[0]), table)
+
+
+def _frames_of(path: Path, rows: Sequence[_Row], start_ms: float) -> npt.NDArray[np.intp]:
+    steps = (np.array([row.time_ms for row in rows]) - start_ms) / STEP_MS
+    index = np.rint(steps).astype(np.intp)
+    for row, step, frame in zip(rows, steps, index, strict=True):
+        if abs(step - frame) > 0.01:
+            raise InputError(
+                f"{path}: line {row.line}: timestamp_ms: expected a multiple of {STEP_MS} after {start_ms:g}, "
+                f"found {row.time_ms:g}"
+            )
+    _, first, count = np.unique(index, return_index=True, return_counts=True)
+    if (count > 1).any():
+        row = rows[first[count > 1][0]]
+        raise InputError(f"{path}: track {row.id}: expected one row at {row.time_ms:g} ms, found {count.max()}")
+    return index
+
+
+def _category(path: Path, row: _Row) -> Category:
+    try:
+        return CATEGORIES[row.agent_type]
+    except KeyError:
+        raise InputError(
+            f"{path}: line {row.line}: agent_type: expected one of {', '.join(CATEGORIES)}, found {row.agent_type!r}"
+        ) from None
+
+
+def _track(id_: str, category: Category, table: Float) -> Track:
+    x, y, vx, vy, yaw, length, width = table.T
+    if category is Category.PEDESTRIAN and np.nanmedian(np.hypot(vx, vy)) > CYCLING_MPS:
+        category = Category.BICYCLE
+    return Track(id_, category, np.isfinite(x), x, y, yaw, length, width)
+
+
+def _guesses(tracks: Sequence[Track]) -> tuple[str, ...]:
+    cyclists = sum(track.category is Category.BICYCLE for track in tracks)
+    return (f"{cyclists} of the pedestrian/bicycle tracks taken for bicycles by their speed",) if cyclists else ()

@@ -1,0 +1,67 @@
+"""InterDrive: a folder a scenario, an XML a CAV, and nobody else on the road."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from mdrive_sumo.errors import InputError
+from real2sim.readers.carla_frame import CarlaFrame
+from real2sim.readers.route_file import RouteFile, ego_index, read_route_file
+from real2sim.scene import CavRoute, Scene, TownMap
+
+BUCKET = "InterDrive"
+TWO_CAV_CATEGORIES = frozenset({"ins_c", "ins_ss", "ins_sl", "ins_sr"})
+"""Categories of which the original run list has two CAVs: inferred from its 163 files (protocol 1.1)."""
+
+
+def read_interdrive(source: Path, towns: Path) -> tuple[Scene, ...]:
+    """All scenario folders of a directory, sorted by name; `towns` has the maps. Raises InputError."""
+    if not source.is_dir():
+        raise InputError(f"{source}: expected a directory of scenario folders, found none")
+    folders = sorted(path for path in source.iterdir() if path.is_dir() and not path.name.startswith("."))
+    if not folders:
+        raise InputError(f"{source}: expected scenario folders with route XML files, found none")
+    return tuple(_scene(path, towns) for path in folders)
+
+
+def interdrive_notes(scenes: Sequence[Scene]) -> tuple[str, ...]:
+    """What the original leaves out of these scenarios, if anything."""
+    files = sum(len(scene.routes) for scene in scenes)
+    third = [scene for scene in scenes if scene.category in TWO_CAV_CATEGORIES and len(scene.routes) > 2]
+    left = sum(len(scene.routes) - 2 for scene in third)
+    if not third:
+        return ()
+    return (
+        f"The original code drives {files - left} of the {files} files: its run list has two CAVs for"
+        f" {len(third)} folders that hold a third file ({', '.join(scene.id for scene in third)})."
+        f" This suite follows the files and drives all {files}.",
+    )
+
+
+def _scene(folder: Path, towns: Path) -> Scene:
+    files = [file for file in sorted(folder.glob("*.xml")) if not file.name.startswith(".")]
+    if not files:
+        raise InputError(f"{folder}: expected route files NAME_<number>.xml, found no XML")
+    routes = sorted((_numbered(file) for file in files), key=lambda numbered: numbered[0])
+    for (before, _), (index, _) in pairwise(routes):
+        if before == index:
+            raise InputError(f"{folder}: expected one file for each CAV, found {index} twice")
+    names = sorted({route.town for _, route in routes})
+    if len(names) > 1:
+        raise InputError(f"{folder}: expected routes in one town, found {', '.join(names)}")
+    return Scene(
+        id=folder.name,
+        source="interdrive",
+        bucket=BUCKET,
+        category=folder.name.partition("_town")[2].partition("_")[2] or "route",
+        map=TownMap(names[0], towns),
+        routes=tuple(CavRoute(str(index), CarlaFrame().xy(route.xy_carla)) for index, route in routes),
+        description=f"InterDrive {folder.name}, converted from its {len(routes)} route files",
+    )
+
+
+def _numbered(path: Path) -> tuple[int, RouteFile]:
+    index = ego_index(path)
+    if index is None:
+        raise InputError(f"{path}: expected a file name that ends in _<number>.xml, found {path.name!r}")
+    return index, read_route_file(path, at_least=2)

@@ -1,0 +1,212 @@
+"""MDrive scenario directories: CAVs, actors with their behaviours, weather (protocol 3, data_formats 4).
+
+<scenario>/actors_manifest.json  [actors_behavior.json]
+           NAME_<index>.xml            route of a CAV
+           NAME_<index>_REPLAY.xml     logged motion of that CAV: not driven
+           actors/.../*.xml            the others; the manifest decides which
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.actor import Actor
+from real2sim.hdmap import HdMap
+from real2sim.readers.carla_frame import UCLA, CarlaFrame
+from real2sim.readers.mdrive_actors import Authored, build_actor
+from real2sim.readers.mdrive_behavior import read_scripts, vehicle_names
+from real2sim.readers.mdrive_manifest import MANIFEST, ManifestEntry, Role, read_manifest
+from real2sim.readers.mdrive_weather import nearest_weather
+from real2sim.readers.route_file import RouteFile, ego_index, read_route_file
+from real2sim.scene import CavRoute, Scene, TownMap
+
+REPLAY = "_REPLAY"
+START_GAP_M = 5.0
+"""A CAV's route that begins further from its logged motion is of another place; then the log's way is taken."""
+THINNED_M = 8.0
+"""Distance between the via points that are made of a logged motion."""
+
+
+@dataclass(frozen=True)
+class VectorMap:
+    """The map of V2XPnP's scenarios, and where CARLA's origin lies in it."""
+
+    map: HdMap
+    frame: CarlaFrame = UCLA
+
+
+@dataclass(frozen=True, slots=True)
+class _Cav:
+    id: str
+    name: str
+    route: RouteFile
+
+
+@dataclass(frozen=True, slots=True)
+class _Draft:
+    """What was read of a scenario, and the notes so far."""
+
+    folder: Path
+    cavs: tuple[_Cav, ...]
+    actors: tuple[tuple[Role, ManifestEntry], ...]
+    notes: list[str] = field(default_factory=list[str])
+
+    @property
+    def town(self) -> str:
+        return self.cavs[0].route.town
+
+    @property
+    def route_id(self) -> str:
+        return self.cavs[0].route.id
+
+
+def mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
+    """All scenario directories in or below the given ones, in order; raises InputError if one has none."""
+    found: list[Path] = []
+    for path in paths:
+        here = sorted(manifest.parent for manifest in path.rglob(MANIFEST))
+        if not here:
+            raise InputError(f"{path}: expected a directory with {MANIFEST} in it or below, found none")
+        found += here
+    return tuple(found)
+
+
+def read_mdrive(folder: Path, map: Path | VectorMap) -> Scene:
+    """Reads a scenario directory; `map` is a folder of CARLA towns or a vector map. Raises InputError."""
+    draft = _read(folder)
+    frame = map.frame if isinstance(map, VectorMap) else CarlaFrame()
+    weather, note = nearest_weather(draft.cavs[0].route.weather)
+    routes = tuple(CavRoute(cav.id, frame.xy(_way(cav, draft))) for cav in draft.cavs)
+    actors = _actors(draft, frame)
+    category, number = _names(folder)
+    logged = isinstance(map, VectorMap)
+    return Scene(
+        id=number if logged else f"{category}_{number}",
+        source="mdrive",
+        bucket="V2XPnP" if logged else "Interaction",
+        category="real2sim" if logged else category,
+        map=map.map if isinstance(map, VectorMap) else TownMap(draft.town, map),
+        routes=routes,
+        actors=actors,
+        weather=weather,
+        description=f"MDrive {category}/{folder.name}: {len(routes)} CAVs, {len(actors)} actors",
+        notes=(*draft.notes, *([note] if note else [])),
+    )
+
+
+def _names(folder: Path) -> tuple[str, str]:
+    """The names of the folders, which lie as Category/number, as ids can be."""
+    category, number = (re.sub(r"[^A-Za-z0-9_.+-]", "_", part) for part in folder.resolve().parts[-2:])
+    return category, number
+
+
+def _read(folder: Path) -> _Draft:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a scenario directory, found none")
+    entries = read_manifest(folder)
+    cavs = _cavs(folder, [entry for role, entry in entries if role == "ego"])
+    draft = _Draft(folder, cavs, tuple((role, entry) for role, entry in entries if role != "ego"))
+    for cav in cavs:
+        if (cav.route.town, cav.route.id) != (draft.town, draft.route_id):
+            raise InputError(
+                f"{cav.route.path}: expected route {draft.route_id!r} in {draft.town} as in {cavs[0].route.path.name},"
+                f" found route {cav.route.id!r} in {cav.route.town}"
+            )
+    return draft
+
+
+def _cavs(folder: Path, entries: Sequence[ManifestEntry]) -> tuple[_Cav, ...]:
+    """The CAVs of the manifest, sorted by index; those of all route files if it names none."""
+    named = {entry.file: entry.name for entry in entries if not Path(entry.file).stem.endswith(REPLAY)}
+    files = list(named) or [p.name for p in folder.glob("*.xml") if ego_index(p) is not None and p.name[0] != "."]
+    cavs: dict[int, _Cav] = {}
+    for file in files:
+        path = _file(folder, file)
+        index = ego_index(path)
+        if index is None:
+            raise InputError(f"{folder / MANIFEST}: ego: expected a file NAME_<number>.xml, found {file!r}")
+        if index in cavs:
+            raise InputError(f"{folder}: expected one file for each CAV, found {index} twice")
+        cavs[index] = _Cav(str(index), named.get(file, ""), read_route_file(path, at_least=2))
+    if not cavs:
+        raise InputError(f"{folder}: expected route files NAME_<number>.xml of CAVs, found none")
+    return tuple(cavs[index] for index in sorted(cavs))
+
+
+def _file(folder: Path, file: str) -> Path:
+    path = folder / file
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{folder / MANIFEST}: expected a file in the scenario's folder, found {file!r}")
+    if not path.is_file():
+        raise InputError(f"{folder / MANIFEST}: expected its file {file} to be there, found no such file")
+    return path
+
+
+def _way(cav: _Cav, draft: _Draft) -> Float:
+    """The CAV's via points in CARLA's frame; those of its logged motion if the route begins elsewhere."""
+    path = cav.route.path.with_name(cav.route.path.stem + REPLAY + cav.route.path.suffix)
+    if not path.is_file():
+        return cav.route.xy_carla
+    logged = read_route_file(path).xy_carla
+    gap = float(np.hypot(*(cav.route.xy_carla[0] - logged[0])))
+    if gap <= START_GAP_M:
+        draft.notes.append(f"CAV {cav.id}: its logged motion {path.name} is not driven")
+        return cav.route.xy_carla
+    draft.notes.append(f"CAV {cav.id}: route from {path.name}, as its own route begins {gap:.1f} m from there")
+    thinned = _thinned(logged)
+    if len(thinned) < 2:
+        raise InputError(f"{path}: expected a motion of at least 2 points that are {THINNED_M:g} m apart, found none")
+    return thinned
+
+
+def _thinned(xy: Float) -> Float:
+    kept = [0]
+    for i in range(1, len(xy)):
+        if np.hypot(*(xy[i] - xy[kept[-1]])) >= THINNED_M:
+            kept.append(i)
+    return xy[kept]
+
+
+def _actors(draft: _Draft, frame: CarlaFrame) -> tuple[Actor, ...]:
+    names = [_name(entry) for _, entry in draft.actors]
+    vehicles = vehicle_names([(cav.id, cav.name) for cav in draft.cavs])
+    scripts = read_scripts(draft.folder, draft.route_id, names, vehicles)
+    draft.notes.extend(scripts.notes)
+    actors: list[Actor] = []
+    taken = {cav.id for cav in draft.cavs}
+    for role, entry in draft.actors:
+        if not _concerned(entry, draft):
+            continue
+        route = read_route_file(_file(draft.folder, entry.file))
+        id_ = _free_id(_name(entry), taken)
+        taken.add(id_)
+        actor, notes = build_actor(id_, Authored(role, entry, route, scripts.of.get(_name(entry))), frame)
+        actors.append(actor)
+        draft.notes.extend(notes)
+    return tuple(actors)
+
+
+def _concerned(entry: ManifestEntry, draft: _Draft) -> bool:
+    """An entry counts only if its route is the scenario's, and its town if it has one."""
+    fits = entry.route_id in (None, draft.route_id) and entry.town in (None, draft.town)
+    if not fits:
+        draft.notes.append(f"{_name(entry)} is of route {entry.route_id} in {entry.town}: passed over")
+    return fits
+
+
+def _name(entry: ManifestEntry) -> str:
+    return entry.name or Path(entry.file).stem
+
+
+def _free_id(name: str, taken: set[str]) -> str:
+    """The name as an id of ours, told apart from those taken."""
+    plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", name)[:70]
+    plain = plain if plain[:1].isalnum() else f"a{plain}"
+    return next(
+        candidate for n in range(1, len(taken) + 2) if (candidate := plain if n == 1 else f"{plain}.{n}") not in taken
+    )

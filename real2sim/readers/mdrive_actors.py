@@ -1,0 +1,161 @@
+"""MDrive's actors: an entry of the manifest and its route file become a scripted road user (protocol 3.2 to 3.5)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.actor import Actor, AlongPath, HardBrake, KindName, LaneChange, Motion, Replay, Standing
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import first_problem
+from real2sim.readers.carla_frame import CarlaFrame
+from real2sim.readers.mdrive_behavior import Script
+from real2sim.readers.mdrive_blueprints import BICYCLE, CAR, PERSON, THING, Shape, shape_of
+from real2sim.readers.mdrive_manifest import SPEEDS, ManifestEntry, Role
+from real2sim.readers.route_file import RouteFile
+from real2sim.xml_file import finite
+
+STEP_M = 1e-3
+"""Points of a path nearer to the one before are the same point."""
+_BY_ROLE: dict[Role, Shape] = {"npc": CAR, "pedestrian": PERSON, "bicycle": BICYCLE, "static": THING}
+
+
+@dataclass(frozen=True, slots=True)
+class Authored:
+    """An actor as its files tell of it."""
+
+    role: Role
+    entry: ManifestEntry
+    route: RouteFile
+    script: Script | None
+
+    @property
+    def timed(self) -> bool:
+        """Whether it repeats a log: the route file's control mode goes before the manifest's.
+
+        Times without any mode count as a log: in MDrive a flag of the whole run decides (protocol 3.5).
+        """
+        mode = self.route.attributes.get("control_mode") or self.entry.control_mode or "replay"
+        return self.route.times_s is not None and len(self.route.xy_carla) > 1 and mode == "replay"
+
+    @property
+    def speed(self) -> float:
+        """[m/s]"""
+        said = (self.entry.speed, self.entry.target_speed, self.attribute("speed"))
+        return next((value for value in said if value is not None), SPEEDS[self.role])
+
+    def attribute(self, name: str) -> float | None:
+        """A number in the attributes of its route; raises InputError."""
+        text = self.route.attributes.get(name)
+        return None if text is None else finite(f"{self.route.path}: route: {name}", text)
+
+
+def build_actor(id_: str, authored: Authored, frame: CarlaFrame) -> tuple[Actor, tuple[str, ...]]:
+    """The road user in the map's frame, with notes on what was passed over; raises InputError."""
+    shape = shape_of(_model(authored)) or _BY_ROLE[authored.role]
+    length, width = _size(authored, shape)
+    try:
+        start, motion, notes = _motion(authored, frame)
+        script, more = _fitting(authored.script, motion)
+        actor = Actor(
+            id=id_,
+            kind=_kind(authored, shape),
+            model=_model(authored)[:80],
+            length=length,
+            width=width,
+            start=start,
+            motion=motion,
+            avoid_collision=authored.entry.avoid_collision is not False,
+            trigger=script and script.trigger,
+            action=script and script.action,
+        )
+    except ValidationError as error:
+        raise InputError(f"{authored.route.path}: {first_problem(error)}") from None
+    return actor, tuple(f"{id_}: {note}" for note in (*notes, *more, *_not_applied(authored, motion)))
+
+
+def _model(authored: Authored) -> str:
+    return authored.route.attributes.get("model") or authored.entry.model or ""
+
+
+def _size(authored: Authored, shape: Shape) -> tuple[float, float]:
+    """The route's own size, else the manifest's, else the box that the generator put down, else that of the class."""
+    said = authored.entry
+    length = (authored.attribute("length"), said.length, authored.attribute("bbox_length"))
+    width = (authored.attribute("width"), said.width, authored.attribute("bbox_width"))
+    return next(filter(None, length), shape.length), next(filter(None, width), shape.width)
+
+
+def _kind(authored: Authored, shape: Shape) -> KindName:
+    """What hitting it counts as: a parked bicycle is a vehicle, as all of CARLA's `vehicle.*` are."""
+    if authored.role in ("pedestrian", "bicycle"):
+        return "pedestrian" if authored.role == "pedestrian" else "cyclist"
+    if authored.role == "npc":
+        return "cyclist" if shape.kind == "cyclist" else "vehicle"
+    return "vehicle" if shape.kind == "cyclist" else shape.kind
+
+
+def _motion(authored: Authored, frame: CarlaFrame) -> tuple[Pose, Motion, list[str]]:
+    xy, yaws = frame.xy(authored.route.xy_carla), _yaws(authored.route, frame)
+    start = Pose(x=xy[0, 0], y=xy[0, 1], yaw=yaws[0])
+    if authored.timed and not _braking(authored):
+        times = np.asarray(authored.route.times_s)
+        poses = zip(times.tolist(), xy[:, 0].tolist(), xy[:, 1].tolist(), yaws, strict=True)
+        return start, Replay(poses=tuple(poses)), []
+    notes = ["has times, but is driven along its points"] if authored.route.times_s is not None and len(xy) > 1 else []
+    points = _distinct(xy)
+    if authored.role == "static" and len(points) > 1:
+        return start, Standing(), [*notes, f"a static actor with {len(points)} points: stands at the first"]
+    if authored.role == "static":
+        return start, Standing(), notes
+    if len(points) == 1:
+        return start, Standing(), [*notes, "a single point: stands there"]
+    ahead = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
+    path = AlongPath(points=tuple(points), speed=authored.speed)
+    return start.model_copy(update={"yaw": ahead}), path, notes
+
+
+def _not_applied(authored: Authored, motion: Motion) -> list[str]:
+    """What its file asks for and does not get."""
+    notes: list[str] = []
+    if authored.route.attributes.get("snap_to_road", "").lower() == "true":
+        notes.append("is not moved onto the road (snap_to_road), but is where its file says")
+    if authored.route.point_speeds and isinstance(motion, AlongPath):
+        notes.append(f"speeds at its points are not read, it drives at {motion.speed:g} m/s")
+    return notes
+
+
+def _braking(authored: Authored) -> bool:
+    """Whether it does what a log cannot."""
+    return authored.script is not None and isinstance(authored.script.action, HardBrake | LaneChange)
+
+
+def _yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:
+    """Yaw [rad] at each point: the file's, else the direction to the next point."""
+    xy = frame.xy(route.xy_carla)
+    if len(xy) == 1:
+        return [frame.yaw_of(float(np.nan_to_num(route.yaw_carla_deg[0])))]
+    hops = np.diff(xy, axis=0)
+    ahead = np.arctan2(hops[:, 1], hops[:, 0]).tolist()
+    said = route.yaw_carla_deg.tolist()
+    return [
+        course if math.isnan(yaw) else frame.yaw_of(yaw) for yaw, course in zip(said, [*ahead, ahead[-1]], strict=True)
+    ]
+
+
+def _distinct(xy: Float) -> list[tuple[float, float]]:
+    points: list[tuple[float, float]] = []
+    for x, y in xy.tolist():
+        if not points or math.dist(points[-1], (x, y)) > STEP_M:
+            points.append((x, y))
+    return points
+
+
+def _fitting(script: Script | None, motion: Motion) -> tuple[Script | None, list[str]]:
+    """A script for what only stands is none: MDrive writes them for static actors."""
+    if script is not None and isinstance(motion, Standing):
+        return None, ["its behaviour does nothing, as it stands"]
+    return script, []

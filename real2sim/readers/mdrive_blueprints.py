@@ -1,0 +1,64 @@
+"""What a CARLA blueprint is, and how big: for files that name a blueprint and no size.
+
+Sizes are of common vehicles and things of the class that the name tells of, not measured on CARLA's meshes, which are
+known only there: a file's own sizes win (`mdrive_actors`).
+"""
+
+from dataclasses import dataclass
+
+from mdrive_sumo.scenario.actor import KindName
+from mdrive_sumo.scenario.props import PROPS
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A class of blueprints: length and width [m], and what it counts as."""
+
+    length: float
+    width: float
+    kind: KindName
+
+
+CAR = Shape(4.7, 1.9, "vehicle")
+PERSON = Shape(0.5, 0.5, "pedestrian")
+THING = Shape(0.8, 0.8, "static")
+"""A prop whose name tells nothing."""
+
+BICYCLE = Shape(1.75, 0.6, "cyclist")
+_MOTORCYCLE = Shape(2.2, 0.8, "vehicle")
+_VAN = Shape(5.9, 2.0, "vehicle")
+_TRUCK = Shape(8.5, 2.5, "vehicle")
+_BUS = Shape(10.5, 2.5, "vehicle")
+_SMALL = Shape(2.5, 1.5, "vehicle")
+
+_VEHICLES: tuple[tuple[tuple[str, ...], Shape], ...] = (
+    (("crossbike", "century", "omafiets", "bicycle", "cyclist", "bike."), BICYCLE),
+    (("harley", "yamaha", "kawasaki", "vespa", "motorcycle", "scooter"), _MOTORCYCLE),
+    (("firetruck", "carlacola", "truck.", "european_hgv"), _TRUCK),
+    (("fusorosa", "bus."), _BUS),
+    (("ambulance", "sprinter", "volkswagen.t2", "van."), _VAN),
+    (("isetta", "microlino"), _SMALL),
+)
+"""Parts of names (a dot is put after each name), the first that fits counts. All others are cars."""
+
+_PROPS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("cone",), "cone"),
+    (("barrier", "guardrail"), "barrier"),
+    (("crate", "box"), "crate"),
+    (("trashcan", "trash", "bin", "container", "garbage"), "bin"),
+    (("pallet",), "pallet"),
+    (("sign", "warning"), "sign"),
+)
+
+
+def shape_of(model: str) -> Shape | None:
+    """The class of a blueprint such as `vehicle.lincoln.mkz_2017`; None if the name is none of a blueprint."""
+    name = model.lower() + "."
+    if name.startswith("vehicle."):
+        return next((shape for parts, shape in _VEHICLES if any(part in name for part in parts)), CAR)
+    if name.startswith("walker."):
+        return PERSON
+    if name.startswith("static."):
+        known = next((prop for parts, prop in _PROPS if any(part in name for part in parts)), None)
+        return THING if known is None else Shape(PROPS[known].length, PROPS[known].width, PROPS[known].kind)
+    return None

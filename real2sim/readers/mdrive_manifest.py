@@ -1,0 +1,118 @@
+"""`actors_manifest.json` and `actors_behavior.json` as MDrive writes them (protocol 3.3, 3.4)."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.part import Seconds, Speed
+from mdrive_sumo.scenario.spec import first_problem
+
+MANIFEST = "actors_manifest.json"
+BEHAVIOR = "actors_behavior.json"
+
+Role = Literal["ego", "npc", "static", "pedestrian", "bicycle"]
+ROLES: Mapping[str, Role] = {
+    "ego": "ego",
+    "npc": "npc",
+    "static": "static",
+    "static_prop": "static",
+    "pedestrian": "pedestrian",
+    "walker": "pedestrian",
+    "bicycle": "bicycle",
+    "cyclist": "bicycle",
+    "bike": "bicycle",
+}
+"""Keys of the manifest, aliases included."""
+SPEEDS: Mapping[Role, float] = {"npc": 8.0, "pedestrian": 1.5, "bicycle": 4.0, "static": 0.0}
+"""[m/s] where nothing is said."""
+
+_T = TypeVar("_T")
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, coerce_numbers_to_str=True)
+
+
+class ManifestEntry(_Entry):
+    """A road user or a prop."""
+
+    file: str
+    """Path of its route file in the scenario folder."""
+    name: str = ""
+    route_id: str | None = None
+    town: str | None = None
+    model: str | None = None
+    speed: Speed | None = None
+    target_speed: Speed | None = None
+    """[m/s]"""
+    length: float | None = Field(default=None, gt=0, le=40)
+    width: float | None = Field(default=None, gt=0, le=40)
+    """[m]"""
+    avoid_collision: bool | None = None
+    control_mode: str | None = None
+
+
+class TriggerEntry(_Entry):
+    """What sets an actor off; MDrive has this one kind."""
+
+    type: Literal["distance_to_vehicle"] = "distance_to_vehicle"
+    vehicle: str
+    distance_m: float | None = None
+
+
+class ActionEntry(_Entry):
+    """What it does then."""
+
+    type: Literal["start_motion", "hard_brake", "lane_change"] = "start_motion"
+    direction: Literal["left", "right"] | None = None
+    target_vehicle: str | None = None
+    brake_hold_s: Seconds | None = None
+    resume_speed_mps: Speed | None = None
+    pacing: bool | None = None
+    min_drive_distance_m: float | None = Field(default=None, ge=0, le=1000)
+
+
+class BehaviorEntry(_Entry):
+    """What an actor waits for and does."""
+
+    actor_name: str
+    route_id: str | None = None
+    trigger: TriggerEntry | None = None
+    action: ActionEntry | None = None
+
+
+class _Behaviors(_Entry):
+    behaviors: tuple[BehaviorEntry, ...]
+
+
+def read_manifest(folder: Path) -> tuple[tuple[Role, ManifestEntry], ...]:
+    """All entries with their roles, in the order of the file; raises InputError."""
+    path = folder / MANIFEST
+    groups = _read(path, TypeAdapter(dict[str, tuple[ManifestEntry, ...]]))
+    for key in groups:
+        if key not in ROLES:
+            raise InputError(f"{path}: expected lists named {', '.join(ROLES)}, found {key!r}")
+    return tuple((ROLES[key], entry) for key, entries in groups.items() for entry in entries)
+
+
+def read_behaviors(folder: Path) -> tuple[BehaviorEntry, ...]:
+    """The behaviours of a scenario, none without the file; raises InputError."""
+    path = folder / BEHAVIOR
+    return _read(path, TypeAdapter(_Behaviors)).behaviors if path.is_file() else ()
+
+
+def _read(path: Path, shape: TypeAdapter[_T]) -> _T:
+    try:
+        data: Any = json.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # broken JSON, or no text at all
+        raise InputError(f"{path}: expected JSON, found: {error}") from None
+    try:
+        return shape.validate_python(data)
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None

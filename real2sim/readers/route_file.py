@@ -1,0 +1,85 @@
+"""CARLA route files (InterDrive, MDrive): one `<route>` of waypoints in CARLA's frame, y to the right, degrees.
+
+Documented in the leaderboard's and MDrive's own words; what real files hold: spec/data_formats section 4.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from real2sim.xml_file import Element, number, read_xml
+
+WEATHER = ("sun_altitude_angle", "cloudiness", "precipitation", "fog_density")
+"""What is read of the weather: degrees above the horizon, and percent."""
+
+
+@dataclass(frozen=True, slots=True)
+class RouteFile:
+    """The route of one road user."""
+
+    path: Path
+    town: str
+    xy_carla: Float
+    """Waypoints (M, 2) [m], M >= 1."""
+    yaw_carla_deg: Float
+    """(M,), clockwise from above; NaN where the file tells none. In InterDrive's files it is often one constant."""
+    times_s: Float | None = None
+    """(M,); None unless every waypoint has a time."""
+    point_speeds: bool = False
+    """Whether waypoints tell speeds of their own. Nobody drives by them: actors have one target speed."""
+    weather: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Those of `WEATHER` that the `<weather>` child has."""
+    attributes: Mapping[str, str] = field(default_factory=dict[str, str])
+    """All attributes of `<route>`."""
+
+    @property
+    def id(self) -> str:
+        """The route's id; "" if there is none."""
+        return self.attributes.get("id", "")
+
+
+def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
+    """Reads one route XML of `at_least` so many waypoints; routes inside comments are not there. Raises InputError."""
+    routes = list(read_xml(path).iter("route"))
+    if len(routes) != 1:
+        raise InputError(f"{path}: expected exactly one <route>, found {len(routes)}")
+    route = routes[0]
+    town = route.get("town")
+    if not town:
+        raise InputError(f"{path}: route: expected an attribute town, found none")
+    waypoints = list(route.iter("waypoint"))
+    if len(waypoints) < at_least:
+        raise InputError(f"{path}: expected at least {at_least} waypoint(s), found {len(waypoints)}")
+    return RouteFile(
+        path=path,
+        town=town,
+        xy_carla=np.array([(number(path, point, "x"), number(path, point, "y")) for point in waypoints]),
+        yaw_carla_deg=np.array([number(path, p, "yaw") if p.get("yaw") else np.nan for p in waypoints]),
+        times_s=_times(path, waypoints),
+        point_speeds=any("speed" in point.attrib for point in waypoints),
+        weather=_weather(path, route.find("weather")),
+        attributes=dict(route.attrib),
+    )
+
+
+def ego_index(path: Path) -> int | None:
+    """The number at the end of a CAV's file name, its index; None if there is none."""
+    index = path.stem.rpartition("_")[2]
+    return int(index) if index.isascii() and index.isdigit() else None
+
+
+def _times(path: Path, waypoints: list[Element]) -> Float | None:
+    names = ["time" if "time" in point.attrib else "t" for point in waypoints]
+    if not all(name in point.attrib for name, point in zip(names, waypoints, strict=True)):
+        return None
+    return np.array([number(path, point, name) for name, point in zip(names, waypoints, strict=True)])
+
+
+def _weather(path: Path, weather: Element | None) -> Mapping[str, float]:
+    if weather is None:
+        return {}
+    return {name: number(path, weather, name) for name in WEATHER if name in weather.attrib}

@@ -1,0 +1,65 @@
+"""Pickles from strangers: only the named classes are looked up, everything else is refused and nothing executed."""
+
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy._core import multiarray, numeric
+
+from mdrive_sumo.errors import InputError
+
+Allowed = Mapping[tuple[str, str], object]
+"""What stands for a module's name in a pickle."""
+
+_HELPERS: Allowed = {
+    ("multiarray", "_reconstruct"): multiarray._reconstruct,
+    ("multiarray", "scalar"): multiarray.scalar,
+    ("numeric", "_frombuffer"): vars(numeric)["_frombuffer"],
+}
+
+NUMPY: Allowed = {
+    **{(f"numpy.core.{module}", name): helper for (module, name), helper in _HELPERS.items()},  # numpy 1
+    **{(f"numpy._core.{module}", name): helper for (module, name), helper in _HELPERS.items()},  # numpy 2
+    ("numpy", "ndarray"): np.ndarray,
+    ("numpy", "dtype"): np.dtype,
+}
+"""Arrays and numbers of numpy."""
+
+BROKEN = (
+    pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OverflowError,
+    RecursionError, NotImplementedError, AssertionError,
+)  # fmt: skip
+"""What the unpickler raises on bytes that are no pickle, or only a part of one."""
+
+
+class _Restricted(pickle.Unpickler):
+    def __init__(self, path: Path, file: Any, allowed: Allowed) -> None:
+        super().__init__(file)
+        self._path, self._allowed = path, allowed
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) not in self._allowed:
+            raise InputError(
+                f"{self._path}: expected a pickle of plain data and numpy arrays, "
+                f"found the class {module}.{name}; nothing was executed"
+            )
+        return self._allowed[module, name]
+
+
+def load_pickle(path: Path, allowed: Allowed = NUMPY) -> Any:
+    """What a pickle holds; raises InputError if it cannot be read, is broken or names a class not in `allowed`."""
+    try:
+        with path.open("rb") as file:
+            return _Restricted(path, file, allowed).load()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except BROKEN as error:
+        raise InputError(f"{path}: expected a complete pickle, found: {_reason(error)}") from None
+
+
+def _reason(error: Exception) -> str:
+    """A `KeyError` and its like say only what they missed."""
+    words = str(error).splitlines() or [""]
+    return f"{type(error).__name__} {words[0]}".strip()

@@ -1,0 +1,197 @@
+"""The map of a ScenarioNet description: lanes of nuScenes, Waymo and nuPlan, each with what its source says."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
+from real2sim.readers.scenarionet_sides import lane_sides, lane_width, listed, number
+from real2sim.readers.shapes import across, brief, points
+
+LINE_WIDTH_M = 3.5
+"""Length of a stop line across a lane of unknown width."""
+TOUCH_M = 0.1
+"""Ends of lanes this close to each other are one place: in nuScenes they agree to 1e-11 m or not at all."""
+TOUCH_YAW = np.radians(45)
+MPH = 0.44704
+
+Features = Mapping[str, Mapping[str, Any]]
+Noted = tuple[str, ...]
+
+
+def read_map(path: Path, description: Mapping[str, Any], dataset: str) -> tuple[HdMap, Noted]:
+    """The map, and what had to be passed over or guessed; raises InputError."""
+    features = _features(path, description)
+    lanes, lane_notes = _lanes(path, features, dataset)
+    stops, stop_notes = _stop_signs(path, features, lanes)
+    lines, signals, light_notes = _lights(path, _entries(path, description, "dynamic_map_states"), lanes, dataset)
+    crosswalks = tuple(
+        points(f"{path}: map_features.{id_}", feature.get("polygon"))
+        for id_, feature in features.items()
+        if feature["type"] == "CROSSWALK"
+    )
+    hd_map = HdMap(lanes=lanes, crosswalks=crosswalks, stop_lines=stops + lines, signals=signals)
+    return hd_map, (*lane_notes, *stop_notes, *light_notes)
+
+
+def _features(path: Path, description: Mapping[str, Any]) -> Features:
+    features = _entries(path, description, "map_features")
+    for id_, feature in features.items():
+        if not isinstance(feature.get("type"), str):
+            raise InputError(f"{path}: map_features.{id_}.type: expected a word, found {brief(feature.get('type'))}")
+    return features
+
+
+def _entries(path: Path, description: Mapping[str, Any], name: str) -> Features:
+    """A dict of dicts with their ids as words: Waymo has numbers."""
+    entries = description.get(name, {})
+    if not isinstance(entries, dict):
+        raise InputError(f"{path}: {name}: expected a dict, found {type(entries).__name__}")
+    for id_, entry in entries.items():
+        if not isinstance(entry, dict):
+            raise InputError(f"{path}: {name}.{id_}: expected a dict, found {type(entry).__name__}")
+    return {str(id_): entry for id_, entry in entries.items()}
+
+
+def _lanes(path: Path, features: Features, dataset: str) -> tuple[dict[str, MapLane], Noted]:
+    raw = {id_: feature for id_, feature in features.items() if feature["type"].startswith("LANE_")}
+    read = (_lane(path, id_, features, dataset) for id_ in raw)
+    lanes = {lane.id: lane for lane in read if lane is not None}
+    if not lanes:
+        raise InputError(f"{path}: map_features: expected at least one lane, found none in {len(features)} features")
+    notes = [f"{len(raw) - len(lanes)} lanes without two distinct points passed over"] if len(lanes) < len(raw) else []
+    if dataset == "nuscenes":
+        notes.append("speed limits of the map left out: the converter writes 100 km/h on every connector of nuScenes")
+    if not any(lane.entries or lane.exits for lane in lanes.values()):
+        lanes = _linked(lanes)
+        count = sum(len(lane.exits) for lane in lanes.values())
+        notes.append(f"the source connects no lanes: {count} connections made where their ends coincide")
+    return lanes, tuple(notes)
+
+
+def _lane(path: Path, id_: str, features: Features, dataset: str) -> MapLane | None:
+    feature, where = features[id_], f"{path}: map_features.{id_}"
+    centre = points(where, feature.get("polyline"))
+    if len(centre) < 2:
+        return None
+    left, right = lane_sides(where, feature, features)
+    return MapLane(
+        id=id_,
+        kind=LaneKind.BIKE if feature["type"] == "LANE_BIKE_LANE" else LaneKind.DRIVING,
+        centre=centre,
+        left=left,
+        right=right,
+        entries=_ids(where, feature, "entry_lanes"),
+        exits=_ids(where, feature, "exit_lanes"),
+        left_neighbour=_neighbour(where, feature, "left_neighbor", -1),
+        right_neighbour=_neighbour(where, feature, "right_neighbor", 0),
+        width=lane_width(where, feature),
+        speed_limit=float("nan") if dataset == "nuscenes" else _speed_limit(where, feature),
+        junction=_in_junction(feature, dataset),
+    )
+
+
+def _ids(where: str, feature: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    return tuple(str(id_) for id_ in listed(where, feature, name))
+
+
+def _neighbour(where: str, feature: Mapping[str, Any], name: str, nearest: int) -> str:
+    """nuPlan names all lanes on that side from left to right, Waymo one a stretch of the lane: the longest counts.
+
+    Both mean lanes of the same direction only.
+    """
+    neighbours = listed(where, feature, name)
+    if not neighbours:
+        return ""
+    if not isinstance(neighbours[nearest], dict):
+        return str(neighbours[nearest])
+    stretches: list[Mapping[str, Any]] = [one for one in neighbours if isinstance(one, dict)]
+    lengths = [_stretch(where, one) for one in stretches]
+    return str(stretches[int(np.argmax(lengths))].get("feature_id", ""))
+
+
+def _stretch(where: str, neighbour: Mapping[str, Any]) -> float:
+    return number(where, neighbour, "self_end_index") - number(where, neighbour, "self_start_index")
+
+
+def _speed_limit(where: str, feature: Mapping[str, Any]) -> float:
+    limit = number(where, feature, "speed_limit_kmh") / 3.6 or number(where, feature, "speed_limit_mph") * MPH
+    return limit if limit > 0 else float("nan")
+
+
+def _in_junction(feature: Mapping[str, Any], dataset: str) -> bool:
+    """Connectors: in nuScenes they are the lanes without a polygon, in Waymo those interpolated between others."""
+    if dataset == "nuscenes":
+        return "polygon" not in feature
+    return feature["type"] == "LANE_SURFACE_UNSTRUCTURE" or bool(feature.get("interpolating"))
+
+
+def _linked(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
+    """The same lanes with entries and exits where one ends as another begins, in about the same direction."""
+    ids = list(lanes)
+    starts, ends = (np.array([lanes[id_].centre[row] for id_ in ids]) for row in (0, -1))
+    first, last = (np.array([_yaw(lanes[id_].centre, row) for id_ in ids]) for row in (0, -2))
+    near = np.hypot(*(ends[:, None] - starts[None]).transpose(2, 0, 1)) <= TOUCH_M
+    along = np.cos(last[:, None] - first[None]) >= np.cos(TOUCH_YAW)
+    follows = near & along & ~np.eye(len(ids), dtype=np.bool_)
+    return {
+        id_: replace(
+            lanes[id_],
+            entries=tuple(ids[j] for j in np.flatnonzero(follows[:, i])),
+            exits=tuple(ids[j] for j in np.flatnonzero(follows[i])),
+        )
+        for i, id_ in enumerate(ids)
+    }
+
+
+def _yaw(centre: Float, row: int) -> float:
+    step = centre[row + 1 if row >= 0 else len(centre) + row + 1] - centre[row]
+    return float(np.arctan2(step[1], step[0]))
+
+
+def _stop_signs(path: Path, features: Features, lanes: Mapping[str, MapLane]) -> tuple[tuple[StopLine, ...], Noted]:
+    lines: list[StopLine] = []
+    lost = 0
+    for id_, feature in features.items():
+        if feature["type"] == "STOP_SIGN":
+            where = f"{path}: map_features.{id_}"
+            known = [lane for lane in _ids(where, feature, "lane") if lane in lanes]
+            lost += not known
+            at = _position(where, feature.get("position"))
+            lines += [StopLine(_line(lanes[lane], at), (lane,), "stop") for lane in known]
+    return tuple(lines), (f"{lost} stop signs of lanes that are not in the map passed over",) if lost else ()
+
+
+def _lights(
+    path: Path, lights: Features, lanes: Mapping[str, MapLane], dataset: str
+) -> tuple[tuple[StopLine, ...], dict[str, tuple[str, ...]], Noted]:
+    """Stop lines of traffic lights. nuPlan's stop point lies 8 m behind the line, where the connector begins."""
+    lines: list[StopLine] = []
+    signals: dict[str, tuple[str, ...]] = {}
+    for id_, light in lights.items():
+        lane = str(light.get("lane", id_))
+        if lane not in lanes:
+            continue
+        given = light.get("stop_point")
+        at = lanes[lane].centre[0] if dataset == "nuplan" or given is None else _position(f"{path}: {id_}", given)
+        signals[id_] = (lane,)
+        lines.append(StopLine(_line(lanes[lane], at), (lane,), "signal"))
+    lost = len(lights) - len(signals)
+    return (
+        tuple(lines),
+        signals,
+        (f"{lost} traffic lights of lanes that are not in the map passed over",) if lost else (),
+    )
+
+
+def _position(where: str, raw: Any) -> Float:
+    return points(where, [raw])[0]
+
+
+def _line(lane: MapLane, at: Float) -> Float:
+    return across(lane.centre, float(at[0]), float(at[1]), lane.width if lane.width > 0 else LINE_WIDTH_M)

@@ -1,0 +1,78 @@
+"""Both sides of a lane of ScenarioNet, and the checked reading of what its features hold."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float, Polyline, polyline
+from real2sim.readers.shapes import brief, numbered_points, numbers, points
+
+Feature = Mapping[str, Any]
+
+
+def listed(where: str, feature: Feature, name: str) -> list[Any]:
+    """The members of a list, tuple or array; none if it is not there; raises InputError."""
+    raw = feature.get(name)
+    if raw is None:
+        return []
+    if not isinstance(raw, list | tuple | np.ndarray) or np.ndim(raw) == 0:
+        raise InputError(f"{where}.{name}: expected a list, found {type(raw).__name__}")
+    return list(raw)
+
+
+def number(where: str, feature: Feature, name: str) -> float:
+    """A finite number, which Waymo's lanes may have as a word; 0 if it is not there; raises InputError."""
+    raw = feature.get(name)
+    try:
+        value = float(0.0 if raw is None else raw)
+    except (TypeError, ValueError, OverflowError):
+        value = float("nan")
+    if not np.isfinite(value):
+        raise InputError(f"{where}.{name}: expected a finite number, found {brief(raw)}")
+    return value
+
+
+def lane_width(where: str, feature: Feature) -> float:
+    """Width [m] by Waymo's distances (N, 2) of the centre line to both sides, 0 where unknown; NaN without any."""
+    sides = numbers(f"{where}.width", () if feature.get("width") is None else feature["width"])
+    if sides.ndim != 2 or sides.shape[1] != 2:
+        return float("nan")
+    known = sides[(sides > 0).all(1)]
+    return float(np.median(known.sum(1))) if len(known) else float("nan")
+
+
+def lane_sides(where: str, feature: Feature, features: Mapping[str, Feature]) -> tuple[Float, Float]:
+    """Boundaries left and right: from the ring around the lane (nuScenes, nuPlan) or from road lines (Waymo)."""
+    if feature.get("polygon") is not None:
+        ring, line = points(f"{where}.polygon", feature["polygon"]), polyline(points(where, feature["polyline"]))
+        return _half(ring, line, 1.0), _half(ring, line, -1.0)
+    left, right = (_boundary(where, feature, f"{side}_boundaries", features) for side in ("left", "right"))
+    return left, right
+
+
+def _half(ring: Float, line: Polyline, side: float) -> Float:
+    """The corners of a ring on one side of a centre line, in its order; a ring may end where it began."""
+    corners = ring[:-1] if len(ring) > 1 and np.allclose(ring[0], ring[-1]) else ring
+    stations = [(s, i) for i, (x, y) in enumerate(corners) for s, d in (line.project(x, y),) if side * d > 0]
+    return corners[[i for _, i in sorted(stations)]].reshape(-1, 2)
+
+
+def _boundary(where: str, feature: Feature, name: str, features: Mapping[str, Feature]) -> Float:
+    """Pieces of road lines between the ends of the stretches of the lane beside which they lie."""
+    centre = numbered_points(where, feature["polyline"])
+    pieces = [np.zeros((0, 2))]
+    for one in listed(where, feature, name):
+        if not isinstance(one, dict):
+            raise InputError(f"{where}.{name}: expected dicts, found {type(one).__name__}")
+        line = features.get(str(one.get("boundary_feature_id")), {}).get("polyline")
+        if line is not None:
+            rows = [int(number(f"{where}.{name}", one, f"lane_{end}_index")) for end in ("start", "end")]
+            pieces.append(_piece(points(f"{where}.{name}", line), centre[np.clip(rows, 0, len(centre) - 1)]))
+    return np.concatenate(pieces)
+
+
+def _piece(line: Float, ends: Float) -> Float:
+    start, end = (int(np.argmin(((line - point) ** 2).sum(1))) for point in ends)
+    return line[start : end + 1] if start <= end else line[end : start + 1][::-1]

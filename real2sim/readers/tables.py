@@ -1,0 +1,58 @@
+"""Parquet and feather tables as plain columns."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.errors import InputError
+
+Columns = Mapping[str, npt.NDArray[Any]]
+
+
+def read_columns(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] = ()) -> Columns:
+    """Columns of a `.parquet` or `.feather` file, one row an entry; `numbers` are finite; raises InputError.
+
+    Integers stay integers: a time in nanoseconds does not fit a float.
+    """
+    table = _table(path)
+    missing = [name for name in (*numbers, *words) if name not in table.column_names]
+    if missing:
+        raise InputError(f"{path}: expected the column {missing[0]}, found {', '.join(table.column_names) or 'none'}")
+    if not table.num_rows:
+        raise InputError(f"{path}: expected at least one row, found an empty table")
+    return {name: _numbers(path, name, table[name]) for name in numbers} | {
+        name: np.array(table[name].to_pylist(), dtype=np.str_) for name in words
+    }
+
+
+def _table(path: Path) -> Any:
+    """Imports pyarrow only here: it is needed for Argoverse 2 alone and takes a while."""
+    try:
+        import pyarrow
+        from pyarrow import feather, parquet
+    except ImportError:
+        raise InputError(
+            f"{path}: expected pyarrow to be installed, found none: pip install mdrive-sumo[convert]"
+        ) from None
+    reader: Any = parquet.read_table if path.suffix == ".parquet" else feather.read_table
+    try:
+        return reader(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: expected a {path.suffix[1:]} table, found no such file") from None
+    except (OSError, pyarrow.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: expected a complete {path.suffix[1:]} table, found: {reason}") from None
+
+
+def _numbers(path: Path, name: str, column: Any) -> npt.NDArray[Any]:
+    values = column.to_numpy()
+    if values.dtype.kind not in "iuf":
+        raise InputError(f"{path}: {name}: expected numbers, found {column.type}")
+    bad = ~np.isfinite(values)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise InputError(f"{path}: {name}: expected finite numbers, found {values[row]} in row {row}")
+    return values

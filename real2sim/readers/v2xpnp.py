@@ -1,0 +1,217 @@
+"""V2XPnP logs: agent folders of 10 Hz YAML and a vector map (shared format notes, sections 1 and 2).
+
+One view an agent, as it stands in the files: the same thing has the same id in every view, but its own size, box and
+label in each; a CAV is missing from its own view and is an ordinary car in the others. Nothing is fused here.
+"""
+
+import math
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from real2sim.hdmap import HdMap
+from real2sim.readers.v2xpnp_frames import Frame, read_frame
+from real2sim.readers.v2xpnp_map import read_vector_map
+from real2sim.recording import Category, Recording, Track, View
+
+DT_S = 0.1
+"""The files have no times; the dataset is recorded at 10 Hz."""
+OFF_MAP_M = 30.0
+"""So far from any lane a point is off the map."""
+OFF_MAP_SHARE = 0.5
+"""More points off the map than that: it is the map of another place."""
+PROBES = 3000
+"""How many track points are enough to tell maps apart."""
+LABELS: Mapping[str, Category] = MappingProxyType(
+    {
+        **dict.fromkeys(("car", "policecar"), Category.CAR),
+        **dict.fromkeys(("van", "ambulance"), Category.VAN),
+        **dict.fromkeys(("truck", "longvehicle", "concretetruck", "firetruck", "trailer"), Category.TRUCK),
+        "bus": Category.BUS,
+        **dict.fromkeys(("motorcycle", "motorcyclerider"), Category.MOTORCYCLE),
+        **dict.fromkeys(("bicyclerider", "cyclist", "bicycle", "scooter", "scooterrider"), Category.BICYCLE),
+        **dict.fromkeys(("pedestrian", "child", "roadworker"), Category.PEDESTRIAN),
+        **dict.fromkeys(
+            ("trashcan", "trafficcone", "cone", "barrier", "constructioncart", "firehydrant"), Category.STATIC
+        ),
+    }
+)
+"""Labels without regard to case and separators."""
+LARGEST_M: tuple[tuple[float, Category], ...] = (
+    (1.2, Category.PEDESTRIAN),
+    (2.6, Category.BICYCLE),
+    (6.5, Category.CAR),
+    (math.inf, Category.TRUCK),
+)
+"""What an unknown label is taken for, by the length of the box [m]."""
+
+
+def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str] | None = None) -> Recording:
+    """Reads a scenario folder and the one of the given vector maps that it lies on.
+
+    `agents` names the folders to be read, if not all; without any map the recording has none (HdMap()), and says so.
+    Raises InputError: no or incomplete agent folders, frames with holes, unreadable files, no map of this place.
+    """
+    views = read_views(folder, agents)
+    candidates = (maps,) if isinstance(maps, Path) else tuple(maps)
+    view_list = tuple(view for view, _ in views)
+    found, map_notes = _choose_map(folder, view_list, candidates)
+    return Recording(
+        id=folder.resolve().name,
+        source="v2xpnp",
+        dt_s=DT_S,
+        frames=len(view_list[0].pose),
+        views=view_list,
+        map=found,
+        cavs=tuple(view.observer for view in view_list if not view.infrastructure),
+        notes=tuple(note for _, notes in views for note in notes) + map_notes,
+    )
+
+
+def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple[View, tuple[str, ...]], ...]:
+    """Every agent's view with the notes on it; raises InputError."""
+    names = _agent_names(folder) if agents is None else list(agents)
+    files = {name: _frame_files(folder / name) for name in names}
+    first = names[0]
+    for name in names[1:]:
+        odd = sorted(files[name].keys() ^ files[first].keys())
+        if odd:
+            lacks = name if odd[0] in files[first] else first
+            raise InputError(
+                f"{folder / lacks}: expected the same frames as the other agents have, found no frame {odd[0]:06d}"
+            )
+    return tuple(_view(folder / name, [read_frame(path) for path in files[name].values()]) for name in names)
+
+
+def _agent_names(folder: Path) -> list[str]:
+    """Agent folders, CAVs first; they are numbered without holes, so a missing one shows."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
+    numbers = sorted(int(p.name) for p in folder.iterdir() if p.is_dir() and re.fullmatch(r"-?[0-9]+", p.name))
+    cavs, stations = [n for n in numbers if n >= 0], [n for n in numbers if n < 0][::-1]
+    if not cavs:
+        raise InputError(f"{folder}: expected agent folders 1, 2, ... of CAVs, found {numbers or 'none'}")
+    missing = sorted(({*range(1, cavs[-1])} | {*range(-1, min(stations, default=0), -1)}) - {*numbers})
+    if missing:
+        raise InputError(f"{folder}: expected agent folders without holes, found {numbers} and no folder {missing[0]}")
+    return [str(n) for n in (*cavs, *stations)]
+
+
+def _frame_files(folder: Path) -> dict[int, Path]:
+    """Frame files by their number, in order; raises InputError if there is none or one is missing between."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected an agent folder with frames, found none")
+    named = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    files = {int(stem): path for stem, path in named.items() if re.fullmatch(r"[0-9]+", stem)}
+    if not files:
+        raise InputError(f"{folder}: expected frames 000000.yaml, 000001.yaml, ..., found no such file")
+    missing = sorted({*range(min(files), max(files))} - files.keys())
+    if missing:
+        raise InputError(
+            f"{folder}: expected all frames from {min(files):06d} to {max(files):06d}, found no {missing[0]:06d}.yaml"
+        )
+    return dict(sorted(files.items()))
+
+
+def _view(folder: Path, frames: Sequence[Frame]) -> tuple[View, tuple[str, ...]]:
+    sensor = np.array([frame.sensor for frame in frames])
+    names, rows = _rows(frames)
+    at = np.repeat(np.arange(len(frames)), [len(frame.ids) for frame in frames])
+    boxes = np.full((len(names), len(frames), 12), np.nan)
+    boxes[rows, at] = np.concatenate([frame.boxes for frame in frames])
+    labels, static = _votes(frames)
+    notes = [f"agent {folder.name}: {note}" for note in _label_notes(labels)]
+    tracks = tuple(_track(name, box, labels[name], static[name]) for name, box in zip(names, boxes, strict=True))
+    pose = np.column_stack((sensor[:, 0], sensor[:, 1], np.radians(sensor[:, 4])))
+    return View(folder.name, tracks, pose, infrastructure=folder.name.startswith("-")), tuple(notes)
+
+
+def _rows(frames: Sequence[Frame]) -> tuple[list[str], list[int]]:
+    """All ids as they appear first, and for every object of every frame the place of its id."""
+    places: dict[str, int] = {}
+    rows = [places.setdefault(name, len(places)) for frame in frames for name in frame.ids]
+    return list(places), rows
+
+
+def _votes(frames: Sequence[Frame]) -> tuple[dict[str, Counter[str]], dict[str, Counter[bool]]]:
+    labels: dict[str, Counter[str]] = defaultdict(Counter)
+    static: dict[str, Counter[bool]] = defaultdict(Counter)
+    for frame in frames:
+        for name, label, still in zip(frame.ids, frame.labels, frame.static, strict=True):
+            labels[name][label] += 1
+            static[name][still] += 1
+    return labels, static
+
+
+def _label_notes(labels: Mapping[str, Counter[str]]) -> list[str]:
+    unknown = Counter(label for count in labels.values() if _category(label := _most(count)) is None)
+    changing = sorted(name for name, count in labels.items() if len(count) > 1)
+    notes = [f"{n} things of unknown type {label!r} classed by size" for label, n in sorted(unknown.items())]
+    return notes + [f"object {name} changes its type: {dict(labels[name])}" for name in changing]
+
+
+def _category(label: str) -> Category | None:
+    return LABELS.get(re.sub(r"[^a-z]", "", label.lower()))
+
+
+def _most(votes: Counter[str]) -> str:
+    """The most frequent, the first seen of equals."""
+    return votes.most_common(1)[0][0]
+
+
+def _track(name: str, boxes: Float, labels: Counter[str], static: Counter[bool]) -> Track:
+    """boxes: (T, 12) as `Frame.boxes`, NaN where it was not seen."""
+    angle, centre, extent, location = (boxes[:, i : i + 3] for i in (0, 3, 6, 9))
+    size = 2 * np.where(extent > 0, extent, np.nan)
+    valid = np.isfinite(location[:, 0])
+    longest = float(np.nanmax(size[:, 0], initial=0.0))
+    by_size = next(category for largest, category in LARGEST_M if longest <= largest)
+    return Track(
+        id=name,
+        category=_category(_most(labels)) or by_size,
+        valid=valid,
+        x=location[:, 0] + centre[:, 0],
+        y=location[:, 1] + centre[:, 1],
+        yaw=np.radians(angle[:, 1]),
+        length=size[:, 0],
+        width=size[:, 1],
+        parked=static[True] > static[False],
+    )
+
+
+def _choose_map(folder: Path, views: Sequence[View], paths: Sequence[Path]) -> tuple[HdMap, tuple[str, ...]]:
+    if not paths:
+        return HdMap(), ("no vector map given",)
+    points = _probes(views)
+    fits = [(_gaps(found, points), path, found, notes) for path in paths for found, notes in (read_vector_map(path),)]
+    gaps, path, found, notes = min(fits, key=lambda fit: (float((fit[0] > OFF_MAP_M).mean()), float(np.median(fit[0]))))
+    share = float((gaps > OFF_MAP_M).mean())
+    if share > OFF_MAP_SHARE:
+        raise InputError(
+            f"{folder}: expected tracks on the lanes of {path}, found {share:.0%} of their points more than "
+            f"{OFF_MAP_M:g} m off (median {np.median(gaps):.0f} m): it is the map of another place"
+        )
+    return found, (*notes, f"map: {path.name}, {share:.1%} of track points more than {OFF_MAP_M:g} m from any lane")
+
+
+def _probes(views: Sequence[View]) -> Float:
+    """Track points (N, 2), evenly thinned; the sensors' own places if nobody saw anything."""
+    xy = np.concatenate([track.xy[track.valid] for view in views for track in view.tracks] or [np.zeros((0, 2))])
+    if not len(xy):
+        xy = np.concatenate([view.pose[:, :2] for view in views])
+    return xy[:: -(-len(xy) // PROBES)]
+
+
+def _gaps(found: HdMap, points: Float) -> Float:
+    """Distance (N,) [m] from each point to the nearest lane's centre line."""
+    lines = [shapely.LineString(lane.centre) for lane in found.lanes.values()]
+    spots = shapely.points(points)
+    _, gaps = shapely.STRtree(lines).query_nearest(spots, return_distance=True, all_matches=False)
+    return gaps

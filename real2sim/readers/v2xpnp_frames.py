@@ -1,0 +1,151 @@
+"""Frames of V2XPnP: what one agent noted in one 10 Hz YAML file.
+
+Half of what libyaml needs seconds for is one fixed layout (PyYAML's own dump of the dataset's fields), so files of
+exactly this layout are read by one regular expression; every other file goes through the YAML parser, to the same
+result.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+
+COLUMNS = ("angle", "center", "extent", "location")
+"""Fields of an object, three numbers each, in the order of `Frame.boxes`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One file, in the file's own units (degrees, half sizes). All lists are of the same N objects."""
+
+    infrastructure: bool
+    sensor: tuple[float, ...]
+    """x, y, z [m], roll, yaw, pitch [degrees] of the lidar."""
+    ids: tuple[str, ...]
+    labels: tuple[str, ...]
+    static: tuple[bool, ...]
+    boxes: Float
+    """(N, 12): three numbers for each of `COLUMNS`."""
+
+
+def read_frame(path: Path) -> Frame:
+    """Reads one file; raises InputError if it is cut off, no YAML, or lacks what a frame needs."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: expected UTF-8 text, found other bytes") from None
+    if not text.endswith("\n"):
+        raise InputError(f"{path}: expected a last line with its end, found {text[-20:]!r}: the file is cut off")
+    frame = _regular(text) or _any(path, text)
+    _check_finite(path, frame)
+    return frame
+
+
+_NUMBER = r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+(?:e[-+][0-9]+)?)?"
+"""The numbers of YAML 1.1 that Python's float() reads alike."""
+_THREE = rf"    - ({_NUMBER})\n" * 3
+_SIX = rf"- ({_NUMBER})\n" * 6
+_HEAD = re.compile(
+    rf"(?:cam[0-9]\w*:\n(?:  [^\n]*\n)+)*ego_speed: {_NUMBER}\ninfra: (true|false)\n"
+    rf"lidar_pose:\n{_SIX}true_ego_pose:\n(?:- {_NUMBER}\n){{6}}vehicles:(?: \{{\}})?\n"
+)
+_OBJECT = re.compile(
+    rf"^  (0|[1-9][0-9]*):\n    angle:\n{_THREE}    attribute: (''|static)\n    center:\n{_THREE}    extent:\n{_THREE}"
+    rf"    location:\n{_THREE}    obj_type: ([A-Z][A-Za-z]+)\n(    speed: {_NUMBER}\n)?",
+    re.MULTILINE,
+)
+_LINES = 19
+"""Lines of an object without speed."""
+_WORDS = frozenset(("yes", "no", "true", "false", "on", "off", "null"))
+"""Labels that YAML reads as something else than text."""
+
+
+def _regular(text: str) -> Frame | None:
+    """The frame if every line of the text belongs to the dataset's fixed layout, else None."""
+    head = _HEAD.match(text)
+    if head is None:
+        return None
+    rows: list[tuple[str, ...]] = _OBJECT.findall(text, head.end())
+    lines = sum(_LINES + (row[15] != "") for row in rows)
+    if lines != text.count("\n", head.end()):
+        return None
+    unique = {row[0]: row for row in rows}  # as the YAML parser, which keeps the last one of equal keys
+    rows = list(unique.values())
+    if any(row[14].lower() in _WORDS for row in rows):
+        return None
+    numbers = [row[1:4] + row[5:14] for row in rows]
+    return Frame(
+        infrastructure=head[1] == "true",
+        sensor=tuple(map(float, head.groups()[1:])),
+        ids=tuple(unique),
+        labels=tuple(row[14] for row in rows),
+        static=tuple(row[4] == "static" for row in rows),
+        boxes=np.array(numbers, dtype=np.float64).reshape(-1, 12),
+    )
+
+
+def _any(path: Path, text: str) -> Frame:
+    """The frame of any YAML text; raises InputError."""
+    try:
+        raw: Any = yaml.load(text, yaml.CSafeLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        found = " ".join(str(error).split())
+        raise InputError(f"{path}: expected well-formed YAML, found: {found}") from None
+    if not isinstance(raw, Mapping):
+        raise InputError(f"{path}: expected a mapping with lidar_pose and vehicles, found {type(raw).__name__}")
+    vehicles = raw.get("vehicles") or {}
+    if not isinstance(vehicles, Mapping):
+        raise InputError(f"{path}: vehicles: expected a mapping of objects, found {type(vehicles).__name__}")
+    things = [_thing(path, key, thing) for key, thing in vehicles.items()]
+    sensor = _numbers(f"{path}: lidar_pose", raw.get("lidar_pose"), 6)
+    _numbers(f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6)  # says the same; incomplete if cut off
+    return Frame(
+        infrastructure=raw.get("infra") is True,
+        sensor=sensor,
+        ids=tuple(map(str, vehicles)),
+        labels=tuple(str(thing["obj_type"]) for thing in things),
+        static=tuple(thing.get("attribute") == "static" for thing in things),
+        boxes=np.array([_box(path, key, thing) for key, thing in zip(vehicles, things, strict=True)]).reshape(-1, 12),
+    )
+
+
+def _thing(path: Path, key: object, raw: object) -> Mapping[str, Any]:
+    if not isinstance(raw, Mapping):
+        raise InputError(f"{path}: object {key}: expected a mapping with location, found {raw!r}")
+    if "obj_type" not in raw:
+        raise InputError(f"{path}: object {key}: expected obj_type, found only {', '.join(map(str, raw))}")
+    return raw
+
+
+def _box(path: Path, key: object, thing: Mapping[str, Any]) -> tuple[float, ...]:
+    where = f"{path}: object {key}"
+    given = {"center": (0, 0, 0), **thing}
+    return tuple(number for name in COLUMNS for number in _numbers(f"{where}: {name}", given.get(name), 3))
+
+
+def _numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
+    if not isinstance(raw, list | tuple) or len(raw) != count or not all(type(n) in (int, float) for n in raw):
+        raise InputError(f"{where}: expected {count} numbers, found {raw!r}")
+    return tuple(map(float, raw))
+
+
+def _check_finite(path: Path, frame: Frame) -> None:
+    if not all(map(math.isfinite, frame.sensor)):
+        raise InputError(f"{path}: lidar_pose: expected finite numbers, found {list(frame.sensor)}")
+    bad = np.argwhere(~np.isfinite(frame.boxes))
+    if len(bad):
+        row, column = bad[0].tolist()
+        raise InputError(
+            f"{path}: object {frame.ids[row]}: {COLUMNS[column // 3]}: expected finite numbers, "
+            f"found {frame.boxes[row, column]}"
+        )

@@ -1,0 +1,188 @@
+"""Vector maps of V2XPnP: a pickle of plain classes, read without running anything that is in it.
+
+The classes of the original's module become bags of their fields; every other name in the pickle is refused
+(`safe_pickle`). The map knows centre lines and one list of boundary points a lane, no widths, limits or neighbours;
+the order of a lane's points is not its direction of travel.
+"""
+
+import collections
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.readers.safe_pickle import NUMPY, load_pickle
+from real2sim.readers.shapes import points
+
+MODULE = "opencood.data_utils.datasets.map.map_types"
+"""Under which the dataset's authors pickled their classes."""
+LANE_KINDS: Mapping[int, LaneKind] = MappingProxyType(
+    {1: LaneKind.DRIVING, 2: LaneKind.SIDEWALK, 3: LaneKind.SHOULDER, 4: LaneKind.PARKING}
+)
+"""The format's LaneType; 0 is unknown."""
+ON_CENTRE_M = 0.05
+"""A boundary point so near to the centre line lies on neither side."""
+
+
+class Bag:
+    """An object of the pickle: its fields and nothing else."""
+
+    fields: dict[Any, Any]
+
+    def __new__(cls, *_: object) -> "Bag":
+        """Whatever the pickle would construct it with is dropped."""
+        bag = super().__new__(cls)
+        bag.fields = {}
+        return bag
+
+    def __setstate__(self, state: object) -> None:
+        """Keeps the fields of a plain or a slotted class."""
+        for part in state if isinstance(state, tuple) else (state,):
+            self.fields.update(part if isinstance(part, dict) else {})
+
+
+class _LaneType(int):
+    """Any number; an enumeration would refuse unknown ones."""
+
+
+_NAMES = ("Map", "Lane", "MapPoint", "Crosswalk", "RoadLine", "WalkButton", "DynamicState", "TrafficSignalLaneState")
+_BAGS = {name: type(name, (Bag,), {}) for name in _NAMES}
+_ALLOWED = {
+    **NUMPY,
+    ("collections", "OrderedDict"): collections.OrderedDict,
+    (MODULE, "LaneType"): _LaneType,
+    **{(MODULE, name): bag for name, bag in _BAGS.items()},
+}
+
+
+def read_vector_map(path: Path) -> tuple[HdMap, tuple[str, ...]]:
+    """Reads a vector map [m, frame of the logs], with notes on what was passed over.
+
+    Raises InputError if it is no such pickle, names another class, or has no lane.
+    """
+    root: Any = load_pickle(path, _ALLOWED)
+    if not _is(root, "Map"):
+        raise InputError(f"{path}: expected a pickled Map of {MODULE}, found {type(root).__name__}")
+    features = _list(f"{path}: map_features", root.fields.get("map_features"))
+    passed: Counter[str] = Counter()
+    lanes: dict[str, MapLane] = {}
+    for lane in _lanes(path, features, passed):
+        passed["lanes with the id of another one"] += lane.id in lanes
+        lanes.setdefault(lane.id, lane)
+    if not lanes:
+        raise InputError(f"{path}: expected lanes, found none among {len(features)} map features")
+    found = HdMap(
+        lanes=lanes,
+        crosswalks=tuple(_crosswalks(path, features, passed)),
+        signals=_signals(path, root.fields.get("dynamic_states"), features, passed),
+    )
+    return found, tuple(f"{path.name}: passed over {count} {what}" for what, count in sorted((+passed).items()))
+
+
+def _is(thing: object, name: str) -> bool:
+    return isinstance(thing, _BAGS[name])
+
+
+def _field(thing: object, name: str) -> Any:
+    return thing.fields.get(name) if isinstance(thing, Bag) else None
+
+
+def _list(where: str, raw: Any) -> list[Any]:
+    if raw is None:
+        return []
+    if not isinstance(raw, list | tuple | np.ndarray):
+        raise InputError(f"{where}: expected a list, found {type(raw).__name__}")
+    return list(raw)
+
+
+def _number(where: str, raw: Any) -> int:
+    if not isinstance(raw, int | np.integer):
+        raise InputError(f"{where}: expected a whole number, found {raw!r}")
+    return int(raw)
+
+
+def _points(where: str, raw: Any) -> Float:
+    """(N, 2) of a list of MapPoints or an array with columns x, y; without repetitions, N = 0 if there is none."""
+    line = _list(where, raw)
+    if not line:
+        return np.zeros((0, 2))
+    return points(where, [(p.fields.get("x"), p.fields.get("y")) if isinstance(p, Bag) else p for p in line])
+
+
+def _lane_id(path: Path, fields: Mapping[Any, Any]) -> tuple[int, int]:
+    road, lane = (_number(f"{path}: lane: {name}", fields.get(name)) for name in ("road_id", "lane_id"))
+    return road, lane
+
+
+def _lanes(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[MapLane]:
+    for feature in features:
+        if not _is(feature, "Lane"):
+            continue
+        road, lane = _lane_id(path, feature.fields)
+        where = f"{path}: lane {road}_{lane}"
+        centre = _points(f"{where}: polyline", feature.fields.get("polyline"))
+        kind = LANE_KINDS.get(_number(f"{where}: type", feature.fields.get("type")))
+        if len(centre) < 2 or kind is None:
+            passed["lanes of unknown type" if kind is None else "lanes with less than 2 points"] += 1
+            continue
+        left, right = _sides(centre, _points(f"{where}: boundary", feature.fields.get("boundary")))
+        yield MapLane(
+            id=f"{road}_{lane}",
+            kind=kind,
+            centre=centre,
+            left=left,
+            right=right,
+            entries=tuple(map(str, _list(f"{where}: entry_lanes", feature.fields.get("entry_lanes")))),
+            exits=tuple(map(str, _list(f"{where}: exit_lanes", feature.fields.get("exit_lanes")))),
+            group=str(road),
+            directed=False,
+        )
+
+
+def _sides(centre: Float, boundary: Float) -> tuple[Float, Float]:
+    """The boundary points (N, 2) to the left and to the right of the centre line, along it; the format mixes them."""
+    if not len(boundary):
+        return boundary, boundary
+    line, spots = shapely.LineString(centre), shapely.points(boundary)
+    station = shapely.line_locate_point(line, spots)
+    lengths = np.hypot(*np.diff(centre, axis=0).T)
+    segment = np.clip(np.searchsorted(np.cumsum(lengths), station), 0, len(lengths) - 1)
+    ahead = np.diff(centre, axis=0)[segment] / lengths[segment, None]
+    gap = boundary - shapely.get_coordinates(shapely.line_interpolate_point(line, station))
+    along = station + (ahead * gap).sum(1)  # goes on beyond the ends, where `station` stands still
+    aside = ahead[:, 0] * gap[:, 1] - ahead[:, 1] * gap[:, 0]
+    order = np.argsort(along, kind="stable")
+    left, right = (boundary[order[side[order]]] for side in (aside > ON_CENTRE_M, aside < -ON_CENTRE_M))
+    return left if len(left) > 1 else left[:0], right if len(right) > 1 else right[:0]
+
+
+def _crosswalks(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[Float]:
+    for number, feature in enumerate(features):
+        if _is(feature, "Crosswalk"):
+            polygon = _points(f"{path}: crosswalk {number}: polygon", feature.fields.get("polygon"))
+            if len(polygon) > 2:
+                yield polygon
+            else:
+                passed["crosswalks with less than 3 points"] += 1
+
+
+def _signals(path: Path, states: Any, features: list[Any], passed: Counter[str]) -> Mapping[str, tuple[str, ...]]:
+    """One traffic light for every lane that ever has a state; the format names lanes by their place in the list."""
+    signals: dict[str, tuple[str, ...]] = {}
+    for state in _list(f"{path}: dynamic_states", states):
+        for lane_state in _list(f"{path}: lane_states", _field(state, "lane_states")):
+            number = _number(f"{path}: lane_states: lane", _field(lane_state, "lane"))
+            feature: Any = features[number] if 0 <= number < len(features) else None
+            if _is(feature, "Lane"):
+                name = "{}_{}".format(*_lane_id(path, feature.fields))
+                signals[name] = (name,)
+            else:
+                passed["signal states of unknown lanes"] += 1
+    return signals

@@ -1,0 +1,100 @@
+"""Recording: what a log says, whatever its source. Readers make it, everything after the readers knows nothing else.
+
+World frame of the log: metres, right-handed, x and y in the plane, yaw in radians counter-clockwise from +x; a pose is
+the box centre. One row of every array is one frame; frames are `dt_s` apart.
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.geometry import Bool, Float
+from mdrive_sumo.state import Kind
+from real2sim.hdmap import HdMap
+
+
+class Category(StrEnum):
+    """What a thing is, in the words of all sources."""
+
+    CAR = "car"
+    VAN = "van"
+    TRUCK = "truck"
+    BUS = "bus"
+    MOTORCYCLE = "motorcycle"
+    BICYCLE = "bicycle"
+    """A bicycle or scooter with its rider."""
+    PEDESTRIAN = "pedestrian"
+    STATIC = "static"
+    """Barriers, cones, bins: nothing that ever moves by itself."""
+
+    @property
+    def kind(self) -> Kind:
+        """How the simulation calls it."""
+        if self is Category.PEDESTRIAN:
+            return Kind.PEDESTRIAN
+        if self is Category.BICYCLE:
+            return Kind.CYCLIST
+        return Kind.STATIC if self is Category.STATIC else Kind.VEHICLE
+
+
+@dataclass(frozen=True)
+class Track:
+    """One thing through all frames. Arrays are (T,), rows without `valid` hold NaN."""
+
+    id: str
+    category: Category
+    valid: Bool
+    x: Float
+    y: Float
+    yaw: Float
+    """As the source tells it; may be junk for pedestrians. NaN where the source tells none."""
+    length: Float
+    width: Float
+    """Full sizes [m]; NaN where the source tells none."""
+    parked: bool = False
+    """Whether the source calls it static."""
+
+    @property
+    def xy(self) -> Float:
+        """(T, 2) [m]"""
+        return np.column_stack((self.x, self.y))
+
+    @property
+    def frames(self) -> npt.NDArray[np.intp]:
+        """The rows in which it is there."""
+        return np.flatnonzero(self.valid)
+
+    def with_rows(self, **columns: Float | Bool) -> "Track":
+        """The same with other arrays."""
+        return replace(self, **columns)
+
+
+@dataclass(frozen=True)
+class View:
+    """What one observer recorded. A log with one list of tracks for all has one view."""
+
+    observer: str
+    """Agent folder or "log"."""
+    tracks: tuple[Track, ...]
+    pose: Float = field(default_factory=lambda: np.zeros((0, 3)))
+    """(T, 3) x, y, yaw of the observer's sensor; empty if it has none of its own."""
+    infrastructure: bool = False
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A log: views of the same scene on a common grid of frames, and the map."""
+
+    id: str
+    source: str
+    """Name of the reader."""
+    dt_s: float
+    frames: int
+    views: tuple[View, ...]
+    map: HdMap
+    cavs: tuple[str, ...] = ()
+    """Which observers, or (in a log with one view) which tracks, are connected automated vehicles by the source."""
+    notes: tuple[str, ...] = ()
+    """What the reader had to pass over or to guess, for the report."""

@@ -1,0 +1,213 @@
+"""What several observers would have noted of a known scene: the noise that V2XPnP's logs show (format notes, 2.2).
+
+A surrogate: sizes, yaws, ranges and offsets have the magnitudes measured on the real frames; how errors hang together
+in time, how often gaps occur and how often labels are wrong could not be measured on single frames and are assumed.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.contract import Objects
+from mdrive_sumo.geometry import Bool, Float, wrap_angles
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.sensing.scene import Eye, Scene
+from mdrive_sumo.sensing.visibility import Buildings, seen_rows
+from real2sim.recording import Category, Recording, Track, View
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """How unlike the truth, and one another, the views of a scene are."""
+
+    position_m: float = 0.06
+    """Standard deviation in x and in y: two agents then are 0.1 m apart in the median, as measured."""
+    correlation_s: float = 1.0
+    """Assumed: how long an error of position lasts."""
+    size: float = 0.06
+    """Relative standard deviation of a vehicle's size, one draw an agent (4.04 m against 4.60 m was seen)."""
+    walker_size: float = 0.15
+    """Of a pedestrian's, one draw a frame."""
+    yaw_deg: float = 0.5
+    lag_s: float = 0.4
+    """The yaw of boxes follows motion with this delay: 10 degrees in a turn of 25 degrees/s."""
+    flip: float = 0.02
+    """Assumed: chance per frame that a pedestrian's yaw, which is junk, turns round."""
+    mount_m: tuple[float, float] = (0.5, 0.9)
+    """How far before or behind the box's centre a CAV's lidar is."""
+    mount_deg: float = 5.0
+    """Largest turn of the lidar against the car."""
+    cav_range_m: float = 120.0
+    station_range_m: float = 85.0
+    least_visible: float = 0.1
+    """Share of a box that must be in sight."""
+    gaps_per_s: float = 0.05
+    """Assumed."""
+    longest_gap: int = 5
+    """[frames]; assumed."""
+    wrong_label: float = 0.03
+    """Chance for a thing in one agent's view; assumed."""
+    wrong_attribute: float = 0.1
+    """Chance that an agent does not call a parked thing static; for others it is a tenth of that. Assumed."""
+
+
+MISTAKEN_FOR: Mapping[Category, Category] = {
+    Category.CAR: Category.VAN,
+    Category.VAN: Category.CAR,
+    Category.BUS: Category.TRUCK,
+    Category.TRUCK: Category.STATIC,  # a "trash can" of 10 m by 3 m was seen
+}
+_UNKNOWN_SIZE_M = {Category.PEDESTRIAN: (0.6, 0.6), Category.BICYCLE: (1.8, 0.7)}
+"""What a box without a size hides behind itself; else a car's."""
+
+
+def observe(truth: Recording, noise: Noise | None, seed: int) -> Recording:
+    """The scene as its observers noted it: one view for every CAV (1, 2, ...) and every station (-1, -2, ...).
+
+    `truth` holds all tracks in its first view; `truth.cavs` names those that observe, which must be there in every
+    frame; stations are further views with `infrastructure` and a pose. Ids become numbers (`numbered`). Without noise
+    everyone sees everything exactly, save themselves.
+    """
+    names = numbered(truth)
+    tracks = tuple(replace(track, id=names[track.id]) for track in truth.views[0].tracks)
+    own = {track.id: track for track in tracks}
+    observers = {
+        **{str(n): _cav_pose(own[names[cav]], cav) for n, cav in enumerate(truth.cavs, start=1)},
+        **{str(-n): station.pose for n, station in enumerate(_stations(truth), start=1)},
+    }
+    carriers = {str(n): names[cav] for n, cav in enumerate(truth.cavs, start=1)}
+    views = tuple(
+        _view(agent, View(carriers.get(agent, ""), tracks, pose), noise, seed, truth.dt_s)
+        for agent, pose in observers.items()
+    )
+    return replace(truth, views=views, cavs=tuple(carriers))
+
+
+def numbered(truth: Recording) -> dict[str, str]:
+    """The number that stands for each track's id: the id itself if all are plain numbers, else counted."""
+    ids = [track.id for track in truth.views[0].tracks]
+    if all(name.isdecimal() and name == str(int(name)) for name in ids):
+        return {name: name for name in ids}
+    return {name: str(n) for n, name in enumerate(ids)}
+
+
+def _stations(truth: Recording) -> list[View]:
+    return [view for view in truth.views[1:] if view.infrastructure]
+
+
+def _cav_pose(track: Track, cav: str) -> Float:
+    if not track.valid.all():
+        raise ValueError(f"CAV {cav} must be there in every frame, it is absent in {int((~track.valid).sum())}")
+    return np.column_stack((track.x, track.y, track.yaw))
+
+
+def _view(agent: str, scene: View, noise: Noise | None, seed: int, dt_s: float) -> View:
+    """scene: all tracks, the carrier's id as observer ("" for a station) and the carrier's pose."""
+    others = tuple(track for track in scene.tracks if track.id != scene.observer)
+    station = agent.startswith("-")
+    if noise is None:
+        return View(agent, others, scene.pose, station)
+    pose = scene.pose if station else _mounted(scene.pose, noise, np.random.default_rng(derived_seed(seed, agent)))
+    seen = _seen(scene, pose, noise, noise.station_range_m if station else noise.cav_range_m)
+    noted = (
+        _noted(track, seen[track.id], noise, np.random.default_rng(derived_seed(seed, agent, track.id)), dt_s)
+        for track in others
+    )
+    return View(agent, tuple(track for track in noted if track.valid.any()), pose, station)
+
+
+def _mounted(pose: Float, noise: Noise, rng: np.random.Generator) -> Float:
+    """Pose (T, 3) of a lidar on a car."""
+    ahead = rng.choice((-1.0, 1.0)) * rng.uniform(*noise.mount_m)
+    aside, turn = rng.normal(0.0, 0.05), math.radians(rng.uniform(-noise.mount_deg, noise.mount_deg))
+    cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    return np.column_stack(
+        (
+            pose[:, 0] + ahead * cos - aside * sin,
+            pose[:, 1] + ahead * sin + aside * cos,
+            wrap_angles(pose[:, 2] + turn),
+        )
+    )
+
+
+def _seen(scene: View, pose: Float, noise: Noise, range_m: float) -> dict[str, Bool]:
+    """(T,) for every track: whether enough of it is in sight, past the other boxes."""
+    buildings = Buildings(RoadMap("", Path(), {}, (), (), (), (), None, ""))
+    seen = np.zeros((len(scene.tracks), len(pose)), dtype=np.bool_)
+    for t, (x, y, yaw) in enumerate(pose.tolist()):
+        rows = [i for i, track in enumerate(scene.tracks) if track.valid[t]]
+        ids = [scene.tracks[i].id for i in rows]
+        eye = Eye(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
+        boxes = _boxes([scene.tracks[i] for i in rows], t)
+        seen[rows, t] = seen_rows(eye, Scene(t, boxes, {}), buildings, range_m, noise.least_visible)
+    return {track.id: row for track, row in zip(scene.tracks, seen, strict=True)}
+
+
+def _boxes(tracks: list[Track], t: int) -> Objects:
+    rows = np.array([(k.x[t], k.y[t], k.yaw[t], k.length[t], k.width[t]) for k in tracks]).reshape(-1, 5)
+    usual = np.array([(0.0, *_UNKNOWN_SIZE_M.get(k.category, (4.6, 1.9))) for k in tracks]).reshape(-1, 3)
+    yaw, length, width = np.where(np.isnan(rows[:, 2:]), usual, rows[:, 2:]).T
+    kinds = np.array([k.category.kind for k in tracks], dtype=np.uint8)
+    ids = tuple(k.id for k in tracks)
+    return Objects(ids, kinds, rows[:, 0], rows[:, 1], yaw, np.zeros(len(rows)), length, width)
+
+
+def _noted(track: Track, seen: Bool, noise: Noise, rng: np.random.Generator, dt_s: float) -> Track:
+    """One track as one agent notes it; `seen` (T,)."""
+    count = len(track.valid)
+    valid = track.valid & seen & ~_gaps(count, noise, rng, dt_s)
+    gone = np.where(valid, 0.0, np.nan)
+    walker = track.category is Category.PEDESTRIAN
+    error = _wandering(count, noise, rng, dt_s)
+    scale = np.exp(rng.normal(0.0, noise.walker_size if walker else noise.size, (2, count if walker else 1)))
+    yaw = _junk_yaw(count, noise, rng) if walker else _lagging_yaw(track, noise, rng, dt_s)
+    mistaken = rng.random() < noise.wrong_label
+    doubt = noise.wrong_attribute if track.parked else noise.wrong_attribute / 10
+    return replace(
+        track,
+        category=MISTAKEN_FOR.get(track.category, track.category) if mistaken else track.category,
+        valid=valid,
+        x=track.x + error[:, 0] + gone,
+        y=track.y + error[:, 1] + gone,
+        yaw=yaw + gone,
+        length=track.length * scale[0] + gone,
+        width=track.width * scale[1] + gone,
+        parked=track.parked != (rng.random() < doubt),
+    )
+
+
+def _gaps(count: int, noise: Noise, rng: np.random.Generator, dt_s: float) -> Bool:
+    """(T,) where a track is interrupted."""
+    gaps = np.zeros(count, dtype=np.bool_)
+    for start in np.flatnonzero(rng.random(count) < noise.gaps_per_s * dt_s).tolist():
+        gaps[start : start + int(rng.integers(1, noise.longest_gap, endpoint=True))] = True
+    return gaps
+
+
+def _wandering(count: int, noise: Noise, rng: np.random.Generator, dt_s: float) -> Float:
+    """(T, 2) [m] a stationary first-order process: errors that last a while."""
+    keep = math.exp(-dt_s / noise.correlation_s)
+    error = rng.normal(0.0, noise.position_m, (count, 2))
+    for t in range(1, count):
+        error[t] = keep * error[t - 1] + math.sqrt(1 - keep**2) * error[t]
+    return error
+
+
+def _junk_yaw(count: int, noise: Noise, rng: np.random.Generator) -> Float:
+    flips = np.cumsum(rng.random(count) < noise.flip).astype(np.float64)
+    return wrap_angles(rng.uniform(-math.pi, math.pi) + math.pi * flips)
+
+
+def _lagging_yaw(track: Track, noise: Noise, rng: np.random.Generator, dt_s: float) -> Float:
+    """The yaw of some time ago, by a low pass over the frames in which the thing is there."""
+    follow = dt_s / (noise.lag_s + dt_s)
+    yaw, late = track.yaw.copy(), math.nan
+    for t in np.flatnonzero(np.isfinite(yaw)).tolist():
+        step = math.remainder(yaw[t] - late, 2 * math.pi) if math.isfinite(late) else 0.0
+        late = late + follow * step if math.isfinite(late) else float(yaw[t])
+        yaw[t] = late
+    return wrap_angles(yaw + rng.normal(0.0, math.radians(noise.yaw_deg), len(yaw)))

@@ -1,0 +1,57 @@
+"""What scripted road users cost: `python tests/bench/actors.py` prints milliseconds a tick."""
+
+import math
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from actors_world import actor
+from worlds import straight_ego, straight_road, straight_scenario
+
+from mdrive_sumo.actors import Cast, Crowd
+from mdrive_sumo.scenario.actor import Actor
+from mdrive_sumo.state import Actors, EgoState, Frame
+
+ACTORS, BACKGROUND, TICKS = 85, 20, 400
+SPEEDS = {"vehicle": 8.0, "pedestrian": 1.4, "cyclist": 4.0}
+
+
+def crowd(rng: np.random.Generator) -> list[Actor]:
+    """Road users of every kind that all go somewhere through each other."""
+    found: list[Actor] = []
+    for i in range(ACTORS):
+        kind = list(SPEEDS)[i % 3]
+        (x, y), yaw = rng.uniform(-60, 60, 2), rng.uniform(-3, 3)
+        points = [(x + math.cos(yaw) * s, y + math.sin(yaw) * s) for s in (0, 20, 50, 200)]
+        found.append(actor(f"a{i:02}", kind, points=points, speed=SPEEDS[kind]))
+    return found
+
+
+def main() -> None:
+    """Median and 95th percentile of `Cast.advance`, and the median of merging with SUMO's vehicles."""
+    rng = np.random.default_rng(1)
+    world = straight_scenario(straight_ego("0"), straight_ego("1", x=30))
+    cast, merge = Cast(world.model_copy(update={"actors": tuple(crowd(rng))}), straight_road()), Crowd()
+    egos = {"0": EgoState(10, 0, 0, 5.0), "1": EgoState(30, 0, 0, 5.0)}
+    one, place = np.ones(BACKGROUND), rng.uniform(-60, 60, (2, BACKGROUND))
+    ids = tuple(f"b{i:02}" for i in range(BACKGROUND))
+    cars = Actors(ids, np.zeros(BACKGROUND, np.uint8), *place, 0 * one, 5 * one, 4.5 * one, 1.8 * one)
+    advancing: list[float] = []
+    merging: list[float] = []
+    for tick in range(TICKS):
+        since = time.thread_time()
+        everybody = merge.merged(cars, cast.present)
+        between = time.thread_time()
+        cast.advance(Frame(tick, egos, everybody, {}), ())
+        merging.append(1e3 * (between - since))
+        advancing.append(1e3 * (time.thread_time() - between))
+    p95 = sorted(advancing)[round(0.95 * TICKS)]
+    print(f"advance {statistics.median(advancing):.3f} ms, p95 {p95:.3f} ms; merge {statistics.median(merging):.3f} ms")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

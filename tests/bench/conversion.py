@@ -1,0 +1,71 @@
+"""The figures of issue C's speed: a busy log through `mdrive-sumo convert`, and where the time goes.
+
+Run it alone: python tests/bench/conversion.py
+"""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from busy_log import make_busy_log
+
+from real2sim.pipeline import build
+from real2sim.pipeline.convert import convert_log
+from real2sim.pipeline.read import Log
+
+Row = tuple[str, float, str, str]
+STEPS = ("clean", "build_network", "reconstruct", "match", "fit", "_assessed", "closeness")
+
+
+def conversion_rows(folder: Path) -> Iterator[Row]:
+    """10 s, 84 road users, 4 agents, on one core, netconvert included; memory is the peak of any process of it."""
+    log, map_ = make_busy_log(folder)
+    began = time.perf_counter()
+    subprocess.run(
+        (
+            *(sys.executable, "-c", "from mdrive_sumo.cli import main; main()"),
+            *("convert", "v2xpnp", log, "--map", map_, "--out", folder / "suite", "--workers", "1"),
+        ),
+        preexec_fn=lambda: os.sched_setaffinity(0, {0}),
+        check=False,
+        capture_output=True,
+    )
+    yield "convert, log of 10 s, 84 road users, 4 agents, one core", time.perf_counter() - began, "s", "<= 6"
+    peak_kb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    yield "convert, memory of the largest process", peak_kb / 1024, "MB", "< 1000"
+    yield from _step_rows(Log("v2xpnp", log, (map_,)), folder / "steps")
+
+
+def _step_rows(log: Log, draft: Path) -> Iterator[Row]:
+    spent: dict[str, float] = defaultdict(float)
+    for name in STEPS:
+        setattr(build, name, _timed(name, getattr(build, name), spent))
+    began = time.perf_counter()
+    convert_log(log, draft, build.Wish(), False)
+    whole = time.perf_counter() - began
+    yield from ((f"convert, of these {name.strip('_')}", spent[name], "s", "-") for name in STEPS)
+    yield "convert, of these reading and writing", whole - sum(spent.values()), "s", "-"
+
+
+def _timed(name: str, function: Callable[..., Any], spent: dict[str, float]) -> Callable[..., Any]:
+    def timed(*arguments: Any) -> Any:
+        began = time.perf_counter()
+        result = function(*arguments)
+        spent[name] += time.perf_counter() - began
+        return result
+
+    return timed
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        for row in conversion_rows(Path(scratch)):
+            sys.stdout.write(f"{row[0]:<66}{row[1]:>10.2f} {row[2]:<8}{row[3]}\n")
