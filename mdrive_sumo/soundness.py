@@ -1,7 +1,7 @@
 """Does a scenario fit its network? Asked before anything is simulated, so that a bad file gets one clear sentence."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,8 @@ START_GAP_M = 2.0
 OFF_MAP_M = 500.0
 """An actor further than this from the map's lanes belongs to another map; parking places lie beside the road."""
 TOUCHING_M2 = 0.01
+LEADS_M = 0.1
+"""A path whose points are all nearer to its first leads nowhere."""
 CAR = dynamics.MKZ_2017
 
 
@@ -38,7 +40,7 @@ def check_scenario(scenario: Scenario, roads: RoadMap) -> None:
             _check_lanes(where, actor.motion.lanes, roads)
         _check_within(where, actor, map_box)
         _check_begin(where, actor, roads)
-        _check_room(where, actor, scenario.egos)
+        _check_room(where, actor, scenario.egos, roads)
 
 
 def _check_lanes(where: str, lanes: Sequence[str], roads: RoadMap) -> None:
@@ -103,8 +105,8 @@ def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
     match actor.motion:
         case AlongPath(points=way):
             begin = way[0]
-            if max(math.dist(begin, point) for point in way) < 0.1:
-                raise InputError(f"{where}: expected a path that leads somewhere, found less than 0.1 m of it")
+            if max(math.dist(begin, point) for point in way) <= LEADS_M:
+                raise InputError(f"{where}: expected a path that leads somewhere, found at most {LEADS_M:g} m of it")
         case AlongLanes(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
             begin = centre.at(min(max(centre.project(*start)[0], 0.0), centre.length))
@@ -118,15 +120,38 @@ def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
         )
 
 
-def _check_room(where: str, actor: Actor, egos: Sequence[Ego]) -> None:
-    """Nobody who is there in frame 0 stands in a CAV."""
+def _check_room(where: str, actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> None:
+    for ego, area in contacts_at_start(actor, egos, roads):
+        raise InputError(f"{where}: start: expected room, found CAV {ego} there ({area:.2f} m2 overlap)")
+
+
+def contacts_at_start(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> Iterator[tuple[str, float]]:
+    """Ids of the CAVs in which an actor stands in frame 0, and the overlaps [m2]; who comes later is in none."""
     if isinstance(actor.motion, Replay) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
         return
-    box = _box(actor.start, actor.length, actor.width)
+    box = _box(_first_pose(actor, roads), actor.length, actor.width)
     for ego in egos:
         area = float(shapely.intersection(box, _box(ego.start, CAR.length, CAR.width)).area)
         if area > TOUCHING_M2:
-            raise InputError(f"{where}: start: expected room, found CAV {ego.id} there ({area:.2f} m2 overlap)")
+            yield ego.id, area
+
+
+def _first_pose(actor: Actor, roads: RoadMap) -> Pose:
+    """Where a motion begins, which may be beside the actor's `start`, heading along it."""
+    start = actor.start
+    match actor.motion:
+        case AlongPath(points=way):
+            (x, y), ahead = way[0], next((point for point in way if math.dist(point, way[0]) > LEADS_M), None)
+            return Pose(x=x, y=y, yaw=math.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
+        case AlongLanes(lanes=lanes):
+            centre = roads.lanes[lanes[0]].centre
+            yaw = centre.yaw_at(min(max(centre.project(start.x, start.y)[0], 0.0), centre.length))
+            return Pose(x=start.x, y=start.y, yaw=yaw)
+        case Replay(poses=poses):
+            _, x, y, yaw = poses[0]
+            return Pose(x=x, y=y, yaw=yaw)
+        case _:
+            return start
 
 
 def _box(pose: Pose, length: float, width: float) -> shapely.Polygon:

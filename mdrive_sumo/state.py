@@ -12,6 +12,8 @@ from mdrive_sumo.geometry import Float
 TICKS_PER_SECOND = 20
 DT = 1 / TICKS_PER_SECOND
 """Length of a tick [s]: 20 Hz (paper, Simulation Setting)."""
+HELD_TICKS = 2 * TICKS_PER_SECOND
+"""How long a road user that a CAV struck stands, scripted or driven by SUMO: a surrogate, neither knows an impact."""
 
 
 class Kind(IntEnum):

@@ -2,36 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import Cleaned
 from real2sim.closeness import Closeness
-from real2sim.netbuild import NetworkReport
+from real2sim.fit.role import Role
+from real2sim.network import NetworkReport
 from real2sim.quality import Quality
 from real2sim.recording import Recording, Track
-
-
-class Became(StrEnum):
-    """What a thing of the log is in the scenario."""
-
-    CAV = "CAV"
-    BACKGROUND = "background"
-    """A vehicle that SUMO drives along its schedule."""
-    ACTOR = "actor"
-    """A scripted road user on its path of the log."""
-    STANDING = "standing"
-    """A thing that never moves."""
-    RSU = "roadside unit"
-    LEFT_OUT = "left out"
-
-
-@dataclass(frozen=True, slots=True)
-class Role:
-    """What became of one thing, and why; "" where the reason is plain."""
-
-    became: Became
-    reason: str = ""
+from real2sim.targets import Target
 
 
 @dataclass(frozen=True)
@@ -52,6 +31,8 @@ class Findings:
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """`Fitted.names`: track id -> id in the scenario."""
     closeness: Closeness | None = None
+    targets: tuple[Target, ...] = ()
+    """All of them; () where no pipeline has set any: then those of quality and closeness are shown."""
     misses: tuple[str, ...] = ()
     """What misses its target, a sentence each; () is a pass."""
     notes: tuple[str, ...] = ()

@@ -20,11 +20,11 @@ from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.state import TICKS_PER_SECOND, End
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.settings import PRESETS
-from real2sim.episode_log import recording_of
+from real2sim.writers.episode import recording_of
 from real2sim.synthetic_people import People, people
 from real2sim.synthetic_traffic import cavs, traffic
-from real2sim.v2xpnp_noise import Noise
-from real2sim.v2xpnp_writer import write_v2xpnp
+from real2sim.writers.noise import Noise
+from real2sim.writers.v2xpnp import write_v2xpnp
 
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"

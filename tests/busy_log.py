@@ -20,11 +20,11 @@ from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.spec import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 from mdrive_sumo.sumo import SumoWorld
-from real2sim.episode_log import recording_of
 from real2sim.recording import Recording
-from real2sim.v2xpnp_map_writer import write_vector_map
-from real2sim.v2xpnp_noise import Noise
-from real2sim.v2xpnp_writer import write_v2xpnp
+from real2sim.writers.episode import recording_of
+from real2sim.writers.noise import Noise
+from real2sim.writers.v2xpnp import write_v2xpnp
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 NETWORK = "boulevard"
 WAYS = (("west_in_2", "east_out_1"), ("south_in_1", "north_out_1"))

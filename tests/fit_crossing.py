@@ -12,8 +12,8 @@ from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.traffic import Mode
 from real2sim.fit import Fitted, fit
-from real2sim.lane_matching import Match, match
-from real2sim.netbuild import build_network
+from real2sim.match import Match, match
+from real2sim.network import build_network
 from real2sim.recording import Category, Track
 
 DT_S, FRAMES = 0.1, 101

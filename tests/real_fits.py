@@ -12,11 +12,11 @@ from mdrive_sumo.scenario.traffic import Mode
 from mdrive_sumo.state import Kind
 from real2sim.clean import clean
 from real2sim.fit import Fitted, choose_cavs, fit
-from real2sim.lane_matching import match
-from real2sim.netbuild import build_network
+from real2sim.match import match
+from real2sim.network import build_network
 from real2sim.readers.interaction import read_interaction
-from real2sim.reconstruct import reconstruct
 from real2sim.recording import Recording, Track
+from real2sim.tracks.reconstruct import reconstruct
 
 NAMES = (*(name for name in READ if name != "interaction"), "interaction-0", "interaction-60")
 """Logs by name; of the long INTERACTION recording windows of 20 s, by the second in which they begin."""

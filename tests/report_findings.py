@@ -10,14 +10,15 @@ from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import load
 from mdrive_sumo.state import Kind
 from real2sim.clean import clean
-from real2sim.clean_report import Change, CleaningReport, Reason
+from real2sim.clean.report import Change, CleaningReport, Reason
 from real2sim.closeness import Closeness, ErrorAt
-from real2sim.findings import Became, Findings, Role
-from real2sim.netbuild import build_network
+from real2sim.findings import Findings
+from real2sim.fit.role import Became, Role
+from real2sim.network import build_network
 from real2sim.quality import Converted, assess
-from real2sim.quality_lanes import LaneIndex
-from real2sim.reconstruct import reconstruct
+from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Category, Recording, Track, View
+from real2sim.tracks.reconstruct import reconstruct
 
 DT = 0.1
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>&"

@@ -11,11 +11,11 @@ from mdrive_sumo.geometry import Bool, Float
 from mdrive_sumo.state import Kind
 from real2sim.clean import Cleaned, clean
 from real2sim.readers.v2xpnp import read_v2xpnp
-from real2sim.reconstruct import reconstruct
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.standing import moves
-from real2sim.v2xpnp_noise import Noise, numbered, observe
-from real2sim.v2xpnp_writer import write_views
+from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.standing import moves
+from real2sim.writers.noise import Noise, numbered, observe
+from real2sim.writers.v2xpnp import write_views
 
 NEAR_M = 1.0
 """A track whose median distance from a thing is less lies on it; of walkers `WALKER_M`."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from real2sim.hdmap import HdMap, LaneKind, MapLane
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.v2xpnp_map_writer import write_vector_map
-from real2sim.v2xpnp_writer import write_v2xpnp
+from real2sim.writers.v2xpnp import write_v2xpnp
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 FRAMES, DT_S = 41, 0.1
 TIME = np.arange(FRAMES) * DT_S

@@ -138,6 +138,9 @@ WRONG = {
         update={"motion": AlongPath(points=((30, 0), (30, 0.01)), speed=5)}
     ),
     "found CAV 0 there": prop("parked-car", 8.0, 1.0),
+    "start: expected room, found CAV 0": actor("it", "vehicle", at=(8, 4.5)).model_copy(
+        update={"motion": AlongPath(points=((8, 1), (60, 1)), speed=5)}
+    ),
 }
 
 

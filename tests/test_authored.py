@@ -18,7 +18,7 @@ from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.actor import Actor, AlongLanes, AlongPath, DistanceTrigger, PositionTrigger, Replay
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite
 from mdrive_sumo.scenario.spec import Scenario
-from real2sim.authored_suite import convert_authored
+from real2sim.authored.suite import convert_authored
 from real2sim.readers.carla_frame import UCLA
 from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
 from real2sim.scene import Scene

@@ -12,13 +12,13 @@ from log_truth import DT, alone, made, observed, truth
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import wrap_angles
 from real2sim.clean import clean
-from real2sim.clean_motion import strayed
-from real2sim.clean_report import Reason
+from real2sim.clean.course import strayed
+from real2sim.clean.report import Reason
 from real2sim.hdmap import HdMap
-from real2sim.quality_boxes import contacts
 from real2sim.readers.v2xpnp import read_views
-from real2sim.reconstruct import reconstruct
 from real2sim.recording import Category, Recording, Track, View
+from real2sim.tracks.boxes import contacts
+from real2sim.tracks.reconstruct import reconstruct
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -16,7 +16,7 @@ from mdrive_sumo.roads import load, packaged_networks
 SEEDS = range(1000, 1200)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("kind", sorted(PLANTS))
 def test_faults_of_a_log(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     logs = (planted(observed(truth(seed, 30, 6), seed, cavs=(0, 7)), seed, [kind]) for seed in SEEDS)
@@ -27,7 +27,7 @@ def test_faults_of_a_log(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert silent == []
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["reversed lane", "missing link"])
 def test_faults_of_a_map(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     """One kind at a time, a fifth of the lanes or links; what is repaired stands in the network's report by name."""

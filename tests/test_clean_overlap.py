@@ -7,12 +7,12 @@ from log_truth import DT, made
 
 from mdrive_sumo.geometry import Float
 from real2sim.clean import clean
-from real2sim.clean_overlap import apart
-from real2sim.clean_report import Change, Reason
+from real2sim.clean.overlap import apart
+from real2sim.clean.report import Change, Reason
 from real2sim.hdmap import HdMap
-from real2sim.quality_boxes import contacts
-from real2sim.reconstruct import reconstruct
 from real2sim.recording import Category, Recording, Track, View
+from real2sim.tracks.boxes import contacts
+from real2sim.tracks.reconstruct import reconstruct
 
 T = np.arange(60) * DT
 HERE = np.zeros(60)

@@ -10,7 +10,8 @@ from real_fits import NAMES, fitted_log
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
 from real2sim.closeness import GONE_M, Closeness, closeness
-from real2sim.closeness_order import conflicts, kept_in_order
+from real2sim.closeness.order import conflicts, kept_in_order
+from real2sim.targets import closeness_targets
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def test_traffic_alone_on_the_road_is_where_the_log_has_it(roads: RoadMap) -> No
     found = measured(made(roads, track("a", 20.0 + 10.0 * seconds(), 0.0)))
     assert [(one.after_s, one.vehicles) for one in found.errors] == [(t, 1) for t in (1.0, 2.0, 3.0, 5.0, 8.0)]
     assert max(one.worst for one in found.errors if one.worst is not None) < 0.5
-    assert (found.not_departed, found.left_early, found.contacts, found.misses) == ((), (), (), ())
+    assert (found.not_departed, found.left_early, found.contacts) == ((), (), ())
 
 
 def test_the_error_is_the_distance_that_a_slower_vehicle_falls_behind(roads: RoadMap) -> None:
@@ -45,8 +46,7 @@ def test_the_error_is_the_distance_that_a_slower_vehicle_falls_behind(roads: Roa
     slow = {"progress": [(0.0, 0.0), (10.0, 80.0)], "lanes": [], "leaves": False}
     found = measured(changed(scene, schedule=slow, depart_speed=8.0))
     assert found.median_at_5s == pytest.approx(10.0, abs=0.5)
-    assert len(found.misses) == 1
-    assert found.misses[0].startswith("position error at 5 s: median 10")
+    assert [target.met for target in closeness_targets(found)] == [False, None]
 
 
 def test_a_vehicle_that_is_gone_counts_as_far_away(roads: RoadMap) -> None:
@@ -110,7 +110,7 @@ def test_a_changed_order_is_told_by_name(roads: RoadMap) -> None:
     found = measured(changed(scene, schedule=slow, depart_speed=2.0))
     assert found.order_changed == (("a", "b"),)
     assert found.order_share == 0.0
-    assert found.misses[-1].startswith("order through conflict points: kept in 0% of 1 pairs")
+    assert closeness_targets(found)[1].met is False
 
 
 def test_contacts_that_the_log_has_not_are_told(roads: RoadMap) -> None:
@@ -129,17 +129,17 @@ def test_contacts_that_the_log_has_not_are_told(roads: RoadMap) -> None:
 # --- real logs ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", NAMES)
 def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log(name, tmp_path)
     found = closeness(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
-    assert found.misses == ()
+    assert all(target.met is not False for target in closeness_targets(found))
     assert found.not_departed == ()
     assert found.vehicles >= 5
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["replay", "hybrid"])
 def test_other_modes_repeat_a_real_log_while_the_cavs_do(mode: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log("peach", tmp_path, mode)  # type: ignore[arg-type]

@@ -3,11 +3,13 @@
 import io
 import json
 import shutil
+import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from small_log import FRAMES, STATION, write_small_log
+from small_log import FRAMES, STATION, recording, road, track, write_small_log
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.errors import InputError
@@ -15,13 +17,21 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.soundness import check_scenario
-from real2sim.build_targets import Target, lost_target
-from real2sim.cli_logs import told
-from real2sim.convert import scenario_id, windows_of
-from real2sim.convert_read import Log
-from real2sim.findings import Became, Role
-from real2sim.quality_file import load_quality
-from real2sim.summary import summary
+from real2sim.clean import clean
+from real2sim.clean.report import Change, CleaningReport, Reason
+from real2sim.cli.logs import told
+from real2sim.fit.role import Became, Role
+from real2sim.fit.vehicle import size_of
+from real2sim.pipeline.convert import scenario_id, windows_of
+from real2sim.pipeline.quality_file import load_quality
+from real2sim.pipeline.read import Log, read
+from real2sim.pipeline.summary import summary, summary_table
+from real2sim.pipeline.tracks import cav_tracks
+from real2sim.recording import View
+from real2sim.targets import Target, by_sumo, lost_target, silently_lost
+from real2sim.whole_folder import whole_folder
+from real2sim.writers.v2xpnp import write_v2xpnp
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 LOGS = Path("real_logs")
 SCENE = "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
@@ -143,6 +153,22 @@ def test_summary_adds_counts_and_takes_the_worst_error(suite: Path) -> None:
     worse = one.model_copy(update={"fidelity": one.fidelity.model_copy(update={"error_p95": 9.0, "teleports": 2})})
     found = summary([one, worse, one]).all
     assert (found.scenario, found.moving_vehicles, found.teleports, found.error_p95) == ("all 3", 12, 2, 9.0)
+    assert found.by_sumo == 6
+
+
+def test_summary_tells_the_worst_vehicle_and_who_touches(suite: Path) -> None:
+    one = load_quality(suite / "small" / "quality.json")
+    far = tuple(error.model_copy(update={"worst": 7.5}) for error in one.closeness.errors)
+    close = one.closeness.model_copy(update={"errors": far, "contacts": (("11", "12", 3),)})
+    met = one.fidelity.model_copy(update={"collisions": (("11", "12", 2),)})
+    found = summary([one, one.model_copy(update={"closeness": close, "fidelity": met})])
+    assert (found.all.worst_at_5s, found.all.contacts, found.scenarios[0].contacts, found.all.collisions) == (
+        7.5,
+        1,
+        0,
+        1,
+    )
+    assert "5 s of the median scenario" in summary_table(found)
 
 
 @pytest.mark.parametrize(
@@ -171,6 +197,54 @@ def test_modes_cavs_agents_and_a_window(small: tuple[Path, Path], tmp_path: Path
     assert sorted(vehicle.id for vehicle in scenario.background.vehicles) == ["11", "12", "cav_1"]
     assert all(vehicle.log for vehicle in scenario.background.vehicles)
     assert scenario.rsus == ()
+    quality = load_quality(tmp_path / "out" / "small_1-4s" / "quality.json")
+    assert (quality.mode, quality.window_s) == ("hybrid", (1.0, 4.0))
+    assert quality.closeness.mode == "reactive", "poses of the log are close to the log in any case"
+    assert "1/1  small, window 1 s to 4 s: passed" in done.stderr
+
+
+def test_a_cav_of_the_source_that_will_not_do_is_told(tmp_path: Path) -> None:
+    """The first car of the source stands for the whole log."""
+    (tmp_path / "log").mkdir()
+    log = recording()
+    tracks = (track("1", 20.0, 0.0, 0.0), *log.views[0].tracks[1:])
+    write_v2xpnp(replace(log, views=(View("log", tracks), log.views[1])), tmp_path / "log" / "small", None, 0)
+    write_vector_map(road(), tmp_path / "map.pkl")
+    done = run("v2xpnp", tmp_path / "log", "--map", tmp_path / "map.pkl", "--out", tmp_path / "out", "--report")
+    assert done.exit_code in (0, 1), done.output
+    sentence = "cav_1, a CAV of the source, is none here: it never moves; driven instead: cav_2"
+    scenario = only(tmp_path / "out")
+    assert [ego.id for ego in scenario.egos] == ["cav_2"]
+    folder = tmp_path / "out" / scenario.id
+    assert sentence in scenario.notes
+    assert sentence in load_quality(folder / "quality.json").notes
+    assert sentence in (folder / "conversion.html").read_text()
+
+
+def test_a_cav_is_named_by_source_scenario_or_how_it_begins() -> None:
+    ids = ("0bfc7d407d09490cbca7", "36209f00d7442a19485f")
+    tracks = [track(id_, 20.0, 0.0, 8.0) for id_ in ids]
+    cleaned = clean(recording())
+    for name in (ids[1], "36209f", "36209f00d7", "3"):
+        assert cav_tracks((name,), cleaned, tracks, {}) == (ids[1],)
+    with pytest.raises(InputError, match=r"CAV 7: expected one of the vehicles \(none is usable\), found none"):
+        cav_tracks(("7",), cleaned, tracks, {})
+
+
+def test_an_odd_size_is_bounded_and_told() -> None:
+    log = recording()
+    tracks = tuple(
+        replace(one, length=one.length * 12, width=one.width * 8) if one.id == "11" else one
+        for one in log.views[0].tracks
+    )
+    cleaned = clean(replace(log, views=(View("log", tracks), log.views[1])))
+    told = {change.track: change.detail for change in cleaned.report.of(Reason.SIZE)}
+    assert told["11"] == (
+        "length 54.00 m is beyond what a scenario can have: 40, width 14.40 m is beyond what a scenario can have: 10"
+    )
+    (odd,) = [one for one in tracks if one.id == "11"]
+    assert size_of(odd) == (40.0, 10.0)
+    assert size_of(replace(odd, length=0.0 * odd.length)) == (0.1, 10.0)
 
 
 def test_a_batch_cut_into_windows_keeps_what_can_be_converted(small: tuple[Path, Path], tmp_path: Path) -> None:
@@ -202,9 +276,10 @@ def test_a_batch_cut_into_windows_keeps_what_can_be_converted(small: tuple[Path,
     [
         (None, 2.0, ((0.0, 2.0), (2.0, 4.0))),
         (None, 3.0, ((0.0, 3.0),)),
-        (None, 2.5, ((0.0, 2.5), (2.5, 4.0))),
+        (None, 2.5, ((0.0, 2.5),)),
+        ((0.0, 4.0), 2.0, ((0.0, 2.0), (2.0, 4.0))),
         (None, 9.0, ((0.0, 4.0),)),
-        ((1.0, 3.0), 1.0, ((1.0, 2.0), (2.0, 3.0))),
+        ((1.0, 4.0), 2.0, ((1.0, 3.0),)),
     ],
 )
 def test_windows(
@@ -240,9 +315,75 @@ def test_targets(target: Target, met: bool | None) -> None:
     assert target.met is met
 
 
-def test_a_track_may_be_left_out_with_a_reason_only() -> None:
-    roles = {"a": Role(Became.LEFT_OUT, "seen in 1 frames only"), "b": Role(Became.LEFT_OUT), "c": Role(Became.ACTOR)}
-    assert lost_target(roles, ["a", "b", "c", "d"]).value == 2
+def test_a_track_of_the_source_may_be_lost_with_a_reason_only(small: tuple[Path, Path]) -> None:
+    log, map_ = small
+    recording = read(Log("v2xpnp", log, (map_,)))
+    cleaned = clean(recording)
+    roles = {track.id: Role(Became.ACTOR) for track in cleaned.tracks}
+    assert lost_target(recording, cleaned, roles).value == 0
+    assert silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT)}) == ("11",)
+    assert silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT, "it left the map")}) == ()
+    forgotten = replace(cleaned, successors={k: v for k, v in cleaned.successors.items() if k != "12"})
+    assert silently_lost(recording, forgotten, {k: v for k, v in roles.items() if k != "12"}) == ("12",)
+    short = Change(Reason.TOO_SHORT, "12", 3, "seen in 3 frames only")
+    said = replace(cleaned, report=CleaningReport((*cleaned.report.changes, short)))
+    assert silently_lost(recording, said, {k: v for k, v in roles.items() if k != "12"}) == ()
+
+
+def test_a_whole_track_that_is_left_out_as_a_teleport_is_lost_with_its_reason() -> None:
+    whole = Change(Reason.TELEPORT, "7", 3, "left out of 1", whole=True)
+    assert CleaningReport((whole, Change(Reason.TELEPORT, "8", 1, "a step"))).lost == {"7": "left out of 1"}
+
+
+@pytest.mark.parametrize(("mode", "driven"), [("reactive", 2), ("hybrid", 2), ("replay", 0)])
+def test_cavs_and_scripted_vehicles_are_not_driven_by_sumo(suite: Path, mode: str, driven: int) -> None:
+    quality = load_quality(suite / "small" / "quality.json")
+    assert (quality.by_sumo, quality.fidelity.moving_vehicles) == (2, 4)
+    roles = {role.track: Role(role.became) for role in quality.fit}
+    assert by_sumo(quality.fidelity, roles, mode) == driven
+    page = (suite / "small" / "conversion.html").read_text()
+    assert "SUMO drives 2 of the moving vehicles (reactive)" in page
+    assert '<td class="number">2 of 4</td>' in (suite / "conversion.html").read_text()
+
+
+def test_every_target_has_a_tile(suite: Path) -> None:
+    page = (suite / "small" / "conversion.html").read_text()
+    targets = load_quality(suite / "small" / "quality.json").targets
+    assert len(targets) == 14
+    for target in targets:
+        assert f"<span>{target.name}</span>" in page
+
+
+def test_a_terminated_conversion_leaves_nothing(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), whole_folder(tmp_path / "out") as draft:
+        (draft / "half").touch()
+        signal.raise_signal(signal.SIGTERM)
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize(
+    ("source", "wanted"),
+    [
+        ("scenarionet", "*.pkl"),
+        ("commonroad", "*.xml"),
+        ("argoverse2", "*.parquet or *.feather"),
+        ("interaction", "vehicle_tracks_*.csv"),
+    ],
+)
+def test_a_folder_without_logs(source: str, wanted: str, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    done = run(source, tmp_path / "empty", "--out", tmp_path / "suite")
+    assert done.exit_code == 2
+    assert f"empty: expected {wanted} in it or below, found none" in done.stderr
+
+
+def test_an_authored_suite_has_no_summary(tmp_path: Path) -> None:
+    (tmp_path / "conversion.md").touch()
+    done = run("--summary", tmp_path)
+    assert done.exit_code == 2
+    assert "found none (authored sources have conversion.md instead)" in done.stderr
 
 
 class Terminal(io.StringIO):

@@ -17,8 +17,8 @@ from click.testing import CliRunner, Result
 from small_log import road, write_small_log
 
 from mdrive_sumo.cli import main
-from real2sim.convert import LONGEST_S
 from real2sim.hdmap import HdMap
+from real2sim.pipeline.convert import LONGEST_S
 
 COMMAND = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()", "convert")
 
@@ -99,7 +99,7 @@ def test_one_unusable_log_does_not_keep_the_others_from_being_converted(
     truncated(tmp_path / "broken")
     done = run("v2xpnp", tmp_path / "broken", small[0], "--map", small[1], "--out", tmp_path / "out")
     assert done.exit_code == 2
-    assert "1 of 1 scenarios meet every target; 1 logs unusable" in done.stdout
+    assert "1 of 1 scenarios meet every target; 1 log unusable" in done.stdout
     assert "Error: " in done.stderr
     assert "broken/1/000020.yaml" in done.stderr
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["networks", "small", "suite.json"]
@@ -185,10 +185,23 @@ def test_a_long_log_proposes_a_window(tmp_path: Path) -> None:
     assert "expected at most 60 s, found a log of 60.1 s: choose a part with --window 0,20" in sentence
 
 
+def test_a_log_too_short_for_the_checks_is_refused(small: tuple[Path, Path], tmp_path: Path) -> None:
+    sentence = refused(tmp_path, "v2xpnp", small[0], "--map", small[1], "--window", "0,0.5")
+    assert f"{small[0]}: expected at least 2 s, found 0.5 s" in sentence
+
+
+def test_a_log_given_twice_is_refused_before_it_is_converted_twice(small: tuple[Path, Path], tmp_path: Path) -> None:
+    done = run("v2xpnp", small[0], small[0], "--map", small[1], "--out", tmp_path / "out", "--workers", "1")
+    assert done.exit_code == 2
+    assert f"Error: {small[0]}: expected every log once, found it twice" in done.stderr
+    assert done.stderr.splitlines()[0] == "1/1  small: passed"
+    assert "1 of 1 scenarios meet every target; 1 log unusable" in done.stdout
+
+
 def test_a_cav_that_is_not_there(small: tuple[Path, Path], tmp_path: Path) -> None:
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", small[1], "--cavs", "7")
-    assert sentence.startswith(f"{small[0]}: CAV 7: expected one of")
-    assert "cav_1" in sentence
+    assert sentence.startswith(f"{small[0]}: CAV 7: expected one of the vehicles 11, 12, cav_1, cav_2, found none")
+    assert refused(tmp_path, "v2xpnp", small[0], "--map", small[1], "--cavs", "cav").endswith("2 whose names begin so")
 
 
 CONTENT = {

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
-from real2sim.clean_report import Reason
+from real2sim.clean.report import Reason
 from real2sim.findings import Findings
+from real2sim.page.charts import Chart, Series, draw
+from real2sim.page.index import index_html, index_line, write_index
+from real2sim.page.network import deviation
+from real2sim.page.page import PAGE, page_html, write_page
+from real2sim.page.words import CLEANED, FIGURES, failures, words_of
 from real2sim.quality import CHECKS
-from real2sim.quality_actor import ActorQuality
+from real2sim.quality.actor import ActorQuality
 from real2sim.readers.scenarionet import read_scenarionet
-from real2sim.report_charts import Chart, Series, draw
-from real2sim.report_index import index_html, index_line, write_index
-from real2sim.report_network import deviation
-from real2sim.report_page import PAGE, page_html, write_page
-from real2sim.report_words import CLEANED, FIGURES, failures, words_of
 
 
 class Page(HTMLParser):
@@ -319,7 +319,7 @@ def contrast(first: tuple[float, ...], second: tuple[float, ...]) -> float:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_words_can_be_read_and_lines_be_told_from_the_road(scheme: str) -> None:
-    css = (Path(__file__).parent.parent / "real2sim" / "static" / "report.css").read_text()
+    css = (Path(__file__).parent.parent / "real2sim" / "page" / "static" / "report.css").read_text()
     light, dark = css.split("@media (prefers-color-scheme: dark)")
     colour = colours(light if scheme == "light" else dark.split("* {")[0])
     for ground in ("paper", "card", "stripe"):

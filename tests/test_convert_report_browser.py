@@ -10,8 +10,8 @@ import pytest
 from report_findings import HOSTILE, small_findings
 
 from real2sim.findings import Findings
-from real2sim.report_index import index_line, write_index
-from real2sim.report_page import write_page
+from real2sim.page.index import index_line, write_index
+from real2sim.page.page import write_page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update")

@@ -23,6 +23,7 @@ from mdrive_sumo.contract import (
 )
 from mdrive_sumo.control import CONTROLLERS
 from mdrive_sumo.doctor import SYSTEM_LIBRARIES
+from mdrive_sumo.scenario.actor import Actor, AlongPath
 from mdrive_sumo.scenario.catalog import load_suite
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,6 +67,22 @@ def test_system_libraries_are_the_same_everywhere(name: str) -> None:
 def test_committed_schemas_are_those_of_the_code(what: str) -> None:
     """After a change on purpose: `make schemas`."""
     assert json.loads((ROOT / "docs" / "schemas" / f"{what}.json").read_text()) == SCHEMAS[what]()
+
+
+def test_scenario_schema_tells_what_attributes_mean() -> None:
+    path = SCHEMAS["scenario"]()["$defs"]["AlongPath"]["properties"]
+    assert (path["points"]["description"], path["speed"]["description"]) == (
+        "x, y [m] of the box centre.",
+        "Target speed [m/s].",
+    )
+
+
+def test_example_of_a_scripted_road_user_is_one() -> None:
+    found = re.search(r"```json\n(.*?)```", (ROOT / "docs" / "actors.md").read_text(), re.DOTALL)
+    assert found is not None
+    actor = Actor.model_validate_json(found.group(1))
+    assert isinstance(actor.motion, AlongPath)
+    assert actor.vehicles == ("0",)
 
 
 @pytest.fixture

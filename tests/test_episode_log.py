@@ -17,9 +17,9 @@ from mdrive_sumo.scenario.actor import Actor
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.spec import RoadsideUnit, Scenario
 from mdrive_sumo.state import Actors, EgoState, End, Frame, Kind
-from real2sim.episode_log import recording_of
-from real2sim.episode_log_map import map_of
 from real2sim.recording import Category
+from real2sim.writers.episode import recording_of
+from real2sim.writers.episode_map import map_of
 
 THINGS = {
     "bike": (Kind.CYCLIST, 1.8, 0.7, Category.BICYCLE),

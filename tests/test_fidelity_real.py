@@ -8,13 +8,13 @@ import pytest
 
 from real2sim.clean import clean
 from real2sim.quality import Converted, Quality, assess
-from real2sim.quality_lanes import LaneIndex
+from real2sim.quality.lanes import LaneIndex
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.scenarionet import read_scenarionet
-from real2sim.reconstruct import reconstruct
 from real2sim.recording import Recording
+from real2sim.tracks.reconstruct import reconstruct
 
 LOGS = Path(__file__).parent.parent.parent / "shared" / "data" / "real_logs"
 SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"

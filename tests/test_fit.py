@@ -12,9 +12,9 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import Replay, Standing
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
 from mdrive_sumo.soundness import check_scenario
-from real2sim.findings import Became
-from real2sim.fit import choose_cavs, fit, scenario_names
-from real2sim.fit_path import path_of, progress_of
+from real2sim.fit import choose_cavs, fit, passed_over, scenario_names, unfit
+from real2sim.fit.path import path_of, progress_of
+from real2sim.fit.role import Became
 from real2sim.recording import Category, Track
 
 
@@ -203,6 +203,11 @@ def test_the_cavs_of_the_source_are_taken_if_they_will_do_else_who_is_there_long
     assert choose_cavs(("short",), tracks, matches) == ("short",)
     assert choose_cavs(("off",), tracks, matches) == ("long",)
     assert choose_cavs((), tracks, matches) == ("long",)
+    assert passed_over(("off", "short", "lost"), ("short",), tracks, matches) == {
+        "off": unfit(off, matches["off"]),
+        "lost": "it is not in the cleaned log",
+    }
+    assert "off the road" in unfit(off, matches["off"])
     with pytest.raises(InputError, match="expected a moving vehicle"):
         choose_cavs((), (off,), matches)
 
@@ -213,6 +218,12 @@ def test_the_cavs_of_the_source_are_taken_if_they_will_do_else_who_is_there_long
 def test_ids_of_logs_become_ids_of_scenarios() -> None:
     names = scenario_names([track(id_, 0.0, 0.0) for id_ in ("a:1", "a-1", "_x", "<script>", "7")])
     assert names == {"a:1": "a-1", "a-1": "a-1.2", "_x": "t_x", "<script>": "t-script-", "7": "7"}
+
+
+def test_long_ids_are_cut_to_what_tells_them_apart() -> None:
+    ids = ("0bfc7d407d09490cbca7", "0bfc7d40aaaaaaaaaaaa", "36209f00d7442a19485f", "36209f", "ego")
+    names = scenario_names([track(id_, 0.0, 0.0) for id_ in ids])
+    assert [names[id_] for id_ in ids] == ["0bfc7d407", "0bfc7d40a", "36209f0", "36209f", "ego"]
 
 
 def test_progress_grows_through_junction_and_gaps(roads: RoadMap) -> None:

@@ -18,11 +18,11 @@ from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import statistics
+from real2sim.authored.interdrive import convert_interdrive
+from real2sim.authored.separation import moved
 from real2sim.cli import convert
-from real2sim.interdrive import convert_interdrive
-from real2sim.matching import Leg, match_waypoints
+from real2sim.match.waypoints import Leg, match_waypoints
 from real2sim.readers.interdrive import read_interdrive
-from real2sim.separation import moved
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 ROUTES = DATA / "mdrive" / "interdrive"

@@ -15,12 +15,12 @@ from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from mdrive_sumo.state import Kind
-from real2sim.build import Wish, build_log
 from real2sim.hdmap import HdMap, MapLane
-from real2sim.lane_matching import match
-from real2sim.netbuild import NetworkReport, build_network
+from real2sim.match import match
 from real2sim.netconvert import netconvert_program
-from real2sim.quality_file import QualityFile
+from real2sim.network import NetworkReport, build_network
+from real2sim.pipeline.build import Wish, build_log
+from real2sim.pipeline.quality_file import QualityFile
 from real2sim.recording import Recording, Track
 from real2sim.scene import Scene
 
@@ -162,13 +162,13 @@ def test_the_side_is_found_without_directions_too(tmp_path: Path) -> None:
         assert report.left_hand is side
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["scene-0103", "scene-0757", "av2-forecasting", "av2-sensor", "peach", "interaction"])
 def test_the_mirror_image_of_a_real_log_keeps_to_the_left(name: str, shared_data: Path, tmp_path: Path) -> None:
     check_both_sides(READ[name](), tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["scene-0757", "scene-1100", "peach"])
 def test_the_mirror_image_of_a_real_log_converts_as_well(name: str, shared_data: Path, tmp_path: Path) -> None:
     """Cleaning, matching, fidelity and SUMO's traffic are as good; US-101, one way, tells no side."""

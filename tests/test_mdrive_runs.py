@@ -14,7 +14,7 @@ from mdrive_sumo.episode.episode import Episode
 from mdrive_sumo.episode.storage import load_episode
 from mdrive_sumo.geometry import Float
 from real2sim.readers.carla_frame import UCLA
-from real2sim.v2xpnp_map_writer import write_vector_map
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")

@@ -13,11 +13,11 @@ from mdrive_sumo.geometry import Float, polyline
 from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.state import Kind
 from real2sim.hdmap import HdMap, LaneKind, MapLane
-from real2sim.lane_matching import STILL_M, match
-from real2sim.net_direction import turned, vote_directions
-from real2sim.net_lanes import Strip, part
-from real2sim.net_links import rebuild_links
-from real2sim.netbuild import NetworkReport, build_network
+from real2sim.match import STILL_M, match
+from real2sim.network import NetworkReport, build_network
+from real2sim.network.direction import turned, vote_directions
+from real2sim.network.lanes import Strip, part
+from real2sim.network.links import rebuild_links
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
@@ -96,7 +96,7 @@ def test_every_driven_manoeuvre_is_routable(network: Network) -> None:
     assert len(on_road) >= 0.6 * len(driving)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_maps_as_dirty_as_those_of_v2xpnp_route_every_manoeuvre_too(
     name: str, shared_data: Path, tmp_path: Path

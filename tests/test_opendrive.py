@@ -14,11 +14,11 @@ from mdrive_sumo.geometry import wrap_angle
 from mdrive_sumo.roads import drivable_path, load, network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
-from real2sim.conversion_report import write_networks_report
-from real2sim.opendrive import read_opendrive
-from real2sim.opendrive_links import mend_links
-from real2sim.opendrive_networks import convert_opendrive
-from real2sim.towns import Town, build_town
+from real2sim.carla.links import mend_links
+from real2sim.carla.networks import convert_opendrive
+from real2sim.carla.opendrive import read_opendrive
+from real2sim.carla.report import write_networks_report
+from real2sim.carla.towns import Town, build_town
 
 MAPS = Path(__file__).parent.parent.parent / "shared" / "data" / "carla_towns"
 needs_data = pytest.mark.skipif(not MAPS.is_dir(), reason="needs ../shared/data")

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.geometry import Float
-from real2sim import quality_motion as motion
 from real2sim.quality import CHECKS, Check, Converted, assess, judged
-from real2sim.quality_actor import actor_quality, dtw, errors
-from real2sim.quality_boxes import contacts
-from real2sim.quality_lanes import LaneIndex
+from real2sim.quality.actor import actor_quality, dtw, errors
+from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Category, Track
-from real2sim.standing import moves
+from real2sim.tracks import motion
+from real2sim.tracks.boxes import contacts
+from real2sim.tracks.standing import moves
 
 DT = 0.1
 T = np.arange(100) * DT

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_quality import DT, T, track
 
-from real2sim import quality_motion as motion
 from real2sim.hdmap import HdMap, LaneKind, MapLane
 from real2sim.quality import Converted, assess, judged
-from real2sim.quality_actor import actor_quality
-from real2sim.quality_lanes import LaneIndex, illegal_jumps
+from real2sim.quality.actor import actor_quality
+from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Category
+from real2sim.tracks import motion
 
 
 def lanes() -> LaneIndex:
@@ -45,11 +45,6 @@ def test_lane_index_of_a_map_takes_driving_lanes_only() -> None:
     )
     assert index.offsets(np.array(((5.0, 4.0),)))[0] == pytest.approx(4.0)
     assert np.isinf(LaneIndex.of_map(HdMap()).offsets(np.zeros((1, 2)))).all()
-
-
-def test_illegal_lane_jumps() -> None:
-    legal = {("a", "b"), ("b", "c")}
-    assert illegal_jumps(["a", "a", "", "b", "c", "a", "a"], lambda p, q: (p, q) in legal) == 1
 
 
 def test_backward_along_a_lane() -> None:

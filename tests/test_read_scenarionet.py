@@ -296,6 +296,13 @@ def test_the_ego_of_nuscenes_is_moved_from_its_axle_to_its_centre(tmp_path: Path
     assert waymo.y.tolist() == [0.0] * FRAMES
 
 
+def test_the_ego_of_nuscenes_lies_along_its_heading(tmp_path: Path) -> None:
+    sideways = track("VEHICLE", length=np.full((FRAMES, 1), 1.73), width=np.full((FRAMES, 1), 4.08))
+    ego, other = read(tmp_path, description("nuscenes", tracks={"1": sideways, "2": sideways})).views[0].tracks
+    assert (ego.length[0], ego.width[0]) == (4.08, 1.73)
+    assert (other.length[0], other.width[0]) == (1.73, 4.08)
+
+
 @pytest.mark.parametrize("protocol", [3, 4, 5])
 def test_all_protocols_and_numpy_numbers_are_read(tmp_path: Path, protocol: int) -> None:
     raw = description() | {"length": np.int64(FRAMES)}

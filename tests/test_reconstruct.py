@@ -12,10 +12,10 @@ from log_truth import DT, alone, along_bend, made, observed, truth
 from mdrive_sumo.geometry import Float, wrap_angles
 from real2sim.clean import clean
 from real2sim.quality import Converted, assess
-from real2sim.quality_actor import actor_quality
-from real2sim.reconstruct import reconstruct
+from real2sim.quality.actor import actor_quality
 from real2sim.recording import Category, Track
-from real2sim.smoothing import smoothed
+from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.smoothing import smoothed
 
 T = np.arange(100) * DT
 

@@ -14,14 +14,14 @@ from mdrive_sumo.geometry import Bool
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.state import Kind
 from real2sim.clean import clean
-from real2sim.clean_report import Reason
+from real2sim.clean.report import Reason
 from real2sim.hdmap import HdMap, LaneKind
-from real2sim.net_lanes import bounds_width
-from real2sim.netbuild import build_network
+from real2sim.network import build_network
+from real2sim.network.lanes import bounds_width
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.v2xpnp_map_writer import write_vector_map
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 SHARE = 0.98
 """Of the moving vehicles that were visible long enough, found again one to one."""
@@ -149,7 +149,7 @@ def test_the_network_comes_back(busy: Recording, trip: Trip, tmp_path: Path) -> 
     assert (report.left_hand, report.directions.inverted, report.directions.undecided) == (False, (), ())
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_drives_come_back(tmp_path: Path) -> None:
     visible = found = 0
     for seed in range(1, 9):
@@ -169,7 +169,7 @@ def real(name: str) -> Recording:
     return windowed(found, slice(1000, 1100)) if found.frames > 300 else found
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_a_real_log_comes_back(name: str, shared_data: Path, tmp_path: Path) -> None:
     truth = as_truth(real(name))
@@ -180,7 +180,7 @@ def test_a_real_log_comes_back(name: str, shared_data: Path, tmp_path: Path) -> 
     same_lanes(truth.map, read_vector_map(tmp_path / "map.pkl")[0], names)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_the_network_of_a_real_log_comes_back(name: str, shared_data: Path, tmp_path: Path) -> None:
     """V2XPnP knows no directions, neighbours, widths and limits: the network is the same without."""

@@ -17,13 +17,13 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.state import End
 from mdrive_sumo.suite.job import Job, reexecute
-from real2sim.build import Wish, build_log
+from real2sim.pipeline.build import Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
 from real2sim.scene import Scene
-from real2sim.v2xpnp_map_writer import write_vector_map
-from real2sim.v2xpnp_noise import Noise
-from real2sim.v2xpnp_writer import write_v2xpnp
+from real2sim.writers.noise import Noise
+from real2sim.writers.v2xpnp import write_v2xpnp
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def scene(name: str, recording: Recording) -> Scene:
     return Scene(name, recording.source, "V2XPnP", "real2sim", recording.map, recording)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("name", READ)
 def test_a_real_log_converts_as_well_through_the_format(name: str, shared_data: Path, tmp_path: Path) -> None:
     """Against the conversion of the same scene as it is: sizes, headings, occlusion and the bare map cost little."""

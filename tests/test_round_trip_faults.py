@@ -18,15 +18,15 @@ from round_trip import motions_of
 from test_clean_faults import repaired, told
 
 from real2sim.clean import Cleaned, clean
-from real2sim.clean_report import Reason
-from real2sim.netbuild import build_network
+from real2sim.clean.report import Reason
+from real2sim.network import build_network
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.reconstruct import reconstruct
 from real2sim.recording import Recording, Track, View
-from real2sim.v2xpnp_map_writer import write_vector_map
-from real2sim.v2xpnp_noise import Noise, observe
-from real2sim.v2xpnp_writer import write_views
+from real2sim.tracks.reconstruct import reconstruct
+from real2sim.writers.noise import Noise, observe
+from real2sim.writers.v2xpnp import write_views
+from real2sim.writers.v2xpnp_map import write_vector_map
 
 SHARE = 0.98
 CLEAN = Noise(
@@ -133,7 +133,7 @@ def test_all_kinds_at_once_through_the_files(tmp_path: Path) -> None:
     assert all(result.told for result in results)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_logs_through_the_files(tmp_path: Path) -> None:
     results: list[Result] = []
     for seed in range(24):
@@ -184,7 +184,7 @@ def test_a_faulty_vector_map_is_repaired(tmp_path: Path) -> None:
     check_maps([result])
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_many_faulty_vector_maps_are_repaired(tmp_path: Path) -> None:
     results = [map_through_files(seed, tmp_path) for seed in range(15)]
     assert sum(r.reversed + r.removed for r in results) > 150

@@ -63,6 +63,7 @@ def test_a_bad_scenario_gets_one_sentence(tmp_path: Path, change: Any, message: 
         load_scenario(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+    assert "Value error" not in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "\x00\x01"])

@@ -12,10 +12,9 @@ from mdrive_sumo.errors import InputError, WorldError
 from mdrive_sumo.geometry import wrap_angle
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.traffic import BackgroundVehicle
-from mdrive_sumo.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.state import DT, HELD_TICKS, Actors, EgoState, no_actors
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.sumo.frames import angle_to_sumo, front_bumper, yaws_from_sumo
-from mdrive_sumo.sumo.traffic import HELD_TICKS
 
 
 @pytest.fixture(scope="module")

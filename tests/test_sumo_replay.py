@@ -117,6 +117,22 @@ def test_hybrid_stops_for_a_cav_in_the_way_and_replay_does_not(roads: RoadMap) -
     assert hit["replay"] > 0
 
 
+def test_a_released_vehicle_sees_ghosts_at_once(roads: RoadMap, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CAV comes, over two lanes, in a tick between those in which lanes are looked for."""
+    from mdrive_sumo.sumo import mirror
+
+    placed: list[str] = []
+    real = mirror.add_remote
+
+    def noted(name: str, *rest: object) -> None:
+        placed.append(name)
+        real(name, *rest)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(mirror, "add_remote", noted)
+    run(roads, "hybrid", [logged()], [*[AWAY] * 101, EgoState(-60.0, -3.2, 0.0, 0.0)])
+    assert any(name.startswith("ghost:ego:e:") for name in placed)
+
+
 def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
     cav = EgoState(-60.0, -4.8, 0.0, 0.0)
     frames = run(roads, "hybrid", [logged()], [*[cav] * 200, *[AWAY] * 300])
@@ -130,13 +146,15 @@ def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
 def test_whoever_is_about_to_hit_a_released_vehicle_is_released_too(roads: RoadMap) -> None:
     """The CAV is gone before the second, fast vehicle comes near; the first one has just begun to drive again."""
     first, second = logged(), logged(20.0, name="second")
-    second = second.model_copy(update={"log": tuple((t, x - 97.5, y, yaw) for t, x, y, yaw in second.log)})
+    second = second.model_copy(update={"log": tuple((t, x - 167.5, y, yaw) for t, x, y, yaw in second.log)})
     cav = EgoState(-60.0, -4.8, 0.0, 0.0)
-    egos = [*[cav] * 100, *[AWAY] * 120]
+    egos = [*[cav] * 170, *[AWAY] * 110]
     frames, alone = (run(roads, mode, [first, second], egos) for mode in ("hybrid", "replay"))
     for frame in frames:
         assert abs(frame.x[0] - frame.x[1]) > LENGTH
-    assert frames[100].x[1] == alone[100].x[1]
+    assert frames[165].x[1] == alone[165].x[1]
+    braking = -np.diff([frame.speed[1] for frame in frames]) / DT
+    assert braking.max() < 5.0  # released in good time
     assert frames[-1].x[1] < alone[-1].x[1] - 10.0
 
 

@@ -101,9 +101,9 @@ def test_a_vehicle_does_not_depart_into_a_cav_but_waits(roads: RoadMap) -> None:
     assert frames[45].ids == ("bg",)
 
 
-@pytest.mark.parametrize(("gap", "waits"), [(4.0, True), (7.0, False)])
+@pytest.mark.parametrize(("gap", "waits"), [(8.0, True), (9.5, False)])
 def test_a_vehicle_does_not_depart_where_it_could_not_stop_any_more(roads: RoadMap, gap: float, waits: bool) -> None:
-    cav = EgoState(-150 + START_M + gap + SIZE[0] / 2, -4.8, 0, 0)  # 10 m/s and 9 m/s2 need 5.6 m
+    cav = EgoState(-150 + START_M + gap + SIZE[0] / 2, -4.8, 0, 0)  # 10 m/s and 9 m/s2 need 5.6 m, 0.3 s 3 m
     frames = run(roads, [logged(profile([0, 5], [10, 10]))], [cav] * 100)
     assert len(frames[0]) == (not waits)
     assert all(place(frame) < gap for frame in frames if len(frame))

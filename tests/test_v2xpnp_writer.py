@@ -22,9 +22,9 @@ from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.v2xpnp_map_writer import lane_numbers, write_vector_map
-from real2sim.v2xpnp_noise import Noise, numbered, observe
-from real2sim.v2xpnp_writer import LABELS, write_v2xpnp, write_views
+from real2sim.writers.noise import Noise, numbered, observe
+from real2sim.writers.v2xpnp import LABELS, write_v2xpnp, write_views
+from real2sim.writers.v2xpnp_map import lane_numbers, write_vector_map
 
 REAL = Path(__file__).parents[2] / "shared/data/real_logs/scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
 needs_data = pytest.mark.skipif(not REAL.is_file(), reason="needs ../shared/data")

@@ -19,10 +19,8 @@ from mdrive_sumo.geometry import Bool, Float, box_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.actor import Actor, AlongLanes, AlongPath, LaneChange, Replay, Standing
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors, Frame
+from mdrive_sumo.state import DT, HELD_TICKS, Actors, Frame
 
-HELD_TICKS = 2 * TICKS_PER_SECOND
-"""How long a struck road user stands, as SUMO's vehicles do."""
 ON_TIME_S = 1e-6
 """A replay whose own clock is no later than this is where its log has it."""
 

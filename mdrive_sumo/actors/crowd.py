@@ -1,4 +1,4 @@
-"""Everybody but the CAVs: SUMO's actors and the scripted ones, merged in the order of their ids."""
+"""Actors from two sources (SUMO's and those on logs; both and the scripted ones) as one, in the order of their ids."""
 
 import numpy as np
 

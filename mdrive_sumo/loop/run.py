@@ -145,7 +145,7 @@ class _Run:
         self.endings[ego] = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text)
 
     def first_frame(self, world: World) -> Frame:
-        """Every CAV at rest on its start."""
+        """Every CAV on its start, with its start speed."""
         states = {ego: dynamics.ego_state(body) for ego, body in self._bodies.items()}
         around = world.start(states, self._cast.present)
         return Frame(0, states, self._crowd.merged(around.actors, self._cast.present), around.signals)

@@ -81,7 +81,7 @@ def load_suite(name_or_folder: str) -> Suite:
     about = _suite_file(folder / SUITE_FILE)
     if about.parts:
         return Suite(about, folder, _scenarios_of_parts(about, folder))
-    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: _by_number(path.parent.name))
+    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: by_number(path.parent.name))
     if not paths:
         raise InputError(f"{folder}: expected scenarios in <id>/{SCENARIO_FILE}, found none")
     return Suite(about, folder, tuple(_scenario(path) for path in paths))
@@ -122,5 +122,6 @@ def _scenario(path: Path) -> Scenario:
     return scenario
 
 
-def _by_number(name: str) -> list[tuple[int, str]]:
+def by_number(name: str) -> list[tuple[int, str]]:
+    """Sort key of names with numbers in them, which count by value: r2 before r10."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

@@ -14,7 +14,7 @@ Speed = Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)]
 class Part(BaseModel):
     """A piece of a scenario file: it never changes, and unknown keys are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class Pose(Part):

@@ -138,7 +138,8 @@ def first_problem(error: ValidationError) -> str:
         if problem["type"] in ("missing", "json_invalid", "value_error")
         else f", found {shortened(problem['input'])}"
     )
-    return f"{where}: {problem['msg']}{found}{more}"
+    said = problem["msg"].removeprefix("Value error, ")  # pydantic's words before a sentence of ours
+    return f"{where}: {said}{found}{more}"
 
 
 def shortened(value: object) -> str:

@@ -96,6 +96,7 @@ class Pool(Generic[J, R]):
         self._busy.append(worker)
 
     def _start(self) -> _Worker[J]:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a core for each worker: numpy's own threads only fight
         context = get_context("spawn")
         ours, theirs = context.Pipe()
         # A daemon: should a second Ctrl-C come before `__exit__` holds it back, the interpreter still ends the worker.

@@ -36,7 +36,8 @@ class Mover:
 def mover_of(actors: Actors, i: int, off_log: bool = False) -> Mover:
     """One of the actors."""
     columns = (actors.x, actors.y, actors.yaw, actors.speed, actors.length, actors.width)
-    return Mover(*(float(column[i]) for column in columns), off_log)
+    x, y, yaw, speed, length, width = (float(column[i]) for column in columns)
+    return Mover(x, y, yaw, speed, length, width, off_log)
 
 
 def meets(logs: Logs, tick: int, there: Bool, mover: Mover) -> Bool:

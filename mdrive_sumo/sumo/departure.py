@@ -29,6 +29,8 @@ KEEP_CLEAR = "junctionModel.jmIgnoreKeepClearTime"
 """After how long [s] a driver enters a junction that SUMO thinks it cannot leave. The log knows that it can."""
 NO_LIMIT = 10.0
 """Speed factor at departure: SUMO refuses vehicles that come faster than allowed. When it drives freely it is 1."""
+REACTION_S = 0.3
+"""Before a vehicle that has just departed brakes fully: until its first action, and one more."""
 ON_LANE, AS_IT_IS = 1, 2
 """moveToXY's keepRoute: on the centre of a lane of its own route; or exactly there (sumo_pitfalls 1)."""
 WAY_M = 3.0
@@ -162,7 +164,7 @@ def free(berth: Berth, others: Actors) -> bool:
         return True
     *_, yaw = berth.front
     along = np.maximum(others.speed * np.cos(others.yaw - yaw), 0.0)
-    needed = np.abs(berth.speed**2 - along**2) / (2 * EMERGENCY_DECEL)
+    needed = np.abs(berth.speed**2 - along**2) / (2 * EMERGENCY_DECEL) + REACTION_S * np.abs(berth.speed - along)
     ahead = np.where(along < berth.speed, needed, -needed) / 2
     x, y = berth.centre[0] + math.cos(yaw) * ahead, berth.centre[1] + math.sin(yaw) * ahead
     mine = boxes_corners(x, y, np.array(yaw), berth.size[0] + needed, np.array(berth.size[1] - 2 * SLACK_M))

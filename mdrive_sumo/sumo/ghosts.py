@@ -61,27 +61,26 @@ def ghosts_of(bodies: Sequence[Body], roads: RoadMap) -> dict[str, Ghost]:
         return {}
     strips = _corridors(roads)
     boxes = shapely.polygons([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in bodies])
-    body, lane = strips.tree.query(boxes, predicate="intersects")
-    order = np.lexsort((lane, body))
-    return dict(_ghosts(bodies, body[order], lane[order], boxes, roads))
+    found = zip(*strips.tree.query(boxes, predicate="intersects").tolist(), strict=True)
+    pairs = sorted((b, lane) for b, lane in found if roads.driving[lane].id != bodies[b].seen_on)
+    return dict(_ghosts(bodies, pairs, boxes, roads)) if pairs else {}
 
 
-def _ghosts(bodies: Sequence[Body], body: Any, lane: Any, boxes: Any, roads: RoadMap) -> Iterator[tuple[str, Ghost]]:
+def _ghosts(
+    bodies: Sequence[Body], pairs: list[tuple[int, int]], boxes: Any, roads: RoadMap
+) -> Iterator[tuple[str, Ghost]]:
+    body, lane = np.array(pairs).T
     first, last = _extents(boxes[body], lane, _corridors(roads))
-    for i, (b, found) in enumerate(zip(body, lane, strict=True)):
+    for (b, found), begin, end in zip(pairs, first.tolist(), last.tolist(), strict=True):
         one, on = bodies[b], roads.driving[found]
-        if on.id == one.seen_on:
-            continue
-        length = max(float(last[i]) - float(first[i]), SHORTEST_M)
-        front = max(float(last[i]), length)  # its rear is on this lane too: SUMO loses track of ghosts on two lanes
-        along = one.speed * math.cos(one.yaw - on.centre.yaw_at(float(last[i]))) if one.speed else 0.0
+        length = max(end - begin, SHORTEST_M)
+        front = max(end, length)  # its rear is on this lane too: SUMO loses track of ghosts on two lanes
+        along = one.speed * math.cos(one.yaw - on.centre.yaw_at(end)) if one.speed else 0.0
         yield f"{GHOST}{one.name}:{on.id}", Ghost(one.name, on, front, length, max(along, 0.0))
 
 
 def _extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float, Float]:
     """Least and greatest arc length (P,) [m] on the lanes (P,) of what the boxes (P,) have of their strips."""
-    if not len(lane):
-        return np.zeros(0), np.zeros(0)
     shared = shapely.intersection(boxes, strips.tree.geometries[lane])
     corners, pair = shapely.get_coordinates(shared, return_index=True)
     stations = shapely.line_locate_point(strips.lines[lane[pair]], shapely.points(corners))

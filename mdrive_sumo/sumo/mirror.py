@@ -23,13 +23,15 @@ class Mirror:
         self._roads = roads
         self._ghosts: dict[str, Ghost] = {}
         self._bodies: dict[str, Body] = {}
+        self._looked = False
 
     def looks(self, tick: int) -> bool:
-        """Whether it is time to `look`; else `follow` will do."""
-        return tick % GHOST_TICKS == 0
+        """Whether it is time to `look`, as it is at first whenever that is; else `follow` will do."""
+        return not self._looked or tick % GHOST_TICKS == 0
 
     def look(self, bodies: Sequence[Body]) -> None:
         """Places the ghosts of all bodies for the coming step, by what they overlap now."""
+        self._looked = True
         self._place_all(self._found(bodies))
 
     def follow(self, names: Collection[str]) -> None:

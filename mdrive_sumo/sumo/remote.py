@@ -6,7 +6,7 @@ import libsumo
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sumo.frames import angle_to_sumo
 
-EGO, GHOST, SCRIPTED = "ego:", "ghost:", "scripted:"
+EGO, GHOST = "ego:", "ghost:"
 """Prefixes of SUMO ids, of the vehicle types and of the vehicles. Background vehicles have ids without a colon."""
 DUMMY = "dummy:"
 """Prefix of the routes of what we place; a background vehicle's route has its id."""
@@ -18,7 +18,7 @@ KEEP_ROUTE = 2
 
 def add_types() -> None:
     """Vehicle types of what we place; once after the start of SUMO."""
-    for name in (EGO, GHOST, SCRIPTED):
+    for name in (EGO, GHOST):
         libsumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
         libsumo.vehicletype.setMinGap(name, 2.5)
 

@@ -23,12 +23,16 @@ class Replay:
 
     def __init__(self, background: Background, roads: RoadMap) -> None:
         self._logs = logs_of(background.vehicles if background.mode != "reactive" else ())
-        self._roads, self._releases = roads, background.mode == "hybrid"
+        self._roads = roads
         self._following = np.ones(len(self._logs.vehicles), dtype=np.bool_)
+        self.releases = background.mode == "hybrid" and bool(self._logs.vehicles)
+        """Whether anybody can be released."""
         self._last = no_actors()
 
     def actors(self, tick: int) -> Actors:
         """Those that are on their log in a tick."""
+        if not len(self._following):
+            return self._last
         found = self._logs.actors(tick, self._following)
         if found.ids == self._last.ids:
             found = replace(found, ids=self._last.ids)
@@ -40,8 +44,6 @@ class Replay:
 
         `last`: all background vehicles in the tick before. Who is off its route then stays on its log.
         """
-        if not self._releases or not len(self._following):
-            return []
         found: list[tuple[BackgroundVehicle, Berth]] = []
         for i in np.flatnonzero(self._disturbed(tick, [*cavs, *self._strays(tick - 1, last)])):
             vehicle = self._logs.vehicles[i]

@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from mdrive_sumo.scenario.actor import Actor
 from mdrive_sumo.state import Actors
 from mdrive_sumo.sumo.ghosts import Body
-from mdrive_sumo.sumo.remote import SCRIPTED
+
+SCRIPTED = "scripted:"
+"""Prefix of the names of their bodies, which have ghosts in SUMO, and no double."""
 
 
 class Scripted:
@@ -26,7 +28,7 @@ class Scripted:
 
 
 def names_of(actors: Actors) -> set[str]:
-    """SUMO ids of their bodies."""
+    """Names of their bodies."""
     return {SCRIPTED + name for name in actors.ids}
 
 

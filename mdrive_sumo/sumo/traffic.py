@@ -8,15 +8,13 @@ import numpy as np
 
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
-from mdrive_sumo.state import DT, TICKS_PER_SECOND, Actors
+from mdrive_sumo.state import DT, HELD_TICKS, Actors
 from mdrive_sumo.sumo.conflict import Mover, meets
 from mdrive_sumo.sumo.departure import Berth, add_type, berth_of, depart, free, type_of
 from mdrive_sumo.sumo.drive import FREE, Scheduled
 from mdrive_sumo.sumo.lane_change import Others
 from mdrive_sumo.sumo.plan import plans_of
 
-HELD_TICKS = 2 * TICKS_PER_SECOND
-"""How long a struck background vehicle stands (design/architecture, decisions)."""
 LOOK_TICKS = 4
 """How often it is looked for vehicles on schedule that are in somebody's way: every 0.2 s."""
 

@@ -10,6 +10,7 @@ from typing import Self
 import libsumo
 import numpy as np
 
+from mdrive_sumo.actors import Crowd
 from mdrive_sumo.errors import InputError, WorldError
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
@@ -22,7 +23,6 @@ from mdrive_sumo.sumo.mirror import Mirror
 from mdrive_sumo.sumo.remote import EGO, add_remote, add_types, place
 from mdrive_sumo.sumo.replay import Replay
 from mdrive_sumo.sumo.scripted import Scripted, bodies_of, names_of
-from mdrive_sumo.sumo.together import Together
 from mdrive_sumo.sumo.traffic import Traffic
 
 _position, _angle, _speed = (
@@ -52,7 +52,7 @@ class SumoWorld:
         self._traffic = Traffic(scenario.background, roads)
         self._egos: tuple[str, ...] = ()
         self._replay = Replay(scenario.background, roads)
-        self._together = Together()
+        self._crowd = Crowd()
         self._mirror = Mirror(roads)
         self._scripted = Scripted(scenario.actors)
         self._tick = 0
@@ -110,10 +110,11 @@ class SumoWorld:
         Egos that are no longer named leave the world. Raises WorldError where SUMO fails or teleports a vehicle.
         """
         try:
-            scripted = self._scripted.noticed(scripted) if self._traffic.drives else no_actors()
+            scripted = self._scripted.noticed(scripted) if len(scripted) else scripted
             self._place_egos(egos)
-            for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
-                self._traffic.take(vehicle, berth)
+            if self._replay.releases:
+                for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
+                    self._traffic.take(vehicle, berth)
             replayed = self._replay.actors(self._tick)
             self._place_ghosts(egos, (scripted, replayed))
             self._traffic.hold(struck, self._tick)
@@ -126,8 +127,10 @@ class SumoWorld:
                 raise WorldError(
                     f"SUMO teleported {libsumo.simulation.getStartingTeleportIDList()} at step {self._tick}"
                 )
-            shifted(driven := self._actors(), self._traffic.offsets)
-            self._last = self._together(driven, replayed)
+            driven = self._actors()
+            if offsets := self._traffic.offsets:
+                shifted(driven, offsets)
+            self._last = self._crowd.merged(driven, replayed)
             return Surroundings(self._last, self._signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
@@ -176,8 +179,7 @@ class SumoWorld:
             bodies = [body for some in others for body in bodies_of(some)]
             self._mirror.look([*self._ego_bodies(egos), *bodies])
             return
-        names = set[str]().union(*(names_of(some) for some in others))
-        self._mirror.follow(names.union(EGO + name for name in egos))
+        self._mirror.follow({EGO + name for name in egos}.union(*(names_of(some) for some in others if len(some))))
 
     def _ego_bodies(self, egos: Mapping[str, EgoState]) -> list[Body]:
         return [

@@ -22,7 +22,7 @@ from real2sim.readers.mdrive_actors import Authored, build_actor
 from real2sim.readers.mdrive_behavior import read_scripts, vehicle_names
 from real2sim.readers.mdrive_manifest import MANIFEST, ManifestEntry, Role, read_manifest
 from real2sim.readers.mdrive_weather import nearest_weather
-from real2sim.route_file import RouteFile, ego_index, read_route_file
+from real2sim.readers.route_file import RouteFile, ego_index, read_route_file
 from real2sim.scene import CavRoute, Scene, TownMap
 
 REPLAY = "_REPLAY"

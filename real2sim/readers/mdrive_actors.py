@@ -15,7 +15,7 @@ from real2sim.readers.carla_frame import CarlaFrame
 from real2sim.readers.mdrive_behavior import Script
 from real2sim.readers.mdrive_blueprints import BICYCLE, CAR, PERSON, THING, Shape, shape_of
 from real2sim.readers.mdrive_manifest import SPEEDS, ManifestEntry, Role
-from real2sim.route_file import RouteFile
+from real2sim.readers.route_file import RouteFile
 from real2sim.xml_file import finite
 
 STEP_M = 1e-3

@@ -57,8 +57,11 @@ def read_scenarionet(path: Path) -> Recording:
     hd_map, map_notes = read_map(path, description, dataset)
     cavs, cav_notes = _cavs(description["metadata"], tracks)
     if dataset == "nuscenes" and cavs:
-        tracks = tuple(moved_ahead(track, AXLE_TO_CENTRE_M) if track.id in cavs else track for track in tracks)
-        cav_notes = (f"{cavs[0]}: box centre taken as {AXLE_TO_CENTRE_M} m ahead of the pose, a rear axle in nuScenes",)
+        tracks = tuple(_own_car(track) if track.id in cavs else track for track in tracks)
+        cav_notes = (
+            f"{cavs[0]}: box centre taken as {AXLE_TO_CENTRE_M} m ahead of the pose, a rear axle in nuScenes;"
+            " the longer side of its box taken as the length, whichever the source calls so",
+        )
     return Recording(
         id=str(description.get("id", path.stem)),
         source="scenarionet",
@@ -69,6 +72,12 @@ def read_scenarionet(path: Path) -> Recording:
         cavs=cavs,
         notes=(*time_notes, *track_notes, *cav_notes, *map_notes),
     )
+
+
+def _own_car(track: Track) -> Track:
+    """The recording car of nuScenes: its pose is its rear axle, and ScenarioNet swaps length and width of its box."""
+    length, width = np.fmax(track.length, track.width), np.fmin(track.length, track.width)
+    return moved_ahead(track.with_rows(length=length, width=width), AXLE_TO_CENTRE_M)
 
 
 def _description(path: Path) -> Mapping[str, Any]:

@@ -17,9 +17,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from busy_log import make_busy_log
 
-from real2sim import build
-from real2sim.convert import convert_log
-from real2sim.convert_read import Log
+from real2sim.pipeline import build
+from real2sim.pipeline.convert import convert_log
+from real2sim.pipeline.read import Log
 
 Row = tuple[str, float, str, str]
 STEPS = ("clean", "build_network", "reconstruct", "match", "fit", "_assessed", "closeness")

@@ -1,0 +1,165 @@
+"""The way of a track through the network, measured as SUMO measures it: one length for all lanes of an edge."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.roads import Lane, RoadMap
+from real2sim.match import Match
+from real2sim.recording import Track
+
+JOINT_M = 0.1
+"""SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`network.shapes`)."""
+CLAMPED_M = 0.05
+"""A foot so near to an end of the path may be that of a place beyond it."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One edge of a route: the lanes of it that are used, in order, and where along the route it begins [m]."""
+
+    edge: str
+    lanes: tuple[Lane, ...]
+    begin: float
+    length: float
+
+    @property
+    def junction(self) -> bool:
+        """Whether it lies inside a junction."""
+        return self.lanes[0].junction
+
+    @property
+    def end(self) -> float:
+        """Where along the route it ends [m]."""
+        return self.begin + self.length
+
+
+@dataclass(frozen=True)
+class RoutePath:
+    """Edges one after another."""
+
+    stages: tuple[Stage, ...]
+
+    @property
+    def length(self) -> float:
+        """[m]"""
+        return self.stages[-1].end
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Edges outside junctions, as SUMO's routes name them."""
+        return tuple(stage.edge for stage in self.stages if not stage.junction)
+
+    @cached_property
+    def _by_lane(self) -> dict[str, list[int]]:
+        found: dict[str, list[int]] = {}
+        for i, stage in enumerate(self.stages):
+            for lane in stage.lanes:
+                if i not in found.setdefault(lane.id, []):
+                    found[lane.id].append(i)
+        return found
+
+    def stage_of(self, lane: str, least: int) -> int | None:
+        """Index of the stage with that lane: the first from `least` on, else the last before; None if it has none."""
+        at = self._by_lane.get(lane, [])
+        return next((i for i in at if i >= least), at[-1] if at else None)
+
+    def stage_at(self, s: float) -> int:
+        """Index of the stage at a distance [m] along the route."""
+        begins = [stage.begin for stage in self.stages]
+        return max(int(np.searchsorted(begins, s, side="right")) - 1, 0)
+
+
+def path_of(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
+    """The path along lanes that are successors or neighbours of one another."""
+    groups: list[list[Lane]] = []
+    joints = [0.0]
+    for before, here in pairwise(["", *lanes]):
+        lane = roads.lanes[here]
+        if before and before == here:
+            continue
+        if before and here in (roads.lanes[before].left, roads.lanes[before].right):
+            groups[-1].append(lane)
+            continue
+        if before:
+            joints.append(0.0 if lane.junction or roads.lanes[before].junction else JOINT_M)
+        groups.append([lane])
+    stages: list[Stage] = []
+    for group, joint in zip(groups, joints, strict=True):
+        begin = (stages[-1].end if stages else 0.0) + joint
+        stages.append(Stage(group[0].edge, tuple(group), begin, edge_length(roads, group[0])))
+    return RoutePath(tuple(stages))
+
+
+def edge_length(roads: RoadMap, lane: Lane) -> float:
+    """SUMO's length [m] of the edge of a lane: the mean of its lanes (`network.shapes`); a junction lane has one."""
+    if lane.junction:
+        return lane.centre.length
+    side, beside = lane, [lane]
+    while side.left:
+        side = roads.lanes[side.left]
+        beside.append(side)
+    side = lane
+    while side.right:
+        side = roads.lanes[side.right]
+        beside.append(side)
+    return float(np.mean([one.centre.length for one in beside]))
+
+
+def progress_of(path: RoutePath, track: Track, match: Match) -> Float:
+    """Distance (T,) [m] of the box centre along the path, growing; NaN before the first and after the last frame.
+
+    Where no lane is known, or it is before or behind the path, that of the frames around it and the distance driven.
+    """
+    frames = np.flatnonzero(track.valid)
+    whole = np.arange(frames[0], frames[-1] + 1)
+    x, y = (np.interp(whole, frames, values[frames]) for values in (track.x, track.y))
+    driven = np.concatenate(((0.0,), np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    at, ahead = _known(path, match, whole)
+    inside = (ahead > CLAMPED_M) & (ahead < path.length - CLAMPED_M)
+    at, ahead = (at[inside], ahead[inside]) if inside.any() else (at, ahead)
+    along = np.full(len(match.lane), np.nan)
+    along[whole] = np.maximum.accumulate(driven + np.interp(whole, at, ahead - driven[at - frames[0]]))
+    return along
+
+
+def _known(path: RoutePath, match: Match, whole: np.ndarray) -> tuple[np.ndarray, Float]:
+    """Frames with a lane of the path, and the distance along it there."""
+    at: list[int] = []
+    ahead: list[float] = []
+    stage = 0
+    for frame in whole.tolist():
+        found = path.stage_of(match.lane[frame], stage) if match.lane[frame] else None
+        if found is None:
+            continue
+        stage = max(stage, found)
+        here = path.stages[found]
+        lane = next(one for one in here.lanes if one.id == match.lane[frame])
+        at.append(frame)
+        ahead.append(here.begin + float(match.s[frame]) * here.length / lane.centre.length)
+    return np.array(at, dtype=np.intp), np.array(ahead)
+
+
+def straight_on(roads: RoadMap, lane: str, least_m: float) -> tuple[str, ...]:
+    """Lanes after this one that turn least, until they are `least_m` long together or the network ends."""
+    found: list[str] = []
+    so_far = 0.0
+    here = roads.lanes[lane]
+    while (so_far < least_m or here.junction) and here.successors:
+        here = roads.lanes[min(here.successors, key=lambda id_: (_turn(roads, id_), id_))]
+        if here.id in found:
+            break
+        found.append(here.id)
+        so_far += here.centre.length
+    while found and roads.lanes[found[-1]].junction:
+        found.pop()
+    return tuple(found)
+
+
+def _turn(roads: RoadMap, lane: str) -> float:
+    yaws = roads.lanes[lane].centre.yaws
+    return float(np.abs(np.diff(np.unwrap(yaws)).sum())) if len(yaws) > 1 else 0.0

@@ -1,0 +1,195 @@
+"""Many logs at once: every one in a worker process of its own, all of them or nothing on the disk."""
+
+import os
+import shutil
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
+from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
+from real2sim.page.index import write_index
+from real2sim.pipeline.build import NETWORKS, Wish
+from real2sim.pipeline.convert import Outcome, convert_log, windows_of
+from real2sim.pipeline.read import Log, named, part
+from real2sim.readers.window import Window
+from real2sim.whole_folder import whole_folder
+
+LIMIT_S = 900.0
+"""A log that takes longer [s, wall clock] is given up."""
+PARTS = ".parts"
+Windows = tuple[Window, ...]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker does with one log: convert it into a folder, or cut it into windows of `every_s`."""
+
+    number: int
+    log: Log
+    wish: Wish
+    page: bool
+    folder: Path
+    every_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What became of all logs, in the order in which they were given."""
+
+    outcomes: tuple[Outcome, ...]
+    refused: tuple[str, ...]
+    """One sentence for each log that could not be converted."""
+
+    @property
+    def missing(self) -> tuple[Outcome, ...]:
+        """Scenarios that miss a target."""
+        return tuple(outcome for outcome in self.outcomes if outcome.misses)
+
+
+def _silent(_done: int, _total: int, _text: str) -> None:
+    """Nobody watches."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """How a batch is to be done."""
+
+    wish: Wish = field(default_factory=Wish)
+    page: bool = False
+    every_s: float | None = None
+    """Cuts every log into scenarios of this length [s]."""
+    workers: int = 1
+    progress: Callable[[int, int, str], None] = _silent
+    """Called with how many of how many logs are done, and what became of the last one."""
+
+
+def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order) -> Batch:
+    """Writes the suite of all logs that can be converted; raises InputError if none can, or `out` cannot be written.
+
+    `out`, which must be new or empty, appears only at the end, whole.
+    """
+    with whole_folder(out) as draft:
+        parts = draft / PARTS
+        tasks, refused = _tasks(logs, parts, order)
+        with Pool(_converted, min(order.workers, max(len(tasks), 1)), LIMIT_S) as pool:
+            answers = dict(_answers(pool.run(tasks), len(tasks), order))
+        outcomes: list[Outcome] = []
+        for task in tasks:
+            answer = answers[task.number]
+            if isinstance(answer, Outcome):
+                answer = _taken(answer, task, draft, outcomes)
+            if isinstance(answer, Outcome):
+                outcomes.append(answer)
+            else:
+                refused.append(answer)
+        if not outcomes:
+            raise InputError("\n".join(refused) or "expected at least one log, found none")
+        shutil.rmtree(parts)
+        save_suite(Suite(about, draft, ()))
+        if order.page:
+            write_index(draft, about.name, [outcome.line for outcome in outcomes if outcome.line])
+    return Batch(tuple(outcomes), tuple(refused))
+
+
+def _tasks(logs: Sequence[Log], parts: Path, order: Order) -> tuple[list[Task], list[str]]:
+    """A task for every log, or for every window of every log; and the logs that cannot be cut, a sentence each."""
+    once, refused = _once(logs)
+    tasks = [Task(i, log, order.wish, order.page, parts / str(i)) for i, log in enumerate(once)]
+    if order.every_s is None:
+        return tasks, refused
+    whole = [replace(task, every_s=order.every_s) for task in tasks]
+    with Pool(_windows, min(order.workers, max(len(whole), 1)), LIMIT_S) as pool:
+        found = {task.number: _checked(answer) for task, answer in pool.run(whole)}
+    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _of(found[i])]
+    refused += [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]
+    return _tasks(cut, parts, replace(order, every_s=None))[0], refused
+
+
+def _once(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+    """The logs without those given before, which are refused."""
+    once: dict[tuple[Path, Window | None], Log] = {}
+    refused: list[str] = []
+    for log in logs:
+        if once.setdefault((log.path.resolve(), log.window), log) is not log:
+            refused.append(named(log, "expected every log once, found it twice"))
+    return list(once.values()), refused
+
+
+def _of(windows: Windows | str) -> Windows:
+    return () if isinstance(windows, str) else windows
+
+
+def _checked(
+    answer: Windows | str | WorkerFailure,
+) -> Windows | str:
+    return _failed(answer) if isinstance(answer, WorkerFailure) else answer
+
+
+def _failed(failure: WorkerFailure) -> str:
+    """A failure of one log in words; raises InputError for what concerns all of them: a full disk."""
+    if failure.kind is FailureKind.INPUT:
+        raise InputError(failure.reason)
+    return f"conversion failed: {failure.reason}"
+
+
+def _answers(
+    done: Iterable[tuple[Task, Outcome | str | WorkerFailure]], total: int, order: Order
+) -> Iterator[tuple[int, Outcome | str]]:
+    ids: set[str] = set()
+    for i, (task, answer) in enumerate(done, 1):
+        if isinstance(answer, WorkerFailure):
+            answer = named(task.log, _failed(answer))
+        order.progress(i, total, f"{_title(task.log)}: {_verdict(answer, ids)}")
+        ids |= {answer.id} if isinstance(answer, Outcome) else set()
+        yield task.number, answer
+
+
+def _title(log: Log) -> str:
+    """The log in progress lines: the name of its file and its window."""
+    return f"{log.path.name}, {part(log)}" if log.window else log.path.name
+
+
+def _verdict(answer: Outcome | str, before: Collection[str]) -> str:
+    """`before`: ids of the logs that were done earlier; a suite has room for one of each."""
+    if isinstance(answer, str):
+        return "unusable"
+    if answer.id in before:
+        return f"unusable, the second {answer.id}"
+    count = len(answer.misses)
+    return f"misses {count} target{'' if count == 1 else 's'}" if count else "passed"
+
+
+def _taken(outcome: Outcome, task: Task, draft: Path, before: Sequence[Outcome]) -> Outcome | str:
+    """Moves a finished scenario and its network into the suite; a sentence if there is one of that name."""
+    if any(outcome.id == other.id for other in before):
+        return named(task.log, f"expected logs of different names, found {outcome.id} twice")
+    (draft / NETWORKS).mkdir(exist_ok=True)
+    (task.folder / outcome.id).rename(draft / outcome.id)
+    (task.folder / NETWORKS / outcome.id).rename(draft / NETWORKS / outcome.id)
+    return outcome
+
+
+def _converted(task: Task) -> Outcome | str:
+    """In a worker: the scenario, or why there is none."""
+    _quiet()
+    try:
+        return convert_log(task.log, task.folder, task.wish, task.page)
+    except InputError as error:
+        return str(error)
+
+
+def _windows(task: Task) -> Windows | str:
+    """In a worker: the windows of a log, or why there are none."""
+    _quiet()
+    assert task.every_s is not None
+    try:
+        return windows_of(task.log, task.every_s)
+    except InputError as error:
+        return str(error)
+
+
+def _quiet() -> None:
+    """SUMO and pyarrow write warnings to standard output, which belongs to our own results."""
+    os.dup2(2, 1)

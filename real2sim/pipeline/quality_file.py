@@ -1,0 +1,131 @@
+"""quality.json: how faithful one scenario of a suite is to its log, beside its scenario.json.
+
+No wall clock, no paths: the same log and options give the same bytes.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, by_number
+from mdrive_sumo.scenario.spec import first_problem
+from real2sim.clean.report import Reason
+from real2sim.closeness import Closeness
+from real2sim.fit.role import Became
+from real2sim.quality import Quality
+from real2sim.targets import Target
+
+QUALITY_FILE = "quality.json"
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class CleaningChange(_Part):
+    """One entry of the cleaning report."""
+
+    reason: Reason
+    track: str
+    frames: int
+    detail: str
+
+
+class Cleaning(_Part):
+    """What cleaning changed."""
+
+    counts: dict[str, int]
+    """Changes by reason."""
+    changes: tuple[CleaningChange, ...]
+
+
+class Network(_Part):
+    """What became of the map."""
+
+    name: str
+    checksum: str
+    lanes: int
+    """Driving lanes of the source."""
+    edges: int
+    nodes: int
+    connections: int
+    left_hand: bool
+    inverted: tuple[str, ...]
+    """Lanes that were turned round by the vote."""
+    undecided: tuple[str, ...]
+    links_dropped: tuple[tuple[str, str], ...]
+    links_added: tuple[tuple[str, str], ...]
+    lost: dict[str, str]
+    """Lane of the source -> why it is not in the network."""
+    centre_mean_m: float
+    centre_p95_m: float
+    centre_max_m: float
+    """Source against network, and back: the worse of both."""
+    default_widths: int
+    default_speeds: int
+    signalled: tuple[str, ...]
+
+
+class FitRole(_Part):
+    """What one track became."""
+
+    track: str
+    name: str
+    """Id in the scenario."""
+    became: Became
+    reason: str
+
+
+class QualityFile(_Part):
+    """The file."""
+
+    format: Literal["mdrive-sumo/quality/1"] = "mdrive-sumo/quality/1"
+    scenario: str
+    source: str
+    log: str
+    """Id of the recording."""
+    window_s: tuple[float, float] | None
+    mode: str
+    dt_s: float
+    cleaning: Cleaning
+    network: Network
+    fidelity: Quality
+    by_sumo: int
+    """Of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
+    fit: tuple[FitRole, ...]
+    closeness: Closeness
+    targets: tuple[Target, ...]
+    misses: tuple[str, ...]
+    """Targets that are not met, a sentence each."""
+    passed: bool
+    notes: tuple[str, ...]
+
+
+def save_quality(quality: QualityFile, folder: Path) -> None:
+    """Writes `quality.json` into the scenario's folder."""
+    (folder / QUALITY_FILE).write_text(quality.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def load_quality(path: Path) -> QualityFile:
+    """Reads one file; raises InputError."""
+    try:
+        return QualityFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+
+
+def load_qualities(suite: Path) -> tuple[QualityFile, ...]:
+    """Those of all scenarios of a suite, by id; raises InputError if there is none."""
+    if not suite.is_dir():
+        raise InputError(f"{suite}: expected a suite folder, found none")
+    paths = sorted(suite.glob(f"*/{QUALITY_FILE}"), key=lambda path: by_number(path.parent.name))
+    if not paths:
+        written = " (authored sources have conversion.md instead)" if (suite / "conversion.md").is_file() else ""
+        raise InputError(
+            f"{suite}: expected {QUALITY_FILE} beside {SCENARIO_FILE} of converted logs, found none{written}"
+        )
+    return tuple(map(load_quality, paths))

@@ -1,0 +1,87 @@
+"""Logs of all sources: which file or folder, and how it is read. A reader is imported when it is used."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.errors import InputError
+from real2sim.readers.window import Window
+from real2sim.recording import Recording
+
+
+@dataclass(frozen=True)
+class Log:
+    """One log: where it is, and how it is to be read."""
+
+    source: str
+    path: Path
+    maps: tuple[Path, ...] = ()
+    """Vector maps (v2xpnp), or the one Lanelet2 map (interaction; else the one beside the tracks)."""
+    agents: tuple[str, ...] | None = None
+    window: Window | None = None
+
+
+def read(log: Log) -> Recording:
+    """Reads the whole log; raises InputError, also where a package of the extra `convert` is missing."""
+    try:
+        return READERS[log.source](log)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        raise InputError(
+            f"{log.source}: expected the package {package}, found none (pip install 'mdrive-sumo[convert]')"
+        ) from None
+
+
+def _v2xpnp(log: Log) -> Recording:
+    from real2sim.readers.v2xpnp import read_v2xpnp
+
+    return read_v2xpnp(log.path, log.maps, log.agents)
+
+
+def _scenarionet(log: Log) -> Recording:
+    from real2sim.readers.scenarionet import read_scenarionet
+
+    return read_scenarionet(log.path)
+
+
+def _commonroad(log: Log) -> Recording:
+    from real2sim.readers.commonroad import read_commonroad
+
+    return read_commonroad(log.path)
+
+
+def _argoverse2(log: Log) -> Recording:
+    from real2sim.readers.argoverse2 import read_argoverse2
+
+    return read_argoverse2(log.path)
+
+
+def _interaction(log: Log) -> Recording:
+    from real2sim.readers.interaction import read_interaction
+
+    folder = log.path if log.path.is_dir() else log.path.parent
+    maps = log.maps or tuple(sorted(folder.glob("*.osm")))
+    if len(maps) != 1:
+        raise InputError(f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(maps)}")
+    return read_interaction(log.path, maps[0])
+
+
+READERS: dict[str, Callable[[Log], Recording]] = {
+    "v2xpnp": _v2xpnp,
+    "scenarionet": _scenarionet,
+    "commonroad": _commonroad,
+    "argoverse2": _argoverse2,
+    "interaction": _interaction,
+}
+"""By the name of the source. Each needs packages of the extra `convert`: that is why they are imported so late."""
+
+
+def named(log: Log, sentence: str) -> str:
+    """A sentence about a log, with its path and window."""
+    text = sentence if str(log.path) in sentence else f"{log.path}: {sentence}"
+    return f"{text} ({part(log)})" if log.window else text
+
+
+def part(log: Log) -> str:
+    """Which window of the log, in words; "" for all of it."""
+    return f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""

@@ -1,0 +1,168 @@
+"""How faithful a suite is: the figures of all its quality.json in one table, and which of them miss their target."""
+
+from collections.abc import Callable, Sequence
+from statistics import median
+
+from pydantic import BaseModel, ConfigDict
+
+from real2sim.pipeline.quality_file import QualityFile
+
+HEAD = (
+    *("scenario", "moving ok", "by SUMO", "median", "p95", "jerk", "wrong", "spawn", "twice", "jumps", "overlap"),
+    *("5 s", "worst", "touch", "order", "verdict"),
+)
+LEGEND = (
+    "moving ok: moving vehicles that pass all checks; by SUMO: moving vehicles that SUMO drives, the others are CAVs or"
+    " scripted; median, p95: raw against reconstructed [m]; jerk: p95 [m/s3];"
+    " wrong: frames against the lane; spawn: overlaps at the start; twice: duplicate tracks; jumps: over 1 m;"
+    " overlap: pairs of reconstructed boxes that overlap later (no target);"
+    " 5 s, worst: traffic off the log after 5 s [m], median and worst vehicle; touch: pairs of background vehicles that"
+    " overlap in SUMO but not in the log (no target); order: kept at conflicts.\n"
+    "The last row: sums of counts; median, p95, jerk and worst of the worst scenario; 5 s of the median scenario."
+)
+
+
+class Line(BaseModel):
+    """The figures of one scenario, or of all together."""
+
+    model_config = ConfigDict(frozen=True)
+
+    scenario: str
+    moving_passed: int
+    moving_vehicles: int
+    by_sumo: int
+    error_median: float | None
+    error_p95: float | None
+    jerk_p95: float
+    wrong_way_frames: int
+    spawn_overlaps: int
+    duplicates: int
+    teleports: int
+    median_at_5s: float | None
+    worst_at_5s: float | None
+    collisions: int
+    """Pairs of reconstructed boxes that overlap after the start, mostly so in the log; no target."""
+    contacts: int
+    """Pairs of background vehicles that overlap in SUMO but not in the log; there is no target for them."""
+    order_kept: int
+    order_pairs: int
+    passed: bool
+
+
+class Summary(BaseModel):
+    """A suite in figures."""
+
+    model_config = ConfigDict(frozen=True)
+
+    scenarios: tuple[Line, ...]
+    all: Line
+    """Sums of counts; of errors, jerk and `worst_at_5s` the worst scenario, of `median_at_5s` the median scenario."""
+    misses: dict[str, dict[str, str]]
+    """Name of the figure -> scenario -> sentence."""
+
+
+def summary(qualities: Sequence[QualityFile]) -> Summary:
+    """Aggregates at least one quality.json."""
+    lines = tuple(map(_line, qualities))
+    misses: dict[str, dict[str, str]] = {}
+    for quality in qualities:
+        for target in quality.targets:
+            if target.met is False:
+                misses.setdefault(target.name, {})[quality.scenario] = target.sentence()
+    return Summary(scenarios=lines, all=_all(lines), misses=misses)
+
+
+def _line(quality: QualityFile) -> Line:
+    fidelity, close = quality.fidelity, quality.closeness
+    return Line(
+        scenario=quality.scenario,
+        moving_passed=fidelity.moving_passed,
+        moving_vehicles=fidelity.moving_vehicles,
+        by_sumo=quality.by_sumo,
+        error_median=fidelity.error_median,
+        error_p95=fidelity.error_p95,
+        jerk_p95=fidelity.jerk_p95,
+        wrong_way_frames=fidelity.wrong_way_frames,
+        spawn_overlaps=len(fidelity.spawn_overlaps),
+        duplicates=len(fidelity.duplicates),
+        teleports=fidelity.teleports,
+        median_at_5s=close.median_at_5s,
+        worst_at_5s=next((error.worst for error in close.errors if error.after_s == 5.0), None),
+        collisions=len(fidelity.collisions),
+        contacts=len(close.contacts),
+        order_kept=close.order_kept,
+        order_pairs=close.order_pairs,
+        passed=quality.passed,
+    )
+
+
+def _all(lines: Sequence[Line]) -> Line:
+    def known(name: str, of: Callable[[Sequence[float]], float]) -> float | None:
+        values = [value for line in lines if (value := getattr(line, name)) is not None]
+        return of(values) if values else None
+
+    counts = (
+        "moving_passed",
+        "moving_vehicles",
+        "by_sumo",
+        "collisions",
+        "contacts",
+        "wrong_way_frames",
+        "spawn_overlaps",
+        "duplicates",
+        "teleports",
+        "order_kept",
+        "order_pairs",
+    )
+    return Line(
+        scenario=f"all {len(lines)}",
+        error_median=known("error_median", max),
+        error_p95=known("error_p95", max),
+        jerk_p95=max(line.jerk_p95 for line in lines),
+        median_at_5s=known("median_at_5s", median),
+        worst_at_5s=known("worst_at_5s", max),
+        passed=all(line.passed for line in lines),
+        **{name: sum(getattr(line, name) for line in lines) for name in counts},
+    )
+
+
+def summary_table(found: Summary) -> str:
+    """For a terminal: a line for each scenario, all together, then what misses its target."""
+    rows = [HEAD, *map(_cells, (*found.scenarios, found.all))]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
+    lines = [
+        "  ".join(_padded(cell, width, i) for i, (cell, width) in enumerate(zip(row, widths, strict=True))).rstrip()
+        for row in rows
+    ]
+    return "\n".join((*lines, "", LEGEND, "", *_missed(found)))
+
+
+def _padded(cell: str, width: int, column: int) -> str:
+    return cell.ljust(width) if column in (0, len(HEAD) - 1) else cell.rjust(width)
+
+
+def _missed(found: Summary) -> list[str]:
+    if not found.misses:
+        return ["Every figure meets its target."]
+    return [f"{scenario}: {sentence}" for missed in found.misses.values() for scenario, sentence in missed.items()]
+
+
+def _cells(line: Line) -> tuple[str, ...]:
+    return (
+        line.scenario,
+        f"{line.moving_passed}/{line.moving_vehicles}",
+        f"{line.by_sumo}/{line.moving_vehicles}",
+        _number(line.error_median, 3),
+        _number(line.error_p95, 3),
+        _number(line.jerk_p95, 2),
+        *map(str, (line.wrong_way_frames, line.spawn_overlaps, line.duplicates, line.teleports, line.collisions)),
+        _number(line.median_at_5s, 2),
+        _number(line.worst_at_5s, 2),
+        str(line.contacts),
+        f"{line.order_kept}/{line.order_pairs}",
+        "passed" if line.passed else "misses",
+    )
+
+
+def _number(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"

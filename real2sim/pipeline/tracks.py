@@ -1,0 +1,108 @@
+"""What the pipeline asks of a log before and between its steps."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.scenario.spec import RoadsideUnit
+from mdrive_sumo.state import Kind
+from real2sim.clean import Cleaned
+from real2sim.fit import choose_cavs, passed_over, scenario_names, unfit
+from real2sim.hdmap import HdMap, LaneKind
+from real2sim.match import Match
+from real2sim.recording import Recording, Track, View
+
+OFF_MAP_M = 30.0
+"""A vehicle further than this from every driving lane is off the map: wider than any car park beside a road."""
+OFF_MAP_SHARE = 0.5
+"""A map with more of the vehicles' points off it is that of another place (as `readers.v2xpnp` has it)."""
+
+
+def check_on_map(recording: Recording) -> None:
+    """Raises InputError if most of the log lies elsewhere than its map, saying how far."""
+    gaps = _gaps(recording.map, _points(recording))
+    if not len(gaps):
+        return
+    share = float((gaps > OFF_MAP_M).mean())
+    if share > OFF_MAP_SHARE:
+        raise InputError(
+            f"expected tracks on the lanes of the map, found {share:.0%} of the vehicles' points more than"
+            f" {OFF_MAP_M:g} m off (median {np.median(gaps):.0f} m): it is the map of another place"
+        )
+
+
+def _points(recording: Recording) -> Float:
+    """Where vehicles were seen (N, 2) [m], at most ten times each."""
+    tracks = [track for view in recording.views for track in view.tracks if track.category.kind is Kind.VEHICLE]
+    seen = [track.xy[track.frames[:: max(len(track.frames) // 10, 1)]] for track in tracks]
+    return np.concatenate(seen) if seen else np.zeros((0, 2))
+
+
+def _gaps(map_: HdMap, xy: Float) -> Float:
+    """Distances (N,) [m] to the nearest driving lane; none without a lane: `build_network` refuses such a map."""
+    lanes = [lane for lane in map_.lanes.values() if lane.kind is LaneKind.DRIVING and len(lane.centre) > 1]
+    if not lanes or not len(xy):
+        return np.zeros(0)
+    tree = shapely.STRtree([shapely.LineString(lane.centre) for lane in lanes])
+    _, gaps = tree.query_nearest(shapely.points(xy), return_distance=True, all_matches=False)
+    return gaps
+
+
+def motions(tracks: Sequence[Track]) -> dict[str, Float]:
+    """x, y, yaw (T, 3) of all vehicles by id."""
+    vehicles = [track for track in tracks if track.category.kind is Kind.VEHICLE]
+    return {track.id: np.column_stack((track.x, track.y, track.yaw)) for track in vehicles}
+
+
+def cav_tracks(
+    names: Sequence[str], cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]
+) -> tuple[str, ...]:
+    """Tracks of the named observers or tracks; without names those of the source, else the one there longest.
+
+    A name is one of an observer, a track or a scenario, in this order, or how only one of them begins.
+    """
+    if not names:
+        return choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
+    return tuple(dict.fromkeys(_track_of(name, cleaned, tracks, matches) for name in names))
+
+
+def _track_of(name: str, cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]) -> str:
+    """The id of the track of that name; raises InputError, naming what can be a CAV."""
+    shown = scenario_names(tracks)
+    exact = [cleaned.cavs[name]] if name in cleaned.cavs else [name] if name in shown else []
+    exact = exact or [id_ for id_, text in shown.items() if text == name]
+    found = exact or [id_ for id_, text in shown.items() if id_.startswith(name) or text.startswith(name)]
+    if len(found) == 1:
+        return found[0]
+    usable = sorted(shown[one.id] for one in tracks if not one.parked and not unfit(one, matches.get(one.id)))
+    what = f"{len(found)} whose names begin so" if found else "none of that name"
+    raise InputError(
+        f"CAV {name}: expected one of the vehicles {', '.join(usable) or '(none is usable)'}, found {what}"
+    )
+
+
+def cav_notes(
+    names: Sequence[str], chosen: Sequence[str], cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]
+) -> tuple[str, ...]:
+    """A sentence for every CAV of the source that is none here although nobody named others."""
+    if names:
+        return ()
+    shown = scenario_names(tracks)
+    others = ", ".join(shown[id_] for id_ in chosen)
+    over = passed_over(tuple(cleaned.cavs.values()), chosen, tracks, matches)
+    return tuple(
+        f"{id_}, a CAV of the source, is none here: {why}; driven instead: {others}" for id_, why in over.items()
+    )
+
+
+def stations(views: Sequence[View]) -> tuple[RoadsideUnit, ...]:
+    """Observers that are infrastructure, where their sensor is."""
+    found: list[RoadsideUnit] = []
+    for view in views:
+        if view.infrastructure and np.isfinite(view.pose[:, :2]).all(1).any():
+            x, y = np.nanmedian(view.pose[:, :2], axis=0).round(3).tolist()
+            found.append(RoadsideUnit(id=f"rsu{view.observer.lstrip('-')}", x=x, y=y))
+    return tuple(found)

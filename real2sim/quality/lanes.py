@@ -1,0 +1,104 @@
+"""Where trajectories lie on the lanes of a map: lateral offset, off-route and wrong-way frames."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.geometry import Bool, Float, Int, wrap_angles
+from real2sim.hdmap import HdMap, LaneKind, MapLane
+
+SAME_LANE_M = 3.0
+"""Lanes this near are as good as the nearest (further is off the route): in a junction all directions overlap."""
+ALMOST_M = 0.25
+"""A lane this much further away than the nearest one counts as near too."""
+USUAL_WIDTH_M = 3.5
+"""Of the lanes that the distances of MDrive's checks are meant for; in a wider lane they count from further out."""
+OUTSIDE_M = 10.0
+"""Further from all lanes there is no map: parking lots, streets that the source leaves out."""
+
+
+@dataclass(frozen=True)
+class LaneIndex:
+    """Segments of all lanes in a spatial index. `lane` numbers the lines as they were given."""
+
+    starts: Float
+    """(S, 2) [m]"""
+    vectors: Float
+    """(S, 2) [m]"""
+    lane: Int
+    directed: Bool
+    wider: Float
+    """(S,) [m] by how much half the lane is wider than half a usual one."""
+    tree: shapely.STRtree
+
+    @classmethod
+    def of_lines(
+        cls, lines: Iterable[Float], directed: Iterable[bool], widths: Iterable[float] | None = None
+    ) -> "LaneIndex":
+        """Index of centre lines (N, 2) [m] and lane widths [m]; a `directed` line runs in the direction of travel."""
+        lines, flags = [np.asarray(line, dtype=np.float64)[:, :2] for line in lines], list(directed)
+        starts = np.concatenate([line[:-1] for line in lines] or [np.zeros((0, 2))])
+        ends = np.concatenate([line[1:] for line in lines] or [np.zeros((0, 2))])
+        counts = [len(line) - 1 for line in lines]
+        tree = shapely.STRtree([shapely.LineString(ends_of) for ends_of in np.stack((starts, ends), axis=1)])
+        lane = np.repeat(np.arange(len(lines)), counts)
+        width = np.full(len(lines), USUAL_WIDTH_M) if widths is None else np.array(list(widths), dtype=np.float64)
+        wider = np.repeat(np.maximum(np.nan_to_num(width, nan=USUAL_WIDTH_M) - USUAL_WIDTH_M, 0.0) / 2, counts)
+        return cls(starts, ends - starts, lane, np.repeat(np.array(flags, dtype=np.bool_), counts), wider, tree)
+
+    @classmethod
+    def of_map(cls, hd_map: HdMap) -> "LaneIndex":
+        """Index of the driving lanes of a source's map."""
+        lanes = [lane for lane in hd_map.lanes.values() if lane.kind is LaneKind.DRIVING]
+        return cls.of_lines(
+            [lane.centre for lane in lanes], [lane.directed for lane in lanes], [_width(lane) for lane in lanes]
+        )
+
+    def outside(self, xy: Float) -> Bool:
+        """Which points (N, 2) the map does not cover: far from all lanes, or beyond the open end of the nearest one."""
+        if not len(self.starts) or not len(xy):
+            return np.ones(len(xy), dtype=np.bool_)
+        point, segment = self.tree.query_nearest(shapely.points(xy), all_matches=False)
+        relative = xy[point] - self.starts[segment]
+        length = np.maximum(np.hypot(*self.vectors[segment].T), 1e-9)
+        along = (relative * self.vectors[segment]).sum(1) / length
+        beyond = np.maximum(along - length, -along)
+        result = np.ones(len(xy), dtype=np.bool_)
+        result[point] = beyond > 0.1
+        return result & (self.offsets(xy) > USUAL_WIDTH_M / 2) | (self.offsets(xy) > OUTSIDE_M)
+
+    def offsets(self, xy: Float) -> Float:
+        """Distance (N,) [m] of points (N, 2) from the nearest centre line; infinite without any lane.
+
+        In a lane wider than usual it counts from further out, so that the edge of every lane is as far away.
+        """
+        distance = np.full(len(xy), np.inf)
+        if len(self.starts) and len(xy):
+            found, reach = self.tree.query_nearest(shapely.points(xy), all_matches=False, return_distance=True)
+            distance[found[0]] = np.maximum(reach - self.wider[found[1]], 0.0)
+        return distance
+
+    def turned_away(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:
+        """Angle (N,) [rad] between a heading and the best aligned directed lane near each point; 0 without one.
+
+        Near are all lanes within `SAME_LANE_M`, and the nearest one with those `ALMOST_M` behind it.
+        """
+        nearest = self.offsets(xy) if offsets is None else offsets
+        reach = np.where(np.isfinite(nearest), np.maximum(nearest + ALMOST_M, SAME_LANE_M), 0.0)
+        point, segment = self.tree.query(shapely.points(xy), predicate="dwithin", distance=reach)
+        point, segment = point[self.directed[segment]], segment[self.directed[segment]]
+        direction = np.arctan2(self.vectors[segment, 1], self.vectors[segment, 0])
+        away = np.full(len(xy), np.inf)
+        np.minimum.at(away, point, np.abs(wrap_angles(direction - yaw[point])))
+        return np.where(np.isfinite(away), away, 0.0)
+
+
+def _width(lane: MapLane) -> float:
+    """Width [m] of a lane as it is told, or by its boundaries; NaN if unknown."""
+    if np.isfinite(lane.width) or len(lane.left) < 2 or len(lane.right) < 2:
+        return lane.width
+    left, right = shapely.LineString(lane.left), shapely.LineString(lane.right)
+    points = shapely.points(lane.centre)
+    return float(np.median(shapely.distance(points, left) + shapely.distance(points, right)))

@@ -1,0 +1,96 @@
+"""Targets of a conversion: every figure that issue C asks for, with its limit and whether it is met."""
+
+from collections.abc import Mapping, Sequence
+
+from pydantic import BaseModel, ConfigDict, computed_field
+
+from real2sim.clean import Cleaned
+from real2sim.closeness import MEDIAN_5S_M, ORDER_SHARE, Closeness
+from real2sim.fit.role import Became, Role
+from real2sim.network import NetworkReport
+from real2sim.quality import SCRIPTED, Quality
+from real2sim.recording import Recording
+
+
+class Target(BaseModel):
+    """A figure and what it should be."""
+
+    model_config = ConfigDict(frozen=True)
+
+    name: str
+    value: float | None
+    """None: there was nothing to measure it on."""
+    limit: float
+    at_least: bool = False
+    """Whether the limit is the least; else it is the most."""
+    unit: str = ""
+
+    @computed_field
+    @property
+    def met(self) -> bool | None:
+        """None if there is no value."""
+        if self.value is None:
+            return None
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+    def sentence(self) -> str:
+        """Figure and limit in words."""
+        value = "unknown" if self.value is None else self._number(self.value)
+        return f"{self.name}: {value}, {'at least' if self.at_least else 'at most'} {self._number(self.limit)} wanted"
+
+    def _number(self, value: float) -> str:
+        return f"{100 * value:.1f} %" if self.unit == "share" else f"{value:.3g} {self.unit}".strip()
+
+
+def fidelity_targets(quality: Quality) -> tuple[Target, ...]:
+    """Reconstruction against the log."""
+    share = quality.moving_passed_share if quality.moving_vehicles else None
+    return (
+        Target(name="moving vehicles passing all checks", value=share, limit=0.95, at_least=True, unit="share"),
+        Target(name="error median", value=quality.error_median, limit=0.3, unit="m"),
+        Target(name="error p95", value=quality.error_p95, limit=1.0, unit="m"),
+        Target(name="jerk p95", value=quality.jerk_p95, limit=5.0, unit="m/s3"),
+        Target(name="wrong-way frames", value=quality.wrong_way_frames, limit=0),
+        Target(name="spawn overlaps", value=len(quality.spawn_overlaps), limit=0),
+        Target(name="duplicate tracks", value=len(quality.duplicates), limit=0),
+        Target(name="teleports over 1 m", value=quality.teleports, limit=0),
+    )
+
+
+def network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[Target, ...]:
+    """The network against the map; `unroutable` are moving vehicles on the road whose way the network breaks."""
+    fit = network.fit
+    return (
+        Target(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
+        Target(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),
+        Target(name="driven ways that the network breaks", value=len(unroutable), limit=0),
+    )
+
+
+def silently_lost(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Role]) -> tuple[str, ...]:
+    """Tracks of the source of which nothing is in the scenario, and nobody says why."""
+    silent = Role(Became.LEFT_OUT)
+    told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.lost)
+    source = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
+    return tuple(sorted(id_ for id_ in source if not told & {id_, *cleaned.successors.get(id_, ())}))
+
+
+def lost_target(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Role]) -> Target:
+    """All tracks of the source are in the scenario, or it is told why not."""
+    lost = silently_lost(recording, cleaned, roles)
+    return Target(name="tracks lost without a reason", value=len(lost), limit=0)
+
+
+def by_sumo(quality: Quality, roles: Mapping[str, Role], mode: str) -> int:
+    """How many of the moving vehicles SUMO drives; the others are CAVs, or scripted on their path of the log."""
+    moving = [actor.id for actor in quality.actors if actor.moving and actor.category not in SCRIPTED]
+    driven = (id_ for id_ in moving if id_ in roles and roles[id_].became is Became.BACKGROUND)
+    return 0 if mode == "replay" else sum(1 for _ in driven)
+
+
+def closeness_targets(close: Closeness) -> tuple[Target, ...]:
+    """Reactive traffic against the log."""
+    return (
+        Target(name="traffic off the log at 5 s, median", value=close.median_at_5s, limit=MEDIAN_5S_M, unit="m"),
+        Target(name="order kept at conflicts", value=close.order_share, limit=ORDER_SHARE, at_least=True, unit="share"),
+    )

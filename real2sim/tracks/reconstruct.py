@@ -1,0 +1,251 @@
+"""Reconstruction: cleaned tracks become smooth, dynamically plausible trajectories that stay close to them.
+
+Position: least squares with a soft penalty on jerk (`smoothing`); what is not plausible then becomes the nearest
+trajectory of bounded jerk and acceleration (`bounded`). Standing is exactly so, vehicles do not roll back.
+Heading of vehicles: that of a car whose rear axle follows (`HITCH`), so it can neither flip
+nor slide; a box seen turning lags the course of its centre by just that.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mdrive_sumo.geometry import Bool, Float, wrap_angles
+from mdrive_sumo.state import Kind
+from real2sim.recording import Track
+from real2sim.tracks.bounded import Bounds, bounded
+from real2sim.tracks.motion import WINDOW, accelerations, jerks, runs
+from real2sim.tracks.smoothing import smoothed
+from real2sim.tracks.standing import rested
+
+SOFT = 0.3
+"""Penalty of jerk: it cuts motion faster than 2 Hz, which no road user has."""
+CALM = 100.0
+"""Penalty that leaves motion slower than 0.7 Hz: where something was, apart from noise."""
+JERK_P95, JERK_MAX, ACCELERATION_MAX = 4.7, 15.0, 5.8
+"""[m/s³], [m/s²] A trajectory that exceeds one is rough. Fidelity asks for 5 (95th percentile) and 6."""
+JERK_BOUND, ACCELERATION_BOUND = 4.6, 5.7
+"""[m/s³], [m/s²] What rough ones are bound to, at every frame."""
+ERROR_MEDIAN, ERROR_P95 = 0.3, 1.0
+"""[m] No smoother than that: what fidelity asks for."""
+STAND_SPEED = 0.25
+"""[m/s] Slower than this over `STAND_S` is standing."""
+STAND_S = 1.0
+CREEP_M = 0.6
+BRAKING_S = 0.6
+"""So much of a standstill may be taken from either end by braking and driving off, if else they were too hard."""
+TIE = 1e7
+OUTLIER_M = 0.5
+ROUNDS = 6
+"""Solutions until no vehicle rolls back any more; what is left then is held by hand."""
+HITCH = 0.28
+"""Distance from the box centre to the rear axle as a share of the length."""
+SHORTEST_FRAMES = 4
+FIRST_M, FIRST_RAD = 1.0, float(np.radians(20.0))
+"""A car that drives off may be turned from the course of its centre, but not by more."""
+ACROSS_RAD = float(np.radians(45.0))
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Stretches without gaps, stacked: arrays (K, T, ...), padded at the end with frames of no weight."""
+
+    xy: Float
+    valid: Bool
+    vehicle: Bool
+    """(K,)"""
+    yaw: Float
+    length: Float
+    """(K,)"""
+
+
+def reconstruct(tracks: Sequence[Track], dt_s: float) -> tuple[Track, ...]:
+    """Smooth trajectories for cleaned tracks, frame by frame in the same places; things that never move stand still."""
+    moving = [(n, run) for n, track in enumerate(tracks) if not track.parked for run in runs(track.valid)]
+    long = [(n, run) for n, run in moving if run.stop - run.start >= SHORTEST_FRAMES]
+    results = [rested(track) if track.parked else track for track in tracks]
+    if long:
+        batch = _stacked(tracks, long)
+        xy, yaw = _trajectories(batch, dt_s)
+        for row, (n, run) in enumerate(long):
+            results[n] = _replaced(results[n], run, xy[row], yaw[row])
+    return tuple(results)
+
+
+def _stacked(tracks: Sequence[Track], stretches: Sequence[tuple[int, slice]]) -> _Batch:
+    frames = max(run.stop - run.start for _, run in stretches)
+    xy, yaw = np.zeros((len(stretches), frames, 2)), np.zeros((len(stretches), frames))
+    valid = np.zeros((len(stretches), frames), dtype=np.bool_)
+    for row, (n, run) in enumerate(stretches):
+        size = run.stop - run.start
+        xy[row, :size], yaw[row, :size], valid[row, :size] = tracks[n].xy[run], tracks[n].yaw[run], True
+    vehicle = np.array([tracks[n].category.kind is not Kind.PEDESTRIAN for n, _ in stretches], dtype=np.bool_)
+    length = np.array([np.nanmedian(tracks[n].length) for n, _ in stretches])
+    return _Batch(xy, valid, vehicle, yaw, np.nan_to_num(length, nan=4.5))
+
+
+def _replaced(track: Track, run: slice, xy: Float, yaw: Float) -> Track:
+    size = run.stop - run.start
+    x, y, heading = track.x.copy(), track.y.copy(), track.yaw.copy()
+    x[run], y[run], heading[run] = xy[:size, 0], xy[:size, 1], yaw[:size]
+    return replace(track, x=x, y=y, yaw=heading)
+
+
+def _trajectories(batch: _Batch, dt_s: float) -> tuple[Float, Float]:
+    """Positions (K, T, 2) and headings (K, T): smoothed where it has to be, and no more than that."""
+    weights = _robust_weights(batch)
+    calm = smoothed(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM))
+    batch = replace(batch, yaw=_trusted(batch.yaw, _headings(batch, calm)))
+    standing = _standing(batch, calm, dt_s)
+    tracks, frames = weights.shape
+    xy = _plausible(batch, weights, standing, np.full((tracks, frames - 3), SOFT))
+    for row in range(tracks):
+        if _rough(xy[row][batch.valid[row]], dt_s):
+            course = calm[row] + weights[row, :, None] * (batch.xy[row] - calm[row])
+            xy[row] = _bounded(batch, row, (course, standing[row], xy[row]), dt_s)
+    return xy, _headings(batch, xy)
+
+
+def _bounded(batch: _Batch, row: int, start: tuple[Float, Bool, Float], dt_s: float) -> Float:
+    """Positions (T, 2) of one track within the bounds; as they were if that leads too far from the log."""
+    course, standing, xy = start
+    size = int(batch.valid[row].sum())
+    raw, heading = batch.xy[row, :size], batch.yaw[row, : size - 1] if batch.vehicle[row] else None
+    for still in (standing[: size - 1], _shortened(standing[: size - 1], round(BRAKING_S / dt_s))):
+        for wanted in (course[:size], raw):
+            result = bounded(wanted, Bounds(JERK_BOUND, ACCELERATION_BOUND, still, heading), dt_s)
+            result = _exact(result, still, heading)
+            if _near(result, raw) and not _rough(result, dt_s):
+                return np.concatenate((result, xy[size:]))
+    return xy
+
+
+def _shortened(standing: Bool, frames: int) -> Bool:
+    """(T-1,) without the first and last frames of every standstill, but for those at the ends of the track."""
+    padded = np.pad(standing, frames, constant_values=True)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * frames + 1).all(axis=-1))
+
+
+def _exact(xy: Float, still: Bool, heading: Float | None) -> Float:
+    """(T, 2) the same way with standing and going forward exactly so: millimetres, for `bounded` holds them nearly."""
+    step = np.where(still[:, None], 0.0, np.diff(xy, axis=0))
+    if heading is not None:
+        ahead = np.column_stack((np.cos(heading), np.sin(heading)))
+        step = step - np.minimum((step * ahead).sum(axis=1), 0.0)[:, None] * ahead
+    way = np.concatenate((np.zeros((1, 2)), np.cumsum(step, axis=0)))
+    return way + np.mean(xy - way, axis=0)
+
+
+def _trusted(box: Float, follows: Float) -> Float:
+    """Headings of the log, but for boxes that stand across the course: those of a car that follows it."""
+    return np.where(np.abs(np.sin(box - follows)) < np.sin(ACROSS_RAD), box, follows)
+
+
+def _near(xy: Float, raw: Float) -> bool:
+    """Whether a trajectory is as near to the log as fidelity asks; a log that is not plausible at all is left rough."""
+    off = np.hypot(*(xy - raw).T)
+    return bool(np.median(off) <= ERROR_MEDIAN and np.percentile(off, 95) <= ERROR_P95)
+
+
+def _rough(xy: Float, dt_s: float) -> bool:
+    """Whether a trajectory is too jerky. One shorter than the window of the derivatives cannot be told."""
+    if len(xy) < WINDOW:
+        return False
+    jerk = jerks(xy, dt_s)
+    return bool(
+        np.percentile(jerk, 95) > JERK_P95 or jerk.max() > JERK_MAX or accelerations(xy, dt_s).max() > ACCELERATION_MAX
+    )
+
+
+def _robust_weights(batch: _Batch) -> Float:
+    """Weights (K, T): 1, less where a position lies off the smooth course of its neighbours."""
+    weights = batch.valid.astype(np.float64)
+    for _ in range(2):
+        course = smoothed(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM / 10))
+        off = np.hypot(*np.moveaxis(batch.xy - course, -1, 0))
+        weights = batch.valid / (1 + (off / OUTLIER_M) ** 2)
+    return weights
+
+
+def _standing(batch: _Batch, calm: Float, dt_s: float) -> Bool:
+    """(K, T-1) whether a thing stands between two frames: less than `STAND_SPEED` over `STAND_S` around them."""
+    frames = batch.xy.shape[1]
+    half = max(round(STAND_S / dt_s / 2), 1)
+    at = np.arange(frames - 1)
+    last = batch.valid.sum(axis=1)[:, None] - 1
+    low, high = np.maximum(at - half + 1, 0)[None, :], np.minimum(at + half, np.maximum(last, 1))
+    rows = np.arange(len(calm))[:, None]
+    gone = calm[rows, np.maximum(high, low + 1)] - calm[rows, low]
+    speed = np.hypot(gone[..., 0], gone[..., 1]) / (np.maximum(high - low, 1) * dt_s)
+    slow = (speed < STAND_SPEED) & (at[None, :] < last)
+    return _lasting(slow, calm, half - 1)
+
+
+def _lasting(slow: Bool, calm: Float, least: int) -> Bool:
+    """Runs of at least `least` slow frames: shorter ones are a slow moment, and those that lead away are creeping."""
+    result = np.zeros_like(slow)
+    for n, row in enumerate(slow):
+        for run in runs(row):
+            around = calm[n, run.start : run.stop + 1]
+            if run.stop - run.start >= least and np.hypot(*np.ptp(around, axis=0)) < CREEP_M:
+                result[n, run] = True
+    return result
+
+
+def _plausible(batch: _Batch, weights: Float, standing: Bool, stiff: Float) -> Float:
+    """Positions (K, T, 2): smoothed, tied where it stands; steps of vehicles against their heading are tied as well."""
+    tied = standing.copy()
+    xy = batch.xy
+    for _ in range(ROUNDS):
+        xy = smoothed(batch.xy, weights, stiff, np.where(tied, TIE, 0.0))
+        back = _rolls_back(batch, xy) & ~tied
+        if not back.any():
+            break
+        tied |= back
+    return _held_still(xy, tied | _rolls_back(batch, xy))
+
+
+def _rolls_back(batch: _Batch, xy: Float) -> Bool:
+    """(K, T-1) whether a vehicle goes against its heading."""
+    moved = np.diff(xy, axis=1)
+    ahead = moved[..., 0] * np.cos(batch.yaw[:, :-1]) + moved[..., 1] * np.sin(batch.yaw[:, :-1])
+    return (ahead < 0) & batch.vehicle[:, None] & batch.valid[:, 1:]
+
+
+def _held_still(xy: Float, tied: Bool) -> Float:
+    """Frames that are tied together take exactly the position of the first."""
+    frames = xy.shape[1]
+    first = np.maximum.accumulate(
+        np.where(np.pad(~tied, ((0, 0), (1, 0)), constant_values=True), np.arange(frames), 0), 1
+    )
+    return np.take_along_axis(xy, first[..., None], axis=1)
+
+
+def _headings(batch: _Batch, xy: Float) -> Float:
+    """(K, T) of vehicles that of a box whose rear axle follows its centre; of walkers that of motion, held if standing.
+
+    With the centre going straight by ds, the angle between box and course shrinks: tan(b/2) by exp(-ds/hitch).
+    """
+    hitch = np.where(batch.vehicle, np.maximum(HITCH * batch.length, 0.3), 0.2)
+    moved = np.diff(xy, axis=1)
+    step = np.hypot(moved[..., 0], moved[..., 1])
+    course = np.arctan2(moved[..., 1], moved[..., 0])
+    yaw = np.empty(batch.yaw.shape)
+    yaw[:, 0] = _first_heading(batch, xy)
+    for k in range(step.shape[1]):
+        away = wrap_angles(yaw[:, k] - course[:, k])
+        shrunk = 2 * np.arctan(np.tan(away / 2) * np.exp(-step[:, k] / hitch))
+        yaw[:, k + 1] = np.where(step[:, k] > 0, course[:, k] + shrunk, yaw[:, k])
+    return wrap_angles(yaw)
+
+
+def _first_heading(batch: _Batch, xy: Float) -> Float:
+    """(K,) as the log tells it; where it stands across it, the course of the first metre of motion. Cars reverse."""
+    away = np.hypot(*np.moveaxis(xy - xy[:, :1], -1, 0))
+    reached = np.where(batch.valid & (away > FIRST_M), np.arange(xy.shape[1]), xy.shape[1]).min(axis=1)
+    moves = reached < xy.shape[1]
+    gone = xy[np.arange(len(xy)), np.minimum(reached, xy.shape[1] - 1)] - xy[:, 0]
+    course = np.arctan2(gone[:, 1], gone[:, 0])
+    wrong = moves & ~(np.abs(np.sin(batch.yaw[:, 0] - course)) < np.sin(FIRST_RAD))
+    return np.where(wrong, course, np.nan_to_num(batch.yaw[:, 0]))

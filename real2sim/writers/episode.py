@@ -1,0 +1,100 @@
+"""Recorded episodes as logs: what was driven in SUMO becomes a Recording, as if somebody had filmed it.
+
+All road users are in one view, without any error: the truth. `write_v2xpnp` makes of it what observers would have
+noted. The frame is the network's.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.state import TICKS_PER_SECOND, Kind
+from real2sim.recording import Category, Recording, Track, View
+from real2sim.writers.episode_map import map_of
+
+DT_S = 0.1
+STRIDE = round(DT_S * TICKS_PER_SECOND)
+"""Ticks between two frames of the log."""
+LARGEST_M: tuple[tuple[float, Category], ...] = ((5.4, Category.CAR), (6.5, Category.VAN), (np.inf, Category.TRUCK))
+"""What vehicles are called, by their length [m], where the scenario does not say."""
+STATION_YAW = 0.0
+"""Stations look in all directions."""
+
+
+def recording_of(
+    episode: Episode, scenario: Scenario, roads: RoadMap, window_s: tuple[float, float] | None = None
+) -> Recording:
+    """The episode as a log of 10 Hz: all road users as tracks of the first view, a further view for every station.
+
+    `window_s` [s since the start] is what is kept; by default from the start until the first CAV leaves, since an
+    observer of a log is there in all frames. CAVs that are not there throughout are ordinary vehicles and listed in
+    the notes. Raises InputError for another scenario's episode or a window without frames.
+    """
+    if (episode.scenario, episode.ego_ids) != (scenario.id, tuple(ego.id for ego in scenario.egos)):
+        raise InputError(f"recording of {episode.scenario}: expected an episode of scenario {scenario.id}")
+    ticks = _ticks(episode, window_s)
+    there = episode.valid[ticks]
+    cavs = tuple(ego for n, ego in enumerate(episode.ego_ids) if there[:, n].all())
+    categories = _categories(episode, scenario)
+    tracks = tuple(_track(episode, n, ticks, categories[n]) for n in np.flatnonzero(there.any(axis=0)).tolist())
+    posts = tuple(View(rsu.id, (), _station(rsu.x, rsu.y, len(ticks)), True) for rsu in scenario.rsus)
+    return Recording(
+        id=scenario.id,
+        source="mdrive-sumo",
+        dt_s=DT_S,
+        frames=len(ticks),
+        views=(View("log", tracks), *posts),
+        map=map_of(roads),
+        cavs=cavs,
+        notes=tuple(f"CAV {ego} is not there throughout" for ego in episode.ego_ids if ego not in cavs),
+    )
+
+
+def _ticks(episode: Episode, window_s: tuple[float, float] | None) -> np.ndarray:
+    """The ticks that are frames of the log."""
+    if window_s is None:
+        first, last = 0, int(episode.valid[:, : episode.egos].sum(axis=0).min()) - 1
+    else:
+        first, last = (round(second * TICKS_PER_SECOND) for second in window_s)
+    ticks = np.arange(max(first, 0), min(last, episode.ticks - 1) + 1, STRIDE)
+    if not len(ticks):
+        raise InputError(
+            f"recording of {episode.scenario}: expected a window within its {episode.ticks / TICKS_PER_SECOND:g} s,"
+            f" found {window_s}"
+        )
+    return ticks
+
+
+def _categories(episode: Episode, scenario: Scenario) -> Sequence[Category]:
+    """Of every column of the episode: as the scenario calls it, else by kind and size."""
+    models = {actor.id: actor.model for actor in scenario.actors}
+    known = {category.value: category for category in Category}
+    return [
+        known.get(models.get(name, ""), _category(Kind(int(kind)), float(length)))
+        for name, kind, length in zip(episode.ids, episode.kind, episode.length, strict=True)
+    ]
+
+
+def _category(kind: Kind, length: float) -> Category:
+    if kind is Kind.VEHICLE:
+        return next(category for largest, category in LARGEST_M if length <= largest)
+    others = {Kind.PEDESTRIAN: Category.PEDESTRIAN, Kind.CYCLIST: Category.BICYCLE, Kind.STATIC: Category.STATIC}
+    return others[kind]
+
+
+def _track(episode: Episode, column: int, ticks: np.ndarray, category: Category) -> Track:
+    valid = episode.valid[ticks, column]
+    x, y, yaw = (np.where(valid, values[ticks, column], np.nan) for values in (episode.x, episode.y, episode.yaw))
+    full = np.where(valid, 1.0, np.nan)
+    length, width = float(episode.length[column]) * full, float(episode.width[column]) * full
+    still = not (episode.speed[ticks, column][valid] > 0).any()
+    return Track(episode.ids[column], category, valid, x, y, yaw, length, width, parked=still)
+
+
+def _station(x: float, y: float, frames: int) -> Float:
+    return np.tile((x, y, STATION_YAW), (frames, 1))

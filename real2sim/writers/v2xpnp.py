@@ -1,0 +1,95 @@
+"""Writes recordings as V2XPnP logs, since the real ones cannot be shipped: agent folders of 10 Hz YAML.
+
+The text is what PyYAML makes of the dataset's fields, to the last space, so that the reader is tested on the real
+layout. Heights and slopes are none of a plane recording's: z and the other two angles are 0, heights are usual ones.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.geometry import Float
+from real2sim.readers.v2xpnp import DT_S
+from real2sim.recording import Category, Recording, Track, View
+from real2sim.writers.noise import Noise, numbered, observe
+
+LABELS: Mapping[Category, str] = {
+    Category.CAR: "Car",
+    Category.VAN: "Van",
+    Category.TRUCK: "Truck",
+    Category.BUS: "Bus",
+    Category.MOTORCYCLE: "Motorcycle",
+    Category.BICYCLE: "BicycleRider",
+    Category.PEDESTRIAN: "Pedestrian",
+    Category.STATIC: "TrashCan",
+}
+_HALF_HEIGHT_M = 0.75
+_DECIMALS = 3
+
+
+def write_v2xpnp(truth: Recording, folder: Path, noise: Noise | None, seed: int) -> dict[str, str]:
+    """Writes what the observers of a known scene would have noted (`observe`); tells the number of each track's id.
+
+    `truth`: all tracks in the first view, CAVs by their tracks' ids, stations as further views (see `observe`).
+    """
+    write_views(observe(truth, noise, seed), folder)
+    return numbered(truth)
+
+
+def write_views(recording: Recording, folder: Path) -> None:
+    """Writes every view as it is, in a folder of the observer's name.
+
+    Raises ValueError unless observers and ids are numbers and frames 0.1 s apart. The format knows no thing without
+    yaw: such are written with 0. Sizes that are NaN are written as 0, which the reader takes for unknown.
+    """
+    if not math.isclose(recording.dt_s, DT_S):
+        raise ValueError(f"V2XPnP has frames {DT_S} s apart, not {recording.dt_s} s")
+    for view in recording.views:
+        if not view.observer.removeprefix("-").isdecimal() or not all(k.id.isdecimal() for k in view.tracks):
+            raise ValueError(f"V2XPnP has numbers for observers and ids, not those of view {view.observer!r}")
+        target = folder / view.observer
+        target.mkdir(parents=True, exist_ok=True)
+        for t, text in enumerate(_texts(view, recording.frames)):
+            (target / f"{t:06d}.yaml").write_text(text, encoding="utf-8")
+
+
+def _texts(view: View, frames: int) -> list[str]:
+    """The text of every frame."""
+    objects: list[list[str]] = [[] for _ in range(frames)]
+    for track in sorted(view.tracks, key=lambda track: int(track.id)):
+        for t, numbers in zip(track.frames.tolist(), _numbers(track), strict=True):
+            objects[t].append(_object(track, numbers))
+    yaws = np.degrees(view.pose[:, 2])
+    heads = [_head(view, x, y, yaw) for (x, y, _), yaw in zip(view.pose.tolist(), yaws.tolist(), strict=True)]
+    return [head + ("\n" + "".join(rows) if rows else " {}\n") for head, rows in zip(heads, objects, strict=True)]
+
+
+def _numbers(track: Track) -> list[list[float]]:
+    """Rows of x, y, yaw [degrees], half length, half width of the frames in which it is there."""
+    rows = np.column_stack((track.xy, np.degrees(track.yaw), track.length / 2, track.width / 2))[track.frames]
+    known: Float = np.where(np.isnan(rows), 0.0, rows)
+    return known.tolist()
+
+
+def _number(value: float) -> str:
+    return repr(round(value, _DECIMALS))
+
+
+def _head(view: View, x: float, y: float, yaw_deg: float) -> str:
+    height = 4.0 if view.infrastructure else 1.9
+    pose = "".join(f"- {_number(value)}\n" for value in (x, y, height, 0.0, yaw_deg, 0.0))
+    infra = "true" if view.infrastructure else "false"
+    return f"ego_speed: 0\ninfra: {infra}\nlidar_pose:\n{pose}true_ego_pose:\n{pose}vehicles:"
+
+
+def _object(track: Track, numbers: list[float]) -> str:
+    x, y, yaw, half_length, half_width = map(_number, numbers)
+    attribute = "static" if track.parked else "''"
+    return (
+        f"  {track.id}:\n    angle:\n    - 0.0\n    - {yaw}\n    - 0.0\n    attribute: {attribute}\n"
+        f"    center:\n    - 0\n    - 0\n    - 0\n"
+        f"    extent:\n    - {half_length}\n    - {half_width}\n    - {_HALF_HEIGHT_M}\n"
+        f"    location:\n    - {x}\n    - {y}\n    - {_HALF_HEIGHT_M}\n    obj_type: {LABELS[track.category]}\n"
+    )
