@@ -13,10 +13,10 @@ from mdrive_sumo.episode import Ending, Recorder
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.actor import Actor, AlongPath, Replay
 from mdrive_sumo.state import TICKS_PER_SECOND, EgoState, End, Frame, no_actors
-from real2sim.synthetic_drive import LATEST_S, LEAST_M, PLACES, WARM_UP_S, WINDOW_S, Drive, window_of
-from real2sim.synthetic_people import People, people
-from real2sim.synthetic_places import cycling, kerb_lanes, parking, walking, zebras
-from real2sim.synthetic_traffic import APART_M, cavs, traffic
+from real2sim.synthetic.drive import LATEST_S, LEAST_M, PLACES, WARM_UP_S, WINDOW_S, Drive, window_of
+from real2sim.synthetic.people import People, people
+from real2sim.synthetic.places import cycling, kerb_lanes, parking, walking, zebras
+from real2sim.synthetic.traffic import APART_M, cavs, traffic
 
 CROWD = People(walkers=12, waiting=4, crossing=12, cyclists=4, parked=20)
 

@@ -13,10 +13,10 @@ from mdrive_sumo.scenario.actor import Actor, Replay
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle, Schedule
-from real2sim.synthetic import COUNT, SHARES, kinds, make
-from real2sim.synthetic_choice import PAPER, Candidate, candidate, choose, means
-from real2sim.synthetic_suite import Outcome, Task, convert, network_of, record
-from real2sim.synthetic_thin import AWAY_M, thinned
+from real2sim.synthetic.choice import PAPER, Candidate, candidate, choose, means
+from real2sim.synthetic.make import COUNT, SHARES, kinds, make
+from real2sim.synthetic.suite import Outcome, Task, convert, network_of, record
+from real2sim.synthetic.thin import AWAY_M, thinned
 
 
 def one(name: str, group: str, *sums: float) -> Candidate:

@@ -67,7 +67,7 @@ def _changes(roads: RoadMap, way: Way, share: float) -> dict[int, float]:
 @lru_cache(maxsize=4096)
 def meeting(one: Line, other: Line) -> tuple[float, float] | None:
     """Stations [m] at which two ways first come together after having been apart; None: they never do."""
-    near = shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M
+    near = np.asarray(shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M)
     if near[0]:
         return None  # they begin together: a queue
     if not near.any():

@@ -14,7 +14,7 @@ from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.actor import Actor, AlongPath, Replay, Standing, TimeTrigger
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.props import PROPS
-from real2sim.synthetic_places import Place, Zebra, cycling, kerb_lanes, parking, walking, zebras
+from real2sim.synthetic.places import Place, Zebra, cycling, kerb_lanes, parking, walking, zebras
 
 STEP_M = 3.0
 """Between points of a path."""

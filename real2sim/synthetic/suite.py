@@ -9,16 +9,16 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.spec import load_scenario, save_scenario
 from mdrive_sumo.suite.job import Job, run_job
-from real2sim.pipeline.build import NETWORKS, Wish, build_log
-from real2sim.pipeline.tracks import motions
 from real2sim.clean import clean
-from real2sim.writers.episode_map import map_of
 from real2sim.network import NetworkReport, build_network
+from real2sim.pipeline.build import NETWORKS, Wish, build_log
 from real2sim.pipeline.quality_file import save_quality
+from real2sim.pipeline.tracks import motions
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.scene import Scene
-from real2sim.synthetic_drive import BUCKET, CATEGORY, recorded, window_of, write_log
-from real2sim.synthetic_thin import thinned
+from real2sim.synthetic.drive import BUCKET, CATEGORY, recorded, window_of, write_log
+from real2sim.synthetic.thin import thinned
+from real2sim.writers.episode_map import map_of
 from real2sim.writers.v2xpnp_map import write_vector_map
 
 LOGS, MAPS = "logs", "maps"

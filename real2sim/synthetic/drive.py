@@ -20,9 +20,9 @@ from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.state import TICKS_PER_SECOND, End
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.settings import PRESETS
+from real2sim.synthetic.people import People, people
+from real2sim.synthetic.traffic import cavs, traffic
 from real2sim.writers.episode import recording_of
-from real2sim.synthetic_people import People, people
-from real2sim.synthetic_traffic import cavs, traffic
 from real2sim.writers.noise import Noise
 from real2sim.writers.v2xpnp import write_v2xpnp
 

@@ -20,9 +20,9 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, save_suite
 from mdrive_sumo.scenario.spec import load_scenario
 from mdrive_sumo.suite.pool import Pool, WorkerFailure
-from real2sim.synthetic_choice import Candidate, candidate, choose, means
-from real2sim.synthetic_drive import PLACES
-from real2sim.synthetic_suite import ABOUT, TESTS, Outcome, Task, convert, network_of, record
+from real2sim.synthetic.choice import Candidate, candidate, choose, means
+from real2sim.synthetic.drive import PLACES
+from real2sim.synthetic.suite import ABOUT, TESTS, Outcome, Task, convert, network_of, record
 
 COUNT = 67
 SHARES = {("crossing", 2): 28, ("crossing", 1): 7, ("corridor", 2): 26, ("corridor", 1): 6}
@@ -140,7 +140,3 @@ def _tell(chosen: Sequence[Candidate], outcomes: Sequence[Outcome]) -> None:
         "ds_100": {agent: sum(one.scores[k] >= 100.0 for one in kept) for k, agent in enumerate(TESTS)},
     }
     sys.stdout.write(json.dumps(about, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()
