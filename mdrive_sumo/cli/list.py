@@ -1,6 +1,5 @@
 """`mdrive-sumo list`."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 
 import click
@@ -8,6 +7,7 @@ import click
 from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.certificate import CERTIFICATE_FILE, Certificate, load_certificates
 from mdrive_sumo.errors import InputError
+from mdrive_sumo.generate.category import CATEGORIES, Category
 from mdrive_sumo.report.text import Row, text_table
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
@@ -26,17 +26,24 @@ def _about_suite(suite: Suite) -> str:
     rows = [(suite.name, *_statistics_cells(statistics(suite.scenarios)))]
     if suite.name in PAPER:
         rows.append(("in the paper", *_statistics_cells(PAPER[suite.name])))
-    categories = Counter(scenario.category for scenario in suite.scenarios)
-    return "\n".join(
-        (
-            suite.about.title,
-            "",
-            text_table(("suite", *STATISTICS_HEADER), rows),
-            "",
-            "scenarios per category",
-            text_table(("category", "scenarios"), ((name, str(count)) for name, count in categories.items())),
-        )
-    )
+    tables = text_table(("suite", *STATISTICS_HEADER), rows)
+    parts = [suite.about.title, "", tables, ""]
+    if suite.about.parts:
+        return "\n".join((*parts, f"parts: {', '.join(suite.about.parts)}"))
+    return "\n".join((*parts, _categories(suite)))
+
+
+def _categories(suite: Suite) -> str:
+    """Means of every category, and the paper's where it has a table of them."""
+    rows: list[Row] = []
+    for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
+        found = statistics([scenario for scenario in suite.scenarios if scenario.category == name])
+        rows.append((name, *_statistics_cells(found)))
+        paper = CATEGORIES[Category(name)].paper if name in set(Category) else None
+        if paper is not None:
+            means = (paper.cavs, paper.route_m, paper.heading_change_deg, paper.actors)
+            rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in means)))
+    return text_table(("category", *STATISTICS_HEADER), rows)
 
 
 def _statistics_cells(found: SuiteStatistics) -> Row:
