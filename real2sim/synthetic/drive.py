@@ -12,6 +12,7 @@ import numpy as np
 from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.agents.driver import LocalDriver
 from mdrive_sumo.episode import Ending, Episode
+from mdrive_sumo.geometry import Float
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.spec import RoadsideUnit, Scenario
@@ -35,6 +36,9 @@ LATEST_S = 32.0
 """The recording begins between these two moments [s] of the drive."""
 LEAST_M = 12.0
 """Each CAV drives at least this far in a recording."""
+LONG_M, LONG_COST = 42.0, 3.0
+"""Every metre that a CAV drives beyond this costs so many degrees in the choice of the part that is recorded: the paper's
+routes are short, 45.68 m on average."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +102,16 @@ def _setting(scenario: Scenario, roads: RoadMap, seed: int) -> Setting:
 def window_of(drive: Drive) -> tuple[float, float] | None:
     """The part [s] of the drive in which the CAVs turn most, of those in which all are there and drive; None if none.
 
-    A tenth of a degree counts as nothing, of equal parts the first is taken.
+    Way beyond `LONG_M` counts against a part. A tenth of a degree counts as nothing, of equal parts the first is taken.
     """
     parts = [(start, start + WINDOW_S) for start in np.arange(WARM_UP_S, LATEST_S + 0.5, 1.0).tolist()]
     fit = [part for part in parts if _all_drive(drive.episode, part)]
-    return max(fit, key=lambda part: round(_turned_deg(drive.episode, part), 1)) if fit else None
+    return max(fit, key=lambda part: round(_worth_deg(drive.episode, part), 1)) if fit else None
+
+
+def _worth_deg(episode: Episode, part: tuple[float, float]) -> float:
+    too_long = np.maximum(_driven_m(episode, part) - LONG_M, 0.0).sum()
+    return _turned_deg(episode, part) - LONG_COST * float(too_long)
 
 
 def _rows(part: tuple[float, float]) -> slice:
@@ -115,8 +124,13 @@ def _all_drive(episode: Episode, part: tuple[float, float]) -> bool:
     rows = _rows(part)
     if rows.stop > episode.ticks or not episode.valid[rows, : episode.egos].all():
         return False
-    x, y = episode.x[rows, : episode.egos], episode.y[rows, : episode.egos]
-    return bool((np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0) >= LEAST_M).all())
+    return bool((_driven_m(episode, part) >= LEAST_M).all())
+
+
+def _driven_m(episode: Episode, part: tuple[float, float]) -> Float:
+    """Of every CAV."""
+    x, y = (values[_rows(part), : episode.egos] for values in (episode.x, episode.y))
+    return np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0)
 
 
 def _turned_deg(episode: Episode, part: tuple[float, float]) -> float:

@@ -21,7 +21,7 @@ from real2sim.synthetic.thin import thinned
 from real2sim.writers.episode_map import map_of
 from real2sim.writers.v2xpnp_map import write_vector_map
 
-LOGS, MAPS = "logs", "maps"
+LOGS, MAPS, QUALITY = "logs", "maps", "quality"
 ABOUT = SuiteFile(
     name="v2xpnp",
     title="Synthetic recordings in the V2XPnP format",
@@ -133,7 +133,9 @@ def convert(task: Task) -> Outcome | str:
         return f"{task.name}: {error}"
     folder = task.suite / task.name
     save_scenario(thinned(built.scenario), folder / SCENARIO_FILE)
-    save_quality(built.quality, folder)
+    quality = task.work / QUALITY / task.name
+    quality.mkdir(parents=True, exist_ok=True)
+    save_quality(built.quality, quality)
     return Outcome(task, built.quality.misses, *_driven(task))
 
 
