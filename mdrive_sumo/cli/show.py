@@ -67,7 +67,7 @@ def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     chosen = the_one(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
     try:
-        draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.folder)), path)
+        draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.home(chosen.id))), path)
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
         raise InputError(f"{path}: cannot be written: {error}") from None
     click.echo(path)

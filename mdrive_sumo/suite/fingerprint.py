@@ -58,8 +58,8 @@ def versions() -> dict[str, str]:
 def _networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
     """Over the networks in use, what is beside their roads included."""
     digest = hashlib.sha256()
-    for name in sorted({scenario.network for scenario in scenarios}):
-        digest.update(read_network_file(network_folder(name, suite.folder)).model_dump_json().encode())
+    for name, home in sorted({(scenario.network, suite.home(scenario.id)) for scenario in scenarios}):
+        digest.update(read_network_file(network_folder(name, home)).model_dump_json().encode())
     return "sha256:" + digest.hexdigest()
 
 

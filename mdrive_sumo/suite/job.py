@@ -83,7 +83,7 @@ def prepared(job: Job) -> tuple[Scenario, RoadMap]:
     scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
     if scenario is None:
         raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
-    return scenario, load(network_folder(scenario.network, suite.folder))
+    return scenario, load(network_folder(scenario.network, suite.home(scenario.id)))
 
 
 @lru_cache(maxsize=2)

@@ -76,7 +76,7 @@ def prepare(settings: Settings) -> Prepared:
     suite = load_suite(settings.suite)
     scenarios = suite.matching(settings.scenario)
     for scenario in scenarios:
-        check_scenario(scenario, load(network_folder(scenario.network, suite.folder)))
+        check_scenario(scenario, load(network_folder(scenario.network, suite.home(scenario.id))))
     info = RunInfo(
         agent=settings.agent,
         labels=_labels(settings),
