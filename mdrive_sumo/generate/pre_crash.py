@@ -4,10 +4,10 @@ Numbers: Najm, Smith, Yanagisawa, Pre-Crash Scenario Typology for Crash Avoidanc
 typologies in the order of its list; names are our own words. Numbers are from knowledge of the list; the report itself
 was not at hand to check them against. Left out are those that
 - need what a flat road with scripted road users has not got: vehicle failure 1, loss of control 2 and 3, leaving the
-  road 6 to 8, animals 9 and 10, drifting 18; running a red light 4, for lights are at rest;
-- are other categories of the bucket: changing lanes 17, objects 35 and 36;
+  road 6 to 8, animals 9 and 10, drifting 19; running a red light 4, for lights are at rest;
+- are other categories of the bucket: changing lanes 18, objects 35 and 36;
 - leave no way out for anybody: oncoming vehicles 20 and 21;
-- are much like one that is here: backing up 15 (19), turning side by side 16 (28), other leads 22 to 24 (25 and 26);
+- are much like one that is here: backing up 15 (17), turning side by side 16 (28), other leads 22 to 24 (25 and 26);
 - name no conflict: evasive action 32 and 33, incidents without a collision 34, all others 37.
 """
 
@@ -232,7 +232,7 @@ TYPOLOGIES: Mapping[int, Typology] = {
     12: Typology("pedestrian, vehicle going on", "a CAV and a walker", _crossing("walker", False), BENDS),
     13: Typology("cyclist, vehicle manoeuvring", "a CAV that turns and a cyclist", _crossing("cyclist", True), HOUSES),
     14: Typology("cyclist, vehicle going on", "a CAV and a cyclist", _crossing("cyclist", False), BENDS),
-    19: Typology(
+    17: Typology(
         "vehicle parking, same direction", "a CAV and a car that leaves its parking place", _pulls_out, HOUSES
     ),
     25: Typology(
