@@ -37,8 +37,8 @@ LATEST_S = 32.0
 LEAST_M = 12.0
 """Each CAV drives at least this far in a recording."""
 LONG_M, LONG_COST = 42.0, 3.0
-"""Every metre that a CAV drives beyond this costs so many degrees in the choice of the part that is recorded: the paper's
-routes are short, 45.68 m on average."""
+"""Every metre that a CAV drives beyond this costs so many degrees in the choice of the part that is recorded: the
+paper's routes are short, 45.68 m on average."""
 
 
 @dataclass(frozen=True)
