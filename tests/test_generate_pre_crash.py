@@ -153,7 +153,7 @@ def test_no_room_to_wait_is_refused_with_a_reason() -> None:
         try:
             made(27, seed)
         except Rejected as rejected:
-            if rejected.stage is Stage.SOUNDNESS:
+            if rejected.stage is Stage.ACTORS:
                 reasons.append(rejected.reason)
     assert any(reason.startswith("actor van_1: expected a lane to the left of ") for reason in reasons)
 

@@ -10,11 +10,13 @@ from worlds import straight_ego, straight_scenario
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import load
 from mdrive_sumo.scenario.actor import Actor, Replay
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, load_suite
 from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import save_scenario
 from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle, Schedule
+from mdrive_sumo.validate import Examination
 from real2sim.synthetic.choice import PAPER, Candidate, candidate, choose, means
-from real2sim.synthetic.make import COUNT, SHARES, kinds, make
+from real2sim.synthetic.make import COUNT, SHARES, keep, kinds, make
 from real2sim.synthetic.suite import Outcome, Task, convert, network_of, record
 from real2sim.synthetic.thin import AWAY_M, thinned
 
@@ -89,12 +91,29 @@ def test_thinned_schedules_go_as_fast() -> None:
     assert thin[1].schedule is None
 
 
-def test_scenarios_in_which_a_cav_is_never_brought_to_its_goal_are_told() -> None:
-    task = Task("crossing", 0, 2, 0, Path(), Path())
-    assert not Outcome(task, (), (0.0, 0.0), ((100.0, 40.0), (30.0, 60.0))).passable
-    mixed = Outcome(task, (), (0.0, 0.0), ((100.0, 40.0), (30.0, 100.0)))
-    assert (mixed.passable, mixed.completed_by_omniscient) == (True, False)
-    assert Outcome(task, (), (0.0, 0.0), ((0.0, 0.0), (100.0, 100.0))).completed_by_omniscient
+def outcome(folder: Path, number: int, problems: tuple[str, ...], ds: float) -> Outcome:
+    """A scenario in the folder, and what was found in it."""
+    task = Task("crossing", number, 1, 0, folder.with_name("work"), folder)
+    scenario = straight_scenario(straight_ego("0")).model_copy(update={"id": task.name})
+    save_scenario(scenario, folder / task.name / SCENARIO_FILE)
+    return Outcome(task, (), Examination(task.name, problems, None, ds))
+
+
+def test_what_does_not_pass_is_left_out_and_what_is_solved_comes_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "suite"
+    made = [
+        outcome(folder, 0, ("not solvable",), 40.0),
+        outcome(folder, 1, (), 60.0),
+        outcome(folder, 2, (), 100.0),
+        outcome(folder, 3, (), 100.0),
+    ]
+    keep(folder, made, {"crossing 1": 2})
+    suite = load_suite(str(folder))
+    assert [scenario.id for scenario in suite.scenarios] == ["crossing_002", "crossing_003"]
+    assert suite.about.checksum == suite.checksum()
+    assert '"not solvable"' in capsys.readouterr().out
 
 
 def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
@@ -121,7 +140,7 @@ def test_the_same_seed_makes_the_same_files(tmp_path: Path, capfd: pytest.Captur
     for name in files:
         assert (first / name).read_bytes() == (again / name).read_bytes(), name
     assert done.misses == ()
-    assert done.passable
+    assert done.examined.problems == ()
     (scenario,) = load_suite(str(tmp_path / "a" / "work" / "alone" / "crossing_004")).scenarios
     assert scenario.network == "v2xpnp_crossing"
     assert len(scenario.egos) == len(scenario.rsus) == 2

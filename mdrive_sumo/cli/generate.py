@@ -1,20 +1,33 @@
 """`mdrive-sumo generate`."""
 
+import json
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import click
+from pydantic import ValidationError
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.generate import llm
 from mdrive_sumo.generate.category import CATEGORIES, Category
-from mdrive_sumo.generate.search import TRIES, Attempt, Order, Proposer, by_template, search
-from mdrive_sumo.generate.suite import changed_by_rebuild, check_new, rebuilt, recipes_of, write_generated
-from mdrive_sumo.scenario.catalog import SuiteFile, load_suite, packaged_suites
+from mdrive_sumo.generate.search import Attempt, Order, Proposer, by_template, public_counterparts, search
+from mdrive_sumo.generate.suite import (
+    changed_by_rebuild,
+    check_new,
+    packaged_generated,
+    rebuilt,
+    recipes_of,
+    write_generated,
+)
+from mdrive_sumo.scenario.catalog import SuiteFile, load_suite
 from mdrive_sumo.scenario.spec import Scenario
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
+LEAST_SECRET = 16
+"""Characters of a private seed: its hashes are published with nothing, but shall not be guessed either."""
 
 
 def _model_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -23,6 +36,8 @@ def _model_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option("--model", default="default", show_default=True, help="llm: its model."),
         click.option("--api-key-env", default="", metavar="NAME", help="llm: environment variable with the key."),
         click.option("--attempts", default=3, show_default=True, help="llm: requests for one proposal."),
+        click.option("--timeout", "timeout_s", default=60.0, show_default=True, help="llm: for one request [s]."),
+        click.option("--temperature", default=0.7, show_default=True, help="llm: how varied its answers are."),
         click.option("--examples", type=FOLDER, help="llm: folder of expert demonstrations (proposals as JSON)."),
         click.option("--transcripts", type=FOLDER, help="llm: folder that keeps every exchange."),
         click.option("--replay", type=FOLDER, help="llm: such a folder; nothing is asked."),
@@ -53,7 +68,6 @@ def command(ctx: click.Context, rebuild: str | None, category: str | None, out: 
         ctx.exit(_rebuild(rebuild, out))
     if category is None or out is None:
         raise click.UsageError("expected --category and --out (or --rebuild), found none")
-    check_new(out)
     order = Order(Category(category), options["count"], options["seed"], options["split"], _secret(options))
     ctx.exit(_generate(order, _proposer(options), out, options["explain"]))
 
@@ -63,50 +77,77 @@ def _secret(options: dict[str, Any]) -> str:
         raise click.UsageError("expected --seed-file together with --split hidden, found one without the other")
     if options["seed_file"] is None:
         return ""
+    wanted = f"{options['seed_file']}: expected a private seed of {LEAST_SECRET} characters or more"
     try:
-        secret = options["seed_file"].read_text().strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{options['seed_file']}: cannot be read as a private seed: {error}") from None
-    if len(secret) < 16:
-        raise InputError(
-            f"{options['seed_file']}: expected a private seed of 16 characters or more, found {len(secret)}"
-        )
+        secret = options["seed_file"].read_text(encoding="utf-8").strip()
+    except OSError as error:
+        raise InputError(f"{wanted}, found no file to read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{wanted}, found bytes that are no text") from None
+    if len(secret) < LEAST_SECRET:
+        raise InputError(f"{wanted}, found {len(secret)}")
     return secret
 
 
 def _proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
     if options["proposer"] == "template":
         return by_template, "template"
-    names = ("endpoint", "model", "api_key_env", "attempts", "examples", "transcripts", "replay")
-    settings = llm.LlmSettings(**{name: options[name] for name in names})
+    settings = llm.LlmSettings(**{field.name: options[field.name] for field in fields(llm.LlmSettings)})
 
     def propose(category: Category, seed: str):
         return llm.propose(category, seed, settings)
 
-    return propose, f"llm:{settings.model}"
+    return propose, f"llm:{_recorded_model(settings.replay) if settings.replay else settings.model}"
+
+
+def _recorded_model(folder: Path) -> str:
+    """Name of the model whose exchanges a folder keeps."""
+    try:
+        with sorted(folder.glob("*.jsonl"))[0].open(encoding="utf-8") as lines:
+            return str(json.loads(lines.readline())["request"]["model"])
+    except (OSError, ValueError, LookupError, TypeError):
+        raise InputError(f"--replay {folder}: expected transcripts of an earlier run, found none") from None
+
+
+def _about(order: Order, proposer: str, out: Path) -> SuiteFile:
+    title = f"{CATEGORIES[order.category].title}, generated"
+    about = f"{order.split} split, {proposer}, seed {order.seed}"
+    try:
+        return SuiteFile(name=out.name, title=title, description=about)
+    except ValidationError:
+        raise InputError(
+            f"--out {out}: expected a folder name of letters, digits and _.+- (at most 80), found {out.name!r}"
+        ) from None
 
 
 def _generate(order: Order, proposer: tuple[Proposer, str], out: Path, explain: bool) -> int:
-    known = _known(order)
-    found: list[Attempt] = []
-    for attempt in search(order, proposer[0], known, proposer[1]):
+    check_new(out)
+    about = _about(order, proposer[1], out)
+    attempts: list[Attempt] = []
+    for attempt in search(order, proposer[0], _known(order), proposer[1]):
+        attempts.append(attempt)
         if explain:
             click.echo(_explained(attempt))
-        if attempt.scenario is not None:
-            found.append(attempt)
-    if not found:
-        raise InputError(f"{order.category}: expected a scenario from {order.count * TRIES} proposals, found none")
-    title = f"{CATEGORIES[order.category].title}, generated"
-    about = SuiteFile(name=out.name, title=title, description=f"{order.split} split, {proposer[1]}, seed {order.seed}")
-    write_generated(about, [(a.recipe, a.scenario) for a in found if a.recipe and a.scenario], out)
-    click.echo(f"{len(found)} of {order.count} scenarios: {out}")
-    return 0 if len(found) == order.count else 1
+    made = [(one.recipe, one.scenario) for one in attempts if one.recipe and one.scenario]
+    refused = Counter(one.rejected[0] for one in attempts if one.rejected)
+    summary = ", ".join(f"{count} at {stage}" for stage, count in refused.most_common())
+    if not made:
+        last = attempts[-1].rejected or ("", "")
+        raise InputError(
+            f"{order.category}: expected a scenario from {len(attempts)} proposals, found none ({summary});"
+            f" the last one: {last[1]}"
+        )
+    write_generated(about, made, out)
+    if refused and (explain or len(made) < order.count):
+        click.echo(f"refused of {len(attempts)} proposals: {summary}")
+    click.echo(f"{len(made)} of {order.count} scenarios: {out}")
+    return 0 if len(made) == order.count else 1
 
 
 def _known(order: Order) -> list[Scenario]:
-    """Public scenarios of the category: what is generated shall not be like them."""
-    suites = [load_suite(name) for name in packaged_suites()]
-    return [scenario for suite in suites for scenario in suite.scenarios if scenario.category == order.category]
+    """Public scenarios: what is generated shall not be like them."""
+    known = [scenario for scenario in packaged_generated() if scenario.category == order.category]
+    return known + list(public_counterparts(order)) if order.split == "hidden" else known
 
 
 def _explained(attempt: Attempt) -> str:
@@ -118,14 +159,14 @@ def _explained(attempt: Attempt) -> str:
 
 
 def _rebuild(name: str, out: Path | None) -> int:
-    suite = load_suite(name)
-    recipes = recipes_of(suite)
+    recipes = recipes_of(name)
     if out is not None:
-        write_generated(suite.about, [(recipe, rebuilt(recipe)) for recipe in recipes], out)
+        write_generated(load_suite(name).about, [(recipe, rebuilt(recipe)) for recipe in recipes.values()], out)
         click.echo(f"{len(recipes)} scenarios: {out}")
         return 0
-    changed = changed_by_rebuild(suite, recipes)
-    for scenario in changed:
+    changed = 0
+    for scenario in changed_by_rebuild(recipes):
+        changed += 1
         click.echo(f"{scenario}: the recipe makes another file")
-    click.echo(f"{len(recipes) - len(changed)} of {len(recipes)} scenarios are as their recipes make them")
+    click.echo(f"{len(recipes) - changed} of {len(recipes)} scenarios are as their recipes make them")
     return 1 if changed else 0

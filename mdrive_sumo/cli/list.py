@@ -7,11 +7,11 @@ import click
 from mdrive_sumo.agents import AGENTS
 from mdrive_sumo.certificate import CERTIFICATE_FILE, Certificate, load_certificates
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.generate.category import CATEGORIES, Category
 from mdrive_sumo.report.text import Row, text_table
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
+from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
 
@@ -39,10 +39,8 @@ def _categories(suite: Suite) -> str:
     for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
         found = statistics([scenario for scenario in suite.scenarios if scenario.category == name])
         rows.append((name, *_statistics_cells(found)))
-        paper = CATEGORIES[Category(name)].paper if name in set(Category) else None
-        if paper is not None:
-            means = (paper.cavs, paper.route_m, paper.heading_change_deg, paper.actors)
-            rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in means)))
+        if name in set(Category) and (paper := FIGURES.get(Category(name))) is not None:
+            rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in paper.means)))
     return text_table(("category", *STATISTICS_HEADER), rows)
 
 
@@ -53,10 +51,11 @@ def _statistics_cells(found: SuiteStatistics) -> Row:
 
 def _scenarios(suite: str, occluded: bool | None = None) -> str:
     loaded = load_suite(suite)
-    certificates = load_certificates(loaded.folder, loaded.checksum())
-    if occluded is not None and not certificates:
+    certificates = load_certificates(loaded)
+    unknown = [part.name for part in loaded.parts or (loaded,) if part.scenarios[0].id not in certificates]
+    if occluded is not None and unknown:
         raise InputError(
-            f"suite {loaded.name}: expected an up-to-date {CERTIFICATE_FILE}, found none;"
+            f"suite {unknown[0]}: expected an up-to-date {CERTIFICATE_FILE}, found none;"
             f" `mdrive-sumo validate {suite} --write` makes it"
         )
     chosen = [

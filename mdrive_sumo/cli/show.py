@@ -6,7 +6,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.choice import the_one
-from mdrive_sumo.cli.evaluate import with_references, workers_option
+from mdrive_sumo.cli.evaluate import with_references
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.picture import draw_scenario

@@ -1,27 +1,9 @@
-"""Categories of the Interaction bucket: what each asks of a proposal, and the figures of the paper's table.
-
-Paper, "Scenario Description" and table "MDrive-Interaction Subset Distribution"; protocol 1.2 and 14.1.
-"""
+"""Categories of the Interaction bucket: what each asks of a proposal (paper, "Scenario Description"; protocol 14.1)."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-
-class Category(StrEnum):
-    """Interaction categories in the paper's order, and the lane drop, which its generator knows and its list lacks."""
-
-    PRE_CRASH = "pre-crash"
-    BLOCKED_LANE = "blocked-lane"
-    CONSTRUCTION = "construction"
-    HIGHWAY_MERGE = "highway-merge"
-    LANE_CHANGE = "lane-change"
-    DEADLOCK = "deadlock"
-    MAJOR_MINOR = "major-minor"
-    OVERTAKING = "overtaking"
-    CROSSWALK = "crosswalk"
-    ROUNDABOUT = "roundabout"
-    UNPROTECTED_LEFT = "unprotected-left"
-    LANE_DROP = "lane-drop"
+from mdrive_sumo.scenario.categories import FIGURES, Category, Figures
 
 
 class Level(StrEnum):
@@ -41,17 +23,6 @@ class Topology(StrEnum):
     TWO_LANE_CORRIDOR = "two_lane_corridor"
     HIGHWAY = "highway"
     ROUNDABOUT = "roundabout"
-
-
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """Means of the paper's table over the scenarios of a category."""
-
-    count: int
-    cavs: float
-    route_m: float
-    heading_change_deg: float
-    actors: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +54,14 @@ class CategoryFacts:
 _ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)
 CATEGORIES: dict[Category, CategoryFacts] = {
     Category.PRE_CRASH: CategoryFacts(
-        "Pre-crash", Level.COORDINATION, Needs(_ANY), (1, 3), Figures(12, 2.17, 42.6, 91.5, 1.25)
+        "Pre-crash", Level.COORDINATION, Needs(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]
     ),
     Category.BLOCKED_LANE: CategoryFacts(
         "Blocked Lane Obstacle",
         Level.STATIC,
         Needs((Topology.CORRIDOR,), multi_lane=True),
         (3, 6),
-        Figures(10, 4.7, 88.8, 6.5, 3.4),
+        FIGURES[Category.BLOCKED_LANE],
         ("avenue",),
     ),
     Category.CONSTRUCTION: CategoryFacts(
@@ -98,7 +69,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.STATIC,
         Needs((Topology.INTERSECTION,), multi_lane=True),
         (3, 6),
-        Figures(10, 4.6, 95.5, 6.4, 7.1),
+        FIGURES[Category.CONSTRUCTION],
         ("market_crossing", "wide_crossing"),
     ),
     Category.HIGHWAY_MERGE: CategoryFacts(
@@ -106,7 +77,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.COORDINATION,
         Needs((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
         (3, 6),
-        Figures(10, 4.6, 121.3, 18.5, 0.0),
+        FIGURES[Category.HIGHWAY_MERGE],
         ("expressway", "freeway"),
     ),
     Category.LANE_CHANGE: CategoryFacts(
@@ -114,7 +85,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.COORDINATION,
         Needs((Topology.HIGHWAY,), multi_lane=True),
         (3, 6),
-        Figures(10, 4.2, 100.9, 43.5, 0.0),
+        FIGURES[Category.LANE_CHANGE],
         ("expressway", "lane_drop", "motorway", "ramp_merge"),
     ),
     Category.DEADLOCK: CategoryFacts(
@@ -122,7 +93,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.COORDINATION,
         Needs((Topology.INTERSECTION,)),
         (4, 6),
-        Figures(10, 4.7, 94.5, 89.7, 0.0),
+        FIGURES[Category.DEADLOCK],
         ("old_town", "quiet_crossing", "school_crossing", "town_crossing"),
     ),
     Category.MAJOR_MINOR: CategoryFacts(
@@ -130,7 +101,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.COORDINATION,
         Needs((Topology.T_JUNCTION,)),
         (3, 5),
-        Figures(10, 4.0, 71.4, 34.0, 0.6),
+        FIGURES[Category.MAJOR_MINOR],
         ("factory_gate", "minor_road", "side_street"),
     ),
     Category.OVERTAKING: CategoryFacts(
@@ -138,7 +109,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.STATIC,
         Needs((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
         (2, 5),
-        Figures(10, 3.7, 63.0, 0.2, 2.1),
+        FIGURES[Category.OVERTAKING],
         ("country_road", "village_street"),
     ),
     Category.CROSSWALK: CategoryFacts(
@@ -146,7 +117,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.DYNAMIC,
         Needs((Topology.INTERSECTION,)),
         (3, 5),
-        Figures(10, 3.8, 92.5, 9.5, 2.7),
+        FIGURES[Category.CROSSWALK],
         ("market_crossing", "school_crossing"),
     ),
     Category.ROUNDABOUT: CategoryFacts(
@@ -154,7 +125,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.COORDINATION,
         Needs((Topology.ROUNDABOUT,)),
         (3, 5),
-        Figures(10, 4.0, 112.1, 296.3, 0.0),
+        FIGURES[Category.ROUNDABOUT],
         ("large_roundabout", "roundabout"),
     ),
     Category.UNPROTECTED_LEFT: CategoryFacts(
@@ -162,7 +133,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Level.COORDINATION,
         Needs((Topology.INTERSECTION,), oncoming=True),
         (4, 6),
-        Figures(10, 5.1, 95.9, 40.2, 0.3),
+        FIGURES[Category.UNPROTECTED_LEFT],
         ("market_crossing", "quiet_crossing", "wide_crossing"),
     ),
     Category.LANE_DROP: CategoryFacts(

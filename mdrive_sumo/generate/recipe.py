@@ -37,7 +37,7 @@ def load_recipe(path: Path) -> Recipe:
     try:
         recipe = Recipe.model_validate_json(path.read_bytes())
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise InputError(f"{path}: expected a recipe to read, found none: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from None
     if recipe.generator != GENERATOR:

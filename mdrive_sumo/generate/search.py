@@ -3,7 +3,7 @@
 import hashlib
 import random
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from mdrive_sumo.generate import template
@@ -41,6 +41,10 @@ class Order:
         text = "/".join((str(GENERATOR), self.split, self.secret, self.category, str(self.seed), str(number)))
         return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
+    def id_of(self, number: int) -> str:
+        """Id of the scenario that attempt makes; no hidden one has the id of a public one."""
+        return f"{self.category}_{'h' if self.split == 'hidden' else ''}{self.seed_of(number)[:8]}"
+
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
@@ -67,21 +71,35 @@ def search(
     for number in range(order.count * TRIES):
         if len(accepted) == order.count:
             return
-        attempt = _attempt(order, number, (proposer, name), [*known, *accepted])
+        attempt = _attempt(order, number, (proposer, name), accepted, known)
         if attempt.scenario is not None:
             accepted.append(attempt.scenario)
         yield attempt
 
 
-def _attempt(order: Order, number: int, by: tuple[Proposer, str], accepted: Sequence[Scenario]) -> Attempt:
-    seed = order.seed_of(number)
+def _attempt(
+    order: Order, number: int, by: tuple[Proposer, str], accepted: Sequence[Scenario], known: Sequence[Scenario]
+) -> Attempt:
     recipe: Recipe | None = None
     try:
-        proposal = by[0](order.category, seed)
-        count = sum(scenario.category == order.category for scenario in accepted)
-        made = f"{order.category}_{seed[:8]}"
-        recipe = Recipe(id=made, seed=seed, proposer=by[1], weather=WEATHER[count % len(WEATHER)], proposal=proposal)
+        recipe = _recipe(order, number, by, WEATHER[len(accepted) % len(WEATHER)])
         scenario = built(recipe)
-        return Attempt(number, recipe, scenario, screened(scenario, accepted))
+        return Attempt(number, recipe, scenario, screened(scenario, [*known, *accepted]))
     except Rejected as refused:
         return Attempt(number, recipe, None, None, (refused.stage, refused.reason))
+
+
+def _recipe(order: Order, number: int, by: tuple[Proposer, str], weather: WeatherName = "default") -> Recipe:
+    seed = order.seed_of(number)
+    proposal = by[0](order.category, seed)
+    return Recipe(id=order.id_of(number), seed=seed, proposer=by[1], weather=weather, proposal=proposal)
+
+
+def public_counterparts(order: Order) -> Iterator[Scenario]:
+    """All scenarios of which the public split with the same seed is made by templates; none is driven."""
+    public = replace(order, split="public", secret="")
+    for number in range(order.count * TRIES):
+        try:
+            yield built(_recipe(public, number, (by_template, "template")))
+        except Rejected:
+            continue

@@ -3,13 +3,11 @@
 import random
 from collections.abc import Sequence
 
-from mdrive_sumo.generate.category import Figures
+from mdrive_sumo.scenario.categories import Figures, deviations
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
 
 SWAPS = 6000
-FLOOR = (1.0, 10.0, 10.0, 1.0)
-"""Means below these are compared as differences in these units: 0.2 degrees cannot be met within 10 %."""
 CROWDED, ALIKE = 0.02, 0.3
 """Cost of every scenario on the same network as another one, or with the same description: variety."""
 
@@ -40,8 +38,6 @@ def _sizes(scenario: Scenario) -> Sizes:
 def _cost(chosen: Sequence[int], pool: Sequence[Scenario], sizes: Sequence[Sizes], figures: Figures) -> float:
     cavs, route, heading, actors = (sum(sizes[i][k] for i in chosen) for k in range(4))
     found = (cavs / len(chosen), route / cavs, heading / cavs, actors / len(chosen))
-    wanted = (figures.cavs, figures.route_m, figures.heading_change_deg, figures.actors)
-    errors = [(f - w) / max(w, floor) for f, w, floor in zip(found, wanted, FLOOR, strict=True)]
     crowd = len(chosen) - len({pool[i].network for i in chosen})
     alike = len(chosen) - len({pool[i].description for i in chosen})
-    return sum(error**2 for error in errors) * 100 + CROWDED * crowd + ALIKE * alike
+    return sum(error**2 for error in deviations(found, figures.means)) * 100 + CROWDED * crowd + ALIKE * alike

@@ -64,6 +64,7 @@ def _facts(results: Results) -> str:
         "seed": str(run.seed),
         "score mode": run.score_mode,
         "scripted road users": run.actors,
+        "friction of the road": run.friction,
         "command": f"`{shlex.join(run.command)}`",
         "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
     }

@@ -36,6 +36,7 @@ def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...
         "comm": comm_text(settings.comm),
         "agent_clock": settings.clock.text,
         "actors": settings.actors,
+        "friction": settings.friction,
         "record": settings.record,
         "code": code_checksum(),
         **versions(),

@@ -51,6 +51,7 @@ class Prepared:
             comm=comm_text(settings.comm),
             clock=settings.clock.text,
             actors=settings.actors,
+            friction=settings.friction,
             transcripts=str(self.folder / TRANSCRIPTS_FOLDER),
             log_folder="" if settings.agent in AGENTS else str(self.folder / LOGS_FOLDER),
             limits=LIMITS,
@@ -88,6 +89,7 @@ def prepare(settings: Settings) -> Prepared:
         comm=described(settings.comm),
         agent_clock=settings.clock.text,
         actors=settings.actors,
+        friction=settings.friction,
         versions=versions(),
         command=settings.command,
     )

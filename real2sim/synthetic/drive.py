@@ -30,9 +30,9 @@ from real2sim.writers.v2xpnp import write_v2xpnp
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"
 """Who drives the CAVs while they are recorded."""
-WINDOW_S = 10.0
+WINDOW_S = 9.0
 WARM_UP_S = 2.0
-LATEST_S = 32.0
+LATEST_S = 24.0
 """The recording begins between these two moments [s] of the drive."""
 LEAST_M = 12.0
 """Each CAV drives at least this far in a recording."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.spec import load_scenario, save_scenario
-from mdrive_sumo.suite.job import Job, run_job
+from mdrive_sumo.validate import Examination, Question, examine
 from real2sim.clean import clean
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.build import NETWORKS, Wish, build_log
@@ -30,10 +30,6 @@ ABOUT = SuiteFile(
 )
 VOTERS = 8
 """Logs whose vehicles tell in which direction lanes are driven, and how fast."""
-TESTS = ("constant-speed", "omniscient")
-"""Baselines that drive every scenario."""
-DONE = 100.0
-"""Route completion [%]."""
 
 
 @dataclass(frozen=True)
@@ -75,20 +71,9 @@ class Outcome:
 
     task: Task
     misses: tuple[str, ...]
-    scores: tuple[float, ...]
-    """Driving scores of `TESTS`."""
-    completed: tuple[tuple[float, ...], ...]
-    """Route completion of every CAV, by `TESTS`."""
-
-    @property
-    def passable(self) -> bool:
-        """Whether every CAV is brought to its goal by one of the baselines at least."""
-        return all(max(completions) >= DONE for completions in zip(*self.completed, strict=True))
-
-    @property
-    def completed_by_omniscient(self) -> bool:
-        """Whether all CAVs are brought there by the one that knows everything."""
-        return min(self.completed[TESTS.index("omniscient")]) >= DONE
+    """Targets of the conversion that were not met."""
+    examined: Examination
+    """Of the scenario, as `mdrive-sumo validate` sees it."""
 
 
 def record(task: Task) -> Path | str:
@@ -136,20 +121,16 @@ def convert(task: Task) -> Outcome | str:
     quality = task.work / QUALITY / task.name
     quality.mkdir(parents=True, exist_ok=True)
     save_quality(built.quality, quality)
-    return Outcome(task, built.quality.misses, *_driven(task))
+    return Outcome(task, built.quality.misses, _examined(task))
 
 
-def _driven(task: Task) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-    """Driving scores and route completions of `TESTS` on the scenario as it was written."""
+def _examined(task: Task) -> Examination:
+    """The scenario as it was written, in a suite of its own."""
     alone = task.work / "alone" / task.name
     save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
     if not (alone / NETWORKS).exists():
         (alone / NETWORKS).symlink_to((task.suite / NETWORKS).resolve())
-    results = [run_job(Job(str(alone), task.name, agent, {}, 0, "mdrive")) for agent in TESTS]
-    return (
-        tuple(result.ds for result in results),
-        tuple(tuple(ego.rc for ego in result.egos) for result in results),
-    )
+    return examine(Question(str(alone), task.name))
 
 
 def _quiet() -> None:
