@@ -11,7 +11,6 @@ from mdrive_sumo.scenario.part import Identifier
 from mdrive_sumo.scenario.spec import first_problem
 from mdrive_sumo.scenario.weather import WeatherName
 
-RECIPE_FILE = "recipe.json"
 GENERATOR = 1
 """Version of the generator: it grows whenever the same recipe would make another scenario."""
 

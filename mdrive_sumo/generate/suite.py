@@ -6,8 +6,9 @@ from pathlib import Path
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.generate.pipeline import Rejected, built
-from mdrive_sumo.generate.recipe import RECIPE_FILE, Recipe, load_recipe, save_recipe
+from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.scenario.catalog import (
+    RECIPE_FILE,
     SCENARIO_FILE,
     Suite,
     SuiteFile,

@@ -25,6 +25,8 @@ from mdrive_sumo.scenario.spec import Scenario, first_problem, load_scenario, sa
 SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"
 NETWORKS_FOLDER = "networks"
+RECIPE_FILE = "recipe.json"
+"""Beside a generated scenario: what it was made from, see `generate.recipe`."""
 
 
 class SuiteFile(BaseModel):

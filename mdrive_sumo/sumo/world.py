@@ -151,7 +151,7 @@ class SumoWorld:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
 
     def _place_egos(self, egos: Mapping[str, EgoState]) -> None:
-        """A double that SUMO lost from the road is replaced: put back on it, SUMO 1.28 may crash (docs/decisions/015)."""
+        """A double that SUMO lost from the road is replaced: put back on it, it may crash SUMO (docs/decisions/015)."""
         lost = [ego for ego in self._egos if ego not in egos or not self._lane_of(EGO + ego)]
         for gone in lost:
             libsumo.vehicle.remove(EGO + gone)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from mdrive_sumo.certificate import CERTIFICATE_FILE, read_certificates
-from mdrive_sumo.scenario.catalog import Suite, packaged_suites
+from mdrive_sumo.scenario.catalog import RECIPE_FILE, Suite, packaged_suites
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, deviations
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
@@ -27,8 +27,6 @@ IN_CATEGORIES = "interaction"
 """The suite of which the paper has a table of categories."""
 GENERATED = "Interaction"
 """Bucket of generated scenarios."""
-RECIPE_FILE = "recipe.json"
-"""Beside a generated scenario, see `generate.recipe`."""
 
 
 def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[str, ...]:
