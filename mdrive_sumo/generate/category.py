@@ -62,7 +62,7 @@ CATEGORIES: dict[Category, CategoryFacts] = {
         Needs((Topology.CORRIDOR,), multi_lane=True),
         (3, 6),
         FIGURES[Category.BLOCKED_LANE],
-        ("avenue",),
+        ("avenue", "crescent"),
     ),
     Category.CONSTRUCTION: CategoryFacts(
         "Construction Zone",

@@ -10,6 +10,8 @@ from mdrive_sumo.generate.proposal import Maneuver, Proposal
 
 Draft = dict[str, Any]
 """Fields of a proposal before they are checked."""
+TURNS = 0.4
+"""Share of scenarios on otherwise straight ways in which one CAV turns."""
 SIDE_RELATIONS = ("perpendicular_right_of", "perpendicular_left_of", "opposite_approach_of")
 
 
@@ -53,6 +55,12 @@ def _like(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list
         leader = next(ego for ego in found if ego["vehicle_id"] == relation["b"])
         found.append(leader | {"vehicle_id": relation["a"]})
     return found[:count]
+
+
+def _and_one(egos: list[Draft], turn: Maneuver) -> list[Draft]:
+    """Adds a CAV that turns, from the road opposite the first one; its relation."""
+    egos.append(_ego(len(egos) + 1, turn))
+    return [_relation(len(egos), "opposite_approach_of", 1)]
 
 
 def _deadlock(rng: random.Random) -> Draft:
@@ -173,9 +181,12 @@ def _blocked_lane(rng: random.Random) -> Draft:
 
 
 def _construction(rng: random.Random) -> Draft:
-    count = _count(rng, 4.6)
+    turns = rng.random() < TURNS
+    count = _count(rng, 4.6) - turns
     relations = [_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
     queue = _queue(3, count, (1, 2), rng)
+    egos = _like([_ego(1), _ego(2)], queue, count)
+    relations += _and_one(egos, rng.choice(("left", "right"))) if turns else []
     cones = {
         "actor_id": "cones_1",
         "kind": "static_prop",
@@ -189,7 +200,7 @@ def _construction(rng: random.Random) -> Draft:
     }
     barriers = cones | {"actor_id": "barriers_1", "quantity": rng.randint(2, 3), "group_pattern": "along_lane"}
     return {
-        "ego_vehicles": _like([_ego(1), _ego(2)], queue, count),
+        "ego_vehicles": egos,
         "vehicle_constraints": relations + queue,
         "actors": [cones, barriers],
         "description": "Cones and barriers close a lane near a crossing; two lanes of CAVs become one.",
@@ -218,9 +229,12 @@ def _overtaking(rng: random.Random) -> Draft:
 
 
 def _crosswalk(rng: random.Random) -> Draft:
-    count = _count(rng, 3.8)
+    turns = rng.random() < TURNS
+    count = _count(rng, 3.8) - turns
     relations = [_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
     queue = _queue(3, count, (1, 2), rng)
+    egos = _like([_ego(1), _ego(2)], queue, count)
+    relations += _and_one(egos, rng.choice(("left", "right"))) if turns else []
     actors: list[Draft] = [
         {
             "actor_id": f"walker_{n}",
@@ -235,7 +249,7 @@ def _crosswalk(rng: random.Random) -> Draft:
     ]
     actors += _parked("Vehicle 1", "right_edge")
     return {
-        "ego_vehicles": _like([_ego(1), _ego(2)], queue, count),
+        "ego_vehicles": egos,
         "vehicle_constraints": relations + queue,
         "actors": actors,
         "description": "People step onto the zebra crossing from behind something that hides them.",
