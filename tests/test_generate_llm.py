@@ -22,6 +22,7 @@ from mdrive_sumo.generate.proposal import ConstraintType, Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import RULES
 from mdrive_sumo.generate.template import propose as from_template
+from mdrive_sumo.scenario.categories import LEVELS
 
 CROSSWALK, DEADLOCK = Category.CROSSWALK, Category.DEADLOCK
 CATEGORY_LIST = list(Category)
@@ -244,7 +245,7 @@ def test_the_prompt_has_schema_rules_and_the_facts_of_the_category(category: Cat
     assert all(words in system for words in (*RULES_IN_WORDS.values(), *TERMS))
     facts = CATEGORIES[category]
     assert f"{facts.egos[0]} to {facts.egos[1]}" in user and " or ".join(facts.needs.topologies) in user
-    assert facts.title in user and facts.level in user and ABOUT[category] in user
+    assert facts.title in user and LEVELS[category] in user and ABOUT[category] in user
 
 
 def test_examples_in_the_prompt_are_valid_answers() -> None:

@@ -6,14 +6,6 @@ from enum import StrEnum
 from mdrive_sumo.scenario.categories import FIGURES, Category, Figures
 
 
-class Level(StrEnum):
-    """Interactivity levels of the paper."""
-
-    STATIC = "static-avoidance"
-    DYNAMIC = "dynamic-avoidance"
-    COORDINATION = "dynamic-coordination"
-
-
 class Topology(StrEnum):
     """Shapes of road that a proposal may ask for (protocol 14.1)."""
 
@@ -41,7 +33,6 @@ class CategoryFacts:
     """Everything that is fixed about a category."""
 
     title: str
-    level: Level
     needs: Needs
     egos: tuple[int, int]
     """Least and most CAVs (protocol 14.1: 2 to 6 by category)."""
@@ -53,12 +44,9 @@ class CategoryFacts:
 
 _ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)
 CATEGORIES: dict[Category, CategoryFacts] = {
-    Category.PRE_CRASH: CategoryFacts(
-        "Pre-crash", Level.COORDINATION, Needs(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]
-    ),
+    Category.PRE_CRASH: CategoryFacts("Pre-crash", Needs(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]),
     Category.BLOCKED_LANE: CategoryFacts(
         "Blocked Lane Obstacle",
-        Level.STATIC,
         Needs((Topology.CORRIDOR,), multi_lane=True),
         (3, 6),
         FIGURES[Category.BLOCKED_LANE],
@@ -66,7 +54,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.CONSTRUCTION: CategoryFacts(
         "Construction Zone",
-        Level.STATIC,
         Needs((Topology.INTERSECTION,), multi_lane=True),
         (3, 6),
         FIGURES[Category.CONSTRUCTION],
@@ -74,7 +61,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.HIGHWAY_MERGE: CategoryFacts(
         "Highway On-Ramp Merge",
-        Level.COORDINATION,
         Needs((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
         (3, 6),
         FIGURES[Category.HIGHWAY_MERGE],
@@ -82,7 +68,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.LANE_CHANGE: CategoryFacts(
         "Interactive Lane Change",
-        Level.COORDINATION,
         Needs((Topology.HIGHWAY,), multi_lane=True),
         (3, 6),
         FIGURES[Category.LANE_CHANGE],
@@ -90,7 +75,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.DEADLOCK: CategoryFacts(
         "Intersection Deadlock Resolution",
-        Level.COORDINATION,
         Needs((Topology.INTERSECTION,)),
         (4, 6),
         FIGURES[Category.DEADLOCK],
@@ -98,7 +82,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.MAJOR_MINOR: CategoryFacts(
         "Major / Minor Unsignalized Entry",
-        Level.COORDINATION,
         Needs((Topology.T_JUNCTION,)),
         (3, 5),
         FIGURES[Category.MAJOR_MINOR],
@@ -106,7 +89,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.OVERTAKING: CategoryFacts(
         "Overtaking on Two-Lane Road",
-        Level.STATIC,
         Needs((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
         (2, 5),
         FIGURES[Category.OVERTAKING],
@@ -114,7 +96,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.CROSSWALK: CategoryFacts(
         "Pedestrian Crosswalk",
-        Level.DYNAMIC,
         Needs((Topology.INTERSECTION,)),
         (3, 5),
         FIGURES[Category.CROSSWALK],
@@ -122,7 +103,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.ROUNDABOUT: CategoryFacts(
         "Roundabout Navigation",
-        Level.COORDINATION,
         Needs((Topology.ROUNDABOUT,)),
         (3, 5),
         FIGURES[Category.ROUNDABOUT],
@@ -130,7 +110,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.UNPROTECTED_LEFT: CategoryFacts(
         "Unprotected Left Turn",
-        Level.COORDINATION,
         Needs((Topology.INTERSECTION,), oncoming=True),
         (4, 6),
         FIGURES[Category.UNPROTECTED_LEFT],
@@ -138,7 +117,6 @@ CATEGORIES: dict[Category, CategoryFacts] = {
     ),
     Category.LANE_DROP: CategoryFacts(
         "Lane Drop / Alternating Merge",
-        Level.COORDINATION,
         Needs((Topology.HIGHWAY,), multi_lane=True, merge=True),
         (3, 6),
         None,

@@ -9,6 +9,7 @@ from mdrive_sumo.generate.llm_words import ABOUT, ROLE, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.template import TEMPLATES
 from mdrive_sumo.generate.template import propose as from_template
+from mdrive_sumo.scenario.categories import LEVELS
 
 EXAMPLES = 2
 """In context; more make a model repeat them."""
@@ -40,7 +41,7 @@ def _facts(category: Category) -> list[str]:
     facts = CATEGORIES[category]
     least, most = facts.egos
     return [
-        f"Category: {category} ({facts.title}), interactivity level {facts.level}.",
+        f"Category: {category} ({facts.title}), interactivity level {LEVELS[category]}.",
         ABOUT[category],
         f"topology: {' or '.join(facts.needs.topologies)}. {_needed(category, facts.needs)}",
         f"ego_vehicles: {least} to {most}.",

@@ -27,6 +27,23 @@ class Category(StrEnum):
     LANE_DROP = "lane-drop"
 
 
+class Level(StrEnum):
+    """Interactivity levels of the paper."""
+
+    STATIC = "static-avoidance"
+    DYNAMIC = "dynamic-avoidance"
+    COORDINATION = "dynamic-coordination"
+
+
+LEVELS: Mapping[Category, Level] = dict.fromkeys(Category, Level.COORDINATION) | {
+    Category.BLOCKED_LANE: Level.STATIC,
+    Category.CONSTRUCTION: Level.STATIC,
+    Category.OVERTAKING: Level.STATIC,
+    Category.CROSSWALK: Level.DYNAMIC,
+}
+"""Which level a category belongs to (protocol 1.2); of the lane drop our own choice."""
+
+
 @dataclass(frozen=True, slots=True)
 class Figures:
     """Means of the paper's table over the scenarios of a category."""

@@ -1,8 +1,9 @@
-"""InterDrive's three sub-categories (protocol 8.5)."""
+"""Groups of categories: InterDrive's three sub-categories (protocol 8.5), Interaction's three levels (protocol 1.2)."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from mdrive_sumo.scenario.categories import LEVELS, Category
 from mdrive_sumo.score.mode import ScoreMode
 from mdrive_sumo.score.results import BucketResult, ScenarioResult
 from mdrive_sumo.score.summary import grouped_means
@@ -22,6 +23,17 @@ GROUPS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Category -> intersection crossing, lane merge or lane change."""
+
+
+def category_groups(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
+    """Means over the scenarios of each group, other scenarios left out."""
+    return interdrive_groups(scenarios, mode) | interaction_levels(scenarios)
+
+
+def interaction_levels(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
+    """Means over the scenarios of each interactivity level, other scenarios left out."""
+    known = [scenario for scenario in scenarios if scenario.category in set(LEVELS)]
+    return grouped_means(known, lambda scenario: LEVELS[Category(scenario.category)])
 
 
 def interdrive_groups(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
