@@ -7,7 +7,7 @@ STAMP := $(VENV)/installed
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
 PYTEST := $(BIN)/python -m pytest
 # The suite that has all others as its parts.
-WHOLE := interdrive
+WHOLE := mdrive
 .DEFAULT_GOAL := help
 .PHONY: help install libraries eval test test-all check lint types imports bench networks scenarios schemas validate lock clean
 
