@@ -12,7 +12,7 @@ from negotiation_fakes import completion, served
 from test_generate_rules import BROKEN, actor, deadlock, ego, other, relation
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.category import CATEGORIES, Category
 from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe, save_recipe
@@ -83,9 +83,10 @@ def test_a_goal_that_no_way_leads_to_is_refused(tmp_path: Path) -> None:
     said = rebuild(
         tmp_path, other("blocked-lane", ego_vehicles=turning, vehicle_constraints=[relation(2, "left_lane_of", 1)])
     )
-    assert said == (
-        "recipe bad: refused at stage ways: network avenue: expected ways that keep all relations, found none"
-    )
+    assert said in {
+        f"recipe bad: refused at stage ways: network {name}: expected ways that keep all relations, found none"
+        for name in CATEGORIES[Category.BLOCKED_LANE].crops
+    }
 
 
 @pytest.fixture
