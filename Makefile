@@ -6,6 +6,8 @@ STAMP := $(VENV)/installed
 # libsumo is linked against these, although nothing is ever drawn with them.
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
 PYTEST := $(BIN)/python -m pytest
+# The suite that has all others as its parts.
+WHOLE := mdrive
 .DEFAULT_GOAL := help
 .PHONY: help install libraries eval test test-all check lint types imports bench networks scenarios schemas validate lock clean
 
@@ -60,11 +62,11 @@ scenarios: install ## write the built-in scenarios anew from their table
 
 schemas: install ## write docs/schemas/ anew from the code
 	mkdir -p docs/schemas
-	for what in results contract scenario network suite; do \
+	for what in results contract scenario network suite proposal; do \
 	  $(BIN)/mdrive-sumo schema $$what > docs/schemas/$$what.json || exit 1; done
 
-validate: install ## check the built-in suite: statistics, difficulty, feasibility
-	$(BIN)/mdrive-sumo validate interdrive
+validate: install ## check every built-in scenario: starts, difficulty, feasibility, statistics, certificates, checksums
+	$(BIN)/mdrive-sumo validate $(WHOLE)
 
 lock: ## pin all versions anew (needs uv)
 	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 --generate-hashes \

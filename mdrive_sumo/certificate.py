@@ -19,6 +19,7 @@ from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.observation import scene_of
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.spec import Scenario, first_problem
 from mdrive_sumo.sensing.scene import Eye
 from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
@@ -94,22 +95,31 @@ class CertificateFile(_Part):
     suite_checksum: str
     certificates: tuple[Certificate, ...]
 
+    def of(self, suite: Suite) -> Mapping[str, Certificate]:
+        """By scenario; none if they were made for anything else than this very suite."""
+        return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
 
-def load_certificates(folder: Path, suite_checksum: str) -> Mapping[str, Certificate]:
-    """Certificates of the suite in that folder by scenario; none if there is no file or the suite has changed since.
+
+def load_certificates(suite: Suite) -> Mapping[str, Certificate]:
+    """Certificates by scenario that lie beside a suite, or beside its parts; none of one that has changed since.
 
     Raises InputError for a file that is not readable as one.
     """
+    files = ((part, read_certificates(part.folder)) for part in suite.parts or (suite,))
+    return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
+
+
+def read_certificates(folder: Path) -> CertificateFile | None:
+    """The certificates in the folder of a suite, whatever it was when they were made; raises InputError."""
     path = folder / CERTIFICATE_FILE
     if not path.is_file():
-        return {}
+        return None
     try:
-        found = CertificateFile.model_validate_json(path.read_bytes())
+        return CertificateFile.model_validate_json(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from None
-    return {one.scenario: one for one in found.certificates} if found.suite_checksum == suite_checksum else {}
 
 
 def save_certificates(folder: Path, content: CertificateFile) -> None:
@@ -144,6 +154,16 @@ class _Sights:
         e = self.episode
         place = (e.x[self.ticks], e.y[self.ticks], e.yaw[self.ticks])
         return boxes_corners(*place, e.length + CLEARANCE_M, e.width + CLEARANCE_M)
+
+    @cached_property
+    def centres(self) -> Float:
+        """(K, N, 2)"""
+        return np.stack((self.episode.x[self.ticks], self.episode.y[self.ticks]), axis=-1)
+
+    @cached_property
+    def radii(self) -> Float:
+        """(N,) of circles around the boxes; where they do not touch, boxes cannot."""
+        return np.hypot(self.episode.length + CLEARANCE_M, self.episode.width + CLEARANCE_M) / 2
 
     @cached_property
     def seen(self) -> Mapping[str, Bool]:
@@ -183,19 +203,20 @@ class _Sights:
     def _meeting(self, ego: int, actor: int) -> int | None:
         """Index of the first tick in which the CAV is where the actor is within `ENCROACHMENT_S`; None if never."""
         reach = round(ENCROACHMENT_S / DT / EVERY_TICKS)
-        valid = self.episode.valid[self.ticks]
+        valid, (mine, theirs) = self.episode.valid[self.ticks], (self.centres[:, i] for i in (ego, actor))
+        room = self.radii[ego] + self.radii[actor]
         first: int | None = None
         for lag in range(-reach, reach + 1):
-            mine = np.arange(max(0, -lag), len(self.ticks) - max(0, lag))
-            both = valid[mine, ego] & valid[mine + lag, actor]
-            met = both & boxes_overlap(self.corners[mine, ego], self.corners[mine + lag, actor])
-            if met.any() and (first is None or mine[met][0] < first):
-                first = int(mine[met][0])
+            k = np.arange(max(0, -lag), len(self.ticks) - max(0, lag))
+            k = k[valid[k, ego] & valid[k + lag, actor] & (np.hypot(*(mine[k] - theirs[k + lag]).T) < room)]
+            met = k[boxes_overlap(self.corners[k, ego], self.corners[k + lag, actor])]
+            if len(met) and (first is None or met[0] < first):
+                first = int(met[0])
         return first
 
     def _intervals(self, drive: Drive, ego: int, actor: int, meeting: int) -> Iterator[Hidden]:
         ids, valid = self.episode.ids, self.episode.valid[self.ticks][: meeting + 1]
-        near = np.hypot(*(self.corners[: meeting + 1, ego].mean(1) - self.corners[: meeting + 1, actor].mean(1)).T)
+        near = np.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
         hidden = valid[:, ego] & valid[:, actor] & (near < RANGE_M) & ~self.seen[ids[ego]][: meeting + 1, actor]
         others = [name for name in self._observers if name not in (ids[ego], ids[actor])]
         known = {name: self.seen[name][: meeting + 1, actor] for name in others}

@@ -49,7 +49,9 @@ class Vehicle:
     rear_stiffness: float = 155_495.0
     """Cornering stiffness of the rear axle [N/rad], Apollo; as the front's, so the car steers neutrally."""
     friction: float = 0.9
-    """Tyre friction. Assumption: dry asphalt."""
+    """Tyre friction on a dry road. Assumption: dry asphalt."""
+    grip: float = 1.0
+    """Share of that friction which the road gives; also of the greatest brake and drive force, which tyres carry."""
     max_steer_angle: float = 0.75
     """Front wheels at full lock [rad]. Assumption within one source: the bicycle model that Chen et al. (World
     on Rails, ICCV 2021) fitted to data of this car in CARLA has the curvature of 0.79 rad for small inputs
@@ -140,6 +142,7 @@ def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_ste
     h = dt / sub_steps
     x, y, yaw, steer_angle, drive, brake = body.x, body.y, body.yaw, body.steer_angle, body.drive, body.brake
     target, most_turn = control.steer * vehicle.max_steer_angle, vehicle.max_steer_rate * h
+    pedal = control.brake if control.brake < vehicle.grip else vehicle.grip  # anti-lock brakes
     lags = vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag
     turned, pressed, clamped = [-math.expm1(-h / lag) for lag in lags]  # shares of the way that a sub-step goes
     sin, cos = math.sin(yaw), math.cos(yaw)
@@ -148,7 +151,7 @@ def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_ste
     for _ in range(sub_steps):
         # Leapfrog: half a sub-step of motion, the forces there with the actuators' mean, the other half of motion.
         turn = _within(most_turn, (target - steer_angle) * turned)
-        press, clamp = (control.throttle - drive) * pressed, (control.brake - brake) * clamped
+        press, clamp = (control.throttle - drive) * pressed, (pedal - brake) * clamped
         x, y, yaw = x + h / 2 * u, y + h / 2 * v, yaw + h / 2 * yaw_rate
         sin, cos = math.sin(yaw), math.cos(yaw)
         motion = cos * u + sin * v, cos * v - sin * u, yaw_rate
@@ -181,7 +184,7 @@ def _grip(vx: float, drive: float, brake: float, vehicle: Vehicle) -> float:
     """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
     braking = brake * vehicle.max_deceleration
     used = drive * vehicle.max_acceleration + (braking if vx < 0.0 else -braking)
-    left = (vehicle.friction * GRAVITY) ** 2 - used * used
+    left = (vehicle.friction * vehicle.grip * GRAVITY) ** 2 - used * used
     return math.sqrt(left) if left > 0.0 else 0.0
 
 
@@ -222,7 +225,9 @@ def _driven(vx: float, drive: float, brake: float, vehicle: Vehicle, h: float) -
     spare = vehicle.max_speed - vx
     if spare < 1.0:  # governor
         most *= max(0.0, spare)
-    vx += h * (drive * most - 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass)
+    pull, limit = drive * most, vehicle.grip * vehicle.max_acceleration
+    pull = pull if pull < limit else limit  # traction control
+    vx += h * (pull - 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass)
     # What only resists can stop a car but never turn it round.
     resisted = h * (brake * vehicle.max_deceleration + vehicle.rolling_resistance * GRAVITY)
     return vx - math.copysign(resisted, vx) if abs(vx) > resisted else 0.0

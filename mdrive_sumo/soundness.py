@@ -129,14 +129,14 @@ def contacts_at_start(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> Iter
     """Ids of the CAVs in which an actor stands in frame 0, and the overlaps [m2]; who comes later is in none."""
     if isinstance(actor.motion, Replay) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
         return
-    box = _box(_first_pose(actor, roads), actor.length, actor.width)
+    box = _box(first_pose(actor, roads), actor.length, actor.width)
     for ego in egos:
         area = float(shapely.intersection(box, _box(ego.start, CAR.length, CAR.width)).area)
         if area > TOUCHING_M2:
             yield ego.id, area
 
 
-def _first_pose(actor: Actor, roads: RoadMap) -> Pose:
+def first_pose(actor: Actor, roads: RoadMap) -> Pose:
     """Where a motion begins, which may be beside the actor's `start`, heading along it."""
     start = actor.start
     match actor.motion:

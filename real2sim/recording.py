@@ -4,6 +4,7 @@ World frame of the log: metres, right-handed, x and y in the plane, yaw in radia
 the box centre. One row of every array is one frame; frames are `dt_s` apart.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -37,6 +38,19 @@ class Category(StrEnum):
         if self is Category.BICYCLE:
             return Kind.CYCLIST
         return Kind.STATIC if self is Category.STATIC else Kind.VEHICLE
+
+
+USUAL_SIZE: Mapping[Category, tuple[float, float]] = {
+    Category.CAR: (4.6, 1.85),
+    Category.VAN: (5.3, 2.0),
+    Category.TRUCK: (8.0, 2.5),
+    Category.BUS: (12.0, 2.55),
+    Category.MOTORCYCLE: (2.2, 0.8),
+    Category.BICYCLE: (1.8, 0.65),
+    Category.PEDESTRIAN: (0.5, 0.5),
+    Category.STATIC: (0.5, 0.5),
+}
+"""Length and width [m] for sources that tell none."""
 
 
 @dataclass(frozen=True)

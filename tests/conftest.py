@@ -6,11 +6,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from shared_material import NEEDS_SHARED_DATA, SHARED_DATA
 
-ROOT = Path(__file__).resolve().parents[1]
-SHARED_DATA = ROOT.parent / "shared" / "data"
-
-NEEDS_SHARED_DATA = "needs ../shared/data"
 SKIP_REASONS = (NEEDS_SHARED_DATA, "needs Chromium", "needs netconvert")
 """Why a test may skip. The gate (MDRIVE_STRICT_SKIPS) installs the rest: there only the first counts."""
 

@@ -60,8 +60,10 @@ def findings_of(recording: Recording, folder: Path) -> Findings:
     network = build_network(recording.map, motions, folder / "network", "by-hand", DT)
     tracks = reconstruct(cleaned.tracks, DT)
     raw = {one.id: one for one in cleaned.tracks}
-    quality = assess(Converted(recording.id, DT, tracks, raw, LaneIndex.of_map(recording.map)))
-    return Findings(recording.id, recording, cleaned, tracks, quality, network, load(folder / "network"))
+    roads = load(folder / "network")
+    lanes = LaneIndex.of_lines([lane.centre.xy for lane in roads.driving], [True] * len(roads.driving))
+    quality = assess(Converted(recording.id, DT, tracks, raw, lanes))
+    return Findings(recording.id, recording, cleaned, tracks, quality, network, roads)
 
 
 def small_findings(folder: Path) -> Findings:

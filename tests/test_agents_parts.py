@@ -11,7 +11,7 @@ from agents_driving import crossing_route
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.agents.overlap import TOUCHING, footprints, overlaps, path_overlaps
+from mdrive_sumo.agents.overlap import PLAN_MARGIN, TOUCHING, footprints, overlaps, path_overlaps
 from mdrive_sumo.agents.path import JOIN_M, SPACING_M, Path, Reference, curve_speeds, make_path
 from mdrive_sumo.agents.precedence import planning_order
 from mdrive_sumo.agents.space_time import (
@@ -234,7 +234,8 @@ def test_plans_are_read_as_of_now_and_prolonged() -> None:
 def test_background_cars_block_where_they_will_be() -> None:
     path = straight_path()
     cells, times = np.arange(240), np.array([1.0, 2.0, 30.0])
-    blocked = objects_block(path, cells, cars((30.0, -8.0, math.pi / 2, 4.0), (50.0, 0.0, 0.0, 0.0)), times, SIZE)
+    seen = cars((30.0, -8.0, math.pi / 2, 4.0), (50.0, 0.0, 0.0, 0.0))
+    blocked = objects_block(path, cells, seen, times, SIZE, PLAN_MARGIN)
     assert not blocked[0, : 40 * 4].any()  # at y = -4 it is still beside
     assert blocked[1, 30 * 4]  # at y = 0
     assert not blocked[2, 30 * 4]  # long gone

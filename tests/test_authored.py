@@ -10,6 +10,7 @@ import pytest
 from made_up_town import ROAD
 from map_faults import lane, lanes_map
 from mdrive_directory import TIMED, WALK, Directory, xml
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float
@@ -24,8 +25,6 @@ from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
 from real2sim.scene import Scene
 from real2sim.whole_folder import whole_folder
 
-DATA = Path(__file__).parent.parent.parent / "shared" / "data"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
 ABOUT = SuiteFile(name="made-up", title="Made up")
 
 
@@ -230,8 +229,9 @@ def test_what_is_there_is_not_written_over(tmp_path: Path, there: str) -> None:
 @pytest.fixture(scope="module")
 def real(tmp_path_factory: pytest.TempPathFactory) -> Suite:
     out = tmp_path_factory.mktemp("real") / "out"
-    towns = DATA / "carla_towns"
-    return convert(out, *(read_mdrive(folder, towns) for folder in mdrive_folders([DATA / "mdrive" / "interaction"])))
+    towns = SHARED_DATA / "carla_towns"
+    folders = mdrive_folders([SHARED_DATA / "mdrive" / "interaction"])
+    return convert(out, *(read_mdrive(folder, towns) for folder in folders))
 
 
 @needs_data

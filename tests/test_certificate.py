@@ -8,12 +8,20 @@ import pytest
 from click.testing import CliRunner
 
 from mdrive_sumo import certificate
-from mdrive_sumo.certificate import Certificate, CertificateFile, Hidden, certify, load_certificates, save_certificates
+from mdrive_sumo.certificate import (
+    Certificate,
+    CertificateFile,
+    Hidden,
+    certify,
+    load_certificates,
+    read_certificates,
+    save_certificates,
+)
 from mdrive_sumo.cli import main
 from mdrive_sumo.episode import Episode
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite
 from mdrive_sumo.scenario.spec import RoadsideUnit, Scenario
 from mdrive_sumo.suite.job import Job, reexecute
 
@@ -81,23 +89,49 @@ def test_a_certificate_tells_who_knows() -> None:
     assert not Certificate(scenario="s", hidden=()).occluded
 
 
+def suite_in(folder: Path, *names: str, parts: tuple[str, ...] = ()) -> Suite:
+    """A suite on disk with some of our scenarios, or with parts."""
+    ours = tuple(s for s in load_suite("interdrive").scenarios if s.id in names)
+    save_suite(Suite(SuiteFile(name=folder.name, title="", parts=parts), folder, ours))
+    return load_suite(str(folder))
+
+
+def keep(suite: Suite) -> Certificate:
+    made = Certificate(scenario=suite.scenarios[0].id, hidden=(interval(0.0, 3.0, 4.0),))
+    save_certificates(suite.folder, CertificateFile(suite_checksum=suite.checksum(), certificates=(made, made)))
+    return made
+
+
 def test_certificates_are_kept_for_the_suite_they_were_made_for(tmp_path: Path) -> None:
-    made = Certificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0),))
-    save_certificates(tmp_path, CertificateFile(suite_checksum="sha256:1", certificates=(made, made)))
-    assert load_certificates(tmp_path, "sha256:1") == {"s": made}
-    assert load_certificates(tmp_path, "sha256:2") == {}
-    assert load_certificates(tmp_path / "nowhere", "sha256:1") == {}
+    suite = suite_in(tmp_path / "a", "i07_ins_ss_town")
+    assert load_certificates(suite) == {}
+    made = keep(suite)
+    assert load_certificates(suite) == {"i07_ins_ss_town": made}
+    other = replace(suite, scenarios=(suite.scenarios[0].model_copy(update={"weather": "rain"}),))
+    assert load_certificates(other) == {}
+
+
+def test_a_suite_of_parts_has_the_certificates_of_each_that_did_not_change(tmp_path: Path) -> None:
+    first = keep(suite_in(tmp_path / "a", "i07_ins_ss_town"))
+    second = keep(suite_in(tmp_path / "b", "i25_ins_oppo_boulevard"))
+    both = suite_in(tmp_path / "both", parts=("a", "b"))
+    assert load_certificates(both) == {first.scenario: first, second.scenario: second}
+    suite_in(tmp_path / "b", "i25_ins_oppo_boulevard", "i01_ins_c_main_street_right")
+    assert load_certificates(load_suite(str(both.folder))) == {first.scenario: first}
+    told = CliRunner().invoke(main, ["list", "scenarios", "--suite", str(both.folder), "--occluded"])
+    assert told.exit_code == 2
+    assert "suite b: expected an up-to-date occlusion.json, found none" in told.output
 
 
 def test_a_broken_file_gets_one_sentence(tmp_path: Path) -> None:
     (tmp_path / certificate.CERTIFICATE_FILE).write_text('{"format": "other"}')
     with pytest.raises(InputError, match=r"occlusion.json: format: Input should be"):
-        load_certificates(tmp_path, "")
+        read_certificates(tmp_path)
 
 
 def test_the_packaged_suite_is_certified_and_can_be_filtered() -> None:
     suite = load_suite("interdrive")
-    certificates = load_certificates(suite.folder, suite.checksum())
+    certificates = load_certificates(suite)
     assert list(certificates) == [scenario.id for scenario in suite.scenarios]
     occluded = [name for name, one in certificates.items() if one.occluded]
     assert len(occluded) >= 15

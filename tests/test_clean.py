@@ -12,7 +12,7 @@ from log_truth import DT, alone, made, observed, truth
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import wrap_angles
 from real2sim.clean import clean
-from real2sim.clean.course import strayed
+from real2sim.clean.course import strayed, vehicle_heading
 from real2sim.clean.report import Reason
 from real2sim.hdmap import HdMap
 from real2sim.readers.v2xpnp import read_views
@@ -263,3 +263,12 @@ def test_who_goes_away_is_not_held() -> None:
     t = np.arange(100) * 0.1
     x = np.where(t < 7, 0.0, 3 * (t - 7) ** 2)
     assert strayed(np.ones(100, dtype=np.bool_), x, np.zeros(100), 0.1)[2] == 0
+
+
+@pytest.mark.parametrize(("dt_s", "heading"), [(0.05, 0.0), (0.1, np.pi)])
+def test_a_metre_of_motion_settles_which_way_a_box_looks(dt_s: float, heading: float) -> None:
+    """Twenty frames backwards at 0.7 m/s are 0.7 m at 20 Hz, and 1.4 m at 10 Hz."""
+    rows = np.ones(20)
+    motion = (np.pi * rows, 0.7 * rows, rows > 0)
+    found = vehicle_heading(0.0 * rows, rows, motion, dt_s)
+    assert np.abs(found) == pytest.approx(heading)

@@ -30,8 +30,12 @@ def test_faults_of_a_log(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["reversed lane", "missing link"])
 def test_faults_of_a_map(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """One kind at a time, a fifth of the lanes or links; what is repaired stands in the network's report by name."""
-    maps = [undirected(as_map(load(folder))) for folder in packaged_networks().values()]
+    """One kind at a time, a fifth of the lanes or links; what is repaired stands in the network's report by name.
+
+    On a road without a junction no link tells directions: such networks are left out.
+    """
+    roads = [load(folder) for folder in packaged_networks().values()]
+    maps = [undirected(as_map(one)) for one in roads if any(lane.successors for lane in one.driving)]
     total = good = wrong = 0
     for seed in SEEDS:
         clean = maps[seed % len(maps)]

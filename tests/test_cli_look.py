@@ -29,7 +29,7 @@ def test_list_suites_shows_our_statistics_beside_the_papers() -> None:
     ours = next(row for row in rows if row[:1] == ["interdrive"])
     assert ["in", "the", "paper", "46", "175", "3.80", "51.83", "65.85", "0.00"] in rows
     assert ours[1] == "46"
-    assert ["ins_crosschange", "4"] in rows
+    assert any(row[:2] == ["ins_crosschange", "4"] for row in rows)
 
 
 def test_list_scenarios_has_a_row_for_each() -> None:

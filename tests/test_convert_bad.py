@@ -263,6 +263,12 @@ main(["convert", "v2xpnp", "--help"])
     assert "Convert V2XPnP scenarios" in done.stdout
 
 
+def test_help_waits_for_no_simulator() -> None:
+    code = "import sys, real2sim.cli; print(sorted({'libsumo', 'pydantic', 'scipy', 'shapely'} & set(sys.modules)))"
+    done = subprocess.run((sys.executable, "-c", code), capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("most_bytes", [100, 6_000])
 def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tuple[Path, Path], tmp_path: Path) -> None:

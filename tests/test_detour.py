@@ -156,6 +156,28 @@ def test_the_least_shift_is_taken() -> None:
     assert detour.path.xy[:, 1].max() == pytest.approx(-1.0 + 1.0 + 0.5, abs=0.1)  # cone's edge, half a car, clearance
 
 
+def test_a_shift_that_brings_more_into_the_way_is_compared_as_it_ends() -> None:
+    """The left one begins as the lesser one, but a thing beside the first makes it the greater one."""
+    lanes = road(1e6).lanes
+    roads = replace(
+        road(1e6), lanes={**lanes, "r_1": replace(lanes["r_0"], id="r_1", centre=Polyline(bent(1e6, aside=-WIDTH)))}
+    )
+    me = briefing(ego("0", bent(1e6)), roads, CAR, 0, 100.0)
+    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    boxes = np.array([box(me.route_xy, 35, -0.2, 0.8, 1.6), box(me.route_xy, 35, 1.8, 0.8, 0.8)])
+    detour = around(path, 0.0, 5.0, boxes, me)
+    assert detour is not None
+    assert detour.path.xy[:, 1].min() == pytest.approx(-2.5, abs=0.1)
+
+
+def test_who_moved_once_is_remembered() -> None:
+    standing, seen = Standing(), things((20.0, 0.0, 0.0), (40.0, 0.0, 0.0))
+    for tick, x in enumerate((20.0, 20.0, 25.0, 25.0)):
+        seen = things((x, 0.0, 0.0), (40.0, 0.0, 0.0))
+        standing.look(tick, seen)
+    assert standing.unmoved(seen).tolist() == [False, True]
+
+
 def test_a_parked_car_is_passed_on_the_left_by_the_clearance() -> None:
     me = told(1e6)
     path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)

@@ -5,8 +5,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from shared_material import SHARED_DATA
 
 from real2sim.clean import clean
+from real2sim.hdmap import LaneKind
 from real2sim.quality import Converted, Quality, assess
 from real2sim.quality.lanes import LaneIndex
 from real2sim.readers.argoverse2 import read_argoverse2
@@ -16,7 +18,7 @@ from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import Recording
 from real2sim.tracks.reconstruct import reconstruct
 
-LOGS = Path(__file__).parent.parent.parent / "shared" / "data" / "real_logs"
+LOGS = SHARED_DATA / "real_logs"
 SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
 FOLDER = LOGS / "interaction"
 
@@ -43,7 +45,10 @@ def converted(name: str) -> tuple[Quality, Recording]:
     cleaned = clean(recording)
     tracks = reconstruct(cleaned.tracks, cleaned.dt_s)
     raw = {track.id: track for track in cleaned.tracks}
-    lanes = LaneIndex.of_map(recording.map)
+    driving = [lane for lane in recording.map.lanes.values() if lane.kind is LaneKind.DRIVING]
+    lanes = LaneIndex.of_lines(
+        [lane.centre for lane in driving], [lane.directed for lane in driving], [lane.width for lane in driving]
+    )
     return assess(Converted(name, cleaned.dt_s, tracks, raw, lanes, cleaned.report.lost)), recording
 
 

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
-CONFTEST = Path(__file__).with_name("conftest.py")
+OURS = [Path(__file__).with_name(name) for name in ("conftest.py", "shared_material.py")]
 
 
 def session(folder: Path, body: str, *options: str, strict: bool = False) -> subprocess.CompletedProcess[str]:
     """Runs one test file under our conftest, two folders below `folder`: there is no ../shared/data."""
     tests = folder / "repository" / "tests"
     tests.mkdir(parents=True, exist_ok=True)
-    shutil.copy(CONFTEST, tests)
+    for file in OURS:
+        shutil.copy(file, tests)
     (tests / "test_it.py").write_text(f"import pytest\nimport numpy as np\n\n\n{body}\n")
     command = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options, str(tests))
     environment = {"MDRIVE_STRICT_SKIPS": "1"} if strict else {}

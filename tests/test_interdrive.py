@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from made_up_town import Points, make_town, route_xml
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import Float, box_corners, boxes_overlap
@@ -24,10 +25,8 @@ from real2sim.cli import convert
 from real2sim.match.waypoints import Leg, match_waypoints
 from real2sim.readers.interdrive import read_interdrive
 
-DATA = Path(__file__).parent.parent.parent / "shared" / "data"
-ROUTES = DATA / "mdrive" / "interdrive"
-TOWNS = {"xodr": DATA / "carla_towns", "ready": DATA / "carla_towns" / "sumo_net_scenic"}
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+ROUTES = SHARED_DATA / "mdrive" / "interdrive"
+TOWNS = {"xodr": SHARED_DATA / "carla_towns", "ready": SHARED_DATA / "carla_towns" / "sumo_net_scenic"}
 
 
 @pytest.fixture
@@ -42,7 +41,7 @@ def converted(work: Path, *routes: Points) -> tuple[Scenario, dict[str, object]]
     folder.mkdir(parents=True)
     for i, points in enumerate(routes):
         (folder / f"r1_townxx_hw_c_{i}.xml").write_text(route_xml(points))
-    convert_interdrive(work / "src", work / "maps", work / "out")
+    convert_interdrive([work / "src"], work / "maps", work / "out")
     report = json.loads((work / "out" / "conversion.json").read_text())
     return load_suite(str(work / "out")).scenarios[0], report
 
@@ -121,7 +120,7 @@ def test_a_short_route_stays_where_it_is_if_the_other_can_move(work: Path) -> No
 
 def test_the_same_files_give_the_same_suite(work: Path) -> None:
     converted(work, [(20, 1.75), (60, 1.75), (100, 5.25)], [(22, 1.75), (90, 1.75)])
-    convert_interdrive(work / "src", work / "maps", work / "again")
+    convert_interdrive([work / "src"], work / "maps", work / "again")
     files = sorted(path.relative_to(work / "out") for path in (work / "out").rglob("*") if path.is_file())
     assert len(files) == 6
     for file in files:
@@ -175,7 +174,7 @@ def test_a_bad_route_file_is_refused_in_one_sentence(work: Path, text: str, sent
     folder.mkdir(parents=True)
     (folder / "r1_townxx_ins_c_0.xml").write_text(text)
     with pytest.raises(InputError) as caught:
-        convert_interdrive(work / "src", work / "maps", work / "out")
+        convert_interdrive([work / "src"], work / "maps", work / "out")
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not (work / "out").exists()
@@ -215,7 +214,7 @@ def test_a_folder_with_something_in_it_is_not_written_to(work: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "a_0.xml").write_text(route_xml([(20, 1.75), (80, 1.75)]))
     with pytest.raises(InputError, match="new or empty folder"):
-        convert_interdrive(work / "src", work / "maps", work / "out")
+        convert_interdrive([work / "src"], work / "maps", work / "out")
 
 
 @pytest.fixture(scope="session", params=["xodr", "ready"])

@@ -11,9 +11,9 @@ import pytest
 from mdrive_sumo import validate
 from mdrive_sumo.certificate import CERTIFICATE_FILE
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.generate.interdrive import RECIPE_FILE, interdrive, route_of, steps
+from mdrive_sumo.generate.interdrive import RECIPE_FILE, route_of, steps, write
 from mdrive_sumo.roads import RoadMap, load, network_folder
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, packaged_suites, save_suite
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, load_suite, packaged_suites, save_suite
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import statistics
@@ -37,7 +37,7 @@ def street() -> RoadMap:
 
 def test_the_recipe_makes_the_packaged_files(suite: Suite, tmp_path: Path) -> None:
     shutil.copy(packaged_suites()["interdrive"] / RECIPE_FILE, tmp_path)
-    save_suite(interdrive(tmp_path))
+    write(tmp_path)
     made = {path.relative_to(tmp_path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     files = (path for path in suite.folder.rglob("*") if path.is_file() and path.name != CERTIFICATE_FILE)
     kept = {path.relative_to(suite.folder): path.read_bytes() for path in files}
@@ -103,7 +103,7 @@ def test_a_conflict_is_found_difficult_solvable_and_hidden(suite: Suite) -> None
 def changed(suite: Suite, folder: Path, **update: object) -> Suite:
     """The suite with its first scenario changed, on disk."""
     first = suite.scenarios[0].model_copy(update=update)
-    made = Suite(suite.about, folder, (Scenario.model_validate(first.model_dump()),))
+    made = Suite(SuiteFile(name="changed", title=""), folder, (Scenario.model_validate(first.model_dump()),))
     save_suite(made)
     return made
 
@@ -121,15 +121,18 @@ def test_cavs_inside_each_other_fail(suite: Suite, tmp_path: Path) -> None:
         one.model_copy(update={"id": other.id, "start": Pose(x=one.start.x + 1, y=one.start.y, yaw=0.0)}),
     )
     stacked = changed(suite, tmp_path, egos=egos)
-    assert examined(stacked, stacked.scenarios[0].id).problems == ("CAVs 0 and 1 start inside each other",)
+    assert examined(stacked, stacked.scenarios[0].id).problems == (
+        "CAV 0 and CAV 1 start inside each other (6.55 m2 overlap)",
+    )
 
 
 def test_a_suite_of_another_size_fails(suite: Suite) -> None:
     short = replace(suite, scenarios=suite.scenarios[:6])
-    problems = " ".join(validate.suite_problems(short, [validate.Examination("i01", ())] * 6))
-    assert "CAVs: expected 3.8" in problems
-    assert "expected 46 scenarios, found 6" in problems
-    assert "hidden until late, found 0" in problems
+    plain = [validate.Examination(scenario.id, ()) for scenario in short.scenarios]
+    problems = " ".join(validate.suite_problems(short, plain))
+    assert "interdrive: CAVs: expected 3.8 +- 0.19 on average, found" in problems
+    assert "interdrive: expected 46 scenarios, found 6" in problems
+    assert "interdrive: expected 15 conflicts or more that are hidden until late, found 0" in problems
 
 
 def test_a_sample_is_always_the_same(suite: Suite) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mdrive_directory import TIMED, WALK, Directory, Waypoint, xml
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.actor import (
@@ -25,9 +26,7 @@ from real2sim.readers.mdrive_blueprints import shape_of
 from real2sim.readers.mdrive_weather import nearest_weather
 from real2sim.scene import TownMap
 
-DATA = Path(__file__).parent.parent.parent / "shared" / "data"
-REAL = DATA / "mdrive" / "interaction"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+REAL = SHARED_DATA / "mdrive" / "interaction"
 
 
 @pytest.fixture
@@ -322,7 +321,7 @@ def test_directories_are_found_below_a_folder(directory: Directory, tmp_path: Pa
 
 @needs_data
 def test_the_real_directories_are_read_whole() -> None:
-    scenes = {scene.id: scene for scene in (read_mdrive(folder, DATA) for folder in mdrive_folders([REAL]))}
+    scenes = {scene.id: scene for scene in (read_mdrive(folder, SHARED_DATA) for folder in mdrive_folders([REAL]))}
     assert {id_: (len(s.routes), len(s.actors), s.weather) for id_, s in scenes.items()} == {
         "Construction_Zone_10": (2, 5, "default"),
         "Pedestrian_Crosswalk_8": (4, 3, "default"),

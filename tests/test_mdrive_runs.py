@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from map_faults import lane, lanes_map
 from mdrive_directory import Directory, xml
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.episode.episode import Episode
@@ -15,9 +16,6 @@ from mdrive_sumo.episode.storage import load_episode
 from mdrive_sumo.geometry import Float
 from real2sim.readers.carla_frame import UCLA
 from real2sim.writers.v2xpnp_map import write_vector_map
-
-DATA = Path(__file__).parent.parent.parent / "shared" / "data"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
 
 
 def convert(*arguments: object) -> str:
@@ -65,7 +63,7 @@ def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path
 @needs_data
 @pytest.mark.slow
 def test_the_real_directories_run(tmp_path: Path) -> None:
-    convert(DATA / "mdrive" / "interaction", "--towns", DATA / "carla_towns", "--out", tmp_path / "out")
+    convert(SHARED_DATA / "mdrive" / "interaction", "--towns", SHARED_DATA / "carla_towns", "--out", tmp_path / "out")
     episodes = driven(tmp_path / "out", "idm", tmp_path / "run")
     assert len(episodes) == 4
     crosswalk, precrash = episodes["Pedestrian_Crosswalk_8"], episodes["precrash_L"]

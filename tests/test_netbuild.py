@@ -51,12 +51,14 @@ def on_lane(roads: RoadMap, x: float, y: float) -> str:
 def test_a_network_made_a_map_and_built_again_is_the_same(name: str, tmp_path: Path) -> None:
     source = load(packaged_networks()[name])
     report, roads = built(tmp_path, as_map(source))
-    assert report.lost == {}
-    assert (report.links_dropped, report.links_added, report.directions.inverted) == ((), (), ())
+    tiny = {one.id for one in source.driving if one.centre.length < 0.5}
+    assert set(report.lost) == tiny  # what they joined is linked instead
+    assert (report.links_dropped, report.directions.inverted) == ((), ())
+    assert bool(report.links_added) == bool(tiny)
     ours = shapely.MultiLineString([one.centre.xy for one in roads.driving])
     points = np.concatenate([one.centre.resampled(1.0).xy for one in source.driving])
     assert shapely.distance(shapely.points(points), ours).max() < 0.02
-    assert max(report.fit.max, report.fit.back_max) < 0.05
+    assert max(report.fit.max, report.fit.back_max) < (0.1 if tiny else 0.05)
     assert report.left_hand is False
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from map_faults import all_links, lane, plant
+from shared_material import SHARED_DATA
 
 from mdrive_sumo.geometry import Float, polyline
 from mdrive_sumo.roads import RoadMap, load
@@ -24,7 +25,7 @@ from real2sim.readers.interaction import read_interaction
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import Recording
 
-LOGS = Path(__file__).parent.parent.parent / "shared" / "data" / "real_logs"
+LOGS = SHARED_DATA / "real_logs"
 SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
 READ: dict[str, Callable[[], Recording]] = {
     "scene-0103": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-0103.pkl"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.geometry import wrap_angle
@@ -20,8 +21,7 @@ from real2sim.carla.opendrive import read_opendrive
 from real2sim.carla.report import write_networks_report
 from real2sim.carla.towns import Town, build_town
 
-MAPS = Path(__file__).parent.parent.parent / "shared" / "data" / "carla_towns"
-needs_data = pytest.mark.skipif(not MAPS.is_dir(), reason="needs ../shared/data")
+MAPS = SHARED_DATA / "carla_towns"
 
 ROAD = """
 <OpenDRIVE><header revMajor="1" revMinor="4" date="today"/>

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from test_quality import DT, T, track
 
-from real2sim.hdmap import HdMap, LaneKind, MapLane
 from real2sim.quality import Converted, assess, judged
 from real2sim.quality.actor import actor_quality
 from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Category
-from real2sim.tracks import motion
 
 
 def lanes() -> LaneIndex:
@@ -38,19 +36,8 @@ def test_crossing_lanes_are_no_wrong_way() -> None:
     assert actor_quality(track(10 * T, 0.3), DT, None, index).wrong_way_frames == 0
 
 
-def test_lane_index_of_a_map_takes_driving_lanes_only() -> None:
-    line = np.array(((0.0, 0.0), (10.0, 0.0)))
-    index = LaneIndex.of_map(
-        HdMap({"a": MapLane("a", LaneKind.DRIVING, line), "b": MapLane("b", LaneKind.SIDEWALK, line + 5)})
-    )
-    assert index.offsets(np.array(((5.0, 4.0),)))[0] == pytest.approx(4.0)
-    assert np.isinf(LaneIndex.of_map(HdMap()).offsets(np.zeros((1, 2)))).all()
-
-
-def test_backward_along_a_lane() -> None:
-    line = np.array(((0.0, 0.0), (5.0, 0.0), (5.0, 50.0)))
-    xy = np.array(((1.0, 0.1), (3.0, 0.0), (2.5, -0.1), (5.1, 3.0), (4.9, 2.0)))
-    assert np.allclose(motion.backward_along(line, xy), (0, 0.5, 0, 1.0))
+def test_without_lanes_every_place_is_infinitely_far_from_one() -> None:
+    assert np.isinf(LaneIndex.of_lines([], []).offsets(np.zeros((1, 2)))).all()
 
 
 def test_outside_the_map_is_not_off_route() -> None:
@@ -82,8 +69,7 @@ def test_a_car_that_the_log_shows_at_the_kerb_has_no_lane_to_keep() -> None:
 
 def test_a_wide_lane_is_on_the_route_to_its_edge() -> None:
     line = np.array(((-50.0, 0.0), (200.0, 0.0)))
-    wide = MapLane("a", LaneKind.DRIVING, line, left=line + np.array((0, 4)), right=line - np.array((0, 4)))
-    assert actor_quality(track(10 * T, 4.2), DT, None, LaneIndex.of_map(HdMap({"a": wide}))).off_route_frames == 0
+    assert actor_quality(track(10 * T, 4.2), DT, None, LaneIndex.of_lines([line], [True], [8.0])).off_route_frames == 0
     assert actor_quality(track(10 * T, 4.2), DT, None, LaneIndex.of_lines([line], [True])).off_route_frames == 100
 
 

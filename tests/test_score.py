@@ -19,7 +19,9 @@ from mdrive_sumo.score import (
     ScenarioResult,
     ScoreMode,
     categories,
+    category_groups,
     harmonic,
+    interaction_levels,
     interdrive_groups,
     load_results,
     overall,
@@ -168,6 +170,20 @@ def test_interdrive_sub_categories() -> None:
     asis = {name: group.ds for name, group in interdrive_groups(found, ScoreMode.INTERDRIVE_ASIS).items()}
     assert by_name == {"IC": 20.0, "LC": 60.0, "LM": 50.0}
     assert asis == {"IC": 20.0, "LC": 30.0, "LM": 70.0}
+
+
+def test_interactivity_levels() -> None:
+    """Of Interaction's categories (protocol 1.2); others are left out."""
+    found = [
+        scored("a", "Interaction", 90.0, "overtaking"),
+        scored("b", "Interaction", 50.0, "blocked-lane"),
+        scored("c", "Interaction", 30.0, "crosswalk"),
+        scored("d", "Interaction", 20.0, "roundabout"),
+        scored("e", "InterDrive", 10.0, "hw_c"),
+    ]
+    by_level = {name: group.ds for name, group in interaction_levels(found).items()}
+    assert by_level == {"static-avoidance": 70.0, "dynamic-avoidance": 30.0, "dynamic-coordination": 20.0}
+    assert {"LC", "static-avoidance"} <= set(category_groups(found, ScoreMode.MDRIVE))
 
 
 # --- one episode, from recording to results

@@ -14,6 +14,7 @@ import v2xpnp_original
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.errors import InputError
 from real2sim.hdmap import LaneKind
@@ -22,8 +23,7 @@ from real2sim.readers.v2xpnp_frames import _any, _regular, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category
 
-EXCERPT = Path(__file__).parents[2] / "shared/data/v2xpnp_excerpt/2023-03-17-16-12-12_3_0"
-needs_data = pytest.mark.skipif(not EXCERPT.is_dir(), reason="needs ../shared/data")
+EXCERPT = SHARED_DATA / "v2xpnp_excerpt" / "2023-03-17-16-12-12_3_0"
 POSE = [10.0, 20.0, 1.0, -4.0, 90.0, 2.0]
 
 

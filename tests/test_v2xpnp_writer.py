@@ -15,6 +15,7 @@ import v2xpnp_original
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.geometry import Float, wrap_angles
 from real2sim.hdmap import HdMap, LaneKind, MapLane
@@ -26,10 +27,8 @@ from real2sim.writers.noise import Noise, numbered, observe
 from real2sim.writers.v2xpnp import LABELS, write_v2xpnp, write_views
 from real2sim.writers.v2xpnp_map import lane_numbers, write_vector_map
 
-REAL = Path(__file__).parents[2] / "shared/data/real_logs/scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
-needs_data = pytest.mark.skipif(not REAL.is_file(), reason="needs ../shared/data")
-EXCERPT = Path(__file__).parents[2] / "shared/data/v2xpnp_excerpt/2023-03-17-16-12-12_3_0"
-needs_excerpt = pytest.mark.skipif(not EXCERPT.is_dir(), reason="needs ../shared/data")
+REAL = SHARED_DATA / "real_logs/scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
+EXCERPT = SHARED_DATA / "v2xpnp_excerpt" / "2023-03-17-16-12-12_3_0"
 FRAMES = 60
 HALF_MM = 0.00051
 
@@ -465,7 +464,7 @@ def typed(value: object) -> object:
     return [typed(one) for one in value] if isinstance(value, list) else type(value).__name__
 
 
-@needs_excerpt
+@needs_data
 def test_files_are_like_the_real_ones_key_by_key(tmp_path: Path) -> None:
     t = np.arange(FRAMES) * 0.1
     things = [track("0", 10 * t, 0.0), track("1", 30.0, 5.0, 1.0, parked=True), track("2", 9.0, t, 1.0)]

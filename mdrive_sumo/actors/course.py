@@ -117,8 +117,3 @@ def shifted(course: Course, since: float, aside: float, actor: Actor) -> tuple[C
     weight = aside * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     line = polyline(np.column_stack((x - weight * np.sin(yaw), y + weight * np.cos(yaw))))
     return along(line, actor), since - float(course.s[first])
-
-
-def walks_on(actor: Actor) -> bool:
-    """Whether the actor goes on behind its last point (protocol 3.5)."""
-    return actor.kind == "pedestrian" and isinstance(actor.motion, AlongPath | AlongLanes)

@@ -104,10 +104,12 @@ class _Search:
     def least(self, group: Bool) -> Detour | None:
         """The least shift that passes the group (K,) and whatever else that brings into the way."""
         shifts = [self._beyond(group, side, extra) for side in (1, -1) for extra in EXTRA_M]
+        best, least = None, math.inf
         for shift in sorted(shifts, key=lambda shift: abs(shift.left)):
-            if (detour := self._tried(shift, group)) is not None:
-                return detour
-        return None
+            if abs(shift.left) < least and (found := self._tried(shift, group)) is not None:
+                detour, aside = found
+                best, least = (detour, aside) if aside < least else (best, least)
+        return best
 
     def _beyond(self, group: Bool, side: int, extra: float) -> _Shift:
         first, last, right, left = self.where[group].T
@@ -118,15 +120,15 @@ class _Search:
         wanted = max(self._speed * math.sqrt(PEAK * abs(aside) / LATERAL), LEAST_RAMP_M)
         return _Shift(aside, hold, (min(wanted, hold[0] - self._s), wanted))
 
-    def _tried(self, shift: _Shift, group: Bool) -> Detour | None:
-        """The path shifted so, or further if that brings more into the way; None if it will not do."""
+    def _tried(self, shift: _Shift, group: Bool) -> tuple[Detour, float] | None:
+        """The path shifted so, or further if that brings more into the way, and how far [m]; None if it will not do."""
         while shift.ramps[0] > 0:
             detour = _shifted(self._path, shift, self._me.vehicle)
             if not self._drivable(detour):
                 return None
             more = self._struck(detour) & ~group
             if not more.any():
-                return detour if not self._struck(detour).any() else None
+                return (detour, abs(shift.left)) if not self._struck(detour).any() else None
             group = group | more
             shift = self._beyond(group, 1 if shift.left > 0 else -1, 0.0)
         return None

@@ -1,15 +1,18 @@
 """`omniscient`: the upper bound."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from mdrive_sumo.agents.base import Config, Option, read_options
+from mdrive_sumo.agents.bypass import bypassing, undecided
+from mdrive_sumo.agents.kerbside import careful_speeds, walking_on
 from mdrive_sumo.agents.overlap import CHECK_MARGIN, Margin, cells_of
 from mdrive_sumo.agents.path import Path, curve_speeds, path_station
 from mdrive_sumo.agents.precedence import planning_order
 from mdrive_sumo.agents.space_time import Profile, braking, fastest, task_along
-from mdrive_sumo.agents.traffic import Fleet, expected_stations, fleet_of, objects_block
+from mdrive_sumo.agents.traffic import Fleet, expected_stations, objects_block
 from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, Plan, Privileged, Reply, SensorSpec
 from mdrive_sumo.geometry import Bool, Float, Int
 
@@ -30,13 +33,16 @@ STOP_BEFORE_M = (2.5, 1.0)
 """Where to stop at a stop sign: box centre at most and at least that far before the line."""
 STOP_LAYERS = 3
 """How long to stand there, in steps of a profile."""
+DECIDED_TICKS = 10
+"""A vehicle in the way that has not left by then is parked."""
 
 
 class OmniscientAgent:
     """Knows every state and every plan, and times its way through the gaps: the upper bound.
 
-    Prioritised planning: all CAVs find the same order at the first tick; number r plans in tick r around the plans that
-    it sees then, keeps its plan, and makes a new one only when that has become unsafe or the car has strayed from it.
+    Prioritised planning: all CAVs find the same ways around what stands in the way and the same order at the first tick
+    (or, where it may be about to leave, `DECIDED_TICKS` later); number r plans r ticks later around the plans that it
+    sees then, keeps its plan, and makes a new one only when that has become unsafe or the car has strayed from it.
     """
 
     label = "privileged"
@@ -58,19 +64,33 @@ class OmniscientAgent:
     def act(self, seen: Observation) -> Reply:
         """The plan, made or reviewed when it is my turn."""
         assert seen.privileged is not None, "the privileged sensor is declared"
-        if seen.tick == 0:
-            self._survey(seen.privileged)
+        known = self._known(seen.tick, seen.privileged)
+        if seen.tick < self._began_tick:
+            return Reply(plan=self._published(seen))
+        if seen.tick == self._began_tick:
+            self._survey(known)
         self._s = self._path.project(seen.own.x, seen.own.y, self._s)
         self._signs = [line for line in self._signs if not self._dealt_with(line, seen.own.speed)]
-        turn = (seen.tick - self._rank) % REVIEW_TICKS == 0 and seen.tick >= self._rank
-        if turn and not self._still_good(seen, seen.privileged):
-            self._profile, self._made_tick = self._planned(seen, seen.privileged), seen.tick
+        since = seen.tick - self._began_tick - self._rank
+        turn = since >= 0 and since % REVIEW_TICKS == 0
+        if turn and not self._still_good(seen, known):
+            self._profile, self._made_tick = self._planned(seen, known), seen.tick
         return Reply(plan=self._published(seen))
 
+    def _known(self, tick: int, known: Privileged) -> Privileged:
+        """What is known, with people who will walk on; at the first tick, when to begin."""
+        objects = known.objects
+        if tick == 0:
+            self._first_seen = dict(
+                zip(objects.ids, zip(objects.x.tolist(), objects.y.tolist(), strict=True), strict=True)
+            )
+            self._began_tick = DECIDED_TICKS if undecided(known, self._me) else 0
+        return replace(known, objects=walking_on(objects, self._first_seen))
+
     def _survey(self, known: Privileged) -> None:
-        """Learns the paths of all CAVs and finds the order of planning."""
+        """Finds the paths of all CAVs and the order of planning."""
         me = self._me
-        self._fleet: Fleet = fleet_of(known, me.vehicle)
+        self._fleet = Fleet(bypassing(known, me), (me.vehicle.length, me.vehicle.width))
         self._path: Path = self._fleet.paths[me.ego_id]
         self._speeds = np.minimum(_speeds(self._path, self._cruise), self._legal_speeds())
         until_s = me.time_limit_s - SPARE_S
@@ -114,8 +134,8 @@ class OmniscientAgent:
         me = self._me
         earlier = self._order[: self._rank]
         everyone = self._profile is not None and margin != CHECK_MARGIN
-        size = (me.vehicle.length + 2 * margin.along, me.vehicle.width + 2 * margin.across)
-        blocked = objects_block(self._path, cells, known.objects, times, size)
+        size = me.vehicle.length, me.vehicle.width
+        blocked = objects_block(self._path, cells, known.objects, times, size, margin)
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
             if other in earlier or (other != me.ego_id and everyone):
                 stations = expected_stations(self._fleet.paths[other], state, plan, times, me.tick_s)
@@ -126,7 +146,8 @@ class OmniscientAgent:
         """A new profile from here, with the stops that are due."""
         now_s = seen.tick * self._me.tick_s
         until_s = max(self._me.time_limit_s - SPARE_S, now_s + 10.0)
-        task = task_along(self._path, self._speeds, (self._s, seen.own.speed), now_s, until_s)
+        speeds = careful_speeds(self._path, self._speeds, known.objects, self._me.vehicle)
+        task = task_along(self._path, speeds, (self._s, seen.own.speed), now_s, until_s)
         task = task.among(partial(self._blocked, known, task.cells, task.times))
         done: Profile | None = None
         for line in self._signs:

@@ -68,13 +68,16 @@ class Passing:
         objects = self._standing.settled(objects, fixed)
         waits = self._oncoming(seen.tick, objects.picked(~fixed), seen.own, planner)
         boxes = boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)
-        still = (objects.kind == Kind.VEHICLE) & (stood_s >= DOUBTED_S) & ~_busy(objects, stood_s)
+        busy = _busy(objects, stood_s)
+        # Whoever has not moved yet may be parked, busy or not: too near to him nobody can turn out any more.
+        doubted = ~busy | self._standing.unmoved(objects)
+        still = (objects.kind == Kind.VEHICLE) & (stood_s >= DOUBTED_S) & doubted
         struck = (fixed | still) & in_the_way(planner.path, planner.s, boxes, self._me)
         if not struck.any():
             return objects, waits
         first = spans(planner.path, planner.s, boxes)[:, 0]
         still &= ~np.array([any(s < line < s + LOOK_M for line in halts) for s in first], dtype=np.bool_)
-        parked = fixed | (struck & still & (stood_s >= PARKED_S))
+        parked = fixed | (struck & still & ~busy & (stood_s >= PARKED_S))
         if self._diverted(seen.own, objects, parked, boxes, planner):
             return self._standing.settled(objects, parked), waits
         return objects, waits + self._waiting(first[struck & (fixed | still)], planner.s, seen.own.speed)

@@ -49,6 +49,7 @@ class Standing:
 
     def __init__(self) -> None:
         self._stays: dict[str, _Stay] = {}
+        self._moved: set[str] = set()
 
     def look(self, tick: int, objects: Objects) -> None:
         """Takes notice of what is seen now."""
@@ -56,13 +57,20 @@ class Standing:
         table = (objects.x, objects.y, np.cos(yaw), np.sin(yaw), objects.length, objects.width)
         for name, kind, look in zip(objects.ids, objects.kind.tolist(), np.column_stack(table), strict=True):
             stay = self._stays.get(name)
-            if stay is None or tick - stay.last > LOST_TICKS or math.dist(stay.mean()[:2], look[:2]) > STAYS_M:
+            gone = stay is not None and math.dist(stay.mean()[:2], look[:2]) > STAYS_M
+            if gone:
+                self._moved.add(name)
+            if stay is None or gone or tick - stay.last > LOST_TICKS:
                 stay = self._stays[name] = _Stay(kind, tick, tick)
             stay.add(tick, look)
 
     def seconds(self, objects: Objects) -> Float:
         """(N,) [s] for how long each object has been seen standing; it must have been looked at."""
         return np.array([self._stays[name].seconds for name in objects.ids])
+
+    def unmoved(self, objects: Objects) -> Bool:
+        """(N,) who has not moved since it was first seen."""
+        return np.array([name not in self._moved for name in objects.ids], dtype=np.bool_)
 
     def recalled(self, tick: int, objects: Objects, least_s: float) -> Objects:
         """The objects, and after them the static ones that stood for so long [s] and are missed just now.

@@ -6,15 +6,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdrive_sumo.agents.overlap import PLAN_MARGIN, Margin, cells_of, footprints, overlaps, path_overlaps
-from mdrive_sumo.agents.path import SPACING_M, Path, make_path
-from mdrive_sumo.contract import Objects, OwnState, Plan, Privileged, VehicleFacts
+from mdrive_sumo.agents.path import SPACING_M, Path
+from mdrive_sumo.contract import Objects, OwnState, Plan
 from mdrive_sumo.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.state import Kind
 
 GONE_M = 2.0
 """A CAV leaves the world when it passes its goal; by this far beyond it, it is surely gone."""
-FORESIGHT_S = 4.0
-"""How long background traffic is expected to go straight on."""
+FORESIGHT_S, ON_FOOT_S = 4.0, 12.0
+"""How long background traffic is expected to go straight on; how long people on foot are."""
 STANDING_SPEED = 0.1
+STANDING_MARGIN = Margin(0.5, 0.2)
+"""What stands needs less of a margin: it will be where it is."""
 WIDENING = 0.1
 """[m/s] How fast the box of a background vehicle grows while it is predicted."""
 
@@ -51,15 +54,6 @@ class Fleet:
         return frozenset(np.array(others)[overlaps(mine, starts).any(0)].tolist())
 
 
-def fleet_of(known: Privileged, vehicle: VehicleFacts) -> Fleet:
-    """All living CAVs; every CAV is taken to be a car like mine."""
-    paths = {
-        ego: make_path(route, vehicle.rear_to_centre, state.yaw)
-        for ego, route, state in zip(known.ego_ids, known.routes, known.states, strict=True)
-    }
-    return Fleet(paths, (vehicle.length, vehicle.width))
-
-
 def expected_stations(path: Path, state: OwnState, plan: Plan | None, times: Float, age_s: float) -> Float:
     """Arc length (T,) [m] on its path at `times` from now of a CAV with that state, by its plan made `age_s` ago.
 
@@ -75,20 +69,29 @@ def expected_stations(path: Path, state: OwnState, plan: Plan | None, times: Flo
     return np.interp(times, due, stations) + speed * np.maximum(times - due[-1], 0.0)
 
 
-def objects_block(path: Path, cells: Int, objects: Objects, times: Float, size: tuple[float, float]) -> Bool:
+def objects_block(
+    path: Path, cells: Int, objects: Objects, times: Float, size: tuple[float, float], margin: Margin
+) -> Bool:
     """Which of the cells (J,) of a car of that size [m] are blocked at `times` (T,) by actors that are no CAVs: (T, J).
 
-    They go straight on at their speed for `FORESIGHT_S` and are forgotten then; whoever stands stays for ever.
+    They go straight on at their speed for `FORESIGHT_S` (`ON_FOOT_S`) and are forgotten then; who stands, stays.
     """
     blocked = np.zeros((len(times), len(cells)), dtype=np.bool_)
     if not objects.ids:
         return blocked
-    mine = footprints(path, *size, cells)
     standing = np.abs(objects.speed) < STANDING_SPEED
-    blocked[:] = overlaps(mine, _boxes(objects, standing, 0.0)).any(axis=1)
-    for row in np.flatnonzero(times <= FORESIGHT_S):
-        blocked[row] |= overlaps(mine, _boxes(objects, ~standing, float(times[row]))).any(axis=1)
+    least = Margin(*np.minimum(margin, STANDING_MARGIN).tolist())
+    blocked[:] = overlaps(_inflated(path, cells, size, least), _boxes(objects, standing, 0.0)).any(axis=1)
+    mine = _inflated(path, cells, size, margin)
+    lasts_s = np.where(objects.kind == Kind.PEDESTRIAN, ON_FOOT_S, FORESIGHT_S)
+    for row, t in enumerate(times.tolist()):
+        if (going := ~standing & (t <= lasts_s)).any():
+            blocked[row] |= overlaps(mine, _boxes(objects, going, t)).any(axis=1)
     return blocked
+
+
+def _inflated(path: Path, cells: Int, size: tuple[float, float], margin: Margin) -> Float:
+    return footprints(path, size[0] + 2 * margin.along, size[1] + 2 * margin.across, cells)
 
 
 def _boxes(objects: Objects, chosen: Bool, t: float) -> Float:

@@ -22,6 +22,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "compare": ("compare", "Compare two runs scenario by scenario."),
     "study": ("study", "Measure cooperation: worse channels, the value of messages."),
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
+    "generate": ("generate", "Generate scenarios: proposed, placed, checked, driven."),
     "schema": ("schema", "Print a file format as JSON Schema."),
     "doctor": ("doctor", "Say what is installed and what is missing for which command."),
 }

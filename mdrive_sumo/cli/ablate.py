@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.cli.choice import the_one
-from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.text import text_table

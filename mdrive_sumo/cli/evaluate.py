@@ -8,12 +8,13 @@ import click
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.tables import Captured, summary_table
+from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.score import Results, ScoreMode
 from mdrive_sumo.study.references import captured_by
 from mdrive_sumo.suite.journal import JOURNAL_FILE
-from mdrive_sumo.suite.pool import available_cores
 from mdrive_sumo.suite.preparation import EPISODES_FOLDER, Prepared, prepare
 from mdrive_sumo.suite.run import RESULTS_FILE, evaluate, writing
 from mdrive_sumo.suite.settings import Settings, load_agent_config
@@ -21,15 +22,7 @@ from mdrive_sumo.suite.settings import Settings, load_agent_config
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
 ACTOR_MODES = tuple(mode.value for mode in ActorMode)
-
-
-def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
-    """The option --workers: a positive number, or every core that this process may use."""
-    if value == "auto":
-        return available_cores()
-    if not value.isdecimal() or int(value) < 1:
-        raise click.BadParameter(f"expected a positive number or auto, found {value!r}")
-    return int(value)
+FRICTIONS = tuple(friction.value for friction in Friction)
 
 
 def actor_mode(_: click.Context, __: click.Parameter, value: str) -> ActorMode:
@@ -37,14 +30,9 @@ def actor_mode(_: click.Context, __: click.Parameter, value: str) -> ActorMode:
     return ActorMode(value)
 
 
-workers_option = click.option(
-    "--workers",
-    default="auto",
-    show_default=True,
-    metavar="N|auto",
-    callback=worker_count,
-    help="Worker processes; auto: one a core.",
-)
+def friction_of(_: click.Context, __: click.Parameter, value: str) -> Friction:
+    """The option --friction."""
+    return Friction(value)
 
 
 @click.command("eval")
@@ -72,6 +60,14 @@ workers_option = click.option(
     show_default=True,
     callback=actor_mode,
     help="Scripted road users: reacting, on a global clock; or as in MDrive's own code.",
+)
+@click.option(
+    "--friction",
+    type=click.Choice(FRICTIONS),
+    default=FRICTIONS[0],
+    show_default=True,
+    callback=friction_of,
+    help="Roads: dry in every weather; or wet in rain, for CAVs and SUMO's traffic.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
 @workers_option

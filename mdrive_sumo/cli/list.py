@@ -1,6 +1,5 @@
 """`mdrive-sumo list`."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 
 import click
@@ -12,6 +11,7 @@ from mdrive_sumo.report.text import Row, text_table
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
+from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
 
@@ -26,17 +26,22 @@ def _about_suite(suite: Suite) -> str:
     rows = [(suite.name, *_statistics_cells(statistics(suite.scenarios)))]
     if suite.name in PAPER:
         rows.append(("in the paper", *_statistics_cells(PAPER[suite.name])))
-    categories = Counter(scenario.category for scenario in suite.scenarios)
-    return "\n".join(
-        (
-            suite.about.title,
-            "",
-            text_table(("suite", *STATISTICS_HEADER), rows),
-            "",
-            "scenarios per category",
-            text_table(("category", "scenarios"), ((name, str(count)) for name, count in categories.items())),
-        )
-    )
+    tables = text_table(("suite", *STATISTICS_HEADER), rows)
+    parts = [suite.about.title, "", tables, ""]
+    if suite.about.parts:
+        return "\n".join((*parts, f"parts: {', '.join(suite.about.parts)}"))
+    return "\n".join((*parts, _categories(suite)))
+
+
+def _categories(suite: Suite) -> str:
+    """Means of every category, and the paper's where it has a table of them."""
+    rows: list[Row] = []
+    for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
+        found = statistics([scenario for scenario in suite.scenarios if scenario.category == name])
+        rows.append((name, *_statistics_cells(found)))
+        if name in set(Category) and (paper := FIGURES.get(Category(name))) is not None:
+            rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in paper.means)))
+    return text_table(("category", *STATISTICS_HEADER), rows)
 
 
 def _statistics_cells(found: SuiteStatistics) -> Row:
@@ -46,10 +51,11 @@ def _statistics_cells(found: SuiteStatistics) -> Row:
 
 def _scenarios(suite: str, occluded: bool | None = None) -> str:
     loaded = load_suite(suite)
-    certificates = load_certificates(loaded.folder, loaded.checksum())
-    if occluded is not None and not certificates:
+    certificates = load_certificates(loaded)
+    unknown = [part.name for part in loaded.parts or (loaded,) if part.scenarios[0].id not in certificates]
+    if occluded is not None and unknown:
         raise InputError(
-            f"suite {loaded.name}: expected an up-to-date {CERTIFICATE_FILE}, found none;"
+            f"suite {unknown[0]}: expected an up-to-date {CERTIFICATE_FILE}, found none;"
             f" `mdrive-sumo validate {suite} --write` makes it"
         )
     chosen = [

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from mdrive_sumo import contract
+from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import NetworkFile
 from mdrive_sumo.scenario.catalog import SuiteFile
 from mdrive_sumo.scenario.spec import Scenario
@@ -17,6 +18,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "contract": contract.schema,
     "scenario": Scenario.model_json_schema,
     "network": NetworkFile.model_json_schema,
+    "proposal": Proposal.model_json_schema,
     "suite": SuiteFile.model_json_schema,
 }
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.choice import the_one
-from mdrive_sumo.cli.evaluate import with_references, workers_option
+from mdrive_sumo.cli.evaluate import with_references
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.picture import draw_scenario
@@ -67,7 +68,7 @@ def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     chosen = the_one(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
     try:
-        draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.folder)), path)
+        draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.home(chosen.id))), path)
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
         raise InputError(f"{path}: cannot be written: {error}") from None
     click.echo(path)

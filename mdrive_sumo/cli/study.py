@@ -9,8 +9,8 @@ from typing import TextIO
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
-from mdrive_sumo.cli.evaluate import workers_option
 from mdrive_sumo.cli.progress import ProgressDisplay
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.clock import clock_of
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.text import text_table

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.suite.stored import changed_since, open_run
 from mdrive_sumo.verify import sampled, verify
 

@@ -55,7 +55,7 @@ def _page(run: Prepared, scenario: Scenario, result: ScenarioResult) -> str:
     if not run.settings.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording(run.folder, scenario.id))
-    roads = load(network_folder(scenario.network, run.suite.folder))
+    roads = load(network_folder(scenario.network, run.suite.home(scenario.id)))
     infractions = [_infraction_mark(ego, event) for ego in result.egos for event in ego.infractions]
     arrivals = [_arrival_mark(episode, ending) for ending in episode.endings if ending.end is End.ARRIVED]
     return viewer_html(episode, scenario, roads, sorted((*infractions, *arrivals), key=lambda mark: mark.tick))

@@ -85,6 +85,8 @@ class Privileged:
     plans: tuple[Plan | None, ...]
     objects: Objects
     """Every actor that is no CAV, wherever it is."""
+    rooms: tuple[Float, ...] = ()
+    """(N, 2) free width beside the route points of each CAV [m], as `Briefing.route_room`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from typing import Any
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.roads import RoadMap, Route, drivable_path, load, network_folder, route_along
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite, sealed
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.spec import Ego, Scenario
 
@@ -108,12 +108,18 @@ def interdrive(folder: Path) -> Suite:
     return Suite(SuiteFile(**recipe["suite"]), folder, tuple(scenario(entry) for entry in recipe["scenario"]))
 
 
-def main() -> None:
-    """Writes `suite.json` and every `scenario.json`."""
-    folder = Path(__file__).parents[1] / "scenarios" / "interdrive"
-    suite = interdrive(folder)
+def write(folder: Path) -> Suite:
+    """Writes and seals `suite.json` and every `scenario.json` of the recipe in `folder`."""
+    save_suite(interdrive(folder))
+    suite = sealed(load_suite(str(folder)))  # as it is read: files are rounded
     save_suite(suite)
-    sys.stdout.write(f"{folder}: {len(suite.scenarios)} scenarios\n")
+    return suite
+
+
+def main() -> None:
+    """Writes the suite of the package."""
+    folder = Path(__file__).parents[1] / "scenarios" / "interdrive"
+    sys.stdout.write(f"{folder}: {len(write(folder).scenarios)} scenarios\n")
 
 
 if __name__ == "__main__":

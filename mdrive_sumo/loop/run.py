@@ -15,7 +15,7 @@ from mdrive_sumo.observation import Roadside, Senses, briefing, scene_of
 from mdrive_sumo.observation.senses import Surrounds
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.scenario.weather import WEATHERS
+from mdrive_sumo.scenario.weather import WEATHERS, Friction
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.sensing.scene import Scene
 from mdrive_sumo.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind
@@ -70,6 +70,8 @@ class Setting:
     """How long the agents of a recorded run thought, for re-execution under a measured clock."""
     actors: ActorMode = ActorMode.DEFAULT
     """How scripted road users behave."""
+    friction: Friction = Friction.DRY
+    """How slippery the road is to CAVs. Nobody tells their agents: the briefing has the limits of a dry road."""
     pass_through: bool = False
     """Boxes pass through each other; contacts are recorded all the same."""
 
@@ -102,7 +104,8 @@ class _Run:
         self._courses = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
         self._trials = {ego.id: criteria.Trial() for ego in scenario.egos}
         self._bodies = {e.id: dynamics.rolling(e.start.x, e.start.y, e.start.yaw, e.start_speed) for e in scenario.egos}
-        self._vehicles = dict.fromkeys(self._bodies, VEHICLE)
+        self._car = replace(VEHICLE, grip=setting.friction.grip(scenario.weather))
+        self._vehicles = dict.fromkeys(self._bodies, self._car)
         self._walls = contact.walls(building.outline for building in setting.roads.buildings)
         self._cast, self._crowd = Cast(scenario, setting.roads, setting.actors), Crowd()
         self._followers: dict[tuple[str, str], control.Controller] = {}
@@ -216,7 +219,7 @@ class _Run:
     def next_frame(self, frame: Frame, world: World) -> Frame:
         """Moves the CAVs, lets the world move everything else, and lets nothing pass through anything."""
         before = {ego: self._bodies[ego] for ego in self.living}
-        after = {ego: dynamics.step(body, self._controls[ego], VEHICLE) for ego, body in before.items()}
+        after = {ego: dynamics.step(body, self._controls[ego], self._car) for ego, body in before.items()}
         struck = self._struck(frame)
         scripted = self._cast.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
         around = world.advance(_states(after), scripted, struck)

@@ -81,6 +81,7 @@ class Senses:
             routes=tuple(self._briefings[ego].route_xy for ego in ids),
             plans=tuple(plans.get(ego) for ego in ids),
             objects=scene.boxes.picked(slice(len(scene.egos), None)),
+            rooms=tuple(self._briefings[ego].route_room for ego in ids),
         )
 
 

@@ -17,14 +17,15 @@ from mdrive_sumo.report.tables import (
     score_rows,
 )
 from mdrive_sumo.report.text import Row
-from mdrive_sumo.score import Results, ScenarioResult, ScoreMode, categories, harmonic, interdrive_groups
+from mdrive_sumo.score import Results, ScenarioResult, ScoreMode, categories, category_groups, harmonic
 
 HOW_TO_READ = """\
 DS, RC and SR are percentages, IP is a factor: the driving score of a CAV is DS = RC x IP, it succeeds with
 DS > 99.95. In score mode `mdrive` a scenario counts the mean over its CAVs; a bucket is the mean over its
 scenarios. The bucket mean weighs every bucket alike, the scenario mean every scenario. Void scenarios (our
 failure or the simulator's, never the agent's) count as DS 0 and are listed apart. H is the harmonic mean
-of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change."""
+of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change;
+static-avoidance, dynamic-avoidance and dynamic-coordination are the interactivity levels of Interaction."""
 
 MEANS = ("bucket mean", "scenario mean")
 CAPTURED = """\
@@ -64,6 +65,7 @@ def _facts(results: Results) -> str:
         "seed": str(run.seed),
         "score mode": run.score_mode,
         "scripted road users": run.actors,
+        "friction of the road": run.friction,
         "command": f"`{shlex.join(run.command)}`",
         "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
     }
@@ -85,7 +87,7 @@ def _void_list(results: Results) -> str:
 
 
 def _category_table(results: Results, captured: Captured | None) -> str:
-    groups = interdrive_groups(results.scenarios, ScoreMode(results.run.score_mode))
+    groups = category_groups(results.scenarios, ScoreMode(results.run.score_mode))
     rows: list[Row] = [
         (name, str(group.scenarios), *score_cells(group), f"{harmonic(group):.2f}")
         for name, group in (categories(results.scenarios) | groups).items()

@@ -3,11 +3,14 @@
 SUITE/suite.json                    name, title, description
 SUITE/<scenario id>/scenario.json   one scenario
 SUITE/networks/<name>/              networks of the suite's own, if any
+
+A suite may instead name others as its parts in `suite.json`: then it has their scenarios, and no folders of its own.
 """
 
 import hashlib
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
@@ -21,6 +24,9 @@ from mdrive_sumo.scenario.spec import Scenario, first_problem, load_scenario, sa
 
 SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"
+NETWORKS_FOLDER = "networks"
+RECIPE_FILE = "recipe.json"
+"""Beside a generated scenario: what it was made from, see `generate.recipe`."""
 
 
 class SuiteFile(BaseModel):
@@ -32,6 +38,10 @@ class SuiteFile(BaseModel):
     name: Identifier
     title: str
     description: str = ""
+    parts: tuple[Identifier, ...] = ()
+    """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own."""
+    checksum: str = ""
+    """Of the sealed suite, see `Suite.checksum`; "": it may be changed."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +51,29 @@ class Suite:
     about: SuiteFile
     folder: Path
     scenarios: tuple[Scenario, ...]
+    parts: tuple["Suite", ...] = ()
+    """The suites that it is made of, see `SuiteFile.parts`."""
 
     @property
     def name(self) -> str:
         """Short name, as users type it."""
         return self.about.name
 
+    def home(self, scenario: str) -> Path:
+        """Folder of the suite in which a scenario lies, and beside which its network may lie."""
+        return next((part.folder for part in self.parts if any(s.id == scenario for s in part.scenarios)), self.folder)
+
     def checksum(self) -> str:
-        """SHA-256 over the scenarios, order and formatting of the files aside."""
+        """SHA-256 over the scenarios, order and formatting of the files aside, and over networks of the suite's own."""
         digest = hashlib.sha256(self.name.encode())
         for scenario in self.scenarios:
             digest.update(scenario.model_dump_json().encode())
+        for path in sorted(path for home in self._folders() for path in (home / NETWORKS_FOLDER).glob("*/*")):
+            digest.update(path.name.encode() + b"\0" + path.read_bytes())
         return "sha256:" + digest.hexdigest()
+
+    def _folders(self) -> tuple[Path, ...]:
+        return (self.folder, *(part.folder for part in self.parts))
 
     def matching(self, pattern: str) -> tuple[Scenario, ...]:
         """Scenarios whose id or category matches a glob; raises InputError if none does."""
@@ -75,10 +96,41 @@ def load_suite(name_or_folder: str) -> Suite:
     if not folder.is_dir():
         raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither")
     about = _suite_file(folder / SUITE_FILE)
+    parts = _parts(about, folder)
+    suite = Suite(about, folder, _scenarios_of(parts, folder) if parts else _scenarios(folder), parts)
+    if about.checksum and about.checksum != suite.checksum():
+        raise InputError(
+            f"{folder / SUITE_FILE}: checksum: expected scenarios and networks with {about.checksum[:19]}...,"
+            f" found {suite.checksum()[:19]}...; they were changed (a suite of your own has no checksum)"
+        )
+    return suite
+
+
+def sealed(suite: Suite) -> Suite:
+    """The same suite, of which `suite.json` will hold the checksum."""
+    return replace(suite, about=suite.about.model_copy(update={"checksum": suite.checksum()}))
+
+
+def _scenarios(folder: Path) -> tuple[Scenario, ...]:
     paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: by_number(path.parent.name))
     if not paths:
         raise InputError(f"{folder}: expected scenarios in <id>/{SCENARIO_FILE}, found none")
-    return Suite(about, folder, tuple(_scenario(path) for path in paths))
+    return tuple(_scenario(path) for path in paths)
+
+
+def _parts(about: SuiteFile, folder: Path) -> tuple[Suite, ...]:
+    parts = tuple(load_suite(name if name in packaged_suites() else str(folder.parent / name)) for name in about.parts)
+    if nested := [part.name for part in parts if part.about.parts]:
+        raise InputError(f"{folder}: expected parts with scenarios of their own, found {nested[0]!r}, which has parts")
+    return parts
+
+
+def _scenarios_of(parts: Sequence[Suite], folder: Path) -> tuple[Scenario, ...]:
+    scenarios = tuple(scenario for part in parts for scenario in part.scenarios)
+    ids = [scenario.id for scenario in scenarios]
+    if twice := sorted({name for name in ids if ids.count(name) > 1}):
+        raise InputError(f"{folder}: expected every scenario id once in its parts, found {twice[0]!r} twice")
+    return scenarios
 
 
 def save_suite(suite: Suite) -> None:

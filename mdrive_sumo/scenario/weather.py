@@ -1,10 +1,11 @@
-"""Weather and light: how they shorten what sensors see. They change nothing else (no friction).
+"""Weather and light: how they shorten what sensors see, and how slippery they make the road if that is asked for.
 
 The factors are rough figures with a reason each, not a physical model; docs/sensors.md tells where they come from.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
@@ -13,19 +14,34 @@ WeatherName: TypeAlias = Literal["default", "cloudy", "rain", "night"]
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """Factors in (0, 1] by which ranges shrink."""
+    """Factors in (0, 1] by which ranges and friction shrink."""
 
     name: WeatherName
     objects_range: float
     """Of object detection."""
     lidar_range: float
+    grip: float = 1.0
+    """Of the friction between tyres and road; counts only with `Friction.WEATHER`."""
 
 
 WEATHERS: Mapping[WeatherName, Weather] = MappingProxyType(
     {
         "default": Weather("default", 1.0, 1.0),
         "cloudy": Weather("cloudy", 1.0, 1.0),  # clouds dim the light, and shorten no range
-        "rain": Weather("rain", 0.8, 0.8),  # heavy rain: light is lost there and back
+        "rain": Weather("rain", 0.8, 0.8, 0.7),  # heavy rain: light is lost there and back; wet asphalt
         "night": Weather("night", 0.7, 1.0),  # cameras see what lamps light; a LiDAR brings its own light
     }
 )
+
+
+class Friction(StrEnum):
+    """How slippery roads are."""
+
+    DRY = "dry"
+    """Dry in every weather."""
+    WEATHER = "weather"
+    """As the scenario's weather makes them."""
+
+    def grip(self, weather: WeatherName) -> float:
+        """Share of the friction of a dry road, in (0, 1]."""
+        return WEATHERS[weather].grip if self is Friction.WEATHER else 1.0

@@ -1,6 +1,6 @@
 """Scores: episode -> scenario -> bucket -> overall (protocol 8)."""
 
-from mdrive_sumo.score.interdrive import interdrive_groups
+from mdrive_sumo.score.groups import category_groups, interaction_levels, interdrive_groups
 from mdrive_sumo.score.mode import ScoreMode, scenario_means
 from mdrive_sumo.score.results import (
     BucketResult,
@@ -26,6 +26,8 @@ __all__ = [
     "buckets",
     "categories",
     "harmonic",
+    "category_groups",
+    "interaction_levels",
     "interdrive_groups",
     "Results",
     "RunInfo",

@@ -109,6 +109,8 @@ class RunInfo(_Part):
     """What thinking costs: ideal, fixed:MS, or measured (which no other machine reproduces)."""
     actors: str = "default"
     """How scripted road users behave: default (reactive, on a global clock), or original as in MDrive's code."""
+    friction: str = "dry"
+    """How slippery roads are: dry in every weather, or as the scenario's weather makes them."""
 
 
 class Results(_Part):

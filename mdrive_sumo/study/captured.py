@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.tables import Captured
-from mdrive_sumo.score import Means, Results, ScenarioResult, ScoreMode, categories, interdrive_groups, overall
+from mdrive_sumo.score import Means, Results, ScenarioResult, ScoreMode, categories, category_groups, overall
 from mdrive_sumo.score.summary import buckets
 
 LEAST_GAIN_DS = 2.0
@@ -43,7 +43,7 @@ def captured_of(
     ours, without, best = ([run[key] for key in common] for run in runs)
 
     def groups(scenarios: Sequence[ScenarioResult]) -> Mapping[str, Means]:
-        return categories(scenarios) | interdrive_groups(scenarios, mode)
+        return categories(scenarios) | category_groups(scenarios, mode)
 
     totals = [overall(scenarios) for scenarios in (ours, without, best)]
     return Captured(

@@ -36,6 +36,7 @@ def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...
         "comm": comm_text(settings.comm),
         "agent_clock": settings.clock.text,
         "actors": settings.actors,
+        "friction": settings.friction,
         "record": settings.record,
         "code": code_checksum(),
         **versions(),
@@ -58,8 +59,8 @@ def versions() -> dict[str, str]:
 def _networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
     """Over the networks in use, what is beside their roads included."""
     digest = hashlib.sha256()
-    for name in sorted({scenario.network for scenario in scenarios}):
-        digest.update(read_network_file(network_folder(name, suite.folder)).model_dump_json().encode())
+    for name, home in sorted({(scenario.network, suite.home(scenario.id)) for scenario in scenarios}):
+        digest.update(read_network_file(network_folder(name, home)).model_dump_json().encode())
     return "sha256:" + digest.hexdigest()
 
 

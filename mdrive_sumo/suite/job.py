@@ -20,6 +20,7 @@ from mdrive_sumo.loop import VEHICLE, Setting, run_episode
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.suite.transcript import save_transcript
@@ -47,6 +48,8 @@ class Job:
     clock: str = "ideal"
     actors: str = "default"
     """How scripted road users behave, see `actors.ActorMode`."""
+    friction: str = "dry"
+    """How slippery roads are, see `scenario.weather.Friction`."""
     transcripts: str = ""
     """Folder for the transcripts of language models; "" for none."""
     replayed: tuple[Ending, ...] = ()
@@ -83,7 +86,7 @@ def prepared(job: Job) -> tuple[Scenario, RoadMap]:
     scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
     if scenario is None:
         raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
-    return scenario, load(network_folder(scenario.network, suite.folder))
+    return scenario, load(network_folder(scenario.network, suite.home(scenario.id)))
 
 
 @lru_cache(maxsize=2)
@@ -113,8 +116,10 @@ def _drivers(job: Job, scenario: Scenario) -> Generator[dict[str, Driver]]:
 
 def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
     about = {
-        "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors
+        "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors,
+        "friction": job.friction,
     }  # fmt: skip
+    friction = Friction(job.friction)
     setting = Setting(
         scenario,
         roads,
@@ -124,9 +129,10 @@ def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
         comm=comm_from(json.loads(job.comm)),
         clock=clock_of(job.clock),
         actors=ActorMode(job.actors),
+        friction=friction,
         thought=job.thought,
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    sumo_seed = derived_seed(job.seed, scenario.id, "sumo")
-    with _drivers(job, scenario) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed) as world:
+    sumo_seed, grip = derived_seed(job.seed, scenario.id, "sumo"), friction.grip(scenario.weather)
+    with _drivers(job, scenario) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed, grip) as world:
         return run_episode(setting, world, drivers)

@@ -51,6 +51,7 @@ class Prepared:
             comm=comm_text(settings.comm),
             clock=settings.clock.text,
             actors=settings.actors,
+            friction=settings.friction,
             transcripts=str(self.folder / TRANSCRIPTS_FOLDER),
             log_folder="" if settings.agent in AGENTS else str(self.folder / LOGS_FOLDER),
             limits=LIMITS,
@@ -76,7 +77,7 @@ def prepare(settings: Settings) -> Prepared:
     suite = load_suite(settings.suite)
     scenarios = suite.matching(settings.scenario)
     for scenario in scenarios:
-        check_scenario(scenario, load(network_folder(scenario.network, suite.folder)))
+        check_scenario(scenario, load(network_folder(scenario.network, suite.home(scenario.id))))
     info = RunInfo(
         agent=settings.agent,
         labels=_labels(settings),
@@ -88,6 +89,7 @@ def prepare(settings: Settings) -> Prepared:
         comm=described(settings.comm),
         agent_clock=settings.clock.text,
         actors=settings.actors,
+        friction=settings.friction,
         versions=versions(),
         command=settings.command,
     )

@@ -11,6 +11,7 @@ from pathlib import Path
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.clock import IDEAL, Clock
 from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.score import ScoreMode
 from mdrive_sumo.v2x.settings import PRESETS, Comm, comm_text
 
@@ -33,6 +34,8 @@ class Settings:
     clock: Clock = IDEAL
     actors: ActorMode = ActorMode.DEFAULT
     """How scripted road users behave."""
+    friction: Friction = Friction.DRY
+    """How slippery roads are."""
     record: bool = True
     workers: int = 1
     out: Path | None = None
@@ -80,6 +83,7 @@ def default_folder(settings: Settings, suite_name: str) -> Path:
         _comm_part(settings.comm),
         settings.clock.text if settings.clock != IDEAL else "",
         f"{settings.actors}-actors" if settings.actors != ActorMode.DEFAULT else "",
+        f"{settings.friction}-friction" if settings.friction != Friction.DRY else "",
         settings.score_mode if settings.score_mode != ScoreMode.MDRIVE else "",
         "" if settings.record else "norecord",
     ]

@@ -9,6 +9,7 @@ from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.clock import clock_of
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.score import Results, ScoreMode, load_results
 from mdrive_sumo.suite.fingerprint import code_checksum, versions
 from mdrive_sumo.suite.journal import JOURNAL_FILE, read_fingerprint
@@ -54,6 +55,7 @@ def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> Settings:
             comm=comm_from(json.loads(fingerprint["comm"])),
             clock=clock_of(fingerprint["agent_clock"]),
             actors=ActorMode(fingerprint["actors"]),
+            friction=Friction(fingerprint.get("friction", Friction.DRY)),
             record=fingerprint["record"],
             out=folder,
         )

@@ -17,6 +17,7 @@ from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.state import DT, Actors, EgoState, Kind, no_actors
 from mdrive_sumo.sumo.conflict import Mover, mover_of
 from mdrive_sumo.sumo.frames import front_bumper, yaws_from_sumo
+from mdrive_sumo.sumo.friction import friction_options, make_slippery
 from mdrive_sumo.sumo.ghosts import Body
 from mdrive_sumo.sumo.lane_change import shifted
 from mdrive_sumo.sumo.mirror import Mirror
@@ -43,9 +44,20 @@ class Surroundings:
 class SumoWorld:
     """One simulation; a context manager. SUMO holds one simulation a process, so a second one is refused."""
 
-    def __init__(self, scenario: Scenario, roads: RoadMap, sizes: Mapping[str, tuple[float, float]], seed: int) -> None:
-        """`sizes`: (length, width) [m] of every ego. `seed` drives all of SUMO's own randomness."""
+    def __init__(
+        self,
+        scenario: Scenario,
+        roads: RoadMap,
+        sizes: Mapping[str, tuple[float, float]],
+        seed: int,
+        grip: float = 1.0,
+    ) -> None:
+        """`sizes`: (length, width) [m] of every ego. `seed` drives all of SUMO's own randomness.
+
+        `grip`: share in (0, 1] of a dry road's friction.
+        """
         self._scenario, self._roads, self._sizes, self._seed = scenario, roads, sizes, seed
+        self._grip = grip
         self._known: dict[str, tuple[float, float]] = {}
         self._present: Sequence[str] = ()
         self._cast = self._last = no_actors()
@@ -64,6 +76,7 @@ class SumoWorld:
         try:
             libsumo.start(self._command())
             add_types()
+            make_slippery(self._grip)
             self._freeze_lights()
             self._traffic.add()
         except libsumo.TraCIException as error:
@@ -88,6 +101,7 @@ class SumoWorld:
             "--time-to-teleport", "-1", "--time-to-teleport.disconnected", "-1", "--time-to-teleport.ride", "-1",
             "--collision.action", "none", "--intermodal-collision.action", "none", "--collision.check-junctions",
             "--no-step-log", "--no-warnings", "--duration-log.disable",
+            *friction_options(self._grip),
         ]  # fmt: skip
 
     def _freeze_lights(self) -> None:
@@ -111,12 +125,13 @@ class SumoWorld:
         """
         try:
             scripted = self._scripted.noticed(scripted) if len(scripted) else scripted
-            self._place_egos(egos)
             if self._replay.releases:
                 for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
                     self._traffic.take(vehicle, berth)
             replayed = self._replay.actors(self._tick)
-            self._place_ghosts(egos, (scripted, replayed))
+            if self._traffic.drives:  # otherwise nobody is there to see them
+                self._place_egos(egos)
+                self._place_ghosts(egos, (scripted, replayed))
             self._traffic.hold(struck, self._tick)
             self._traffic.prepare(
                 self._tick, lambda: self._everybody(egos, scripted), lambda: self._unplanned(egos, scripted)
@@ -136,9 +151,11 @@ class SumoWorld:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
 
     def _place_egos(self, egos: Mapping[str, EgoState]) -> None:
-        for gone in [ego for ego in self._egos if ego not in egos]:
+        """A double that SUMO lost from the road is replaced: put back on it, it may crash SUMO (docs/decisions/015)."""
+        lost = [ego for ego in self._egos if ego not in egos or not self._lane_of(EGO + ego)]
+        for gone in lost:
             libsumo.vehicle.remove(EGO + gone)
-        for ego_id in [ego for ego in egos if ego not in self._egos]:
+        for ego_id in [ego for ego in egos if ego in lost or ego not in self._egos]:
             add_remote(EGO + ego_id, EGO, self._sizes[ego_id], self._edge_at(egos[ego_id]), self._roads)
         self._egos = tuple(egos)
         for ego_id, ego in egos.items():
@@ -173,8 +190,6 @@ class SumoWorld:
         return [Mover(one.x, one.y, one.yaw, one.speed, *self._sizes[name]) for name, one in egos.items()]
 
     def _place_ghosts(self, egos: Mapping[str, EgoState], others: Sequence[Actors]) -> None:
-        if not self._traffic.drives:
-            return  # nobody is there to see them
         if self._mirror.looks(self._tick):
             bodies = [body for some in others for body in bodies_of(some)]
             self._mirror.look([*self._ego_bodies(egos), *bodies])

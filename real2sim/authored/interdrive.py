@@ -1,5 +1,6 @@
 """InterDrive's route folders and CARLA's towns become a suite."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from mdrive_sumo.scenario.catalog import SuiteFile
@@ -10,7 +11,8 @@ from real2sim.readers.interdrive import interdrive_notes, read_interdrive
 ABOUT = SuiteFile(name="interdrive-original", title="InterDrive (original routes)")
 
 
-def convert_interdrive(source: Path, maps: Path, out: Path) -> ConversionReport:
-    """Writes the suite of all scenario folders in `source` with the town maps in `maps`; raises InputError."""
-    scenes = read_interdrive(source, maps)
-    return convert_authored(scenes, out, ABOUT, interdrive_notes(scenes))
+def convert_interdrive(sources: Iterable[Path], maps: Path, out: Path, name: str | None = None) -> ConversionReport:
+    """Writes the suite of all scenario folders in `sources` with the town maps in `maps`; raises InputError."""
+    scenes = [scene for source in sources for scene in read_interdrive(source, maps)]
+    about = ABOUT.model_copy(update={"name": name}) if name else ABOUT
+    return convert_authored(scenes, out, about, interdrive_notes(scenes))

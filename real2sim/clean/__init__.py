@@ -157,7 +157,7 @@ def _heading(work: _Work, thing: Ego, track: Track, seen: Fused) -> Float:
         work.say(Reason.HEADING, track.id, int(track.valid.sum()), f"walker: {how}")
         return motion.walker_heading(course, speed, track.valid, box)
     votes = np.nan_to_num(np.cos(yaws - seen.axis)).sum(axis=0)
-    heading = motion.vehicle_heading(seen.axis, votes, (course, speed, track.valid))
+    heading = motion.vehicle_heading(seen.axis, votes, (course, speed, track.valid), work.recording.dt_s)
     turned = np.nan_to_num(np.cos(yaws - heading), nan=1.0) < 0
     for row in np.flatnonzero(turned.any(axis=1)):
         observer = work.recording.views[pieces.observer[members[row]]].observer

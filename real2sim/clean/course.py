@@ -112,7 +112,7 @@ def directions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Flo
     return course, speed
 
 
-def vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool]) -> Float:
+def vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool], dt_s: float) -> Float:
     """Heading (T,) of a vehicle from the axis of its box, which way it looks decided by its motion.
 
     `axis` (T,) is known up to half turns, NaN where unknown; `votes` (T,) says how far the boxes' own headings agree
@@ -129,7 +129,7 @@ def vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool]
     turned = np.round((straight[known] - axis[known]) / np.pi) % 2
     forward = np.nan_to_num(speed[known]) * np.cos(np.nan_to_num(course[known]) - straight[known])
     box_says = np.where(turned > 0, -1.0, 1.0) * np.nan_to_num(votes[known])
-    ahead = forward.sum() if np.abs(forward.sum()) > TURN_M / 0.1 else box_says.sum()
+    ahead = forward.sum() if np.abs(forward.sum()) * dt_s > TURN_M else box_says.sum()
     heading = np.full(len(axis), np.nan)
     heading[known] = straight[known] + (np.pi if ahead < 0 else 0.0)
     heading[frames] = np.interp(frames, known, heading[known])

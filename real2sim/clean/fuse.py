@@ -29,6 +29,7 @@ RAMP_FRAMES = 10
 """An observer gains and loses its say over this many frames, so that the sum of all does not jump."""
 OUTLIER_M = 0.3
 UNKNOWN_LENGTH_M, UNKNOWN_WIDTH_M = 4.0, 1.8
+"""What `ALONG` and `ACROSS` are shares of where the source tells no size, whatever its label: labels flip."""
 
 
 @dataclass(frozen=True)

@@ -1,28 +1,15 @@
 """What a thing is and how large, by the vote of all who saw it."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from mdrive_sumo.state import Kind
 from real2sim.clean.pieces import Pieces
-from real2sim.recording import Category
+from real2sim.recording import USUAL_SIZE, Category
 
 DISAGREE_M = 0.2
-USUAL_SIZE: Mapping[Category, tuple[float, float]] = {
-    Category.CAR: (4.6, 1.85),
-    Category.VAN: (5.3, 2.0),
-    Category.TRUCK: (8.0, 2.5),
-    Category.BUS: (12.0, 2.55),
-    Category.MOTORCYCLE: (2.2, 0.8),
-    Category.BICYCLE: (1.8, 0.65),
-    Category.PEDESTRIAN: (0.5, 0.5),
-    Category.STATIC: (0.5, 0.5),
-}
-"""Length and width [m] for sources that tell none."""
-
-
 SMALLEST_M, LONGEST_M, WIDEST_M = 0.1, 40.0, 10.0
 """Sizes that a scenario can have; `WIDEST_M` is of vehicles, other things may be as wide as long."""
 

@@ -47,7 +47,7 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
         return
     if ctx.invoked_subcommand is not None:
         raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
-    from real2sim.pipeline.quality_file import load_qualities  # here, as in `cli.logs`
+    from real2sim.pipeline.quality_file import load_qualities
     from real2sim.pipeline.summary import summary, summary_table
 
     found = summary(load_qualities(suite))

@@ -2,20 +2,17 @@
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mdrive_sumo.errors import InputError
-from real2sim.authored.interdrive import ABOUT
-from real2sim.authored.suite import convert_authored
-from real2sim.carla.networks import convert_opendrive
-from real2sim.carla.report import NETWORKS_MARKDOWN, REPORT_MARKDOWN, ConversionReport
 from real2sim.cli.logs import about, name_option, out_option, paths_argument
 from real2sim.readers.carla_frame import UCLA, CarlaFrame
-from real2sim.readers.interdrive import interdrive_notes, read_interdrive
-from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
-from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.xml_file import finite
+
+if TYPE_CHECKING:  # as in `cli.logs`: what runs a command is imported in it
+    from real2sim.carla.report import ConversionReport
 
 towns_option = click.option(
     "--towns",
@@ -62,6 +59,10 @@ def mdrive(
     """Convert MDrive scenario directories (routes, actors_manifest.json, behaviours), or folders of such."""
     if (towns is None) == (vector_map is None):
         raise InputError("mdrive: expected either --towns or --map, found " + ("both" if towns else "neither"))
+    from real2sim.authored.suite import convert_authored
+    from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
+    from real2sim.readers.v2xpnp_map import read_vector_map
+
     place = VectorMap(read_vector_map(vector_map)[0], frame) if vector_map else towns
     assert place is not None
     scenes = [read_mdrive(folder, place) for folder in mdrive_folders(paths)]
@@ -77,9 +78,9 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
     """Convert InterDrive's route folders SRC/<scenario>/<name>_<number>.xml into a suite."""
     if towns is None:
         raise InputError("interdrive: expected the maps of the CARLA towns, found no --towns")
-    scenes = [scene for path in paths for scene in read_interdrive(path, towns)]
-    suite = ABOUT.model_copy(update={"name": about(out, name).name}) if name else ABOUT
-    click.echo(_words(convert_authored(scenes, out, suite, interdrive_notes(scenes)), out))
+    from real2sim.authored.interdrive import convert_interdrive
+
+    click.echo(_words(convert_interdrive(paths, towns, out, about(out, name).name if name else None), out))
 
 
 @click.command()
@@ -87,13 +88,18 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
 @out_option
 def opendrive(paths: tuple[Path, ...], out: Path) -> None:
     """Convert OpenDRIVE maps NAME.xodr into network folders DIR/networks/NAME, ready for scenarios."""
+    from real2sim.carla.networks import convert_opendrive
+    from real2sim.carla.report import NETWORKS_MARKDOWN
+
     for town in convert_opendrive(paths, out):
         signs = "stop signs unknown" if town.stop_signs is None else f"{town.stop_signs} stop signs"
         click.echo(f"{town.name}: {signs}, offset error {town.offset_error_m:.4f} m")
     click.echo(f"Report: {out / NETWORKS_MARKDOWN}")
 
 
-def _words(report: ConversionReport, out: Path) -> str:
+def _words(report: "ConversionReport", out: Path) -> str:
+    from real2sim.carla.report import REPORT_MARKDOWN
+
     numbers = report.statistics
     lines = (
         f"{numbers.scenarios} scenarios, {numbers.cavs} CAVs, mean route {numbers.mean_route_m:.2f} m,"

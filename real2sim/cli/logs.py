@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.catalog import SuiteFile
-from mdrive_sumo.scenario.traffic import Mode
 from real2sim.pipeline.read import Log
 from real2sim.readers.window import Window
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
+    from mdrive_sumo.scenario.catalog import SuiteFile
+    from mdrive_sumo.scenario.traffic import Mode
     from real2sim.pipeline.batch import Batch
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -101,14 +101,13 @@ class Ask:
     window: Window | None
     every_s: float | None
     cavs: tuple[str, ...]
-    traffic: Mode
+    traffic: "Mode"
     report: bool
     workers: int
 
 
 def run(ctx: click.Context, logs: Sequence[Log], ask: Ask) -> None:
     """Converts, tells, and ends with the exit code."""
-    # here, because SUMO takes half a second that `--help` should not pay
     from real2sim.pipeline.batch import Order, convert_logs
     from real2sim.pipeline.build import Wish
 
@@ -120,8 +119,10 @@ def run(ctx: click.Context, logs: Sequence[Log], ask: Ask) -> None:
     ctx.exit(2 if batch.refused else 1 if batch.missing else 0)
 
 
-def about(out: Path, name: str | None) -> SuiteFile:
+def about(out: Path, name: str | None) -> "SuiteFile":
     """`suite.json`; raises InputError for a name that is none."""
+    from mdrive_sumo.scenario.catalog import SuiteFile
+
     wanted = name or re.sub(r"[^A-Za-z0-9_.+-]", "_", out.resolve().name).lstrip("_.+-") or "suite"
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}", wanted):
         raise InputError(f"--name: expected letters, digits and _.+-, at most 80, found {wanted!r}")

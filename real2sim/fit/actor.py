@@ -9,19 +9,10 @@ from mdrive_sumo.scenario.actor import KINDS, Actor, KindName, Motion, Replay, S
 from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.state import Kind
 from real2sim.fit.beside import Centred, run_into
-from real2sim.fit.vehicle import LENGTH_M, WIDTH_M, Driven, poses, size_of
-from real2sim.recording import Category, Track
+from real2sim.fit.vehicle import Driven, poses, size_of
+from real2sim.recording import Track
 
 NAMES: dict[Kind, KindName] = {kind: name for name, kind in KINDS.items()}
-SIZES = {
-    Category.PEDESTRIAN: (0.6, 0.6),
-    Category.BICYCLE: (1.8, 0.6),
-    Category.MOTORCYCLE: (2.2, 0.8),
-    Category.TRUCK: (8.5, 2.5),
-    Category.BUS: (12.0, 2.5),
-    Category.STATIC: (0.5, 0.5),
-}
-"""Length and width [m] of what the source tells no size of; a car's otherwise."""
 
 
 def replayed(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
@@ -31,7 +22,7 @@ def replayed(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Ac
     """
     timed = poses(track, dt_s)
     x, y, yaw = timed[0][1:]
-    length, width = _size(track)
+    length, width = size_of(track)
     corners = boxes_corners(track.x, track.y, np.nan_to_num(track.yaw), np.array(length), np.array(width))
     around = run_into(traffic, track.valid, corners)
     actor = Actor(
@@ -59,11 +50,6 @@ def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tupl
     return tuple((t, x, y, float(a)) for (t, x, y, _), a in zip(timed, yaw, strict=True))
 
 
-def _size(track: Track) -> tuple[float, float]:
-    """Length and width [m]."""
-    return size_of(track, SIZES.get(track.category, (LENGTH_M, WIDTH_M)))
-
-
 def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
     """A thing that never moves, and what is to be said about it.
 
@@ -73,7 +59,7 @@ def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Ac
     x, y = (round(float(np.median(values[track.valid])), 3) for values in (track.x, track.y))
     yaw = track.yaw[track.valid]
     heading = round(float(np.arctan2(np.nan_to_num(np.sin(yaw)).sum(), np.nan_to_num(np.cos(yaw)).sum())), 4)
-    length, width = _size(track)
+    length, width = size_of(track)
     box = box_corners(x, y, heading, length, width)
     motion: Motion = Standing()
     said: list[str] = []

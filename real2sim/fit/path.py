@@ -68,11 +68,6 @@ class RoutePath:
         at = self._by_lane.get(lane, [])
         return next((i for i in at if i >= least), at[-1] if at else None)
 
-    def stage_at(self, s: float) -> int:
-        """Index of the stage at a distance [m] along the route."""
-        begins = [stage.begin for stage in self.stages]
-        return max(int(np.searchsorted(begins, s, side="right")) - 1, 0)
-
 
 def path_of(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
     """The path along lanes that are successors or neighbours of one another."""

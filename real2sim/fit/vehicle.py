@@ -26,8 +26,6 @@ OVER_M = 1.0
 """A front bumper this far beyond the last lane is off the map."""
 SHORTEST_M = 1.0
 """How far from the end of an edge SUMO shall insert a vehicle at least."""
-LENGTH_M, WIDTH_M = 4.5, 1.8
-"""Sizes of a vehicle whose source tells none."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +57,9 @@ class Driven:
         return "; ".join(part for part in (comes, goes) if part)
 
 
-def size_of(track: Track, usual: tuple[float, float] = (LENGTH_M, WIDTH_M)) -> tuple[float, float]:
-    """Length and width [m] of a track, the usual ones where unknown, within what a scenario can have."""
-    rows = track.valid & np.isfinite(track.length) & np.isfinite(track.width)
-    if not rows.any():
-        return usual
-    size = float(np.median(track.length[rows])), float(np.median(track.width[rows]))
+def size_of(track: Track) -> tuple[float, float]:
+    """Length and width [m] of a cleaned track, within what a scenario can have."""
+    size = float(np.median(track.length[track.valid])), float(np.median(track.width[track.valid]))
     return bounded(*size, track.category.kind)
 
 

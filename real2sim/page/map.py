@@ -11,7 +11,7 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.page.html import Html, Piece, joined, tag
 from real2sim.page.svg import CM, Canvas, View, path, picture, scale_bar, use, view_of
 from real2sim.page.things import Thing
-from real2sim.recording import Category, Track
+from real2sim.recording import USUAL_SIZE, Track
 
 MARGIN_M = 12.0
 AROUND_M = 60.0
@@ -21,9 +21,6 @@ WIDTH_STEP_M = 0.25
 ARROWS_M, ARROW_M = 10.0, 0.45
 """Distance between the arrows on a lane, and half their width."""
 THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
-SIZES: dict[Category, tuple[float, float]] = {Category.PEDESTRIAN: (0.6, 0.6), Category.STATIC: (0.6, 0.6)}
-SIZE = (4.5, 1.8)
-"""Of what has no known size, for the picture alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +107,7 @@ def _box(canvas: Canvas, track: Track, number: int) -> Html:
 
 
 def _size(track: Track, frame: int) -> tuple[float, float]:
-    usual = SIZES.get(track.category, SIZE)
+    usual = USUAL_SIZE[track.category]
     length, width = float(track.length[frame]), float(track.width[frame])
     return (length if length > 0 else usual[0], width if width > 0 else usual[1])
 

@@ -15,7 +15,7 @@ from real2sim.closeness import closeness
 from real2sim.findings import Findings
 from real2sim.fit import Fitted, fit
 from real2sim.match import match
-from real2sim.network import build_network
+from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.quality import Steps, findings_of, quality_file
 from real2sim.pipeline.quality_file import QualityFile
 from real2sim.pipeline.tracks import cav_notes, cav_tracks, check_on_map, motions, stations
@@ -48,8 +48,8 @@ class Built:
     findings: Findings
 
 
-def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
-    """Builds the network SUITE/networks/<scene id>, and the scenario on it; raises InputError.
+def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | None = None) -> Built:
+    """Builds the network SUITE/networks/<scene id>, unless one is given, and the scenario on it; raises InputError.
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
     """
@@ -61,7 +61,8 @@ def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
     if not cleaned.tracks:
         raise InputError(f"expected tracks of at least half a second, found none in {recording.frames} frames")
     seen = motions(cleaned.tracks)
-    network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
+    if network is None:
+        network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load(network.folder)
     tracks = reconstruct(cleaned.tracks, dt_s)
     matches = {id_: match(motion, roads) for id_, motion in motions(tracks).items()}
@@ -71,7 +72,7 @@ def build_log(scene: Scene, suite: Path, wish: Wish) -> Built:
     except ValidationError as error:
         raise InputError(first_problem(error)) from None
     notes = cav_notes(wish.cavs, cavs, cleaned, tracks, matches)
-    scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted)
+    scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
     check_scenario(scenario, roads)
     steps = Steps(
         id=scene.id,
@@ -104,13 +105,13 @@ def _reactive(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"background": background})
 
 
-def _scenario(scene: Scene, recording: Recording, fitted: Fitted) -> Scenario:
+def _scenario(scene: Scene, recording: Recording, fitted: Fitted, network: str) -> Scenario:
     try:
         return Scenario(
             id=scene.id,
             bucket=scene.bucket,
             category=scene.category,
-            network=scene.id,
+            network=network,
             description=scene.description,
             egos=fitted.egos,
             background=fitted.background,

@@ -7,7 +7,6 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.geometry import Bool, Float, Int, wrap_angles
-from real2sim.hdmap import HdMap, LaneKind, MapLane
 
 SAME_LANE_M = 3.0
 """Lanes this near are as good as the nearest (further is off the route): in a junction all directions overlap."""
@@ -48,14 +47,6 @@ class LaneIndex:
         wider = np.repeat(np.maximum(np.nan_to_num(width, nan=USUAL_WIDTH_M) - USUAL_WIDTH_M, 0.0) / 2, counts)
         return cls(starts, ends - starts, lane, np.repeat(np.array(flags, dtype=np.bool_), counts), wider, tree)
 
-    @classmethod
-    def of_map(cls, hd_map: HdMap) -> "LaneIndex":
-        """Index of the driving lanes of a source's map."""
-        lanes = [lane for lane in hd_map.lanes.values() if lane.kind is LaneKind.DRIVING]
-        return cls.of_lines(
-            [lane.centre for lane in lanes], [lane.directed for lane in lanes], [_width(lane) for lane in lanes]
-        )
-
     def outside(self, xy: Float) -> Bool:
         """Which points (N, 2) the map does not cover: far from all lanes, or beyond the open end of the nearest one."""
         if not len(self.starts) or not len(xy):
@@ -93,12 +84,3 @@ class LaneIndex:
         away = np.full(len(xy), np.inf)
         np.minimum.at(away, point, np.abs(wrap_angles(direction - yaw[point])))
         return np.where(np.isfinite(away), away, 0.0)
-
-
-def _width(lane: MapLane) -> float:
-    """Width [m] of a lane as it is told, or by its boundaries; NaN if unknown."""
-    if np.isfinite(lane.width) or len(lane.left) < 2 or len(lane.right) < 2:
-        return lane.width
-    left, right = shapely.LineString(lane.left), shapely.LineString(lane.right)
-    points = shapely.points(lane.centre)
-    return float(np.median(shapely.distance(points, left) + shapely.distance(points, right)))

@@ -10,8 +10,6 @@ from mdrive_sumo.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.state import Kind
 from real2sim.recording import Track
 
-DEFAULT_LENGTH_M, DEFAULT_WIDTH_M = 4.5, 1.8
-"""Of a thing whose source tells no size."""
 SAME_PLACE = 0.5
 """Share of the smaller box's area that two boxes must share to be one thing seen twice; two real things never do."""
 SAME_SHARE = 0.5
@@ -30,17 +28,13 @@ class Boxes:
 
     @classmethod
     def of(cls, tracks: Sequence[Track]) -> "Boxes":
-        """Boxes of tracks with the same number of frames; unknown sizes are those of a small car."""
-
-        def stacked(name: str, unknown: float) -> Float:
-            rows = np.array([getattr(track, name) for track in tracks], dtype=np.float64)
-            return np.where(np.isnan(rows), unknown, rows)
-
+        """Boxes of tracks with the same number of frames and known sizes; an unknown yaw is 0."""
         valid = np.array([track.valid for track in tracks], dtype=np.bool_)
-        x = np.where(valid, np.array([track.x for track in tracks]), np.nan)
-        y = np.where(valid, np.array([track.y for track in tracks]), np.nan)
-        length, width = stacked("length", DEFAULT_LENGTH_M), stacked("width", DEFAULT_WIDTH_M)
-        return cls(x, y, stacked("yaw", 0.0), length, width)
+        x, y, yaw, length, width = (
+            np.where(valid, np.array([getattr(track, name) for track in tracks], dtype=np.float64), np.nan)
+            for name in ("x", "y", "yaw", "length", "width")
+        )
+        return cls(x, y, np.nan_to_num(yaw), length, width)
 
     def corners(self, track: np.ndarray, frame: np.ndarray, shrink: float = 0.0) -> Float:
         """Corners (N, 4, 2) of the boxes at (track, frame) (N,), each side `shrink` metres in."""

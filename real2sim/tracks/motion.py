@@ -89,19 +89,6 @@ def backward(xy: Float, yaw: Float) -> Float:
     return np.maximum(-(moved[:, 0] * np.cos(yaw[:-1]) + moved[:, 1] * np.sin(yaw[:-1])), 0.0)
 
 
-def backward_along(line: Float, xy: Float) -> Float:
-    """How far each step (N-1,) [m] goes back along a lane line (M, 2), measured by arc length of the nearest point."""
-    segments = np.diff(line, axis=0)
-    lengths = np.maximum(magnitude(segments), 1e-9)
-    start = np.concatenate(((0.0,), np.cumsum(lengths)[:-1]))
-    relative = xy[:, None, :] - line[None, :-1, :]
-    share = np.clip((relative * segments).sum(-1) / lengths**2, 0.0, 1.0)
-    gap = relative - share[..., None] * segments
-    nearest = (gap**2).sum(-1).argmin(1)
-    s = start[nearest] + share[np.arange(len(xy)), nearest] * lengths[nearest]
-    return np.maximum(-np.diff(s), 0.0)
-
-
 def curvature_changes(xy: Float, dt_s: float) -> Float:
     """Change of the path's curvature from frame to frame [1/m] where it is faster than `TURN_SPEED`."""
     velocity, acceleration = derivative(xy, dt_s, 1), derivative(xy, dt_s, 2)

@@ -17,7 +17,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.sensing.scene import Eye, Scene
 from mdrive_sumo.sensing.visibility import Buildings, seen_rows
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import USUAL_SIZE, Category, Recording, Track, View
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,6 @@ MISTAKEN_FOR: Mapping[Category, Category] = {
     Category.BUS: Category.TRUCK,
     Category.TRUCK: Category.STATIC,  # a "trash can" of 10 m by 3 m was seen
 }
-_UNKNOWN_SIZE_M = {Category.PEDESTRIAN: (0.6, 0.6), Category.BICYCLE: (1.8, 0.7)}
-"""What a box without a size hides behind itself; else a car's."""
 
 
 def observe(truth: Recording, noise: Noise | None, seed: int) -> Recording:
@@ -149,7 +147,7 @@ def _seen(scene: View, pose: Float, noise: Noise, range_m: float) -> dict[str, B
 
 def _boxes(tracks: list[Track], t: int) -> Objects:
     rows = np.array([(k.x[t], k.y[t], k.yaw[t], k.length[t], k.width[t]) for k in tracks]).reshape(-1, 5)
-    usual = np.array([(0.0, *_UNKNOWN_SIZE_M.get(k.category, (4.6, 1.9))) for k in tracks]).reshape(-1, 3)
+    usual = np.array([(0.0, *USUAL_SIZE[k.category]) for k in tracks]).reshape(-1, 3)
     yaw, length, width = np.where(np.isnan(rows[:, 2:]), usual, rows[:, 2:]).T
     kinds = np.array([k.category.kind for k in tracks], dtype=np.uint8)
     ids = tuple(k.id for k in tracks)

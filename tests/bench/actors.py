@@ -1,9 +1,13 @@
-"""What scripted road users cost: `python tests/bench/actors.py` prints milliseconds a tick."""
+"""What scripted road users cost, in milliseconds a tick.
+
+Run it alone: python tests/bench/actors.py
+"""
 
 import math
 import statistics
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +20,7 @@ from mdrive_sumo.actors import Cast, Crowd
 from mdrive_sumo.scenario.actor import Actor
 from mdrive_sumo.state import Actors, EgoState, Frame
 
+Row = tuple[str, float, str, str]
 ACTORS, BACKGROUND, TICKS = 85, 20, 400
 SPEEDS = {"vehicle": 8.0, "pedestrian": 1.4, "cyclist": 4.0}
 
@@ -31,7 +36,7 @@ def crowd(rng: np.random.Generator) -> list[Actor]:
     return found
 
 
-def main() -> None:
+def actor_rows() -> Iterator[Row]:
     """Median and 95th percentile of `Cast.advance`, and the median of merging with SUMO's vehicles."""
     rng = np.random.default_rng(1)
     world = straight_scenario(straight_ego("0"), straight_ego("1", x=30))
@@ -50,8 +55,11 @@ def main() -> None:
         merging.append(1e3 * (between - since))
         advancing.append(1e3 * (time.thread_time() - between))
     p95 = sorted(advancing)[round(0.95 * TICKS)]
-    print(f"advance {statistics.median(advancing):.3f} ms, p95 {p95:.3f} ms; merge {statistics.median(merging):.3f} ms")  # noqa: T201
+    yield f"{ACTORS} scripted road users, advance", statistics.median(advancing), "ms", "-"
+    yield f"{ACTORS} scripted road users, advance, 95th percentile", p95, "ms", "-"
+    yield f"{ACTORS} scripted road users, merge with SUMO's vehicles", statistics.median(merging), "ms", "-"
 
 
 if __name__ == "__main__":
-    main()
+    for row in actor_rows():
+        sys.stdout.write(f"{row[0]:<66}{row[1]:>10.3f} {row[2]:<8}{row[3]}\n")

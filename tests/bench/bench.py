@@ -207,15 +207,8 @@ def command_rows(folder: Path) -> Iterator[Row]:
     if not SHARED.is_dir():
         return
     real = folder / "real"
-    command(
-        "convert",
-        "interdrive",
-        str(SHARED / "mdrive" / "interdrive"),
-        "--towns",
-        str(SHARED / "carla_towns"),
-        "--out",
-        str(real),
-    )
+    routes, towns = str(SHARED / "mdrive" / "interdrive"), str(SHARED / "carla_towns")
+    command("convert", "interdrive", routes, "--towns", towns, "--out", str(real))
     one = [str(real), "--agent", "constant-speed", "--out"]
     took = statistics.median(
         command("eval", "--suite", *one, str(folder / f"w{i}"), "--workers", "2") for i in range(3)
@@ -259,6 +252,18 @@ def memory_rows(roads: RoadMap) -> Iterator[Row]:
     yield "worker, peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MB", "< 400"
 
 
+def last_rows(folder: Path) -> Iterator[Row]:
+    """Scripted road users, conversion, generation: last, for their libraries would count as memory of a worker."""
+    from actors import actor_rows
+    from conversion import conversion_rows
+    from generation import generation_rows
+
+    yield from actor_rows()
+    for name, rows in (("conversion", conversion_rows), ("generation", generation_rows)):
+        (folder / name).mkdir()
+        yield from rows(folder / name)
+
+
 def _cut(ego: Ego) -> Ego:
     return ego.model_copy(update={"route": ego.route[:12]})
 
@@ -278,6 +283,7 @@ def main() -> None:
         parts: list[Callable[[], Iterator[Row]]] = [
             lambda: tick_ratios(roads), lambda: lone_tick(roads, folder), lambda: memory_rows(roads),
             lambda: command_rows(folder), lambda: parallel_row(folder, roads), sensor_rows, channel_row,
+            lambda: last_rows(folder),
         ]  # fmt: skip
         for part in parts:
             for row in part():

@@ -36,7 +36,13 @@ def completions_url(endpoint: str) -> str:
     return base + PATH if base.endswith("/v1") else f"{base}/v1{PATH}"
 
 
-def asked(endpoint: str, request: dict[str, Any], timeout_s: float, key_variable: str = "") -> Answer:
+def asked(
+    endpoint: str,
+    request: dict[str, Any],
+    timeout_s: float,
+    key_variable: str = "",
+    max_chars: int = MAX_ANSWER_CHARS,
+) -> Answer:
     """Posts a chat completion request; raises ModelError. Never takes longer than the time-out [s] or so.
 
     Redirects are not followed: they would carry the key elsewhere. The key is read from the environment variable of
@@ -50,7 +56,7 @@ def asked(endpoint: str, request: dict[str, Any], timeout_s: float, key_variable
     status, body = asyncio.run(_posted(completions_url(endpoint), json.dumps(request).encode(), headers, timeout_s))
     if status != 200:
         raise ModelError("status", f"HTTP status {status}")
-    return _answer(body)
+    return _answer(body, max_chars)
 
 
 async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: float) -> tuple[int, bytes]:
@@ -77,7 +83,7 @@ async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: 
         raise ModelError("connection", type(error).__name__) from None
 
 
-def _answer(body: bytes) -> Answer:
+def _answer(body: bytes, max_chars: int) -> Answer:
     """The first choice's text; whatever else the body is raises ModelError."""
     try:
         data = json.loads(body)
@@ -88,8 +94,8 @@ def _answer(body: bytes) -> Answer:
         raise ModelError("choices", "no choices[0].message.content") from None
     if not isinstance(text, str):
         raise ModelError("choices", "no text in choices[0].message.content")
-    if len(text) > MAX_ANSWER_CHARS:
-        raise ModelError("length", f"{len(text)} characters, at most {MAX_ANSWER_CHARS} are allowed")
+    if len(text) > max_chars:
+        raise ModelError("length", f"{len(text)} characters, at most {max_chars} are allowed")
     return Answer(text, _tokens(data.get("usage")))
 
 

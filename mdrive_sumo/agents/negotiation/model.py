@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from mdrive_sumo.agents.negotiation.endpoint import Answer, ModelError, asked
+from mdrive_sumo.agents.negotiation.endpoint import MAX_ANSWER_CHARS, Answer, ModelError, asked
 from mdrive_sumo.agents.negotiation.transcript import Transcript, check_transcript, exchange_line
 from mdrive_sumo.contract import Note
 from mdrive_sumo.errors import InputError
@@ -43,6 +43,8 @@ class ModelSettings:
     """As far as the endpoint tells how many an exchange took."""
     give_up_after: int = 3
     """Requests that failed in a row, after which nothing is asked any more."""
+    max_answer_chars: int = MAX_ANSWER_CHARS
+    temperature: float = 0
 
 
 def check_settings(settings: ModelSettings) -> ModelSettings:
@@ -53,7 +55,7 @@ def check_settings(settings: ModelSettings) -> ModelSettings:
     if not _is_address(settings.endpoint):
         raise InputError(  # it is recorded as all options are, so it must not carry a key
             "language model: option endpoint: expected the URL of an OpenAI-compatible service without user, password,"
-            f" or query, or option transcript, found {re.sub('//.*@', '//...@', settings.endpoint)!r:.60}"
+            f" or query, or a transcript, found {re.sub('//.*@', '//...@', settings.endpoint)!r:.60}"
         )
     if settings.api_key_env and not os.environ.get(settings.api_key_env):
         raise InputError(
@@ -95,7 +97,9 @@ class Model:
                 understood = read(answer.text)
             except ValueError as error:
                 reason = f"answer: {error}"
-                conversation = conversation + _corrected(answer.text, str(error))
+                conversation = conversation + _corrected(
+                    answer.text[: self._settings.max_answer_chars // 4], str(error)
+                )
             else:
                 self._failed = 0
                 return understood
@@ -118,7 +122,7 @@ class Model:
             "model": self._settings.model,
             "messages": conversation,
             "max_tokens": max_tokens,
-            "temperature": 0,
+            "temperature": self._settings.temperature,
             "seed": self._seed,
         }
 
@@ -139,7 +143,8 @@ class Model:
         if self._transcript is not None:
             return self._transcript.asked(request)
         settings = self._settings
-        return asked(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env)
+        limit = settings.max_answer_chars
+        return asked(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env, limit)
 
     def _note(self, request: Mapping[str, Any], outcome: Answer | ModelError) -> None:
         self.notes.append(Note(EXCHANGE, exchange_line(self._seed, self._ordinal, request, outcome)))
@@ -149,7 +154,7 @@ class Model:
 def _corrected(answer: str, error: str) -> list[dict[str, str]]:
     """What is added to a conversation so that the next answer is better."""
     return [
-        {"role": "assistant", "content": answer[:500] or "(nothing)"},
+        {"role": "assistant", "content": answer or "(nothing)"},
         {"role": "user", "content": f"That cannot be used: {error}. Answer again, in the form asked for."},
     ]
 

@@ -54,6 +54,11 @@ class Transcript:
         return outcome
 
 
+def outcomes(path: Path, seed: int) -> tuple[Answer | ModelError, ...]:
+    """What the agent with that seed was told, in this order; raises InputError for a file that is no transcript."""
+    return tuple(outcome for _, _, outcome in sorted(_lines(path, seed), key=lambda line: line[0]))
+
+
 def check_transcript(path: Path) -> None:
     """Raises InputError if the file cannot be read as a transcript."""
     for _ in _lines(path, -1):

@@ -1,0 +1,172 @@
+"""`mdrive-sumo generate`."""
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import click
+from pydantic import ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.generate import llm
+from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.search import Attempt, Order, Proposer, by_template, public_counterparts, search
+from mdrive_sumo.generate.suite import (
+    changed_by_rebuild,
+    check_new,
+    packaged_generated,
+    rebuilt,
+    recipes_of,
+    write_generated,
+)
+from mdrive_sumo.scenario.catalog import SuiteFile, load_suite
+from mdrive_sumo.scenario.spec import Scenario
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+LEAST_SECRET = 16
+"""Characters of a private seed: its hashes are published with nothing, but shall not be guessed either."""
+
+
+def _model_options(function: Callable[..., None]) -> Callable[..., None]:
+    options = (
+        click.option("--endpoint", default="", help="llm: address of an OpenAI-compatible service."),
+        click.option("--model", default="default", show_default=True, help="llm: its model."),
+        click.option("--api-key-env", default="", metavar="NAME", help="llm: environment variable with the key."),
+        click.option("--attempts", default=3, show_default=True, help="llm: requests for one proposal."),
+        click.option("--timeout", "timeout_s", default=60.0, show_default=True, help="llm: for one request [s]."),
+        click.option("--temperature", default=0.7, show_default=True, help="llm: how varied its answers are."),
+        click.option("--examples", type=FOLDER, help="llm: folder of expert demonstrations (proposals as JSON)."),
+        click.option("--transcripts", type=FOLDER, help="llm: folder that keeps every exchange."),
+        click.option("--replay", type=FOLDER, help="llm: such a folder; nothing is asked."),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@click.command("generate")
+@click.option("--category", type=click.Choice([c.value for c in Category]), help="Kind of interaction.")
+@click.option("--count", type=click.IntRange(1, 1000), default=10, show_default=True, help="How many scenarios.")
+@click.option("--proposer", type=click.Choice(("template", "llm")), default="template", show_default=True)
+@click.option("--seed", default=0, show_default=True)
+@click.option("--split", type=click.Choice(("public", "hidden")), default="public", show_default=True)
+@click.option("--seed-file", type=click.Path(path_type=Path, dir_okay=False), help="hidden: file with a private seed.")
+@click.option("--out", type=FOLDER, help="New suite folder.")
+@click.option("--explain", is_flag=True, help="Print every proposal that was refused, at which stage and why.")
+@click.option("--rebuild", metavar="SUITE", help="Make SUITE again from its recipes and compare, or write it to --out.")
+@_model_options
+@click.pass_context
+def command(ctx: click.Context, rebuild: str | None, category: str | None, out: Path | None, **options: Any) -> None:
+    """Generate scenarios: proposed, placed on a network, checked, driven blindly and by `omniscient`.
+
+    Exit codes: 0 done, 1 fewer scenarios than asked for (or a rebuilt one differs), 2 unusable input.
+    """
+    if rebuild is not None:
+        ctx.exit(_rebuild(rebuild, out))
+    if category is None or out is None:
+        raise click.UsageError("expected --category and --out (or --rebuild), found none")
+    order = Order(Category(category), options["count"], options["seed"], options["split"], _secret(options))
+    ctx.exit(_generate(order, _proposer(options), out, options["explain"]))
+
+
+def _secret(options: dict[str, Any]) -> str:
+    if (options["split"] == "hidden") != (options["seed_file"] is not None):
+        raise click.UsageError("expected --seed-file together with --split hidden, found one without the other")
+    if options["seed_file"] is None:
+        return ""
+    wanted = f"{options['seed_file']}: expected a private seed of {LEAST_SECRET} characters or more"
+    try:
+        secret = options["seed_file"].read_text(encoding="utf-8").strip()
+    except OSError as error:
+        raise InputError(f"{wanted}, found no file to read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{wanted}, found bytes that are no text") from None
+    if len(secret) < LEAST_SECRET:
+        raise InputError(f"{wanted}, found {len(secret)}")
+    return secret
+
+
+def _proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
+    if options["proposer"] == "template":
+        return by_template, "template"
+    settings = llm.LlmSettings(**{field.name: options[field.name] for field in fields(llm.LlmSettings)})
+
+    def propose(category: Category, seed: str):
+        return llm.propose(category, seed, settings)
+
+    return propose, f"llm:{_recorded_model(settings.replay) if settings.replay else settings.model}"
+
+
+def _recorded_model(folder: Path) -> str:
+    """Name of the model whose exchanges a folder keeps."""
+    try:
+        with sorted(folder.glob("*.jsonl"))[0].open(encoding="utf-8") as lines:
+            return str(json.loads(lines.readline())["request"]["model"])
+    except (OSError, ValueError, LookupError, TypeError):
+        raise InputError(f"--replay {folder}: expected transcripts of an earlier run, found none") from None
+
+
+def _about(order: Order, proposer: str, out: Path) -> SuiteFile:
+    title = f"{CATEGORIES[order.category].title}, generated"
+    about = f"{order.split} split, {proposer}, seed {order.seed}"
+    try:
+        return SuiteFile(name=out.name, title=title, description=about)
+    except ValidationError:
+        raise InputError(
+            f"--out {out}: expected a folder name of letters, digits and _.+- (at most 80), found {out.name!r}"
+        ) from None
+
+
+def _generate(order: Order, proposer: tuple[Proposer, str], out: Path, explain: bool) -> int:
+    check_new(out)
+    about = _about(order, proposer[1], out)
+    attempts: list[Attempt] = []
+    for attempt in search(order, proposer[0], _known(order), proposer[1]):
+        attempts.append(attempt)
+        if explain:
+            click.echo(_explained(attempt))
+    made = [(one.recipe, one.scenario) for one in attempts if one.recipe and one.scenario]
+    refused = Counter(one.rejected[0] for one in attempts if one.rejected)
+    summary = ", ".join(f"{count} at {stage}" for stage, count in refused.most_common())
+    if not made:
+        last = attempts[-1].rejected or ("", "")
+        raise InputError(
+            f"{order.category}: expected a scenario from {len(attempts)} proposals, found none ({summary});"
+            f" the last one: {last[1]}"
+        )
+    write_generated(about, made, out)
+    if refused and (explain or len(made) < order.count):
+        click.echo(f"refused of {len(attempts)} proposals: {summary}")
+    click.echo(f"{len(made)} of {order.count} scenarios: {out}")
+    return 0 if len(made) == order.count else 1
+
+
+def _known(order: Order) -> list[Scenario]:
+    """Public scenarios: what is generated shall not be like them."""
+    known = [scenario for scenario in packaged_generated() if scenario.category == order.category]
+    return known + list(public_counterparts(order)) if order.split == "hidden" else known
+
+
+def _explained(attempt: Attempt) -> str:
+    if attempt.scenario is not None and attempt.screened is not None:
+        ttc = attempt.screened.blind_ttc_s
+        return f"proposal {attempt.number}: {attempt.scenario.id} on {attempt.scenario.network}, blind TTC {ttc:.2f} s"
+    stage, reason = attempt.rejected or ("", "")
+    return f"proposal {attempt.number}: refused at {stage}: {reason}"
+
+
+def _rebuild(name: str, out: Path | None) -> int:
+    recipes = recipes_of(name)
+    if out is not None:
+        write_generated(load_suite(name).about, [(recipe, rebuilt(recipe)) for recipe in recipes.values()], out)
+        click.echo(f"{len(recipes)} scenarios: {out}")
+        return 0
+    changed = 0
+    for scenario in changed_by_rebuild(recipes):
+        changed += 1
+        click.echo(f"{scenario}: the recipe makes another file")
+    click.echo(f"{len(recipes) - changed} of {len(recipes)} scenarios are as their recipes make them")
+    return 1 if changed else 0

@@ -1,0 +1,24 @@
+"""The option `--workers`, without what drives in them."""
+
+import click
+
+
+def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
+    """The option --workers: a positive number, or every core that this process may use."""
+    if value == "auto":
+        from mdrive_sumo.suite.pool import available_cores  # here, so that `convert --help` need not import it
+
+        return available_cores()
+    if not value.isdecimal() or int(value) < 1:
+        raise click.BadParameter(f"expected a positive number or auto, found {value!r}")
+    return int(value)
+
+
+workers_option = click.option(
+    "--workers",
+    default="auto",
+    show_default=True,
+    metavar="N|auto",
+    callback=worker_count,
+    help="Worker processes; auto: one a core.",
+)

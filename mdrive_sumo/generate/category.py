@@ -1,0 +1,125 @@
+"""Categories of the Interaction bucket: what each asks of a proposal (paper, "Scenario Description"; protocol 14.1)."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mdrive_sumo.scenario.categories import FIGURES, Category, Figures
+
+
+class Topology(StrEnum):
+    """Shapes of road that a proposal may ask for (protocol 14.1)."""
+
+    INTERSECTION = "intersection"
+    T_JUNCTION = "t_junction"
+    CORRIDOR = "corridor"
+    TWO_LANE_CORRIDOR = "two_lane_corridor"
+    HIGHWAY = "highway"
+    ROUNDABOUT = "roundabout"
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a category asks of topology and script (protocol 14.1, "Requirements per category")."""
+
+    topologies: tuple[Topology, ...]
+    oncoming: bool = False
+    multi_lane: bool = False
+    on_ramp: bool = False
+    merge: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CategoryFacts:
+    """Everything that is fixed about a category."""
+
+    title: str
+    needs: Needs
+    egos: tuple[int, int]
+    """Least and most CAVs (protocol 14.1: 2 to 6 by category)."""
+    paper: Figures | None
+    """None: the paper lists no scenarios of it."""
+    crops: tuple[str, ...] = ()
+    """Networks on which templates stage it; any other that offers what it needs serves too."""
+
+
+_ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)
+CATEGORIES: dict[Category, CategoryFacts] = {
+    Category.PRE_CRASH: CategoryFacts("Pre-crash", Needs(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]),
+    Category.BLOCKED_LANE: CategoryFacts(
+        "Blocked Lane Obstacle",
+        Needs((Topology.CORRIDOR,), multi_lane=True),
+        (3, 6),
+        FIGURES[Category.BLOCKED_LANE],
+        ("avenue", "crescent"),
+    ),
+    Category.CONSTRUCTION: CategoryFacts(
+        "Construction Zone",
+        Needs((Topology.INTERSECTION,), multi_lane=True),
+        (3, 6),
+        FIGURES[Category.CONSTRUCTION],
+        ("market_crossing", "wide_crossing"),
+    ),
+    Category.HIGHWAY_MERGE: CategoryFacts(
+        "Highway On-Ramp Merge",
+        Needs((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
+        (3, 6),
+        FIGURES[Category.HIGHWAY_MERGE],
+        ("expressway", "freeway"),
+    ),
+    Category.LANE_CHANGE: CategoryFacts(
+        "Interactive Lane Change",
+        Needs((Topology.HIGHWAY,), multi_lane=True),
+        (3, 6),
+        FIGURES[Category.LANE_CHANGE],
+        ("expressway", "lane_drop", "motorway", "ramp_merge"),
+    ),
+    Category.DEADLOCK: CategoryFacts(
+        "Intersection Deadlock Resolution",
+        Needs((Topology.INTERSECTION,)),
+        (4, 6),
+        FIGURES[Category.DEADLOCK],
+        ("old_town", "quiet_crossing", "school_crossing", "town_crossing"),
+    ),
+    Category.MAJOR_MINOR: CategoryFacts(
+        "Major / Minor Unsignalized Entry",
+        Needs((Topology.T_JUNCTION,)),
+        (3, 5),
+        FIGURES[Category.MAJOR_MINOR],
+        ("factory_gate", "minor_road", "side_street"),
+    ),
+    Category.OVERTAKING: CategoryFacts(
+        "Overtaking on Two-Lane Road",
+        Needs((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
+        (2, 5),
+        FIGURES[Category.OVERTAKING],
+        ("country_road", "village_street"),
+    ),
+    Category.CROSSWALK: CategoryFacts(
+        "Pedestrian Crosswalk",
+        Needs((Topology.INTERSECTION,)),
+        (3, 5),
+        FIGURES[Category.CROSSWALK],
+        ("market_crossing", "school_crossing"),
+    ),
+    Category.ROUNDABOUT: CategoryFacts(
+        "Roundabout Navigation",
+        Needs((Topology.ROUNDABOUT,)),
+        (3, 5),
+        FIGURES[Category.ROUNDABOUT],
+        ("large_roundabout", "roundabout"),
+    ),
+    Category.UNPROTECTED_LEFT: CategoryFacts(
+        "Unprotected Left Turn",
+        Needs((Topology.INTERSECTION,), oncoming=True),
+        (4, 6),
+        FIGURES[Category.UNPROTECTED_LEFT],
+        ("market_crossing", "quiet_crossing", "wide_crossing"),
+    ),
+    Category.LANE_DROP: CategoryFacts(
+        "Lane Drop / Alternating Merge",
+        Needs((Topology.HIGHWAY,), multi_lane=True, merge=True),
+        (3, 6),
+        None,
+        ("lane_drop",),
+    ),
+}

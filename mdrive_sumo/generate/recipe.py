@@ -1,0 +1,50 @@
+"""Recipes: what a generated scenario was made from; kept beside it, so that it can be made again byte for byte."""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.scenario.part import Identifier
+from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.scenario.weather import WeatherName
+
+GENERATOR = 1
+"""Version of the generator: it grows whenever the same recipe would make another scenario."""
+
+
+class Recipe(BaseModel):
+    """The same recipe makes the same scenario with the same version of the generator."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal["mdrive-sumo/recipe/1"] = "mdrive-sumo/recipe/1"
+    generator: int = GENERATOR
+    id: Identifier
+    seed: str = Field(min_length=1, max_length=200)
+    """Seeds everything after the proposal: which crop, which ways, which starts."""
+    proposer: str = "template"
+    """`template`, or `llm:MODEL`."""
+    weather: WeatherName = "default"
+    proposal: Proposal
+
+
+def load_recipe(path: Path) -> Recipe:
+    """Reads a recipe; raises InputError, also for one of another version of the generator."""
+    try:
+        recipe = Recipe.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: expected a recipe to read, found none: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+    if recipe.generator != GENERATOR:
+        raise InputError(f"{path}: expected version {GENERATOR} of the generator, found {recipe.generator}")
+    return recipe
+
+
+def save_recipe(recipe: Recipe, path: Path) -> None:
+    """Writes a recipe."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(recipe.model_dump_json(exclude_defaults=False) + "\n")

@@ -1,0 +1,62 @@
+"""Screening: is a scenario feasible and difficult? It is driven twice, by `omniscient` and blindly (protocol 14.2)."""
+
+from dataclasses import dataclass
+
+from mdrive_sumo.agents import AGENTS
+from mdrive_sumo.agents.driver import LocalDriver
+from mdrive_sumo.certificate import Drive, certify
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.validate import FULL_SCORE, NEAR_MISS_TTC_S
+
+SEED = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Screened:
+    """Figures of both drives."""
+
+    blind_ttc_s: float | None
+    """Least time to collision of blind driving; None: never dangerous."""
+    omniscient_ds: float
+    occluded: bool = False
+    """Whether the scenario has an occlusion certificate (certificate.py)."""
+
+    @property
+    def difficult(self) -> bool:
+        """Whether blind driving has a near miss (TTC < 0.9 s at closing speeds over 1 m/s)."""
+        return self.blind_ttc_s is not None and self.blind_ttc_s < NEAR_MISS_TTC_S
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every CAV can complete its route without an infraction."""
+        return self.omniscient_ds >= FULL_SCORE
+
+
+def driven(scenario: Scenario, roads: RoadMap, agent: str) -> Episode:
+    """An episode with a built-in agent; raises WorldError."""
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
+    with SumoWorld(scenario, roads, sizes, derived_seed(SEED, scenario.id, "sumo")) as world:
+        return run_episode(Setting(scenario, roads, SEED), world, drivers)
+
+
+def screen(scenario: Scenario, roads: RoadMap) -> Screened:
+    """Drives a scenario blindly and, if that is dangerous, with `omniscient`."""
+    blind = driven(scenario, roads, "constant-speed")
+    ttc = _scored(blind, scenario, roads).min_ttc
+    if ttc is None or ttc >= NEAR_MISS_TTC_S:
+        return Screened(ttc, 0.0)
+    solved = driven(scenario, roads, "omniscient")
+    drives: dict[Drive, Episode] = {"constant-speed": blind, "omniscient": solved}
+    hidden = [found for drive, episode in drives.items() for found in certify(drive, episode, scenario, roads)]
+    return Screened(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
+
+
+def _scored(episode: Episode, scenario: Scenario, roads: RoadMap) -> ScenarioResult:
+    return score_episode(episode, scenario, roads, ScoreMode.MDRIVE, SEED)

@@ -1,0 +1,196 @@
+"""Spawns: where on their ways the CAVs of a proposal start and end, so that blind driving brings them together.
+
+Every CAV starts from rest and, driven blindly, reaches the conflict with another one at nearly the same time.
+"""
+
+import math
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.generate.ways import Way
+from mdrive_sumo.geometry import Float
+from mdrive_sumo.roads import RoadMap, route_along
+from mdrive_sumo.scenario.part import Pose
+from mdrive_sumo.scenario.spec import Ego
+
+BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
+"""[m/s], [m/s2] of `constant-speed` (protocol 14.2)."""
+RUN_UP_M = (14.0, 56.0)
+"""Distance from start to conflict of the first CAV; the original asks for 28 m before a junction on average."""
+LEAST_RUN_UP_M = 12.0
+CORRIDOR_M = (45.0, 70.0)
+"""Where CAVs start on roads without a junction, so that there is room for a queue behind and things ahead."""
+BESIDE_M = (-5.0, 5.0)
+"""How far ahead of a CAV one in the next lane starts."""
+DRAWS = 30
+TOGETHER_S = 0.5
+"""CAVs that reach their conflict within this meet there."""
+APART_S = 0.5
+"""How much earlier or later than another one a CAV may reach their conflict."""
+GAP_M = (7.0, 14.0)
+"""Between the box centres in a queue, a car's length included, plus what is left free."""
+RUN_OUT_M = 14.0
+"""Least way from a conflict to the goal."""
+RIM_M = 4.0
+"""No start or goal nearer to the end of a way."""
+MEETING_M = 1.6
+"""Ways that come so near to each other conflict there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """A way as a line: points every metre (N, 2) [m], and where it begins on its first lane [m]."""
+
+    xy: Float
+    start_s: float
+
+
+@lru_cache(maxsize=4096)
+def line_of(roads: RoadMap, way: Way, change_share: float) -> Line:
+    """The whole way; a lane change begins at that share of the lane that it leaves."""
+    goal_s = roads.lanes[way.lanes[-1]].centre.length
+    route = route_along(roads, way.lanes, 0.0, goal_s, _changes(roads, way, change_share))
+    return Line(route.xy, 0.0)
+
+
+def _changes(roads: RoadMap, way: Way, share: float) -> dict[int, float]:
+    if way.change_at < 0:
+        return {}
+    return {way.change_at: share * roads.lanes[way.lanes[way.change_at]].centre.length}
+
+
+@lru_cache(maxsize=4096)
+def meeting(one: Line, other: Line) -> tuple[float, float] | None:
+    """Stations [m] at which two ways first come together after having been apart; None: they never do."""
+    near = np.asarray(shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M)
+    if near[0]:
+        return None  # they begin together: a queue
+    if not near.any():
+        return None
+    i = int(np.argmax(near))
+    return float(i), float(shapely.line_locate_point(shapely.LineString(other.xy), shapely.Point(one.xy[i])))
+
+
+def blind_time(distance: float) -> float:
+    """Time [s] in which blind driving covers a distance [m] from rest."""
+    speeding = BLIND_SPEED**2 / 2 / BLIND_ACCELERATION
+    if distance < speeding:
+        return math.sqrt(2 * max(distance, 0.0) / BLIND_ACCELERATION)
+    return BLIND_SPEED / BLIND_ACCELERATION + (distance - speeding) / BLIND_SPEED
+
+
+def blind_distance(time: float) -> float:
+    """Inverse of `blind_time`."""
+    speeding = BLIND_SPEED / BLIND_ACCELERATION
+    if time < speeding:
+        return BLIND_ACCELERATION * max(time, 0.0) ** 2 / 2
+    return BLIND_SPEED * (time - speeding / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Spawn:
+    """Stations [m] of start and goal on a line."""
+
+    start: float
+    goal: float
+
+
+Lines = Mapping[str, Line]
+Ways = Mapping[str, Way]
+Starts = dict[str, float]
+"""Station of the start [m] by vehicle id."""
+
+
+def spawns(lines: Lines, ways: Ways, route_m: float, rng: random.Random) -> dict[str, Spawn] | str:
+    """Start and goal of every CAV, routes about `route_m` long; or the reason why there is no room.
+
+    The best of some draws: the one in which most pairs of CAVs meet.
+    """
+    draws = [_starts(lines, ways, rng) for _ in range(DRAWS)]
+    found = [draw for draw in draws if not isinstance(draw, str)]
+    if not found:
+        return next(draw for draw in draws if isinstance(draw, str))
+    starts = max(found, key=lambda draw: _encounters(draw, lines))
+    last = {name: max((met[0] for _, met in _met(name, lines)), default=0.0) for name in starts}
+    rims = {name: len(lines[name].xy) - 1 - RIM_M for name in starts}
+    goals = {
+        name: min(max(start + route_m * rng.uniform(0.9, 1.1), last[name] + RUN_OUT_M), rims[name])
+        for name, start in starts.items()
+    }
+    return {name: Spawn(start, goals[name]) for name, start in starts.items()}
+
+
+def _starts(lines: Lines, ways: Ways, rng: random.Random) -> Starts | str:
+    starts: Starts = {}
+    for name in ways:
+        start, length = _start(name, starts, lines, ways, rng), len(lines[name].xy) - 1
+        if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
+            return f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m"
+        starts[name] = start
+    return starts
+
+
+def _met(name: str, lines: Lines) -> Iterator[tuple[str, tuple[float, float]]]:
+    for other in lines:
+        if other != name and (met := meeting(lines[name], lines[other])) is not None:
+            yield other, met
+
+
+def _encounters(starts: Starts, lines: Lines) -> int:
+    """Pairs of CAVs that blind driving brings together."""
+    return sum(
+        min(met[0] - starts[name], met[1] - starts[other]) > 0
+        and abs(blind_time(met[0] - starts[name]) - blind_time(met[1] - starts[other])) < TOGETHER_S
+        for name in starts
+        for other, met in _met(name, lines)
+    )
+
+
+def _start(name: str, starts: Starts, lines: Lines, ways: Ways, rng: random.Random) -> float:
+    """Behind who starts on the same lane, beside who starts on the same road, else so as to meet somebody."""
+    ahead = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
+    if ahead:
+        return min(ahead) - rng.uniform(*GAP_M)
+    beside = [starts[other] for other in starts if ways[other].entry == ways[name].entry]
+    if beside:
+        return beside[0] + rng.uniform(*BESIDE_M)
+    met = dict(_met(name, lines))
+    if not met:
+        return rng.uniform(*CORRIDOR_M)
+    first = min(found[0] for found in met.values())
+    for other, start in starts.items():
+        if other in met and met[other][1] > start:
+            time = blind_time(met[other][1] - start) + rng.uniform(-APART_S, APART_S)
+            found = met[other][0] - blind_distance(time)
+            if RIM_M <= found <= first - LEAST_RUN_UP_M:
+                return found
+    return max(first - rng.uniform(*RUN_UP_M), RIM_M)
+
+
+def ego_of(roads: RoadMap, name: str, way: Way, spawn: Spawn, change_share: float) -> Ego:
+    """The CAV that drives a way from start to goal, at rest on the first point of its dense route."""
+    lanes, start_s, goal_s, dropped = _trimmed(roads, way, spawn)
+    changes = {i - dropped: s for i, s in _changes(roads, way, change_share).items() if i >= dropped}
+    route = route_along(roads, lanes, start_s, goal_s, changes)
+    xy, yaws = route.xy.tolist(), route.yaw.tolist()
+    points = tuple((round(x, 3), round(y, 3), round(yaw, 4)) for (x, y), yaw in zip(xy, yaws, strict=True))
+    x, y, yaw = points[0]
+    return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), lanes=route.lanes, route=points)
+
+
+def _trimmed(roads: RoadMap, way: Way, spawn: Spawn) -> tuple[Sequence[str], float, float, int]:
+    """Lanes between start and goal, arc lengths on the first and the last, and how many lanes were cut in front."""
+    begins = [0.0]
+    for i, id_ in enumerate(way.lanes[:-1]):
+        begins.append(begins[-1] + (0.0 if i == way.change_at else roads.lanes[id_].centre.length))
+    ends = [begin + roads.lanes[id_].centre.length for begin, id_ in zip(begins, way.lanes, strict=True)]
+    first = next(i for i, end in enumerate(ends) if spawn.start < end - 1.0)
+    last = next(i for i, end in enumerate(ends) if spawn.goal <= end + 1.0 and i >= first and i != way.change_at)
+    length = roads.lanes[way.lanes[last]].centre.length
+    goal_s = min(spawn.goal - begins[last], length)
+    return way.lanes[first : last + 1], spawn.start - begins[first], goal_s, first

@@ -1,0 +1,285 @@
+"""Templates: our own proposer. A function a category samples proposals that keep the rules; no language model."""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from mdrive_sumo.generate import pre_crash
+from mdrive_sumo.generate.category import CATEGORIES, Category, Topology
+from mdrive_sumo.generate.proposal import Maneuver, Proposal
+
+Draft = dict[str, Any]
+"""Fields of a proposal before they are checked."""
+TURNS = 0.4
+"""Share of scenarios on otherwise straight ways in which one CAV turns."""
+SIDE_RELATIONS = ("perpendicular_right_of", "perpendicular_left_of", "opposite_approach_of")
+
+
+def propose(category: Category, rng: random.Random) -> Proposal:
+    """A proposal of the category, drawn by `rng`."""
+    needs = CATEGORIES[category].needs
+    draft: Draft = {
+        "category": category,
+        "topology": needs.topologies[0],
+        "needs_oncoming": needs.oncoming,
+        "needs_multi_lane": needs.multi_lane,
+        "needs_on_ramp": needs.on_ramp,
+        "needs_merge": needs.merge,
+    }
+    return Proposal.model_validate(draft | TEMPLATES[category](rng))
+
+
+def _ego(number: int, maneuver: Maneuver = "straight", **more: str) -> Draft:
+    return {"vehicle_id": f"Vehicle {number}", "maneuver": maneuver, **more}
+
+
+def _relation(a: int, type_: str, b: int) -> Draft:
+    return {"type": type_, "a": f"Vehicle {a}", "b": f"Vehicle {b}"}
+
+
+def _count(rng: random.Random, mean: float) -> int:
+    """A number of CAVs: the integers around the mean, so often that the mean comes out."""
+    low = int(mean)
+    return low + (rng.random() < mean - low)
+
+
+def _queue(first: int, count: int, behind: Sequence[int], rng: random.Random) -> list[Draft]:
+    """Relations that put further CAVs behind those that are there."""
+    return [_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
+
+
+def _like(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list[Draft]:
+    """CAVs that follow others do what these do."""
+    found = list(egos)
+    for relation in relations:
+        leader = next(ego for ego in found if ego["vehicle_id"] == relation["b"])
+        found.append(leader | {"vehicle_id": relation["a"]})
+    return found[:count]
+
+
+def _and_one(egos: list[Draft], turn: Maneuver) -> list[Draft]:
+    """Adds a CAV that turns, from the road opposite the first one; its relation."""
+    egos.append(_ego(len(egos) + 1, turn))
+    return [_relation(len(egos), "opposite_approach_of", 1)]
+
+
+def _deadlock(rng: random.Random) -> Draft:
+    count = _count(rng, 4.7)
+    turns: list[Maneuver] = [rng.choice(("left", "left", "right", "straight")) for _ in range(4)]
+    relations = [_relation(n + 2, type_, 1) for n, type_ in enumerate(SIDE_RELATIONS)]
+    queue = _queue(5, count, (1, 2, 3, 4), rng)
+    egos = _like([_ego(n + 1, turn) for n, turn in enumerate(turns)], queue, count)
+    return {
+        "ego_vehicles": egos,
+        "vehicle_constraints": relations + queue,
+        "description": "CAVs reach an uncontrolled crossing from all sides at the same time; somebody has to yield.",
+    }
+
+
+def _unprotected_left(rng: random.Random) -> Draft:
+    count = _count(rng, 5.1)
+    egos = [_ego(1, "left"), _ego(2), _ego(3)]
+    relations = [_relation(2, "opposite_approach_of", 1), _relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2)]
+    queue = _queue(4, count, (1, 2, 3), rng)
+    parked = _parked("Vehicle 2", rng.choice(("right_edge", "half_right"))) if rng.random() < 0.3 else []
+    return {
+        "ego_vehicles": _like(egos, queue, count),
+        "vehicle_constraints": relations + queue,
+        "actors": parked,
+        "description": "A CAV turns left through oncoming CAVs.",
+    }
+
+
+def _parked(vehicle: str, lateral: str, name: str = "parked_1") -> list[Draft]:
+    return [
+        {
+            "actor_id": name,
+            "kind": "parked_vehicle",
+            "affects_vehicle": vehicle,
+            "lateral_position": lateral,
+            "speed": "stopped",
+        }
+    ]
+
+
+def _major_minor(rng: random.Random) -> Draft:
+    count = _count(rng, 4.0)
+    egos = [
+        _ego(1, rng.choice(("left", "right")), entry_road="side"),
+        _ego(2, entry_road="main"),
+        _ego(3, rng.choice(("straight", "left")), entry_road="main"),
+    ]
+    relations = [_relation(2, "perpendicular_left_of", 1), _relation(3, "perpendicular_right_of", 1)]
+    queue = _queue(4, count, (1, 2, 3), rng)
+    return {
+        "ego_vehicles": _like(egos, queue, count),
+        "vehicle_constraints": relations + queue,
+        "actors": _parked("Vehicle 1", "right_edge") if rng.random() < 0.6 else [],
+        "description": "A CAV enters the main road from the minor one, where CAVs come from both sides.",
+    }
+
+
+def _highway_merge(rng: random.Random) -> Draft:
+    count = _count(rng, 4.6)
+    egos = [_ego(1, "unknown", entry_road="side"), _ego(2, entry_road="main"), _ego(3, entry_road="main")]
+    relations = [_relation(1, "merges_into_lane_of", 2), _relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2)]
+    queue = _queue(4, count, (1, 2, 3), rng)
+    return {
+        "ego_vehicles": _like(egos, queue, count),
+        "vehicle_constraints": relations + queue,
+        "description": "CAVs on the ramp and CAVs on the motorway want the same gap.",
+    }
+
+
+def _lane_drop(rng: random.Random) -> Draft:
+    count = _count(rng, 4.6)
+    relations = [_relation(1, "merges_into_lane_of", 2), _relation(3, "left_lane_of", 2)]
+    queue = _queue(4, count, (1, 2), rng)
+    return {
+        "ego_vehicles": _like([_ego(1), _ego(2), _ego(3)], queue, count),
+        "vehicle_constraints": relations + queue,
+        "description": "A lane ends; CAVs side by side have to merge one after the other.",
+    }
+
+
+def _lane_change(rng: random.Random) -> Draft:
+    count = _count(rng, 4.2)
+    side = rng.choice(("left_lane_of", "right_lane_of"))
+    swap = rng.random() < 0.6
+    egos = [_ego(1, "lane_change"), _ego(2, "lane_change" if swap else "straight")]
+    relations = [_relation(2, side, 1)] + ([] if swap else [_relation(1, "merges_into_lane_of", 2)])
+    queue = _queue(3, count, (1, 2), rng)
+    return {
+        "ego_vehicles": _like(egos, queue, count),
+        "vehicle_constraints": relations + queue,
+        "description": "CAVs side by side want to change into each other's lanes.",
+    }
+
+
+def _blocked_lane(rng: random.Random) -> Draft:
+    count = _count(rng, 4.7)
+    side = rng.choice(("left_lane_of", "right_lane_of"))
+    relations = [_relation(2, side, 1)]
+    queue = _queue(3, count, (1, 2), rng)
+    kind = rng.choice(("static_prop", "parked_vehicle"))
+    block = {
+        "actor_id": "block_1",
+        "kind": kind,
+        "quantity": 1 if kind == "parked_vehicle" else rng.randint(2, 4),
+        "group_pattern": "across_lane",
+        "affects_vehicle": "Vehicle 1",
+        "lateral_position": "center",
+        "speed": "stopped",
+    }
+    more = [block | {"actor_id": "block_2", "kind": "static_prop", "quantity": rng.randint(1, 3)}]
+    return {
+        "ego_vehicles": _like([_ego(1), _ego(2)], queue, count),
+        "vehicle_constraints": relations + queue,
+        "actors": [block, *more],
+        "description": "Something blocks the lane of a CAV; CAVs drive in the next lane.",
+    }
+
+
+def _construction(rng: random.Random) -> Draft:
+    turns = rng.random() < TURNS
+    count = _count(rng, 4.6) - turns
+    relations = [_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
+    queue = _queue(3, count, (1, 2), rng)
+    egos = _like([_ego(1), _ego(2)], queue, count)
+    relations += _and_one(egos, rng.choice(("left", "right"))) if turns else []
+    cones = {
+        "actor_id": "cones_1",
+        "kind": "static_prop",
+        "quantity": rng.randint(4, 5),
+        "group_pattern": "diagonal",
+        "start_lateral": "right_edge",
+        "end_lateral": "center",
+        "affects_vehicle": "Vehicle 1",
+        "timing_phase": rng.choice(("on_approach", "after_exit")),
+        "speed": "stopped",
+    }
+    barriers = cones | {"actor_id": "barriers_1", "quantity": rng.randint(2, 3), "group_pattern": "along_lane"}
+    return {
+        "ego_vehicles": egos,
+        "vehicle_constraints": relations + queue,
+        "actors": [cones, barriers],
+        "description": "Cones and barriers close a lane near a crossing; two lanes of CAVs become one.",
+    }
+
+
+def _overtaking(rng: random.Random) -> Draft:
+    count = _count(rng, 3.7)
+    relations = [_relation(2, "opposite_approach_of", 1)]
+    queue = _queue(3, count, (1, 2), rng)
+    ahead = {
+        "actor_id": "stopped_1",
+        "kind": rng.choice(("parked_vehicle", "static_prop")),
+        "quantity": rng.randint(1, 3),
+        "group_pattern": "along_lane",
+        "affects_vehicle": "Vehicle 1",
+        "lateral_position": rng.choice(("center", "half_right")),
+        "speed": "stopped",
+    }
+    return {
+        "ego_vehicles": _like([_ego(1), _ego(2)], queue, count),
+        "vehicle_constraints": relations + queue,
+        "actors": [ahead],
+        "description": "A CAV has to pass what stands in its lane, in the lane of oncoming CAVs.",
+    }
+
+
+def _crosswalk(rng: random.Random) -> Draft:
+    turns = rng.random() < TURNS
+    count = _count(rng, 3.8) - turns
+    relations = [_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
+    queue = _queue(3, count, (1, 2), rng)
+    egos = _like([_ego(1), _ego(2)], queue, count)
+    relations += _and_one(egos, rng.choice(("left", "right"))) if turns else []
+    actors: list[Draft] = [
+        {
+            "actor_id": f"walker_{n}",
+            "kind": "walker",
+            "affects_vehicle": f"Vehicle {1 + n % 2}",
+            "timing_phase": rng.choice(("on_approach", "after_exit")),
+            "lateral_position": rng.choice(("sidewalk_right", "sidewalk_left")),
+            "motion": "cross_perpendicular",
+            "speed": rng.choice(("slow", "normal", "fast")),
+        }
+        for n in range(rng.randint(1, 2))
+    ]
+    actors += _parked("Vehicle 1", "right_edge")
+    return {
+        "ego_vehicles": egos,
+        "vehicle_constraints": relations + queue,
+        "actors": actors,
+        "description": "People step onto the zebra crossing from behind something that hides them.",
+    }
+
+
+def _roundabout(rng: random.Random) -> Draft:
+    count = _count(rng, 4.0)
+    egos = [_ego(1, "left"), _ego(2, rng.choice(("left", "straight"))), _ego(3, "left")]
+    relations = [_relation(2, "perpendicular_left_of", 1), _relation(3, "opposite_approach_of", 1)]
+    queue = _queue(4, count, (1, 2, 3), rng)
+    return {
+        "ego_vehicles": _like(egos, queue, count),
+        "vehicle_constraints": relations + queue,
+        "description": "CAVs enter a roundabout from several arms, go around and leave it.",
+    }
+
+
+TEMPLATES: Mapping[Category, Callable[[random.Random], Draft]] = {
+    Category.PRE_CRASH: pre_crash.draft,
+    Category.BLOCKED_LANE: _blocked_lane,
+    Category.CONSTRUCTION: _construction,
+    Category.HIGHWAY_MERGE: _highway_merge,
+    Category.LANE_CHANGE: _lane_change,
+    Category.DEADLOCK: _deadlock,
+    Category.MAJOR_MINOR: _major_minor,
+    Category.OVERTAKING: _overtaking,
+    Category.CROSSWALK: _crosswalk,
+    Category.ROUNDABOUT: _roundabout,
+    Category.UNPROTECTED_LEFT: _unprotected_left,
+    Category.LANE_DROP: _lane_drop,
+}
+_ = Topology

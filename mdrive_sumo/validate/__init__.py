@@ -1,0 +1,17 @@
+"""Is a suite sound, difficult and solvable, and what its name promises? What `mdrive-sumo validate` reports."""
+
+from mdrive_sumo.validate.demands import FULL_SCORE, NEAR_MISS_TTC_S
+from mdrive_sumo.validate.examine import Examination, Question, examine, examine_suite, sampled
+from mdrive_sumo.validate.whole import suite_notes, suite_problems
+
+__all__ = [
+    "FULL_SCORE",
+    "NEAR_MISS_TTC_S",
+    "Examination",
+    "Question",
+    "examine",
+    "examine_suite",
+    "sampled",
+    "suite_notes",
+    "suite_problems",
+]

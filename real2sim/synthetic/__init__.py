@@ -1,0 +1,1 @@
+"""Synthetic recordings in the V2XPnP format: dense traffic on maps of our own, recorded, written, converted."""
