@@ -225,7 +225,7 @@ def test_the_search_gives_up_after_so_many_proposals(monkeypatch: pytest.MonkeyP
 )
 def test_every_attempt_of_every_order_has_a_seed_of_its_own(changed: dict[str, object]) -> None:
     order = Order(Category.DEADLOCK, 10, 5)
-    changed_order = Order(**({"category": Category.DEADLOCK, "count": 10, "seed": 5} | changed))  # pyright: ignore[reportArgumentType]
+    changed_order = Order(**({"category": Category.DEADLOCK, "count": 10, "seed": 5} | changed))
     seeds = [one.seed_of(number) for one in (order, changed_order) for number in range(50)]
     assert len(set(seeds)) == 100
     assert len({order.id_of(0), changed_order.id_of(0)}) == 2

@@ -126,7 +126,7 @@ def test_a_released_vehicle_sees_ghosts_at_once(roads: RoadMap, monkeypatch: pyt
 
     def noted(name: str, *rest: object) -> None:
         placed.append(name)
-        real(name, *rest)  # pyright: ignore[reportArgumentType]
+        real(name, *rest)
 
     monkeypatch.setattr(mirror, "add_remote", noted)
     run(roads, "hybrid", [logged()], [*[AWAY] * 101, EgoState(-60.0, -3.2, 0.0, 0.0)])
