@@ -50,8 +50,12 @@ types: install
 imports: install
 	$(BIN)/lint-imports --no-cache
 
-bench: install ## measure, print a table, write bench.json
+bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/bench.py
+	$(BIN)/python tests/bench/sandbox.py
+	$(BIN)/python tests/bench/store.py sqlite
+	$(BIN)/python tests/bench/server.py --busy 2
+	$(BIN)/python tests/bench/submission.py
 
 networks: install ## compile networks/ anew from their recipes
 	$(BIN)/python -m mdrive_sumo.generate.networks

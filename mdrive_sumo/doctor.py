@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from mdrive_sumo.report.text import text_table
+from mdrive_sumo.sandbox import GAPS, Layer
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
 TIME_LIMIT_S = 30.0
@@ -26,6 +27,10 @@ PACKAGES = (
     ("sumolib", "eval, verify, show, view", ""),
     ("matplotlib", "show", ""),
     ("eclipse-sumo", "convert", "convert"),
+    ("fastapi", "serve", "server"),
+    ("sqlalchemy", "serve, admin", "server"),
+    ("pyseccomp", "serve, submit --dry-run", "server"),
+    ("distributed", "--executor dask", "dask"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
 
@@ -56,7 +61,8 @@ def examine() -> tuple[Check, ...]:
         Check("cores", str(usable_cores()), "eval --workers auto"),
         *(_package(*row) for row in PACKAGES),
         _simulator(),
-        _netconvert(),
+        _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
+        _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
     )
 
 
@@ -102,10 +108,10 @@ def _failure_of(command: Iterable[str]) -> str:
     return (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
 
 
-def _netconvert() -> Check:
+def _program(name: str, needed_for: str, remedy: str) -> Check:
     folder = Path(sys.executable).parent
-    found = shutil.which("netconvert", path=f"{folder}{os.pathsep}{os.environ.get('PATH', '')}") or ""
-    return Check("netconvert", found, "convert", "pip install 'mdrive-sumo[convert]'", required=False)
+    found = shutil.which(name, path=f"{folder}{os.pathsep}{os.environ.get('PATH', '')}") or ""
+    return Check(name, found, needed_for, remedy, required=False)
 
 
 def doctor_table(checks: Iterable[Check]) -> str:
@@ -119,5 +125,18 @@ def doctor_table(checks: Iterable[Check]) -> str:
             "",
             *(f"missing for {check.needed_for}: {check.name} ({check.remedy})" for check in missing),
             *(() if missing else ("Nothing is missing.",)),
+        )
+    )
+
+
+def sandbox_table(layers: Iterable[Layer]) -> str:
+    """The layers around a box on this machine for the terminal, then what they do not cover."""
+    rows = [(layer.name, "in force" if layer.active else "absent", layer.detail) for layer in layers]
+    return "\n".join(
+        (
+            text_table(("layer", "here", "how"), rows),
+            "",
+            "The backend bubblewrap does not protect from:",
+            *(f"  - {gap}" for gap in GAPS["bubblewrap"]),
         )
     )

@@ -8,8 +8,18 @@ import pytest
 from hypothesis import settings
 from shared_material import NEEDS_SHARED_DATA, SHARED_DATA
 
-SKIP_REASONS = (NEEDS_SHARED_DATA, "needs Chromium", "needs netconvert")
-"""Why a test may skip. The gate (MDRIVE_STRICT_SKIPS) installs the rest: there only the first counts."""
+MACHINE = ("needs control groups", "needs root", "needs x86-64")
+"""What a machine has or has not; nothing can be installed for it."""
+INSTALLED = (
+    "needs bubblewrap",
+    "needs buildah",
+    "needs Chromium",
+    "needs dash",
+    "needs gVisor's runsc",
+    "needs netconvert",
+)
+SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
+"""Why a test may skip. The gate (MDRIVE_STRICT_SKIPS) installs what it can: there only machine and data count."""
 
 settings.register_profile("laptop", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
@@ -28,7 +38,7 @@ def accepted_reasons() -> tuple[str, ...]:
     """Reasons that do not fail this session."""
     if not os.environ.get("MDRIVE_STRICT_SKIPS"):
         return SKIP_REASONS
-    return () if SHARED_DATA.is_dir() else (NEEDS_SHARED_DATA,)
+    return MACHINE if SHARED_DATA.is_dir() else (NEEDS_SHARED_DATA, *MACHINE)
 
 
 class Guard:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,13 @@ def perform(task: Task) -> str:
         (Path(task.folder) / f"{task.name}.started").write_text(str(os.getpid()))
     deeds.get(task.deed, lambda _: None)(task)
     return f"{task.name} {os.getpid()}"
+
+
+def dies_answering(task: Task) -> bytes:
+    """Its answer is too long to be sent before somebody reads; it is killed meanwhile."""
+    (Path(task.folder) / f"{task.name}.started").write_text(str(os.getpid()))
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return bytes(2**24)
 
 
 def _kill(_: Task) -> None:

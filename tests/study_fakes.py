@@ -1,7 +1,7 @@
 """A stand-in for `run_job` whose score depends on the channel as a study should find it. No tests in here."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from pool_fakes import Task, perform
@@ -37,13 +37,13 @@ def drive(job: Job) -> ScenarioResult:
 
 
 class Inline:
-    """A Pool without processes."""
+    """An executor without processes; made as `engine` makes one."""
+
+    free = 1
 
     def __init__(self, function: Callable[[Job], ScenarioResult], *_: object) -> None:
         self._function = function
-
-    def __class_getitem__(cls, _: object) -> type["Inline"]:
-        return cls
+        self._done: list[tuple[str, ScenarioResult]] = []
 
     def __enter__(self) -> "Inline":
         return self
@@ -51,9 +51,12 @@ class Inline:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def run(self, jobs: Iterable[Job]) -> Iterator[tuple[Job, ScenarioResult]]:
-        for job in jobs:
-            yield job, self._function(job)
+    def submit(self, key: str, job: Job) -> None:
+        self._done.append((key, self._function(job)))
+
+    def ready(self) -> list[tuple[str, ScenarioResult]]:
+        done, self._done = self._done, []
+        return done
 
 
 def main() -> None:

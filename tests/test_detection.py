@@ -263,7 +263,7 @@ class TestPublishedFigures:
     def test_every_surrogate_has_its_source(self) -> None:
         assert PUBLISHED.keys() == PROFILES.keys() - {IDEAL}
 
-    @pytest.mark.slow
+    @pytest.mark.full
     def test_the_fit_is_reproducible(self) -> None:
         again = fitted(replace(PROFILES["fcooper"], recall=0.9, spread=0.2), PUBLISHED["fcooper"], 0)
         assert (again.recall, again.spread) == (PROFILES["fcooper"].recall, PROFILES["fcooper"].spread)

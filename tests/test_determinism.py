@@ -14,6 +14,11 @@ SAMPLE = "*ins_chaos*"
 
 
 TALKING = ("sharing", "colmdriver-rule", "sharing+negotiation", "perception-swap:cobevt")
+MOST = tuple(
+    pytest.param(name, marks=pytest.mark.slow if name == "sharing+negotiation" else pytest.mark.full)
+    for name in TALKING
+)
+"""The one that says most in every run, the others where time is no matter."""
 WORN = ("--comm-loss", "0.3", "--comm-latency", "2", "--pose-error", "0.6,0.6")
 
 
@@ -35,8 +40,7 @@ def test_worker_count_and_process_age_do_not_change_a_digest(tmp_path: Path) -> 
         assert fresh == {scenario: digest}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("agent", ["single", *TALKING])
+@pytest.mark.parametrize("agent", [pytest.param("single", marks=pytest.mark.full), *MOST])
 def test_loss_and_noise_are_the_same_for_any_worker_count(agent: str, tmp_path: Path) -> None:
     sample = "i1[0-3]*"
     one = evaluated(tmp_path / "one", sample, "--workers", "1", *WORN, agent=agent)
@@ -47,8 +51,7 @@ def test_loss_and_noise_are_the_same_for_any_worker_count(agent: str, tmp_path: 
     assert said.splitlines()[-1] == "4 of 4 scenarios are identical"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("agent", TALKING)
+@pytest.mark.parametrize("agent", MOST)
 def test_loss_changes_what_is_driven_and_another_seed_too(agent: str, tmp_path: Path) -> None:
     ideal = evaluated(tmp_path / "ideal", "i13*", "--workers", "1", agent=agent)
     worn = evaluated(tmp_path / "worn", "i13*", "--workers", "1", *WORN, agent=agent)

@@ -5,6 +5,7 @@ import re
 import runpy
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,9 @@ README = (ROOT / "README.md").read_text()
 
 
 def test_every_command_is_in_the_readme() -> None:
-    described = set(re.findall(r"`mdrive-sumo ([a-z]+)", README))
-    assert set(COMMANDS) | {"convert"} == described
+    described = set(re.findall(r"^\| `mdrive-sumo ([a-z][a-z-]*)", README, re.MULTILINE))
+    plugged = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["mdrive_sumo.commands"]
+    assert {*COMMANDS, *plugged} == described
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -49,11 +51,12 @@ def test_make_targets_that_are_named_exist(page: Path) -> None:
     assert named <= targets
 
 
-def test_order_of_rooms_in_contributing_is_the_one_that_is_checked() -> None:
-    contract = (ROOT / "pyproject.toml").read_text().partition('id = "rooms"')[2].partition("[[")[0]
+@pytest.mark.parametrize(("rooms", "lowest"), [("rooms", "errors"), ("server", "clock")])
+def test_order_of_rooms_in_contributing_is_the_one_that_is_checked(rooms: str, lowest: str) -> None:
+    contract = (ROOT / "pyproject.toml").read_text().partition(f'id = "{rooms}"')[2].partition("[[")[0]
     checked = [set(re.findall(r"\w+", layer)) for layer in re.findall(r'^    "(.*)",$', contract, re.MULTILINE)]
     text = (ROOT / "CONTRIBUTING.md").read_text()
-    told = re.search(r"^    errors, .*?cli$", text, re.MULTILINE | re.DOTALL)
+    told = re.search(rf"^    {lowest}, .*?cli$", text, re.MULTILINE | re.DOTALL)
     assert told is not None
     assert [set(re.findall(r"\w+", layer)) for layer in told.group().split("<")] == checked[::-1]
 

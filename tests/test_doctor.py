@@ -3,10 +3,12 @@
 import sys
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from mdrive_sumo import doctor
-from mdrive_sumo.cli.doctor import command
+from mdrive_sumo.cli import doctor as cli_doctor
+from mdrive_sumo.cli.doctor import NEEDED_LAYERS, command
+from mdrive_sumo.sandbox import Layer
 
 
 def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
@@ -41,3 +43,23 @@ def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPa
     if not found:
         pytest.skip("needs netconvert")
     assert found.startswith(sys.prefix)
+
+
+def of_sandbox(monkeypatch: pytest.MonkeyPatch, *absent: str) -> Result:
+    names = (*NEEDED_LAYERS, "uid", "cgroup", "gvisor")
+    found = tuple(Layer(name, name not in absent, f"how {name}") for name in names)
+    monkeypatch.setattr(cli_doctor, "layers", lambda: found)
+    return CliRunner().invoke(command, ["--sandbox"])
+
+
+def test_the_sandbox_is_shown_with_its_layers_and_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = of_sandbox(monkeypatch, "gvisor", "cgroup", "uid")
+    assert result.exit_code == 0
+    assert "seccomp     in force  how seccomp\n" in result.output
+    assert "cgroup      absent    how cgroup\n" in result.output
+    assert "does not protect from:\n  - faults of the kernel" in result.output
+
+
+@pytest.mark.parametrize("layer", NEEDED_LAYERS)
+def test_without_a_layer_that_every_box_needs_there_is_no_sandbox(monkeypatch: pytest.MonkeyPatch, layer: str) -> None:
+    assert of_sandbox(monkeypatch, layer).exit_code == 1

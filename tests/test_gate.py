@@ -28,6 +28,7 @@ def session(folder: Path, body: str, *options: str, strict: bool = False) -> sub
         ("needs ../shared/data", True, 0),
         ("needs Chromium", False, 0),
         ("needs Chromium", True, 1),
+        ("needs root", True, 0),
         ("no time", False, 1),
     ],
 )

@@ -87,9 +87,15 @@ def test_groups_do_not_stand_in_each_other(category: Category) -> None:
             assert not any(one.intersects(other) for other in boxes[i + 1 :]), scenario.id
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "category", [Category.BLOCKED_LANE, Category.CONSTRUCTION, Category.OVERTAKING, Category.CROSSWALK]
+    "category",
+    [
+        pytest.param(Category.CROSSWALK, marks=pytest.mark.slow),
+        *(
+            pytest.param(category, marks=pytest.mark.full)
+            for category in (Category.BLOCKED_LANE, Category.CONSTRUCTION, Category.OVERTAKING)
+        ),
+    ],
 )
 def test_half_of_the_proposals_and_more_are_difficult_and_feasible(category: Category) -> None:
     found = [screen(scenario, load(network_folder(scenario.network))) for scenario in scenarios(category, 4)]

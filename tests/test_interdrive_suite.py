@@ -142,7 +142,7 @@ def test_a_sample_is_always_the_same(suite: Suite) -> None:
     assert validate.sampled(suite, None) == suite.scenarios
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_every_scenario_is_difficult_and_solvable(suite: Suite) -> None:
     found = tuple(validate.examine_suite(suite, suite.scenarios, workers=2))
     assert [(one.scenario, one.problems) for one in found if one.problems] == []

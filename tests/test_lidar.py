@@ -249,7 +249,7 @@ def test_odd_places_agree_with_brute_force(others: list[Box], rings: list[Ring],
     check(Case(OWN, others, rings, AMID | lean))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @given(st.booleans().flatmap(lambda leaning: cases(leaning)))
 @settings(max_examples=400, deadline=None)
 def test_many_more_scenes_agree_with_brute_force(case: Case) -> None:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from mdrive_sumo.agents.child import Program
 from mdrive_sumo.agents.driver import AgentFailure
-from mdrive_sumo.agents.remote import Limits, RemoteDriver
+from mdrive_sumo.agents.remote import Limits, RemoteDriver, opened_line
 from mdrive_sumo.contract import Observation, OwnState
 from mdrive_sumo.state import Failure
 
@@ -35,7 +36,7 @@ class Driver:
         if self.mode == "nan": return Reply(control=Control(float("nan"), 0.0, 0.0))
         if self.mode == "huge": return Reply(plan=Plan(np.zeros((4_500_000, 2)), 0.2))
         if self.mode == "garbage":
-            for fd in range(3, 20):
+            for fd in range(3, 500):
                 try: os.write(fd, b"garbage" * 10)
                 except OSError: pass
             return None
@@ -57,11 +58,11 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def driver(path: Path, mode: str, name: str = "Driver", **limits: float) -> RemoteDriver:
-    return RemoteDriver(f"{path}:{name}", {"mode": mode}, Limits(**limits))
+    return RemoteDriver(opened_line(Program(f"{path}:{name}"), Limits(**limits)), {"mode": mode})
 
 
 def test_a_good_agent_answers(path: Path, tmp_path: Path) -> None:
-    remote = RemoteDriver(f"{path}:Driver", {}, Limits(), tmp_path / "log")
+    remote = RemoteDriver(opened_line(Program(f"{path}:Driver", log=tmp_path / "log"), Limits()), {})
     assert remote.label == "single"
     assert remote.sensors()[0].range_m == 30.0
     for _ in range(3):
@@ -100,7 +101,7 @@ def test_a_plan_crosses_with_its_array(path: Path) -> None:
     ],
 )
 def test_a_bad_agent_fails_with_its_reason(path: Path, mode: str, failure: Failure, text: str) -> None:
-    remote = driver(path, mode, tick_s=20.0 if mode == "huge" else 1.0)
+    remote = driver(path, mode, tick_s=1.0 if failure is Failure.TIMEOUT else 20.0)
     remote.sensors()
     begin = time.monotonic()
     with pytest.raises(AgentFailure) as caught:
@@ -129,7 +130,7 @@ def test_an_episode_has_a_time_limit_too(path: Path) -> None:
     ],
 )
 def test_an_agent_that_cannot_be_made(path: Path, locator: str, failure: Failure, text: str) -> None:
-    remote = RemoteDriver(locator.format(path=path), {}, Limits())
+    remote = RemoteDriver(opened_line(Program(locator.format(path=path)), Limits()), {})
     with pytest.raises(AgentFailure) as caught:
         remote.sensors()
     assert (caught.value.failure, caught.value.text[: len(text)]) == (failure, text)

@@ -271,7 +271,7 @@ def suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     made = fake_suite(monkeypatch, tmp_path, "answer", "answer")
     import study_fakes
 
-    monkeypatch.setattr("mdrive_sumo.suite.run.Pool", study_fakes.Inline)
+    monkeypatch.setattr("mdrive_sumo.suite.run.engine", study_fakes.Inline)
     monkeypatch.setattr("mdrive_sumo.suite.run.run_job", study_fakes.drive)
     return made
 

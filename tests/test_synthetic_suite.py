@@ -131,7 +131,7 @@ def converted(folder: Path) -> tuple[Path, Outcome]:
     return folder / "suite", done
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_same_seed_makes_the_same_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with capfd.disabled():
         (first, done), (again, _) = converted(tmp_path / "a"), converted(tmp_path / "b")

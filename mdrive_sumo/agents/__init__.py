@@ -1,37 +1,21 @@
-"""The built-in agents by name; a description of each is the first line of its class."""
+"""Agents: the built-in ones by name, and what runs everybody else's in a process of its own.
 
-from collections.abc import Mapping
-from types import MappingProxyType
+`AGENTS` is imported when it is asked for: the process of a third-party agent imports `agents.host` and little else.
+"""
+
+from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.agents.base import AgentFactory, Config
-from mdrive_sumo.agents.colmdriver import ColmdriverAgent
-from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
-from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
-from mdrive_sumo.agents.idm import IdmAgent
-from mdrive_sumo.agents.omniscient import OmniscientAgent
-from mdrive_sumo.agents.perception_swap import AttFuseAgent, CoBevtAgent, DiscoNetAgent, FCooperAgent
-from mdrive_sumo.agents.sharing import SharingAgent
-from mdrive_sumo.agents.sharing_negotiation import SharingNegotiationAgent
-from mdrive_sumo.agents.single import SingleAgent
-from mdrive_sumo.agents.stationary import StationaryAgent
+
+if TYPE_CHECKING:
+    from mdrive_sumo.agents.builtin import AGENTS
 
 __all__ = ["AGENTS", "AgentFactory", "Config"]
 
-AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
-    {
-        "stationary": StationaryAgent,
-        "constant-speed": ConstantSpeedAgent,
-        "idm": IdmAgent,
-        "single": SingleAgent,
-        "sharing": SharingAgent,
-        "colmdriver-rule": ColmdriverRuleAgent,
-        "colmdriver": ColmdriverAgent,
-        "sharing+negotiation": SharingNegotiationAgent,
-        "perception-swap:attfuse": AttFuseAgent,
-        "perception-swap:disconet": DiscoNetAgent,
-        "perception-swap:fcooper": FCooperAgent,
-        "perception-swap:cobevt": CoBevtAgent,
-        "omniscient": OmniscientAgent,
-    }
-)
-"""What `--agent NAME` may name."""
+
+def __getattr__(name: str) -> Any:
+    if name != "AGENTS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from mdrive_sumo.agents.builtin import AGENTS
+
+    return AGENTS

@@ -101,5 +101,10 @@ def checked(reply: object) -> Reply:
 
 def described(error: BaseException) -> str:
     """An exception as one short line."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return text if len(text) <= 200 else text[:197] + "..."
+    return shortened(f"{type(error).__name__}: {error}")
+
+
+def shortened(text: str, most: int = 200) -> str:
+    """A text as one short printable line: it may be a participant's, and goes into logs, terminals and pages."""
+    line = "".join(c if c.isprintable() else "?" for c in " ".join(text[: 4 * most].split()))
+    return line if len(line) <= most else line[: most - 3] + "..."

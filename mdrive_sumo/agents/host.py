@@ -1,82 +1,105 @@
-"""The child process in which one third-party agent lives: `python -m mdrive_sumo.agents.host LOCATOR`.
+"""The process in which a third-party agent lives: `python -m mdrive_sumo.agents.host STYLE LOCATOR FD FRAMES`.
 
-It reads framed requests from its standard input and writes framed answers to what was its standard output; whatever
-the agent prints goes to standard error. Frames are a 4-byte little-endian length and the bytes of `wire`.
+It answers framed requests on the socket FD, one answer a request, each stamped with the tick of its request; large
+arrays of a request lie in the folder FRAMES. What the agent prints is its own affair. Nothing heavier than numpy and
+msgpack is imported: this also runs in boxes that have nothing else.
 """
 
 import ctypes
 import os
 import signal
-import struct
+import socket
 import sys
 from collections.abc import Callable, Mapping
 from io import TextIOWrapper
-from typing import Any, BinaryIO, cast
+from pathlib import Path
+from typing import Any, cast
 
 from mdrive_sumo.agents import wire
+from mdrive_sumo.agents.frames import FrameReader
 from mdrive_sumo.agents.lookup import agent_class
 from mdrive_sumo.contract import Agent
 
 PR_SET_PDEATHSIG = 1
-LENGTH = struct.Struct("<I")
-
-
-def framed(message: object) -> bytes:
-    """A message as it travels."""
-    data = wire.packed(message)
-    return LENGTH.pack(len(data)) + data
-
-
-def read_frame(stream: BinaryIO) -> Any:
-    """The next message; raises EOFError at the end of the stream."""
-    head = stream.read(LENGTH.size)
-    if len(head) < LENGTH.size:
-        raise EOFError
-    return wire.unpacked(stream.read(LENGTH.unpack(head)[0]))
+Handler = Callable[[str, Any], Any]
 
 
 def main() -> None:
-    """Serves one agent until the stream ends. Any exception of the agent is an answer, not a traceback."""
+    """Serves one agent until the line is closed. Any exception of the agent is an answer, not a traceback."""
+    style, locator, fd, frames = sys.argv[1:]
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # never outlive a killed worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
     cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # what the agent prints survives its end
-    requests = sys.stdin.buffer
-    handle = _handler(sys.argv[1])
-    while True:
-        try:
-            request = read_frame(requests)
-        except EOFError:
+    os.set_inheritable(int(fd), False)
+    line, reader = socket.socket(fileno=int(fd)), FrameReader(Path(frames))
+    handle = _own_style(locator) if style == "agent" else _carla_style(locator)
+    sys.argv = sys.argv[:1]
+    while (size := _read(line, wire.LENGTH.size)) is not None:
+        data = _read(line, wire.LENGTH.unpack(size)[0])
+        if data is None:
             return
-        answers.write(framed(_answered(handle, request)))
-        answers.flush()
+        request = wire.unpacked(data, reader.load)
+        line.sendall(_answered(handle, request))
 
 
-def _answered(handle: Callable[[str, Any], Any], request: Mapping[str, Any]) -> dict[str, Any]:
+def _read(line: socket.socket, size: int) -> bytearray | None:
+    """So many bytes; None at the end of the stream."""
+    data = bytearray(size)
+    view = memoryview(data)
+    while view:
+        count = line.recv_into(view)
+        if not count:
+            return None
+        view = view[count:]
+    return data
+
+
+def _answered(handle: Handler, request: Mapping[str, Any]) -> bytes:
+    tick = request["tick"]
     try:
         answer = handle(request["call"], request["value"])
     except BaseException as error:  # noqa: BLE001 (the border to a participant's code; SystemExit included)
         import traceback
 
         traceback.print_exc()
-        return {"crashed": f"{type(error).__name__}: {error}"}
+        return wire.framed({"tick": tick, "crashed": f"{type(error).__name__}: {error}"[:1000]})
     try:
-        wire.packed(answer)
-    except TypeError as error:
-        return {"invalid": str(error)}
-    return {"value": answer}
+        return wire.framed({"tick": tick, "value": answer})
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        return wire.framed({"tick": tick, "invalid": str(error)[:1000]})
 
 
-def _handler(locator: str) -> Callable[[str, Any], Any]:
+def _own_style(locator: str) -> Handler:
+    """An `Agent` for one CAV."""
     agent: list[Agent] = []
 
     def handle(call: str, value: Any) -> Any:
         if call == "create":
             agent.append(agent_class(locator)(value))
             return {"label": str(getattr(agent[0], "label", "single")), "sensors": tuple(agent[0].sensors())}
-        return {"start": agent[0].start, "act": agent[0].act}[call](value)
+        if call == "start":
+            agent[0].start(value)
+            return None
+        return agent[0].act(value)
+
+    return handle
+
+
+def _carla_style(path: str) -> Handler:
+    """An agent of the CARLA leaderboard for all CAVs."""
+    from mdrive_sumo.agents.carla_style import CarlaStyle
+
+    agent: list[CarlaStyle] = []
+
+    def handle(call: str, value: Any) -> Any:
+        if call == "create":
+            agent.append(CarlaStyle(path, value["config"], value["cavs"]))
+            return {"label": "joint", "sensors": agent[0].sensors()}
+        if call == "start":
+            agent[0].start(value["briefings"], value["gps"])
+            return None
+        return agent[0].act(value)
 
     return handle
 

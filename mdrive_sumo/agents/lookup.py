@@ -1,4 +1,4 @@
-"""What a user may write after --agent: a built-in name, module:Class, or path.py:Class."""
+"""What a user may write after --agent: a built-in name, module:Class, path.py:Class, or carla:path.py."""
 
 import importlib
 import importlib.util
@@ -11,6 +11,15 @@ from mdrive_sumo.contract import Agent
 from mdrive_sumo.errors import InputError
 
 Config = Mapping[str, Any]
+CARLA_PREFIX = "carla:"
+"""Before the file of an agent of the CARLA leaderboard, which drives all CAVs of a scenario together."""
+
+
+def carla_file(locator: str) -> Path | None:
+    """The file of an agent of the CARLA leaderboard; None for other agents."""
+    if not locator.startswith(CARLA_PREFIX) or not locator.endswith(".py"):
+        return None
+    return Path(locator.removeprefix(CARLA_PREFIX))
 
 
 def split_locator(locator: str) -> tuple[str, str]:
@@ -18,7 +27,8 @@ def split_locator(locator: str) -> tuple[str, str]:
     place, colon, name = locator.rpartition(":")
     if not colon or not place or not name.isidentifier():
         raise InputError(
-            f"agent {locator!r}: expected a built-in name, module:Class or path.py:Class, found none of them"
+            f"agent {locator!r}: expected a built-in name, module:Class, path.py:Class or carla:path.py, "
+            "found none of them"
         )
     return place, name
 
@@ -26,7 +36,7 @@ def split_locator(locator: str) -> tuple[str, str]:
 def agent_class(locator: str) -> Callable[[Config], Agent]:
     """Imports the class that `module:Class` or `path.py:Class` names; raises InputError. Runs the user's code."""
     place, name = split_locator(locator)
-    module = _from_file(Path(place)) if place.endswith(".py") else _from_name(place)
+    module = module_from_file(Path(place)) if place.endswith(".py") else _from_name(place)
     found: Any = getattr(module, name, None)
     if not callable(found):
         raise InputError(f"agent {locator!r}: expected a class {name} in {place}, found none")
@@ -40,7 +50,8 @@ def _from_name(name: str) -> Any:
         raise InputError(f"agent module {name!r}: expected an importable module, found none ({error})") from None
 
 
-def _from_file(path: Path) -> Any:
+def module_from_file(path: Path) -> Any:
+    """Runs a Python file as a module of its name, with its folder to import from; raises InputError."""
     if not path.is_file():
         raise InputError(f"agent file {path}: expected a Python file, found none")
     spec = importlib.util.spec_from_file_location(path.stem, path)

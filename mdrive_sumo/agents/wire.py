@@ -1,16 +1,33 @@
-"""The contract as bytes: msgpack, dataclasses by name, arrays as (dtype, shape, bytes). Never a pickle."""
+"""The contract as bytes: msgpack, dataclasses by name, arrays as (dtype, shape, bytes). Never a pickle.
 
-from collections.abc import Mapping
+`unpacked` is for what comes from the trusted side; what comes from an agent is read by `replies`, which believes
+nothing.
+"""
+
+import struct
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import lru_cache
 from typing import Any, cast
 
 import msgpack
 import numpy as np
+import numpy.typing as npt
 
 from mdrive_sumo import contract
 
 MAX_BYTES = 64 * 2**20
-"""Longest frame that is read [bytes]."""
+"""Longest frame that the agent's side reads [bytes]."""
+LARGE_BYTES = 4096
+"""Longer arrays go into the frame file, if there is one."""
+LENGTH = struct.Struct("<I")
+"""What stands before every frame: how many bytes follow."""
+CREATE_TICK, START_TICK = -2, -1
+"""The ticks that requests before the first observation are stamped with."""
+DTYPES = ("<f8", "<f4", "|u1", "<i8", "<i4")
+"""What an array may hold."""
+
+Array = npt.NDArray[Any]
 _CLASSES = {
     cls.__name__: cls
     for cls in (
@@ -20,58 +37,93 @@ _CLASSES = {
         contract.TrafficLight, contract.VehicleFacts,
     )
 }  # fmt: skip
-_DTYPES = ("<f8", "<f4", "|u1", "<i8", "<i4")
 
 
 class WireError(ValueError):
     """Bytes that are no message of ours."""
 
 
+def framed(fields: Mapping[str, object], store: Callable[[Array], int] | None = None) -> bytes:
+    """A request or an answer as it travels: its length [4 bytes, little-endian], and a map of its fields' `plain`s."""
+    data = cast(bytes, msgpack.packb({name: plain(field, store) for name, field in fields.items()}, use_bin_type=True))
+    return LENGTH.pack(len(data)) + data
+
+
 def packed(message: object) -> bytes:
-    """Any value of the contract (dataclasses, mappings, tuples, arrays, scalars) as bytes; TypeError for others."""
-    return cast(bytes, msgpack.packb(_plain(message), use_bin_type=True))
+    """Any value of the contract as bytes; TypeError for others."""
+    return cast(bytes, msgpack.packb(plain(message), use_bin_type=True))
 
 
-def unpacked(data: bytes) -> Any:
-    """The inverse of `packed`; tuples come back as tuples. Raises WireError."""
+def unpacked(data: bytes | bytearray, load: Callable[[Array, int], None] | None = None) -> Any:
+    """The inverse of `packed`; tuples come back as tuples. Raises WireError.
+
+    load: fills an array with what was stored at an offset.
+    """
     try:
-        return _value(msgpack.unpackb(data, raw=False, use_list=False))
-    except (ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
+        return _value(msgpack.unpackb(data, raw=False, use_list=False), load)
+    except (ValueError, TypeError, KeyError, OSError, msgpack.UnpackException) as error:
         raise WireError(f"not a message of {contract.CONTRACT}: {error}") from None
 
 
-def _plain(value: object) -> Any:
+def plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
+    """What msgpack can carry of a value of the contract (dataclasses, mappings, tuples, arrays, scalars).
+
+    store: takes a large array somewhere else and says at which offset; None keeps all arrays in the message.
+    Raises TypeError for any other value.
+    """
+    if value is None or isinstance(value, bool | int | float | str | bytes):
+        return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, list | tuple):
+        return [plain(item, store) for item in value]
     if isinstance(value, np.ndarray):
-        array = np.ascontiguousarray(value)
-        return {"": "array", "dtype": array.dtype.str, "shape": array.shape, "data": array.tobytes()}
+        return _plain_array(value, store)
+    if isinstance(value, Mapping):
+        return {"": "map", "items": [(key, plain(item, store)) for key, item in value.items()]}
+    if is_dataclass(value) and not isinstance(value, type):
+        content = {name: plain(getattr(value, name), store) for name in _field_names(type(value))}
+        return {"": type(value).__name__, **content}
     if isinstance(value, np.generic):
         return value.item()
-    if is_dataclass(value) and not isinstance(value, type):
-        content = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-        return {"": type(value).__name__, **content}
-    if isinstance(value, Mapping):
-        return {"": "map", "items": [(key, _plain(item)) for key, item in value.items()]}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if value is None or isinstance(value, bool | int | float | str | bytes):
-        return value
     raise TypeError(f"expected a value of the contract, found {type(value).__name__}")
 
 
-def _value(plain: Any) -> Any:
-    if isinstance(plain, tuple):
-        return tuple(_value(item) for item in plain)
-    if not isinstance(plain, dict):
-        return plain
-    kind = plain.pop("")
+@lru_cache(maxsize=64)
+def _field_names(cls: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(cls))
+
+
+def _plain_array(value: Array, store: Callable[[Array], int] | None) -> Any:
+    if value.ndim == 0:
+        return value.item()
+    array = np.ascontiguousarray(value)
+    about = {"": "array", "dtype": array.dtype.str, "shape": array.shape}
+    if store is not None and array.nbytes > LARGE_BYTES:
+        return about | {"offset": store(array)}
+    return about | {"data": array.tobytes()}
+
+
+def _value(found: Any, load: Callable[[Array, int], None] | None) -> Any:
+    if isinstance(found, tuple):
+        return tuple(_value(item, load) for item in found)
+    if not isinstance(found, dict):
+        return found
+    kind = found.pop("", None)
+    if kind is None:
+        return {key: _value(item, load) for key, item in found.items()}
     if kind == "array":
-        return _array(plain["dtype"], plain["shape"], plain["data"])
+        return _array(found, load)
     if kind == "map":
-        return {key: _value(item) for key, item in plain["items"]}
-    return _CLASSES[kind](**{name: _value(item) for name, item in plain.items()})
+        return {key: _value(item, load) for key, item in found["items"]}
+    return _CLASSES[kind](**{name: _value(item, load) for name, item in found.items()})
 
 
-def _array(dtype: str, shape: tuple[int, ...], data: bytes) -> Any:
-    if dtype not in _DTYPES:
-        raise WireError(f"expected an array of one of {_DTYPES}, found {dtype!r}")
-    return np.frombuffer(data, dtype=np.dtype(dtype)).reshape(shape).copy()
+def _array(found: dict[str, Any], load: Callable[[Array, int], None] | None) -> Array:
+    if found["dtype"] not in DTYPES:
+        raise WireError(f"expected an array of one of {DTYPES}, found {found['dtype']!r}")
+    if "data" in found:
+        return np.frombuffer(found["data"], dtype=np.dtype(found["dtype"])).reshape(found["shape"]).copy()
+    if load is None:
+        raise WireError("expected no array outside the message, found one")
+    array = np.empty(found["shape"], dtype=np.dtype(found["dtype"]))
+    load(array, found["offset"])
+    return array

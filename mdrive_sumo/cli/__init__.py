@@ -52,7 +52,7 @@ class CommandLine(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """One line a command, without importing any."""
         own = [(name, text) for name, (_, text) in COMMANDS.items()]
-        others = [(name, _package_line(plug_in)) for name, plug_in in sorted(_plug_ins().items())]
+        others = [(name, _line(plug_in)) for name, plug_in in sorted(_plug_ins().items())]
         with formatter.section("Commands"):
             formatter.write_dl([*own, *others])
 
@@ -70,10 +70,11 @@ def _plug_ins() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=PLUG_IN_GROUP)}
 
 
-def _package_line(plug_in: EntryPoint) -> str:
-    """What the package that brings a command says of itself: the first line of its docstring."""
+def _line(plug_in: EntryPoint) -> str:
+    """What the package that brings a command says of it in its `COMMANDS`, else of itself in its docstring."""
     package = import_module(plug_in.module.partition(".")[0])
-    return (package.__doc__ or "").strip().partition("\n")[0]
+    said: Mapping[str, str] = getattr(package, "COMMANDS", {})
+    return said.get(plug_in.name) or (package.__doc__ or "").strip().partition("\n")[0]
 
 
 @click.command(cls=CommandLine, context_settings={"help_option_names": ["-h", "--help"]})

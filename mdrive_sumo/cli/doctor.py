@@ -2,16 +2,27 @@
 
 import click
 
-from mdrive_sumo.doctor import doctor_table, examine
+from mdrive_sumo.doctor import doctor_table, examine, sandbox_table
+from mdrive_sumo.sandbox import layers
+
+NEEDED_LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "rlimits")
+"""Without these there is no sandbox; the others depend on who starts it and on the machine."""
 
 
 @click.command("doctor")
-def command() -> None:
+@click.option("--sandbox", is_flag=True, help="Look at the sandbox for other people's agents instead.")
+def command(sandbox: bool) -> None:
     """What is installed, in which version, and what is missing for which command.
 
-    Exits 1 if something is missing that the core commands need.
+    Exits 1 if something is missing that the core commands need, with --sandbox if no sandbox can be had.
     """
-    checks = examine()
-    click.echo(doctor_table(checks))
-    if any(check.required and not check.ok for check in checks):
+    if sandbox:
+        found = layers()
+        click.echo(sandbox_table(found))
+        complete = all(layer.active for layer in found if layer.name in NEEDED_LAYERS)
+    else:
+        checks = examine()
+        click.echo(doctor_table(checks))
+        complete = all(check.ok for check in checks if check.required)
+    if not complete:
         raise click.exceptions.Exit(1)

@@ -9,6 +9,7 @@ from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.errors import InputError
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.tables import Captured, summary_table
 from mdrive_sumo.scenario.weather import Friction
@@ -21,6 +22,7 @@ from mdrive_sumo.suite.settings import Settings, load_agent_config
 
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
+EXECUTORS = ("local", "dask")
 ACTOR_MODES = tuple(mode.value for mode in ActorMode)
 FRICTIONS = tuple(friction.value for friction in Friction)
 
@@ -42,7 +44,7 @@ def friction_of(_: click.Context, __: click.Parameter, value: str) -> Friction:
     "--agent",
     default="idm",
     show_default=True,
-    metavar="NAME|module:Class|path.py:Class",
+    metavar="NAME|module:Class|path.py:Class|carla:path.py",
     help="Who drives: one instance of it in every CAV.",
 )
 @click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object.")
@@ -71,6 +73,14 @@ def friction_of(_: click.Context, __: click.Parameter, value: str) -> Friction:
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
 @workers_option
+@click.option(
+    "--executor",
+    type=click.Choice(EXECUTORS),
+    default=EXECUTORS[0],
+    show_default=True,
+    help="Who works: processes here, or the workers of a Dask cluster.",
+)
+@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Of the Dask cluster.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
 @click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
@@ -96,6 +106,8 @@ def command(
     config = load_agent_config(agent_config) if agent_config else {}
     if transcript is not None:
         config["transcript"] = str(transcript.resolve())
+    if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
+        raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
     comm, clock = channel_of(options)
     settings = Settings(
         **options,  # pyright: ignore[reportArgumentType] - click has made them what the fields say

@@ -4,16 +4,15 @@ import webbrowser
 from pathlib import Path
 
 import click
-import numpy as np
 
 from mdrive_sumo.cli.choice import the_one
-from mdrive_sumo.episode import Ending, Episode, load_episode
+from mdrive_sumo.episode import load_episode
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.report.viewer import Mark, viewer_html
+from mdrive_sumo.report.viewer import viewer_html
+from mdrive_sumo.report.viewer_marks import marks_of
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.score import EgoResult, Infraction, Results, ScenarioResult
-from mdrive_sumo.state import End
+from mdrive_sumo.score import Results, ScenarioResult
 from mdrive_sumo.suite.preparation import Prepared, recording
 from mdrive_sumo.suite.run import writing
 from mdrive_sumo.suite.stored import open_run
@@ -56,19 +55,4 @@ def _page(run: Prepared, scenario: Scenario, result: ScenarioResult) -> str:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording(run.folder, scenario.id))
     roads = load(network_folder(scenario.network, run.suite.home(scenario.id)))
-    infractions = [_infraction_mark(ego, event) for ego in result.egos for event in ego.infractions]
-    arrivals = [_arrival_mark(episode, ending) for ending in episode.endings if ending.end is End.ARRIVED]
-    return viewer_html(episode, scenario, roads, sorted((*infractions, *arrivals), key=lambda mark: mark.tick))
-
-
-def _infraction_mark(ego: EgoResult, event: Infraction) -> Mark:
-    cost = f", x {event.factor:.2f}" if event.factor < 1.0 else ""
-    whom = f" with {event.other}" if event.other else ""
-    return Mark(event.tick, ego.id, event.kind, f"{event.kind}{whom}{cost}", event.x, event.y)
-
-
-def _arrival_mark(episode: Episode, ending: Ending) -> Mark:
-    column = episode.ego_ids.index(ending.ego)
-    last = int(np.flatnonzero(episode.valid[:, column])[-1])
-    x, y = float(episode.x[last, column]), float(episode.y[last, column])
-    return Mark(last, ending.ego, str(ending.end), "arrived", x, y)
+    return viewer_html(episode, scenario, roads, marks_of(episode, result))

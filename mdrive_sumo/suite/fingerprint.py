@@ -8,7 +8,7 @@ from pathlib import Path
 from platform import python_version
 
 from mdrive_sumo.agents import AGENTS
-from mdrive_sumo.agents.lookup import split_locator
+from mdrive_sumo.agents.lookup import CARLA_PREFIX, carla_file, split_locator
 from mdrive_sumo.roads import network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, packaged_suites
@@ -47,6 +47,8 @@ def located(agent: str) -> str:
     """The agent as any process will find it: the path of a file is made absolute."""
     if agent in AGENTS:
         return agent
+    if (file := carla_file(agent)) is not None:
+        return f"{CARLA_PREFIX}{file.resolve()}"
     place, name = split_locator(agent)
     return f"{Path(place).resolve()}:{name}" if place.endswith(".py") else agent
 
@@ -68,6 +70,8 @@ def _agent_checksum(agent: str) -> str:
     """Of the file in which a third-party agent's class is; "" for a built-in one, whose code is `code`."""
     if agent in AGENTS:
         return ""
+    if (file := carla_file(agent)) is not None:
+        return _checksum({str(file): file} if file.is_file() else {})
     place, _ = split_locator(agent)
     if not place.endswith(".py"):
         spec = importlib.util.find_spec(place)

@@ -1,18 +1,14 @@
 """One episode as a job for a worker process: everything is named, nothing is shared. The composition root of a run."""
 
 import json
-from collections.abc import Generator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.actors import ActorMode
-from mdrive_sumo.agents import AGENTS
-from mdrive_sumo.agents.driver import Driver, LocalDriver
-from mdrive_sumo.agents.lookup import split_locator
-from mdrive_sumo.agents.remote import Limits, RemoteDriver
+from mdrive_sumo.agents.remote import Limits
 from mdrive_sumo.clock import clock_of
 from mdrive_sumo.episode import Ending, Episode, Thinking, load_episode, save_episode
 from mdrive_sumo.errors import InputError
@@ -23,6 +19,7 @@ from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.suite.drivers import Hiring, RejectedError, hired
 from mdrive_sumo.suite.transcript import save_transcript
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.settings import comm_from
@@ -56,10 +53,15 @@ class Job:
     """Agent failures of the recorded run, for re-execution."""
     thought: tuple[Thinking, ...] = ()
     """How long agents thought in the recorded run, for re-execution."""
+    box: str = ""
+    """Where third-party agents live, as `drivers.box_text` writes it; "" is a plain child process."""
 
 
 def run_job(job: Job) -> ScenarioResult:
-    """Drives, scores and (if asked to) records one scenario. Raises WorldError, InputError or OSError."""
+    """Drives, scores and (if asked to) records one scenario.
+
+    Raises WorldError, InputError or OSError; RejectedError for an agent in a box that asks for what it cannot have.
+    """
     scenario, roads = prepared(job)
     episode = _driven(job, scenario, roads)
     if job.recording:
@@ -94,26 +96,6 @@ def _suite(folder: str) -> Suite:
     return load_suite(folder)
 
 
-def open_driver(agent: str, config: Mapping[str, Any], limits: Limits, log: Path | None = None) -> Driver:
-    """An agent for one CAV: a built-in one in this process, any other in a child of its own. Raises InputError."""
-    if agent in AGENTS:
-        return LocalDriver(AGENTS[agent](config))
-    split_locator(agent)
-    return RemoteDriver(agent, config, limits, log)
-
-
-@contextmanager
-def _drivers(job: Job, scenario: Scenario) -> Generator[dict[str, Driver]]:
-    folder = Path(job.log_folder) if job.log_folder else None
-    with ExitStack() as stack:
-        drivers: dict[str, Driver] = {}
-        for ego in scenario.egos:
-            log = folder / f"{scenario.id}.{ego.id}.log" if folder else None
-            drivers[ego.id] = open_driver(job.agent, job.agent_config, job.limits, log)
-            stack.callback(drivers[ego.id].close)
-        yield drivers
-
-
 def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
     about = {
         "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors,
@@ -134,5 +116,12 @@ def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     sumo_seed, grip = derived_seed(job.seed, scenario.id, "sumo"), friction.grip(scenario.weather)
-    with _drivers(job, scenario) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed, grip) as world:
-        return run_episode(setting, world, drivers)
+    logs = str(Path(job.log_folder) / scenario.id) if job.log_folder else ""
+    hiring = Hiring(job.agent, job.agent_config, job.limits, job.box, logs)
+    with hired(hiring, list(sizes)) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed, grip) as world:
+        try:
+            return run_episode(setting, world, drivers)
+        except InputError as error:  # the scenario has been checked before: it is about what an agent declared
+            if job.box:
+                raise RejectedError(str(error)) from None
+            raise

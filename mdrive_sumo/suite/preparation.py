@@ -12,8 +12,9 @@ from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.spec import Scenario
 from mdrive_sumo.score import RunInfo
 from mdrive_sumo.soundness import check_scenario
+from mdrive_sumo.suite.drivers import Hiring, declaration
 from mdrive_sumo.suite.fingerprint import fingerprint, located, versions
-from mdrive_sumo.suite.job import Job, open_driver
+from mdrive_sumo.suite.job import Job
 from mdrive_sumo.suite.journal import Fingerprint
 from mdrive_sumo.suite.settings import Settings, config_hash, default_folder
 from mdrive_sumo.v2x.settings import comm_text, described
@@ -21,7 +22,8 @@ from mdrive_sumo.v2x.settings import comm_text, described
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
 TRANSCRIPTS_FOLDER = "transcripts"
-LIMITS = Limits()
+LIMITS = Limits(reply_bytes=2**20, episode_bytes=2**30)
+"""A user's own agent may use up what the contract allows: notes alone may have 200 000 characters."""
 SIMULATION_LIMIT_S = 600.0
 """Wall clock for all but the agents in one episode; only a simulator that hangs takes longer."""
 
@@ -109,12 +111,9 @@ def _labels(settings: Settings) -> tuple[str, ...]:
     ours = any(name.startswith(f"{family}:") for name in AGENTS)  # perception-swap:WHAT is no module
     if agent not in AGENTS and (":" not in agent or ours):
         raise InputError(f"agent {agent!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
-    driver = open_driver(located(agent), settings.agent_config, LIMITS)
     try:
-        privileged = any(sensor.kind == "privileged" for sensor in driver.sensors())
-        own = driver.label
+        found = declaration(Hiring(located(agent), settings.agent_config, LIMITS))
     except AgentFailure as error:
         raise InputError(f"agent {agent!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
-    finally:
-        driver.close()
+    own, privileged = found.label, any(sensor.kind == "privileged" for sensor in found.sensors)
     return (own, "privileged") if privileged and own != "privileged" else (own,)

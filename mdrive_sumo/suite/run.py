@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -10,9 +11,12 @@ from pydantic import ValidationError
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.spec import Scenario, first_problem
 from mdrive_sumo.score import Results, ScenarioResult, save_results, summarise, void_result
-from mdrive_sumo.suite.job import Job, run_job
+from mdrive_sumo.suite.carrying import Carried, carrying, kept
+from mdrive_sumo.suite.engine import engine
+from mdrive_sumo.suite.executor import outcomes
+from mdrive_sumo.suite.job import run_job
 from mdrive_sumo.suite.journal import JOURNAL_FILE, Journal, open_journal
-from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure, cannot_write
+from mdrive_sumo.suite.pool import FailureKind, WorkerFailure, cannot_write
 from mdrive_sumo.suite.preparation import TRANSCRIPTS_FOLDER, Prepared, recording
 from mdrive_sumo.suite.transcript import TRANSCRIPT_FILE, gathered
 
@@ -99,12 +103,14 @@ def _driven(
     """A result for every scenario as they finish. Long ones start first: no worker idles at the end."""
     jobs = [run.job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
     workers = min(run.settings.workers, len(jobs))
-    with Pool[Job, ScenarioResult](run_job, workers, run.limit_s()) as pool:
+    scheduler = run.settings.scheduler
+    function = partial(carrying, run_job) if scheduler else run_job  # machines of a cluster need not share our disk
+    with engine(function, workers, run.limit_s(), scheduler) as executor:
         for tries_left in reversed(range(TRIES)):
-            failed: list[Job] = []
-            for job, outcome in pool.run(jobs):
+            failed = jobs[:0]
+            for job, outcome in outcomes(executor, jobs):
                 if not isinstance(outcome, WorkerFailure):
-                    yield outcome
+                    yield kept(job, outcome) if isinstance(outcome, Carried) else outcome
                     continue
                 if outcome.kind is FailureKind.INPUT:
                     raise InputError(outcome.reason)

@@ -38,6 +38,8 @@ class Settings:
     """How slippery roads are."""
     record: bool = True
     workers: int = 1
+    scheduler: str = ""
+    """Address of a Dask scheduler, whose workers then drive; "": worker processes of our own."""
     out: Path | None = None
     """The run folder; None: `default_folder`."""
     fresh: bool = False

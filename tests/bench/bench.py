@@ -33,7 +33,7 @@ from mdrive_sumo.scenario.part import Pose
 from mdrive_sumo.scenario.spec import Ego, Scenario
 from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
 from mdrive_sumo.state import TICKS_PER_SECOND
-from mdrive_sumo.suite.job import open_driver
+from mdrive_sumo.suite.drivers import Hiring, opened
 from mdrive_sumo.sumo import SumoWorld
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -181,7 +181,7 @@ def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
     ticks = [tick for _ in range(ROUNDS) for tick in evaluator_ticks(scenario, roads, "constant-speed")]
     yield "tick, 4 CAVs, no background", statistics.mean(ticks) * 1e3, "ms", "<= 1.0"
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    drivers = {ego.id: open_driver("constant-speed", {}, Limits()) for ego in scenario.egos}
+    drivers = opened(Hiring("constant-speed", {}, Limits()), [ego.id for ego in scenario.egos])
     with SumoWorld(scenario, roads, sizes, 1) as world:
         episode = run_episode(Setting(scenario, roads, 0), world, drivers)
     save_episode(episode, folder / "e.npz")

@@ -139,6 +139,7 @@ class Viewer {
   }
 
   resize() {
+    if (!innerWidth || !innerHeight) return; // a frame that is hidden
     const ratio = devicePixelRatio;
     [$("map").width, $("map").height] = [Math.round(innerWidth * ratio), Math.round(innerHeight * ratio)];
     this.timeline.draw(this.theme, this.selected); // first: its height decides how much is left for the stage
@@ -257,7 +258,10 @@ function showTrouble(text) {
 }
 
 async function start() {
-  const viewer = new Viewer(await readReplay($("data").textContent.trim()));
+  const replay = await readReplay($("data").textContent.trim());
+  // In a frame of a page that is not laid out yet the window has no size, and nothing can be drawn.
+  while (!innerWidth || !innerHeight) await new Promise((wake) => addEventListener("resize", wake, { once: true }));
+  const viewer = new Viewer(replay);
   listenToButtons(viewer);
   listenToKeys(viewer);
   listenToPointer(viewer);

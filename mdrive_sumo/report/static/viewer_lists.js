@@ -47,6 +47,7 @@ class Lists {
       const button = element("button", "message");
       button.append(...parts);
       const item = element("li", "");
+      item.hidden = true; // until it has something to say
       item.append(button);
       list.append(item);
       const row = { item, button, parts };

@@ -52,7 +52,8 @@ class View {
   fit([x0, y0, x1, y1], width, height) {
     this.x = (x0 + x1) / 2;
     this.y = (y0 + y1) / 2;
-    this.scale = Math.min(30, width / Math.max(x1 - x0, 30), height / Math.max(y1 - y0, 30));
+    const wanted = Math.min(30, width / Math.max(x1 - x0, 30), height / Math.max(y1 - y0, 30));
+    this.scale = Math.max(MIN_SCALE, wanted); // a stage smaller than its margins has less than no room
   }
 }
 

@@ -1,0 +1,56 @@
+"""Both ends of what connects a box with its evaluator."""
+
+import os
+import socket
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+
+SOCKET_BUFFER = 4 << 20
+"""Bytes; with the default a large observation waits for its reader several times."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """Descriptors made for one launch: ours stay open if it succeeds, theirs are closed in any case."""
+
+    own: socket.socket
+    log: int
+    status: int
+    """Reading ends, non-blocking."""
+    agent: socket.socket
+    log_writing: int
+    status_writing: int
+    nothing: int
+    """Standard input."""
+    theirs: ExitStack
+    """Closes the box's ends here, once the box has them."""
+    undo: ExitStack = field(default_factory=ExitStack)
+    """Closes ours, if the launch fails."""
+
+    @staticmethod
+    def make() -> "Ends":
+        """A socketpair and two pipes."""
+        own, agent = socket.socketpair()
+        for end in (own, agent):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER)
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER)
+        log, log_writing = os.pipe()
+        status, status_writing = os.pipe()
+        nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+        ends = Ends(own, log, status, agent, log_writing, status_writing, nothing, ExitStack())
+        for fd in (log, status):
+            os.set_blocking(fd, False)
+            ends.undo.callback(os.close, fd)
+        for fd in (log_writing, status_writing, nothing):
+            ends.theirs.callback(os.close, fd)
+        ends.undo.enter_context(own)
+        ends.theirs.enter_context(agent)
+        return ends
+
+    def in_memory(self, data: bytes) -> int:
+        """Descriptor, closed with theirs, of a file without a name that stands at its beginning."""
+        fd = os.memfd_create("mdrive-sumo", os.MFD_CLOEXEC)
+        self.theirs.callback(os.close, fd)
+        os.write(fd, data)
+        os.lseek(fd, 0, os.SEEK_SET)
+        return fd

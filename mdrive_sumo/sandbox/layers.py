@@ -1,0 +1,129 @@
+"""What a box has around it on this machine, as seen from inside one."""
+
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.errors import InputError, WorldError
+from mdrive_sumo.sandbox import cgroups
+from mdrive_sumo.sandbox.limits import BoxLimits
+from mdrive_sumo.sandbox.opening import opened
+from mdrive_sumo.sandbox.slots import FIRST_UID
+from mdrive_sumo.sandbox.spec import BoxSpec
+
+NAMESPACES = ("cgroup", "ipc", "mnt", "net", "pid", "user", "uts")
+LOOK = f"""
+for name in {" ".join(NAMESPACES)}; do echo "ns-$name $(readlink /proc/self/ns/$name)"; done
+while read -r name value rest; do case $name in Uid:|CapEff:|CapBnd:|NoNewPrivs:|Seccomp:) echo "$name $value"; esac
+done </proc/self/status
+while read -r max open files value rest; do case $open in open) echo "open-files $value"; esac; done </proc/self/limits
+if ( : >/left-over ) 2>/dev/null; then echo "root writable"; else echo "root read-only"; fi
+"""
+"""What a shell in a box reads about itself."""
+
+WAIT_S = 10.0
+
+GAPS = {
+    "bubblewrap": (
+        "faults of the kernel, which all boxes share with the host (for a public event use gVisor or a machine each)",
+        "timing side channels, and CPU or cache taken by a box on the same core",
+        "what a program keeps in its own temporary folder while its box lasts",
+        "GPU devices, which no box is given",
+    ),
+    "gvisor": (
+        "timing side channels, and CPU or cache taken by a box on the same core",
+        "GPU devices, which no box is given",
+        "the set of hostile programs was run under bubblewrap only",
+    ),
+    "none": ("anything: the program runs as the user who started it",),
+}
+"""What a backend does not protect from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """One mechanism, and whether boxes on this machine have it."""
+
+    name: str
+    active: bool
+    detail: str
+    """How, or why not."""
+
+
+def layers() -> tuple[Layer, ...]:
+    """Opens a box, looks around in it, and says what was found."""
+    limits = BoxLimits()
+    try:
+        box = opened(BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits))
+    except (InputError, WorldError) as error:
+        return _nothing(str(error))
+    with box:
+        box.ready(WAIT_S)
+        told = box.log().decode(errors="replace")
+        try:
+            box.close()
+        except WorldError as error:
+            return _nothing(str(error))
+    seen = dict(line.split(" ", 1) for line in told.splitlines() if " " in line)
+    return (*_around(seen), _uid(seen), _grouped(), _limited(seen, limits), *_optional())
+
+
+def _nothing(problem: str) -> tuple[Layer, ...]:
+    """No box, no layers."""
+    names = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
+    return (*(Layer(name, False, problem) for name in names), *_optional())
+
+
+def _around(seen: Mapping[str, str]) -> tuple[Layer, ...]:
+    outside = {name: str(Path(f"/proc/self/ns/{name}").readlink()) for name in NAMESPACES}
+    shared = [name for name in NAMESPACES if seen.get(f"ns-{name}", "") in ("", outside[name])]
+    capabilities = {seen.get("CapEff:"), seen.get("CapBnd:")}
+    bare = capabilities == {"0" * 16} and seen.get("NoNewPrivs:") == "1"
+    root = seen.get("root", "not looked at")
+    filtered = seen.get("Seccomp:") == "2"
+    return (
+        Layer("namespaces", not shared, f"bubblewrap; shared with the host: {', '.join(shared) or 'none'}"),
+        Layer("read-only", root == "read-only", f"root of the box is {root}, temporary folders are sized"),
+        Layer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
+        Layer("seccomp", filtered, "filter of system calls" if filtered else "no filter in force"),
+    )
+
+
+def _uid(seen: Mapping[str, str]) -> Layer:
+    found = seen.get("Uid:", "")
+    own = found.isdigit() and int(found) >= FIRST_UID and os.geteuid() == 0
+    how = f"{FIRST_UID} + slot" if own else "all boxes run as the user who starts them; only root can change that"
+    return Layer("uid", own, how)
+
+
+def _grouped() -> Layer:
+    hierarchy = cgroups.find()
+    why_not = "none writable with memory and pids: memory is limited for each process only, not for all together"
+    return Layer("cgroup", hierarchy is not None, hierarchy.describe() if hierarchy else why_not)
+
+
+def _limited(seen: Mapping[str, str], limits: BoxLimits) -> Layer:
+    found = seen.get("open-files", "")
+    how = "processes, CPU time, file size, open files, no core files"
+    return Layer("rlimits", found == str(limits.open_files), how)
+
+
+def _optional() -> tuple[Layer, ...]:
+    runsc = shutil.which("runsc")
+    gvisor = Layer("gvisor", runsc is not None, runsc or "optional; runsc is not installed")
+    rootfs = Layer("rootfs", Path("/usr").is_dir(), "the host's /usr, or an unpacked image where one is named")
+    return (gvisor, rootfs)
+
+
+def check_layers(required: Sequence[str]) -> None:
+    """Raises InputError, one sentence, if boxes on this machine lack any of these layers."""
+    found = {layer.name: layer for layer in layers()}
+    unknown = [name for name in required if name not in found]
+    if unknown:
+        raise InputError(f"sandbox: expected layers among {', '.join(found)}, found {', '.join(unknown)}")
+    missing = [found[name] for name in required if not found[name].active]
+    if missing:
+        lacks = "; ".join(f"{layer.name} ({layer.detail})" for layer in missing)
+        raise InputError(f"sandbox: expected the layers {', '.join(required)} on this machine, found no {lacks}")

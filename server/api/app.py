@@ -1,0 +1,110 @@
+"""The application: what it is made of, and the routes."""
+
+import sys
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+
+from fastapi import APIRouter, FastAPI
+from starlette.concurrency import run_in_threadpool
+
+from mdrive_sumo import __version__
+from server import clock
+from server.api import problems
+from server.api.aside import Aside, ProcessAside
+from server.api.boards import Boards
+from server.api.bodies import BodiesMiddleware
+from server.api.context import Tools
+from server.api.description import described
+from server.api.headers import HeadersMiddleware
+from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
+from server.api.upload import Uploads
+from server.archive import ArchiveLimits
+from server.settings import Settings
+from server.store import Store
+from server.store.phases import every as every_phase
+from server.store.phases import put as put_phases
+from server.suites import LoadedSuites, Suites
+
+API = "/api/v1"
+UPLOADS = (f"{API}/submissions", "/submit")
+"""Where archives are sent to: the second is the pages' form."""
+START_S = 60.0
+SWITCH_S = 0.0005
+"""How long one thread may keep the others waiting. A thread that reads the database waits so long for each row while
+answers are being written: with Python's 5 ms the board of 200 teams took up to 0.25 s, with this 0.08 s."""
+_ABOUT = """
+Send an agent, watch it drive, see it ranked. Everything that goes wrong is answered as problem details (RFC 9457):
+`detail` is one sentence that says what to do about it. Tokens are sent as `Authorization: Bearer TOKEN`.
+"""
+
+
+def create_app(
+    settings: Settings,
+    store: Store | None = None,
+    suites: Suites | None = None,
+    aside: Aside | None = None,
+    now: Callable[[], int] = clock.now_us,
+) -> FastAPI:
+    """The API. What is not given is opened here; tests give their own. Pages are mounted on it by `server.web`.
+
+    `app.state.tools` has the settings, the store and the rest, `app.state.now` the clock. Raises InputError.
+    """
+    store = store if store is not None else Store(settings.database_url)
+    tools = Tools(
+        settings,
+        store,
+        suites if suites is not None else LoadedSuites(settings),
+        aside if aside is not None else ProcessAside(),
+        aside if aside is not None else ProcessAside(),
+        Boards(store),
+        Uploads(),
+    )
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
+        await run_in_threadpool(prepare, tools, now())
+        await run_in_threadpool(tools.aside.call, START_S, ArchiveLimits)  # so that the first upload waits for nothing
+        before_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_S)
+        yield
+        sys.setswitchinterval(before_s)
+        tools.boards.close()
+        for each in (tools.aside, tools.painter):
+            await run_in_threadpool(each.close)
+
+    app = FastAPI(
+        title="mdrive-sumo challenge",
+        version=__version__,
+        description=_ABOUT,
+        lifespan=lifespan,
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,  # they load their scripts from other hosts
+        redoc_url=None,
+    )
+    app.state.tools, app.state.now = tools, now
+    problems.install(app)
+    app.add_middleware(BodiesMiddleware, uploads=UPLOADS, most=settings.limits.archive_bytes)
+    app.add_middleware(HeadersMiddleware)
+    app.include_router(_routes(), prefix=API)
+    app.openapi = described(app)
+    return app
+
+
+def prepare(tools: Tools, now_us: int) -> None:
+    """Folders, tables, phases and the suites of all that are not over, as the settings say. Raises InputError."""
+    tools.settings.archives.mkdir(parents=True, exist_ok=True)
+    tools.settings.recordings.mkdir(parents=True, exist_ok=True)
+    tools.store.migrate()
+    with tools.store.write() as session:
+        put_phases(session, [phase.as_new() for phase in tools.settings.phases], now_us)
+    with tools.store.read() as session:
+        wanted = [phase for phase in every_phase(session) if now_us < phase.closes_us]
+    for phase in wanted:
+        tools.suites.evaluator(phase)
+
+
+def _routes() -> APIRouter:
+    router = APIRouter()
+    for part in (teams, register, phases, submit, submissions, results, events, leaderboards, health):
+        router.include_router(part.router)
+    return router

@@ -1,0 +1,106 @@
+"""A process of its own for what takes long, or reads what strangers sent: it can be ended, a thread cannot.
+
+It is started when first needed, stays for the next call (starting takes longer than most calls), and is ended with a
+call that takes too long or breaks it.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from http import HTTPStatus
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from threading import Lock
+from typing import Any, ParamSpec, Protocol, TypeVar
+
+from mdrive_sumo.errors import InputError
+from server.api.problems import ProblemError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_END_S = 5.0
+
+
+class Aside(Protocol):
+    """Where to do it."""
+
+    def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
+        """What `deed` returns. Raises its InputErrors and OSErrors; ProblemError if it takes too long or breaks."""
+        ...
+
+    def close(self) -> None:
+        """No more calls."""
+        ...
+
+
+class ProcessAside:
+    """In one child process, one call at a time. Safe to use from several threads."""
+
+    def __init__(self) -> None:
+        self._turn = Lock()
+        self._child: tuple[BaseProcess, Connection] | None = None
+
+    def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
+        """See `Aside`. Arguments and result are pickled; waiting for one's turn has the same limit again."""
+        if not self._turn.acquire(timeout=seconds):
+            raise _unable("too many at a time")
+        try:
+            good, value = self._asked((deed, args, kwargs), seconds)
+        finally:
+            self._turn.release()
+        if not good:
+            raise value
+        return value
+
+    def close(self) -> None:
+        """Ends the child."""
+        with self._turn:
+            self._end()
+
+    def _asked(self, question: object, seconds: float) -> tuple[bool, Any]:
+        if self._child is None or not self._child[0].is_alive():
+            self._end()
+            self._child = _started()
+        pipe = self._child[1]
+        try:
+            pipe.send(question)
+            if pipe.poll(seconds):
+                return pipe.recv()
+            problem = f"it took longer than {seconds:g} s"
+        except (EOFError, OSError):
+            problem = "its process ended"
+        self._end()
+        raise _unable(problem)
+
+    def _end(self) -> None:
+        if self._child is not None:
+            process, pipe = self._child
+            pipe.close()
+            process.kill()
+            process.join(_END_S)
+            self._child = None
+
+
+def _started() -> tuple[BaseProcess, Connection]:
+    ours, its = get_context("spawn").Pipe()
+    process = get_context("spawn").Process(target=_serve, args=(its,), daemon=True, name="mdrive-aside")
+    process.start()
+    its.close()
+    return process, ours
+
+
+def _serve(pipe: Connection) -> None:
+    """In the child: answers until the parent is gone."""
+    with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
+        while True:
+            deed, args, kwargs = pipe.recv()
+            try:
+                answer = True, deed(*args, **kwargs)
+            except (InputError, OSError) as error:
+                answer = False, error
+            pipe.send(answer)
+
+
+def _unable(problem: str) -> ProblemError:
+    sentence = f"this cannot be done now: {problem}; come back later"
+    return ProblemError(HTTPStatus.SERVICE_UNAVAILABLE, "busy", sentence, {"Retry-After": "30"})

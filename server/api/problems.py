@@ -1,0 +1,187 @@
+"""Everything that goes wrong, as problem details (RFC 9457) with one sentence that says what to do about it."""
+
+import math
+from collections.abc import Awaitable, Callable, Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from mdrive_sumo.errors import InputError
+from server.archive import ArchiveRefused
+from server.clock import utc
+from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
+
+MEDIA_TYPE = "application/problem+json"
+TYPE = "urn:mdrive-sumo:problem:"
+AGAIN_S = 5
+"""When to come back to a database that does not answer."""
+
+
+class Problem(BaseModel):
+    """RFC 9457. `type` says by machine what `detail` says in a sentence."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    kind: str | None = None
+    """Of a limit: day, parallel or total."""
+    retry_at: str | None = None
+    """When to come back, in UTC; absent where that does not help."""
+
+
+class ProblemError(Exception):
+    """An answer that is no success. `kind` is the last part of the problem's type."""
+
+    def __init__(self, status: HTTPStatus, kind: str, detail: str, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.kind = kind
+        self.detail = detail
+        self.headers = dict(headers or {})
+
+
+class Hidden(ProblemError):
+    """Something of a hidden scenario was asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            HTTPStatus.FORBIDDEN,
+            "hidden",
+            "the scenarios of this phase are hidden: only means over many of them are shown",
+        )
+
+
+_MEANING: Mapping[int, str] = {
+    400: "The request cannot be read.",
+    401: "No token, or one that is not valid.",
+    403: "Not allowed with this token, or hidden.",
+    404: "There is no such thing, or it is not yours.",
+    408: "The request took too long to arrive.",
+    409: "Not possible in the present state, e.g. a closed phase.",
+    413: "The archive or the body is too large.",
+    415: "Another content type is expected.",
+    422: "Something in the request is not as expected; the sentence says what.",
+    429: "A limit is reached; the sentence and Retry-After say when to come back.",
+    503: "The server cannot do it now; come back later.",
+}
+
+
+_REFUSALS = (
+    (OverLimit, 429, "over-limit"),
+    (NotFound, 404, "not-found"),
+    (NotNow, 409, "not-now"),
+    (ArchiveRefused, 422, "archive"),
+)
+
+
+def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """For `responses=`: these problems can be the answer. The database can always be away."""
+    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    return {status: {"description": _MEANING[status], "content": content} for status in (*statuses, 503)}
+
+
+def answer(
+    status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
+) -> JSONResponse:
+    """A problem as a response; `more` are further members of it."""
+    content = {"type": TYPE + problem, "title": HTTPStatus(status).phrase, "status": status, "detail": detail, **more}
+    return JSONResponse(content, status, headers=dict(headers or {}), media_type=MEDIA_TYPE)
+
+
+ErrorPage = Callable[[Request, int, str, Mapping[str, str]], Awaitable[Response]]
+"""Makes a page of a status, the sentence, and headers: `app.state.error_page`, where there are pages."""
+
+
+def install(app: FastAPI) -> None:
+    """From now on every error of `app` is a problem; outside /api it is a page, where there are pages."""
+    app.exception_handler(ProblemError)(_problem)
+    app.exception_handler(InputError)(_refused)
+    app.exception_handler(StoreUnavailable)(_away)
+    app.exception_handler(RequestValidationError)(_invalid)
+    app.exception_handler(HTTPException)(_http)
+    app.exception_handler(OSError)(_disk)
+    app.exception_handler(Exception)(_ours)
+
+
+async def _told(
+    request: Request, status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
+) -> Response:
+    page: ErrorPage | None = getattr(request.app.state, "error_page", None)
+    if page is None or request.url.path.startswith("/api/"):
+        return answer(status, problem, detail, headers, **more)
+    return await page(request, status, detail, headers or {})
+
+
+async def _problem(request: Request, error: ProblemError) -> Response:
+    return await _told(request, error.status, error.kind, error.detail, error.headers)
+
+
+async def _refused(request: Request, error: InputError) -> Response:
+    if isinstance(error, OverLimit):
+        return await _over(request, error)
+    return await _told(request, *status_of(error), str(error))
+
+
+def status_of(error: InputError) -> tuple[int, str]:
+    """With which status a refusal is answered, and the last part of its problem's type."""
+    for kind, status, name in _REFUSALS:
+        if isinstance(error, kind):
+            return status, name
+    return 422, "invalid"
+
+
+async def _over(request: Request, error: OverLimit) -> Response:
+    """`request.state.now_us` is what the quota was counted at."""
+    if error.retry_us is None:
+        return await _told(request, 429, "over-limit", str(error), kind=error.kind)
+    seconds = max(1, math.ceil((error.retry_us - request.state.now_us) / 1e6))
+    again = {"Retry-After": str(seconds)}
+    return await _told(request, 429, "over-limit", str(error), again, kind=error.kind, retry_at=utc(error.retry_us))
+
+
+async def _away(request: Request, error: StoreUnavailable) -> Response:  # noqa: ARG001 (Starlette's signature)
+    """What the database says is for the log: it can name files and hosts."""
+    return await _told(
+        request, 503, "unavailable", "the database does not answer; nothing was changed", {"Retry-After": str(AGAIN_S)}
+    )
+
+
+async def _invalid(request: Request, error: RequestValidationError) -> Response:
+    first: Mapping[str, Any] = error.errors()[0]
+    place = " ".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        return await _told(request, 422, "invalid", f"{place}: expected a value, found none")
+    if first["type"] == "json_invalid":
+        return await _told(
+            request, 422, "invalid", f"body: expected JSON, found text that is none ({first['ctx']['error']})"
+        )
+    said = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    said = said.replace(" should have ", " with ")
+    expected = f"{said[:1].lower()}{said[1:]}".rstrip(".")
+    return await _told(request, 422, "invalid", f"{place}: expected {expected}, found {first['input']!r:.80}")
+
+
+async def _http(request: Request, error: HTTPException) -> Response:
+    """Of the framework: no such path or method, a body that is no JSON."""
+    found = f"{request.method} {request.url.path}"
+    sentences = {404: f"there is nothing at {found:.200}", 405: f"{found:.200}: this method is not offered here"}
+    return await _told(
+        request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), error.headers
+    )
+
+
+async def _disk(request: Request, error: OSError) -> Response:
+    """A full disk, most of all."""
+    said = f"the server cannot write: {error.strerror or 'it does not say why'}; nothing was changed"
+    return await _told(request, 503, "unavailable", said, {"Retry-After": "60"})
+
+
+async def _ours(request: Request, error: Exception) -> Response:  # noqa: ARG001
+    """Raised again after the answer, so that it stands in the server's log."""
+    return await _told(request, 500, "ours", "something went wrong here; it is our fault and stands in our log")

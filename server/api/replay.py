@@ -1,0 +1,39 @@
+"""Makes the replay page of a recorded episode; in a process of its own, for it takes seconds and loads much."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Which page."""
+
+    suite: str
+    scenario: str
+    result: Mapping[str, Any]
+    """`mdrive_sumo.score.ScenarioResult`."""
+    recording: Path
+    page: Path
+    """The file to write."""
+
+
+def make(order: Order) -> None:
+    """Writes the page, whole or not at all. Raises InputError and OSError."""
+    # Only where it runs: the process that answers requests needs none of this.
+    from mdrive_sumo.episode import load_episode
+    from mdrive_sumo.report.viewer import viewer_html
+    from mdrive_sumo.report.viewer_marks import marks_of
+    from mdrive_sumo.roads import load, network_folder
+    from mdrive_sumo.scenario.catalog import load_suite
+    from mdrive_sumo.score import ScenarioResult
+
+    suite = load_suite(order.suite)
+    scenario = next(scenario for scenario in suite.scenarios if scenario.id == order.scenario)
+    episode = load_episode(order.recording)
+    roads = load(network_folder(scenario.network, suite.home(scenario.id)))
+    marks = marks_of(episode, ScenarioResult.model_validate(order.result))
+    part = order.page.with_suffix(".part")
+    part.write_text(viewer_html(episode, scenario, roads, marks), encoding="utf-8")
+    part.replace(order.page)

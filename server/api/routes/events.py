@@ -1,0 +1,97 @@
+"""What happens to a submission, as it happens: server-sent events (WHATWG HTML, section 9.2).
+
+Whoever comes back with `Last-Event-ID` gets what was missed. A stream ends with the submission, or after some minutes.
+"""
+
+import asyncio
+import json
+from collections.abc import AsyncGenerator, Mapping
+from typing import Annotated, Any, NamedTuple
+
+from fastapi import APIRouter, Header, Response
+from fastapi.responses import StreamingResponse
+from starlette.concurrency import run_in_threadpool
+
+from server.api import schemas, views
+from server.api.context import Caller, Somebody, Tools, ToolsOf
+from server.api.problems import documented
+from server.store import StoreUnavailable, events
+from server.store.quota import UNFINISHED
+
+router = APIRouter(tags=["submissions"])
+POLL_S = 1.0
+QUIET_POLLS = 15
+"""After so many without news a comment is sent, so that nobody between us takes the line for dead."""
+MOST_POLLS = 900
+"""Then the client has to come back: a stream that nobody reads any more does not stay for ever."""
+PAGE = 500
+MEDIA_TYPE = "text/event-stream"
+_TEXT = {"type": "string"}
+_EVENT = {
+    "type": "object",
+    "required": ["data"],
+    "properties": {"id": _TEXT, "event": _TEXT, "data": _TEXT | {"contentMediaType": "application/json"}},
+}
+LastEventId = Annotated[int, Header(alias="Last-Event-ID", ge=0, le=2**31 - 1)]
+
+
+class News(NamedTuple):
+    """What is new, read in one transaction, so that no event can fall between."""
+
+    told: list[tuple[int, str, Mapping[str, Any]]]
+    """Id, kind and data of those that may be told."""
+    last: int
+    """Id of the last of all."""
+    more: bool
+    """At once."""
+    finished: bool
+
+
+@router.get(
+    "/submissions/{submission}/events",
+    response_class=StreamingResponse,
+    responses=documented(401, 404, 422)
+    | {
+        200: {"description": "Events.", "content": {MEDIA_TYPE: {"itemSchema": _EVENT}}},
+        204: {"description": "It is finished, and you have seen all: do not come back."},
+    },
+)
+async def follow(submission: schemas.Id, caller: Somebody, using: ToolsOf, last_event_id: LastEventId = 0) -> Response:
+    """Live events, for its team and admins. `state` says how the submission stands, `scenario` one result."""
+    first = await run_in_threadpool(_news, using, caller, submission, last_event_id)
+    if first.finished and not first.told:
+        return Response(status_code=204)
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_stream(using, caller, submission, first), media_type=MEDIA_TYPE, headers=headers)
+
+
+async def _stream(using: Tools, caller: Caller, submission: str, news: News) -> AsyncGenerator[str]:
+    quiet = 0
+    for _ in range(MOST_POLLS):
+        for number, kind, data in news.told:
+            yield f"id: {number}\nevent: {kind}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"
+        quiet = 0 if news.told else quiet + 1
+        if news.finished:
+            return
+        if quiet >= QUIET_POLLS:
+            quiet = 0
+            yield ": still here\n\n"
+        await asyncio.sleep(0 if news.more else POLL_S)
+        try:
+            news = await run_in_threadpool(_news, using, caller, submission, news.last)
+        except StoreUnavailable:
+            return  # the client comes back by itself, and nothing is lost
+
+
+def _news(using: Tools, caller: Caller, submission_id: str, after: int) -> News:
+    with using.store.read() as session:
+        submission = views.own(session, caller, submission_id)
+        phase = views.phase_of(session, submission)
+        found = events.since(session, submission_id, after, PAGE)
+        told = [(event.id, event.kind, views.event(phase, event.kind, event.data)) for event in found]
+        return News(
+            told=[(number, kind, data) for number, kind, data in told if data is not None],
+            last=found[-1].id if found else after,
+            more=len(found) == PAGE,
+            finished=submission.state not in UNFINISHED and len(found) < PAGE,
+        )

@@ -1,0 +1,55 @@
+"""Leaderboards: who stands where, and how a team came there."""
+
+from fastapi import APIRouter, Response
+
+from mdrive_sumo.errors import InputError
+from server.api import schemas
+from server.api.boards import Which
+from server.api.context import Now, ToolsOf
+from server.api.problems import documented
+from server.api.schemas import moment
+from server.store import NotFound, phases, queries, teams
+from server.words import State, Track
+
+router = APIRouter(tags=["leaderboards"])
+
+
+@router.get("/leaderboards/{phase}", response_model=schemas.Leaderboard, responses=documented(404, 422))
+async def show_leaderboard(
+    phase: schemas.PhaseId,
+    using: ToolsOf,
+    at_us: Now,
+    track: Track | None = None,
+    bucket: schemas.Part | None = None,
+    category: schemas.Part | None = None,
+) -> Response:
+    """Overall, of one bucket, or of one category; without a track: all in which every CAV decides for itself.
+
+    In a hidden phase a bucket or category is shown where at least 5 scenarios are in it. A board can be seconds old.
+    """
+    if bucket is not None and category is not None:
+        raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
+    content = await using.boards.board(Which(phase, track, bucket, category), at_us)
+    return Response(content, media_type="application/json")
+
+
+@router.get("/leaderboards/{phase}/teams/{team}", responses=documented(404, 422))
+def show_history(phase: schemas.PhaseId, team: schemas.Name, using: ToolsOf) -> schemas.History:
+    """Every finished submission of a team (name or id) that it shows."""
+    with using.store.read() as session:
+        found = teams.get(session, team)
+        if found.hidden:
+            raise NotFound(f"team: there is no {team!r}")
+        all_of_team = queries.history(session, found.id, phases.get(session, phase).id)
+        items = [
+            schemas.Point(
+                submission=each.id,
+                method=each.name,
+                track=Track(each.track),
+                created=moment(each.created_us),
+                ds=each.ds,
+            )
+            for each in all_of_team
+            if each.state == State.DONE and each.shown and each.ds is not None
+        ]
+        return schemas.History(team=found.name, phase=phase, items=items)

@@ -1,0 +1,92 @@
+"""Submissions: listed, shown, stopped, and chosen for the leaderboard."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from sqlalchemy import select, tuple_
+
+from server.api import schemas, views
+from server.api.context import Admin, Anyone, Now, Somebody, ToolsOf
+from server.api.problems import documented
+from server.store import models, phases, submissions, teams
+
+router = APIRouter(tags=["submissions"])
+PAGE = 50
+
+
+@router.get("/submissions", responses=documented(401, 404, 422))
+def list_submissions(
+    caller: Somebody,
+    using: ToolsOf,
+    phase: schemas.PhaseId | None = None,
+    team: Annotated[schemas.Name | None, Query(description="Name or id; for admins.")] = None,
+    before: Annotated[schemas.Id | None, Query(description="`next` of the page before.")] = None,
+) -> schemas.Submissions:
+    """Those of the token's team, for admins those of all teams; 50 a page."""
+    wanted = select(models.Submission).order_by(models.Submission.created_us.desc(), models.Submission.id.desc())
+    with using.store.read() as session:
+        if not caller.is_admin:
+            wanted = wanted.where(models.Submission.team == (caller.team or ""))
+        elif team is not None:
+            wanted = wanted.where(models.Submission.team == teams.get(session, team).id)
+        if phase is not None:
+            wanted = wanted.where(models.Submission.phase == phase)
+        if before is not None:
+            last = views.own(session, caller, before)
+            place = tuple_(models.Submission.created_us, models.Submission.id)
+            wanted = wanted.where(place < tuple_(last.created_us, last.id))
+        page = session.scalars(wanted.limit(PAGE + 1)).all()
+        items = [views.shown(session, caller, each) for each in page[:PAGE]]
+        return schemas.Submissions(items=items, next=page[PAGE - 1].id if len(page) > PAGE else None)
+
+
+@router.get("/submissions/{submission}", responses=documented(401, 404, 422))
+def show_submission(submission: schemas.Id, caller: Anyone, using: ToolsOf) -> schemas.Submission:
+    """Its team and admins see all of it; everybody sees the result of one that stands on a leaderboard."""
+    with using.store.read() as session:
+        return views.shown(session, caller, views.found(session, caller, submission))
+
+
+@router.post("/submissions/{submission}/cancel", responses=documented(401, 404, 409, 422))
+def cancel_submission(submission: schemas.Id, caller: Somebody, using: ToolsOf, at_us: Now) -> schemas.Submission:
+    """Stops it. It uses no quota if nothing was driven yet."""
+    with using.store.write() as session:
+        views.own(session, caller, submission)
+        submissions.cancel(session, submission, at_us, caller.actor)
+        return views.shown(session, caller, submissions.get(session, submission))
+
+
+@router.put("/submissions/{submission}/shown", responses=documented(400, 401, 404, 408, 413, 422))
+def choose_submission(
+    submission: schemas.Id, wish: schemas.Show, caller: Somebody, using: ToolsOf, at_us: Now
+) -> schemas.Submission:
+    """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
+    with using.store.write() as session:
+        views.own(session, caller, submission)
+        submissions.show(session, submission, wish.shown, at_us, caller.actor)
+        answer = views.shown(session, caller, submissions.get(session, submission))
+    using.boards.forget()
+    return answer
+
+
+@router.post("/submissions/{submission}/disqualify", responses=documented(400, 401, 403, 404, 408, 413, 422))
+def disqualify_submission(
+    submission: schemas.Id, why: schemas.Reason, caller: Admin, using: ToolsOf, at_us: Now
+) -> schemas.Submission:
+    """Takes it off the leaderboard; its team sees the reason."""
+    with using.store.write() as session:
+        submissions.disqualify(session, submission, why.reason, at_us, caller.actor)
+        answer = views.shown(session, caller, submissions.get(session, submission))
+    using.boards.forget()
+    return answer
+
+
+@router.post("/submissions/{submission}/rerun", status_code=201, responses=documented(401, 403, 404, 422))
+def rerun_submission(submission: schemas.Id, caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Submission:
+    """The same archive once more, as a submission of its own that counts nowhere until it is shown."""
+    with using.store.read() as session:
+        phase = phases.get(session, submissions.get(session, submission).phase)
+    evaluator = using.suites.evaluator(phase)
+    with using.store.write() as session:
+        again = submissions.rerun(session, submission, evaluator, at_us, caller.actor)
+        return views.shown(session, caller, again)

@@ -1,0 +1,56 @@
+"""Takes in a submission."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Request
+from starlette.concurrency import run_in_threadpool
+
+from server.api import schemas
+from server.api.context import Member, Now, ToolsOf
+from server.api.intake import FIELDS, Intake
+from server.api.problems import documented
+from server.api.upload import FILE_FIELD, received
+from server.words import Track
+
+router = APIRouter(tags=["submissions"])
+_FORM: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["phase", "track", "name", FILE_FIELD],
+                "additionalProperties": False,
+                "properties": {
+                    "phase": {"type": "string", "maxLength": 40, "description": "Its id."},
+                    "track": {"type": "string", "enum": [track.value for track in Track]},
+                    "name": {"type": "string", "minLength": 1, "maxLength": 80, "description": "Of your method."},
+                    FILE_FIELD: {"type": "string", "format": "binary", "description": "The zip file."},
+                },
+            }
+        }
+    },
+}
+IdempotencyKey = Annotated[
+    str | None,
+    Header(max_length=80, description="The same key again answers with the same submission: safe to send twice."),
+]
+
+
+@router.post(
+    "/submissions",
+    status_code=201,
+    responses=documented(400, 401, 403, 404, 408, 409, 413, 415, 422, 429),
+    openapi_extra={"requestBody": _FORM},
+)
+async def submit(
+    request: Request, caller: Member, using: ToolsOf, at_us: Now, idempotency_key: IdempotencyKey = None
+) -> schemas.Submission:
+    """Sends an archive. The answer comes at once, the result later: follow its events.
+
+    The same archive in the same phase and track is answered with the finished result and uses no quota.
+    """
+    settings = using.settings
+    with using.uploads.another(caller[1]):
+        async with received(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
+            return await run_in_threadpool(Intake(using, caller, upload, idempotency_key, at_us).granted)

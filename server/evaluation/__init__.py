@@ -1,0 +1,1 @@
+"""Drives submissions: jobs of the database through executors into results, each scored exactly once."""

@@ -1,0 +1,275 @@
+"""The dispatcher: claims jobs, has an executor run them, keeps their leases, writes each result once.
+
+It is a worker's main loop where the executor is one process of this machine, and that of the one who speaks to the
+database where the executor is a cluster. Killing it at any moment loses and doubles nothing: the database decides.
+"""
+
+import logging
+import shutil
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sqlalchemy import exists, or_, select
+from sqlalchemy.orm import Session
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.suite.executor import Executor
+from mdrive_sumo.suite.hand import WorkerFailure, cannot_write
+from server.clock import now_us
+from server.evaluation import spot
+from server.evaluation.stop import Stop
+from server.evaluation.summary import summarise
+from server.evaluation.task import Driven, JobTask, Rejection, task_of
+from server.settings import Settings
+from server.store import Store, StoreUnavailable, jobs, phases, submissions, workers
+from server.store.jobs import JobOutcome
+from server.store.models import Job
+from server.suites import Suites
+from server.words import JobState, Verdict
+
+LOG = logging.getLogger("mdrive.worker")
+SECOND_US = 1_000_000
+IDLE_S = 1.0
+"""How often somebody without work looks for some."""
+LONGEST_PAUSE_S = 60.0
+ROOM_BYTES = 64 * 2**20
+"""Without so much room on the disk nothing is begun: what cannot be written would count as our failures."""
+ROOM_PAUSE_S = 10.0
+SPOT = "spot-"
+
+
+class OtherEvaluatorError(InputError):
+    """The queue holds what this process must not evaluate: its code or its suite is of another version."""
+
+
+@dataclass(slots=True)
+class _Held:
+    task: JobTask
+    beat_us: int
+    """When its lease was last prolonged."""
+
+
+class Dispatcher:
+    """Use it in the thread that made the executor."""
+
+    def __init__(
+        self,
+        store: Store,
+        settings: Settings,
+        suites: Suites,
+        executor: Executor[JobTask, Driven],
+        owner: str,
+        clock: Callable[[], int] = now_us,
+    ) -> None:
+        """`owner`: unique to this process, also after its death."""
+        self._store, self._settings, self._suites, self._executor = store, settings, suites, executor
+        self._owner, self._clock = owner, clock
+        self._held: dict[str, _Held] = {}
+        self._unsaved: deque[tuple[str, Driven | WorkerFailure]] = deque()
+        self._spots: deque[int] = deque()
+        self._failed_in_a_row, self._resume_us = 0, 0
+        self._seen_us: int | None = None
+
+    def run(self, stop: Stop) -> None:
+        """Works until it is stopped; what it holds then goes back to the queue, without blame.
+
+        Raises InputError where it cannot go on: another evaluator is wanted, the cluster is lost.
+        """
+        try:
+            while not stop.wished:
+                self.step(IDLE_S, stop)
+        finally:
+            self._let_go()
+
+    def step(self, wait_s: float, stop: Stop) -> None:
+        """Claims, waits at most so long, writes what is finished, prolongs leases."""
+        self._or_later(self._sign_in)
+        self._or_later(self._claim)
+        if self._held:
+            due_us = min(held.beat_us for held in self._held.values()) + self._beat_us
+            wait_s = max(0.0, min(wait_s, (due_us - self._clock()) / SECOND_US))
+        self._unsaved.extend(self._executor.ready(wait_s, [stop.fd]))
+        while self._unsaved and self._or_later(lambda: self._settle(*self._unsaved[0])):
+            self._unsaved.popleft()
+        self._or_later(self._beat)
+
+    @property
+    def _beat_us(self) -> int:
+        return self._settings.work.heartbeat_s * SECOND_US
+
+    @property
+    def _lease_us(self) -> int:
+        return self._settings.work.lease_s * SECOND_US
+
+    def _or_later(self, deed: Callable[[], None]) -> bool:
+        """False where the database was not there: nothing is lost, it is tried again with the next step."""
+        try:
+            deed()
+        except StoreUnavailable as error:
+            LOG.warning("%s; tried again", error)
+            return False
+        return True
+
+    def _sign_in(self) -> None:
+        """So that an admin sees who lives, with or without work."""
+        now = self._clock()
+        if self._seen_us is None or now - self._seen_us >= self._beat_us:
+            with self._store.write() as session:
+                workers.seen(session, self._owner, self._settings.work.scheduler, now)
+            self._seen_us = now
+
+    def _sign_out(self) -> None:
+        with self._store.write() as session:
+            workers.gone(session, self._owner)
+
+    def _claim(self) -> None:
+        while self._clock() >= self._resume_us and self._executor.free > 0:
+            if self._spots:  # before new jobs: a queue that is never empty must not put them off for ever
+                self._begin_spot()
+            elif not (self._waiting() and self._has_room() and self._claim_one()):
+                return
+
+    def _has_room(self) -> bool:
+        data = self._settings.data
+        try:
+            free = shutil.disk_usage(data).free
+        except OSError as error:
+            raise InputError(f"data: expected a folder {data}, found none ({error.strerror})") from None
+        if free >= ROOM_BYTES:
+            return True
+        self._resume_us = self._clock() + int(ROOM_PAUSE_S * SECOND_US)
+        LOG.error("%s: expected %d MiB free, found %d: nothing new is begun", data, ROOM_BYTES // 2**20, free // 2**20)
+        return False
+
+    def _waiting(self) -> bool:
+        """Whether a claim is worth a write transaction."""
+        lapsed = (Job.state == JobState.RUNNING) & (Job.lease_us < self._clock())
+        with self._store.read() as session:
+            return bool(session.scalar(select(exists().where(or_(Job.state == JobState.QUEUED, lapsed)))))
+
+    def _claim_one(self) -> bool:
+        now, task = self._clock(), None
+        with self._store.write() as session:
+            job = jobs.claim(session, self._owner, self._lease_us, now)
+            if job is None:
+                return False
+            if self._is_ours(session, job):
+                task = task_of(session, job, self._settings)
+            else:
+                jobs.release(session, job.id, self._owner, job.attempt)
+        if task is None:
+            raise OtherEvaluatorError(
+                f"submission {job.submission}: expected this worker's code, suite and sandbox, found another"
+                " evaluator's; restart the server, which queues it anew"
+            )
+        key = f"{task.job}.{task.attempt}"
+        self._held[key] = _Held(task, now)
+        self._executor.submit(key, task)
+        return True
+
+    def _is_ours(self, session: Session, job: Job) -> bool:
+        submission = submissions.get(session, job.submission)
+        return submission.evaluator == self._suites.evaluator(phases.get(session, submission.phase))
+
+    def _beat(self) -> None:
+        now = self._clock()
+        due = [key for key, held in self._held.items() if now - held.beat_us >= self._beat_us]
+        if not due:
+            return
+        waiting = {key for key, _ in self._unsaved}
+        with self._store.write() as session:
+            lost = [key for key in due if not self._prolonged(session, self._held[key].task, now)]
+        for key in due:
+            self._held[key].beat_us = now
+        for key in lost:
+            if key not in waiting:
+                self._executor.end(key)
+                self._forget(key)
+
+    def _prolonged(self, session: Session, task: JobTask, now: int) -> bool:
+        return jobs.heartbeat(session, task.job, self._owner, task.attempt, self._lease_us, now)
+
+    def _settle(self, key: str, outcome: Driven | WorkerFailure) -> None:
+        if key.startswith(SPOT):
+            spot.note(self._store, int(key.removeprefix(SPOT)), outcome, self._clock())
+            return
+        if key not in self._held:
+            return
+        task = self._held[key].task
+        if isinstance(outcome, WorkerFailure):
+            outcome = JobOutcome(Verdict.FAILED_OURS, None, failure=f"{outcome.kind}: {outcome.reason}")
+        self._pause_after(task, outcome)
+        if isinstance(outcome, Rejection):
+            self._reject(task, outcome)
+        else:
+            self._finish(task, outcome)
+        self._forget(key)
+
+    def _finish(self, task: JobTask, outcome: JobOutcome) -> None:
+        try:
+            self._write(task, outcome)
+        except OSError as error:
+            why = f"the files of a result: {cannot_write(error, error.filename)}"
+            self._write(task, JobOutcome(Verdict.FAILED_OURS, None, failure=why))
+
+    def _write(self, task: JobTask, outcome: JobOutcome) -> None:
+        now = self._clock()
+        with self._store.write() as session:
+            counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
+            if counted and outcome.verdict is not Verdict.FAILED_OURS:
+                _keep_files(task)  # before the commit: a result that is there has its files
+                done = submissions.finish_if_complete(session, task.submission, summarise, now)
+                if done and spot.is_drawn(task.submission, self._settings.work.spot_check):
+                    self._spots.extend(job.id for job in spot.sample(session, task.submission))
+        if not counted:
+            LOG.info("job %d: result of attempt %d came too late and was dropped", task.job, task.attempt)
+
+    def _reject(self, task: JobTask, rejection: Rejection) -> None:
+        now = self._clock()
+        with self._store.write() as session:
+            if self._prolonged(session, task, now):
+                submissions.reject(session, task.submission, rejection.why, now)
+
+    def _pause_after(self, task: JobTask, outcome: Driven) -> None:
+        """A machine on which everything fails must not fail every submission at full speed."""
+        if isinstance(outcome, Rejection) or outcome.verdict is not Verdict.FAILED_OURS:
+            self._failed_in_a_row = 0
+            return
+        LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
+        pause_s = min(2.0**self._failed_in_a_row, LONGEST_PAUSE_S)
+        self._failed_in_a_row += 1
+        self._resume_us = self._clock() + int(pause_s * SECOND_US)
+
+    def _begin_spot(self) -> None:
+        task = spot.task(self._store, self._spots[0], self._settings)
+        self._spots.popleft()
+        self._executor.submit(f"{SPOT}{task.job}", task)
+
+    def _forget(self, key: str) -> None:
+        shutil.rmtree(self._held.pop(key).task.stage, ignore_errors=True)
+
+    def _let_go(self) -> None:
+        """Back to the queue; where the database is away the leases end by themselves."""
+
+        def release() -> None:
+            with self._store.write() as session:
+                for held in self._held.values():
+                    jobs.release(session, held.task.job, self._owner, held.task.attempt)
+
+        if self._held:
+            for key in self._held:
+                self._executor.end(key)
+            self._or_later(release)
+        self._or_later(self._sign_out)
+        for key in tuple(self._held):
+            self._forget(key)
+
+
+def _keep_files(task: JobTask) -> None:
+    """Recording and logs go where they are looked for. Raises OSError: then nothing is finished."""
+    if not task.public or not task.stage.is_dir():
+        return
+    task.home.mkdir(parents=True, exist_ok=True)
+    for path in sorted(task.stage.iterdir()):
+        path.replace(task.home / path.name)

@@ -1,0 +1,107 @@
+"""A worker: a process that works for a server until it is told to stop, or its server is gone.
+
+The settings come as one line of JSON by standard input, where no list of processes shows the database's password. The
+end of that input is the server's death: the worker then gives its jobs back, as it does on SIGTERM.
+"""
+
+import logging
+import os
+import select
+import socket
+import sys
+import threading
+from collections.abc import Callable
+
+from pydantic import ValidationError
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.suite.engine import engine
+from mdrive_sumo.suite.preparation import SIMULATION_LIMIT_S
+from server.clock import now_us
+from server.evaluation.dispatcher import Dispatcher
+from server.evaluation.machine import check_machine
+from server.evaluation.run import run_submission_job
+from server.evaluation.stop import Stop
+from server.evaluation.task import Driven, JobTask
+from server.settings import Settings
+from server.store import Store, StoreUnavailable, phases
+from server.store.refusals import new_id
+from server.suites import LoadedSuites
+
+LOG = logging.getLogger("mdrive.worker")
+
+
+def main(function: Callable[[JobTask], Driven] = run_submission_job, clock: Callable[[], int] = now_us) -> int:
+    """`python -m server.evaluation.worker`: exit code 0 if it was told to stop."""
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+    stop = Stop()
+    stop.on_signals()
+    try:
+        settings = Settings.model_validate_json(_line(0))
+        threading.Thread(target=_stop_at_end, args=(0, stop), daemon=True).start()
+        work(settings, stop, function, clock)
+    except (InputError, StoreUnavailable, ValidationError) as error:
+        LOG.error("%s", error)
+        return 2
+    return 0
+
+
+def work(settings: Settings, stop: Stop, function: Callable[[JobTask], Driven], clock: Callable[[], int]) -> None:
+    """Drives what is in the queue with one process, or with the workers of a Dask cluster.
+
+    Raises InputError where this machine is not fit for it, StoreUnavailable.
+    """
+    check_machine(settings)
+    work = settings.work
+    store = Store(settings.database_url)
+    try:
+        suites = LoadedSuites(settings)
+        limit_s = _limit_s(store, settings, suites)
+        with engine(function, 1, limit_s, work.scheduler) as executor:
+            Dispatcher(store, settings, suites, executor, owner(), clock).run(stop)
+    finally:
+        store.close()
+
+
+def owner() -> str:
+    """A name that no process had or will have."""
+    return f"{socket.gethostname()[:24]}.{os.getpid()}.{new_id()[:12]}"
+
+
+def _limit_s(store: Store, settings: Settings, suites: LoadedSuites) -> float:
+    """Wall clock after which a job hangs, whatever its agents do: more than they may take together.
+
+    It reads all suites, which must not happen in the transaction of the first claim.
+    """
+    with store.read() as session:
+        every = phases.every(session)
+    for phase in every:
+        suites.evaluator(phase)
+    egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
+    limits = settings.sandbox.line_limits()
+    return SIMULATION_LIMIT_S + max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
+
+
+def _line(fd: int) -> bytes:
+    """Up to a line's end, and no byte more: `_stop_at_end` waits for the rest."""
+    line = b""
+    while not line.endswith(b"\n"):
+        byte = os.read(fd, 1)
+        if not byte:
+            raise InputError("worker: expected settings as a line of JSON on standard input, found its end")
+        line += byte
+    return line
+
+
+def _stop_at_end(fd: int, stop: Stop) -> None:
+    poller = select.poll()
+    poller.register(fd, select.POLLIN | select.POLLHUP)
+    while True:
+        poller.poll()
+        if not os.read(fd, 4096):
+            stop.wish()
+            return
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What participants do on their own machine: begin, check, try and submit."""

@@ -1,0 +1,35 @@
+"""`mdrive-sumo init-agent`: a sample that works."""
+
+import shutil
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.errors import InputError
+
+STYLES = ("agent", "joint")
+
+
+@click.command("init-agent")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--style",
+    type=click.Choice(STYLES),
+    default=STYLES[0],
+    show_default=True,
+    help="agent: one for each CAV; joint: one for all, as for the CARLA leaderboard.",
+)
+def init_agent(folder: Path, style: str) -> None:
+    """Write a sample agent that drives, to begin with.
+
+    DIR must be empty or not exist yet. Next: mdrive-sumo check DIR.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: expected an empty folder or none, found something there")
+    try:
+        with as_file(files("server") / "samples" / style) as sample:
+            shutil.copytree(sample, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+    click.echo(f"{folder}: a sample agent; next: mdrive-sumo check {folder}")

@@ -1,0 +1,177 @@
+"""The server as a participant's program sees it: HTTP, and whatever goes wrong as one sentence."""
+
+import json
+import uuid
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import httpx
+
+from mdrive_sumo.errors import InputError
+from server.words import Track
+
+API = "/api/v1"
+TRIES = 3
+"""For an upload that breaks off; the idempotency key makes it one submission all the same."""
+TIMEOUT = httpx.Timeout(30.0, read=60.0)
+Told = Callable[[int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What goes with an archive."""
+
+    phase: str
+    track: Track
+    name: str
+
+
+class Unreachable(InputError):
+    """Nobody answers, now."""
+
+
+class Client:
+    """One server, one team's token. Every method raises InputError, `Unreachable` where asking again can help."""
+
+    def __init__(self, server: str, token: str, transport: httpx.BaseTransport | None = None) -> None:
+        """server: its address, http:// or https://."""
+        if not server.startswith(("http://", "https://")):
+            raise InputError(f"server: expected an address that begins with http:// or https://, found {server!r}")
+        if not (token.isascii() and token.isprintable()):
+            raise InputError("token: expected the one that the server gave your team, found other characters in it")
+        headers = {"Authorization": f"Bearer {token}", "Accept": "application/json"}
+        self._server = server.rstrip("/")
+        try:
+            self._http = httpx.Client(
+                base_url=self._server + API, headers=headers, timeout=TIMEOUT, transport=transport
+            )
+        except httpx.InvalidURL as error:
+            raise InputError(f"server: expected an address, found {server!r}: {_said(error)}") from None
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._http.close()
+
+    def page(self, submission: str) -> str:
+        """Where people look at a submission."""
+        return f"{self._server}/submissions/{submission}"
+
+    def open_phase(self) -> str:
+        """The only phase that takes submissions now."""
+        rows = cast("list[Mapping[str, Any]]", self._json("GET", "/phases")["items"])
+        phases = [str(row["id"]) for row in rows if row.get("open")]
+        if len(phases) != 1:
+            raise InputError(f"{self._server}: expected --phase, one of: {', '.join(phases) or 'none is open now'}")
+        return phases[0]
+
+    def submit(self, archive: Path, entry: Entry, told: Told) -> Mapping[str, Any]:
+        """Sends an archive; `told` hears how many bytes have gone. A broken connection is tried again."""
+        key = str(uuid.uuid4())
+        for left in reversed(range(TRIES)):
+            try:
+                with archive.open("rb") as file:
+                    return self._send(file, entry, key, told)
+            except httpx.TransportError as error:
+                if not left:
+                    raise InputError(f"{self._server}: the upload broke off: {_said(error)}") from None
+        raise AssertionError
+
+    def show(self, submission: str) -> Mapping[str, Any]:
+        """How a submission stands."""
+        return self._json("GET", f"/submissions/{submission}")
+
+    def events(self, submission: str, after: str) -> Generator[tuple[str, str, Mapping[str, Any]]]:
+        """Id, kind and data of what happens to a submission, after the event `after`, until the connection ends."""
+        headers = {"Accept": "text/event-stream"} | ({"Last-Event-ID": after} if after else {})
+        with self._speaking(), self._http.stream("GET", f"/submissions/{submission}/events", headers=headers) as answer:
+            if not answer.is_success:
+                answer.read()
+                raise self._refusal(answer)
+            event: dict[str, str] = {}
+            for line in answer.iter_lines():
+                name, _, value = line.partition(":")
+                if line:
+                    event[name] = value.removeprefix(" ")
+                elif "data" in event:
+                    yield event.get("id", ""), event.get("event", "message"), _mapping(event["data"])
+                    event = {}
+
+    def _send(self, file: BinaryIO, entry: Entry, key: str, told: Told) -> Mapping[str, Any]:
+        fields = {"phase": entry.phase, "track": entry.track.value, "name": entry.name}
+        answer = self._http.post(
+            "/submissions",
+            data=fields,
+            files={"archive": ("team.zip", cast(BinaryIO, _Heard(file, told)), "application/zip")},
+            headers={"Idempotency-Key": key},
+        )
+        return self._content(answer)
+
+    def _json(self, method: str, path: str) -> Mapping[str, Any]:
+        with self._speaking():
+            return self._content(self._http.request(method, path))
+
+    def _content(self, answer: httpx.Response) -> Mapping[str, Any]:
+        if not answer.is_success:
+            raise self._refusal(answer)
+        return _mapping(answer.text)
+
+    @contextmanager
+    def _speaking(self) -> Generator[None]:
+        try:
+            yield
+        except httpx.TransportError as error:
+            raise Unreachable(f"{self._server}: cannot be reached: {_said(error)}") from None
+
+    def _refusal(self, answer: httpx.Response) -> InputError:
+        """The server's own sentence (RFC 9457) where there is one, and when to come back."""
+        if answer.has_redirect_location:
+            return InputError(f"{self._server} ({answer.status_code}): it has moved to {answer.headers['Location']}")
+        try:
+            problem = _mapping(answer.text)
+        except InputError:
+            problem = {}
+        sentence = str(problem.get("detail") or problem.get("title") or answer.reason_phrase or "refused")
+        again = answer.headers.get("Retry-After", "")
+        wait = f"; come back in {_duration(int(again))}" if again.isdecimal() else ""
+        return InputError(f"{self._server} ({answer.status_code}): {sentence}{wait}")
+
+
+class _Heard:
+    """A file whose reader is overheard."""
+
+    def __init__(self, file: BinaryIO, told: Told) -> None:
+        self._file, self._told = file, told
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(size)
+        self._told(self._file.tell())
+        return data
+
+
+def _mapping(text: str) -> Mapping[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(
+            f"server: expected a JSON object in its answer, found {text!r:.60}; is this the right address?"
+        )
+    return cast("Mapping[str, Any]", found)
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _duration(seconds: int) -> str:
+    hours, minutes = divmod(-(-seconds // 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"

@@ -1,0 +1,125 @@
+"""A submission driven here: the same boxes and limits as on the server, and the same verdicts."""
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.score import ScenarioResult
+from mdrive_sumo.score.summary import means
+from mdrive_sumo.suite.drivers import RejectedError
+from mdrive_sumo.suite.job import Job, run_job
+from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.v2x.settings import comm_text
+from server.entrant import TRACKS, Entrant, verdict_of
+from server.environments import Environment
+from server.participant.checking import ask, declared, described
+from server.participant.packing import Team
+from server.tracks import COMM
+from server.words import State, Track, Verdict
+
+SIMULATION_S = 600.0
+"""Wall clock for all but the agents of a scenario."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What is to be driven, and how."""
+
+    suite: str
+    scenario: str
+    seed: int
+    workers: int
+    out: Path
+    """For logs and recordings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """What the agent asked for while it was driven."""
+
+    why: str
+
+
+def dry_run(team: Team, environment: Environment, track: Track, course: Course) -> bool:
+    """Drives and tells verdicts; True if all scenarios have a score. Raises InputError."""
+    entrant = as_on_the_server(team, environment)
+    click.echo(described(team.manifest))
+    found = ask(entrant)
+    click.echo(f"{declared(found)}\ntrack        {track}")
+    if TRACKS[found.label] is not track:
+        click.echo(f"note: an agent that says {found.label} means --track {TRACKS[found.label]}", err=True)
+    results: list[ScenarioResult] = []
+    ours = 0
+    for job, outcome in driven(entrant, track, course):
+        if isinstance(outcome, Rejected):
+            raise InputError(f"{State.REJECTED}: {job.scenario}: {outcome.why}")
+        if isinstance(outcome, WorkerFailure):
+            if outcome.kind is FailureKind.INPUT:
+                raise InputError(outcome.reason)
+            ours += 1
+            click.echo(f"{Verdict.FAILED_OURS}: {job.scenario}: {outcome.reason}")
+            continue
+        results.append(outcome)
+        click.echo(told(outcome))
+    if results:
+        mean = means(results)
+        driven_ = f"{len(results)} scenario{'s' if len(results) > 1 else ''}"
+        click.echo(f"{driven_}: DS {mean.ds:.2f}, SR {mean.sr:.2f}, RC {mean.rc:.2f}; logs, recordings in {course.out}")
+    return not ours
+
+
+def as_on_the_server(team: Team, environment: Environment | None) -> Entrant:
+    """With the limits that a server has unless it says otherwise. Raises InputError."""
+    try:
+        from server.settings import Sandbox  # needs the packages of the server
+    except ImportError as error:
+        raise InputError(f"a dry run needs {error.name}: pip install 'mdrive-sumo[server]'") from None
+    sandbox = Sandbox()
+    limits = sandbox.line_limits()
+    return Entrant(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
+
+
+def driven(
+    entrant: Entrant, track: Track, course: Course
+) -> Generator[tuple[Job, ScenarioResult | Rejected | WorkerFailure]]:
+    """Every scenario with its outcome, as they finish. Raises InputError."""
+    suite = load_suite(course.suite)
+    scenarios = suite.matching(course.scenario)
+    logs, recordings = course.out / "logs", course.out / "episodes"
+    try:
+        for folder in (logs, recordings):
+            folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{course.out}: cannot be written: {error.strerror}") from None
+    comm = comm_text(COMM[track])
+    jobs = [
+        replace(
+            entrant.job(suite.folder.resolve(), one.id, course.seed, str(recordings / f"{one.id}.npz"), str(logs)),
+            comm=comm,
+        )
+        for one in scenarios
+    ]
+    most = max(len(one.egos) for one in scenarios)
+    limit_s = SIMULATION_S + most * (2 * entrant.limits.start_s + entrant.limits.episode_s)
+    with Pool[Job, ScenarioResult | Rejected](drive, min(course.workers, len(jobs)), limit_s) as pool:
+        yield from pool.run(jobs)
+
+
+def drive(job: Job) -> ScenarioResult | Rejected:
+    """In a worker process, whose main thread opens the boxes."""
+    try:
+        return run_job(job)
+    except RejectedError as error:
+        return Rejected(str(error))
+
+
+def told(result: ScenarioResult) -> str:
+    """One scenario in a line."""
+    verdict, reason = verdict_of(result)
+    numbers = f"DS {result.ds:6.2f}  SR {result.sr:6.2f}  RC {result.rc:6.2f}  IP {result.ip:.3f}"
+    why = next((f"  {ego.id}: {ego.reason}" for ego in result.egos if ego.reason), "")
+    return f"{verdict}{f' ({reason})' if reason else ''}: {result.id}  {numbers}{why}"

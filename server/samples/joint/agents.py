@@ -1,0 +1,72 @@
+"""A sample agent in the style of the CARLA leaderboard: one object drives all CAVs of a scenario.
+
+It follows the routes by satellite and compass, and stops for what the LiDAR sees straight ahead. `carla` and
+`leaderboard` are there when the server imports this file: the few names that mean something without CARLA.
+"""
+
+import json
+import math
+from pathlib import Path
+
+import carla
+from leaderboard.autoagents.autonomous_agent import AutonomousAgent, Track
+from src.ground import metres
+
+
+def get_entry_point():
+    return "Follower"
+
+
+class Follower(AutonomousAgent):
+    def setup(self, path_to_conf_file, ego_vehicles_num):
+        """Called once, before anything else; the path is that of the file in config/."""
+        self.track = Track.SENSORS
+        self.config = json.loads(Path(path_to_conf_file).read_text())
+        self.count = ego_vehicles_num
+        self.next = [0] * self.count
+        self.blocked = [False] * self.count
+
+    def sensors(self):
+        """For every CAV the same; the CAV's number is added to the id. There are no cameras."""
+        return [
+            {"type": "sensor.lidar.ray_cast", "x": 0.0, "y": 0.0, "z": 2.5, "yaw": 0.0, "id": "lidar"},
+            {"type": "sensor.other.gnss", "x": 0.0, "y": 0.0, "z": 0.0, "id": "gps"},
+            {"type": "sensor.other.imu", "x": 0.0, "y": 0.0, "z": 0.0, "id": "imu"},
+            {"type": "sensor.speedometer", "reading_frequency": 20, "id": "speed"},
+        ]
+
+    def run_step(self, input_data, _timestamp):
+        """One control for each CAV, None for those that have ended."""
+        return [self.control(number, input_data) for number in range(self.count)]
+
+    def control(self, number, data):
+        if f"gps_{number}" not in data:
+            return None
+        speed = data[f"speed_{number}"][1]["speed"]
+        wanted = 0.0 if self.look(number, data, speed) else self.config["speed"]
+        control = carla.VehicleControl()
+        control.steer = max(-1.0, min(1.0, 1.2 * self.bearing(number, data)))
+        control.throttle = max(0.0, min(0.75, 0.5 * (wanted - speed)))
+        control.brake = max(0.0, min(1.0, 0.5 * (speed - wanted))) if wanted < speed else 0.0
+        return control
+
+    def bearing(self, number, data):
+        """To a point of the route some metres ahead [rad], to the right positive as in CARLA."""
+        here = data[f"gps_{number}"][1]
+        plan = self._global_plan[number]
+        while True:
+            point = plan[self.next[number]][0]
+            east, north = metres(here[0], here[1], point["lat"], point["lon"])
+            if math.hypot(east, north) > self.config["look_ahead_m"] or self.next[number] == len(plan) - 1:
+                break
+            self.next[number] += 1
+        compass = data[f"imu_{number}"][1][6]
+        return math.remainder(math.atan2(east, north) - compass, math.tau)
+
+    def look(self, number, data, speed):
+        """Whether something stands in the way; between two scans what the last one said."""
+        if f"lidar_{number}" in data:
+            x, y, z = data[f"lidar_{number}"][1][:, :3].T
+            near = (x > 2.7) & (x < 6.0 + 1.2 * speed) & (abs(y) < 1.1)
+            self.blocked[number] = bool((near & (z > -2.0) & (z < -0.5)).any())
+        return self.blocked[number]

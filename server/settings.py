@@ -1,0 +1,247 @@
+"""How a server is set up: a TOML file, and environment variables over it, checked whole before anything starts.
+
+`MDRIVE_DATA=/srv/mdrive` sets `data`, `MDRIVE_LIMITS__ARCHIVE_BYTES=1000` sets `archive_bytes` of `[limits]`.
+"""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from mdrive_sumo.agents.line import Limits as LineLimits
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.sandbox.limits import BoxLimits
+from mdrive_sumo.scenario.spec import first_problem
+from server.store.keep import Policy
+from server.store.phases import NewPhase
+
+PREFIX = "MDRIVE_"
+FOREIGN = ("MDRIVE_STRICT_SKIPS", "MDRIVE_SETTINGS", "MDRIVE_TOKEN", "MDRIVE_SERVER")
+"""Variables of this project that are no settings of the server."""
+MIB = 1024 * 1024
+
+_BOX = BoxLimits()
+_LINE = LineLimits()
+_POLICY = Policy()
+Count = Annotated[int, Field(ge=1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Limits(_Part):
+    """Of what a team sends."""
+
+    archive_bytes: Count = 64 * MIB
+    unpacked_bytes: Count = 256 * MIB
+    entries: Count = 2000
+    ratio: Count = 200
+    """Unpacked over packed, of each entry."""
+
+
+class Sandbox(_Part):
+    """In which boxes agents run. The limits are those of `mdrive_sumo.sandbox.BoxLimits`."""
+
+    backend: str = "bubblewrap"
+    required: tuple[str, ...] = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
+    """Layers of `mdrive-sumo doctor --sandbox` without which no agent is run."""
+    memory_bytes: Count = _BOX.memory_bytes
+    processes: Count = _BOX.processes
+    cpu_s: Count = _BOX.cpu_s
+    file_bytes: Count = _BOX.file_bytes
+    tmp_bytes: Count = _BOX.tmp_bytes
+    open_files: Count = _BOX.open_files
+    log_bytes: Count = _BOX.log_bytes
+    tick_s: Annotated[float, Field(gt=0)] = 10.0
+    """Wall time an agent has for one reply."""
+    episode_s: Annotated[float, Field(gt=0)] = _LINE.episode_s
+    """Wall time it has for all replies of an episode: what one CAV can hold a worker for."""
+    reply_bytes: Count = 64 * 1024
+
+    def box_limits(self) -> BoxLimits:
+        """For the sandbox."""
+        return BoxLimits(**{field.name: getattr(self, field.name) for field in fields(BoxLimits)})
+
+    def line_limits(self) -> LineLimits:
+        """For the line to an agent."""
+        return LineLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
+
+
+class Work(_Part):
+    """Who drives."""
+
+    processes: Annotated[int, Field(ge=0)] = 2
+    """Worker processes of this server; 0 where others work for it."""
+    scheduler: str = ""
+    """Address of a Dask scheduler, tcp://...; "" for processes of our own."""
+    lease_s: Annotated[int, Field(ge=40)] = 60
+    """More than the 30 s that a writer may wait for the database."""
+    heartbeat_s: Count = 10
+    spot_check: Annotated[float, Field(ge=0, le=1)] = 0.02
+    """Share of finished submissions that are driven once more and compared."""
+
+    @model_validator(mode="after")
+    def _beats_in_time(self) -> Self:
+        if self.heartbeat_s * 3 > self.lease_s:
+            raise ValueError(
+                f"heartbeat_s: expected at most a third of lease_s {self.lease_s}, found {self.heartbeat_s}"
+            )
+        return self
+
+
+class Keep(_Part):
+    """For how many days files stay; see `store.keep.Policy`."""
+
+    archive_days: Count = _POLICY.archive_days
+    refused_days: Count = _POLICY.refused_days
+    recording_days: Count = _POLICY.recording_days
+
+    def policy(self) -> Policy:
+        """For the store."""
+        return Policy(**self.model_dump())
+
+
+class Registration(_Part):
+    """Whether everybody may make a team."""
+
+    open: bool = False
+    per_day: Count = 20
+    """Teams of one UTC day, over all who ask."""
+
+
+class PhaseSettings(_Part):
+    """One `[[phases]]`."""
+
+    id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    title: Annotated[str, Field(min_length=1, max_length=120)]
+    suite: Annotated[str, Field(min_length=1)]
+    """A packaged suite's name or a folder on this machine."""
+    public: bool
+    """False: the scenarios are hidden; only aggregates are shown."""
+    opens: AwareDatetime
+    closes: AwareDatetime
+    per_day: Count = 10
+    in_parallel: Count = 1
+    in_total: Count = 1000
+    seeds: Count = 1
+
+    @model_validator(mode="after")
+    def _has_a_length(self) -> Self:
+        if self.closes <= self.opens:
+            raise ValueError(f"closes: expected a time after opens {self.opens}, found {self.closes}")
+        return self
+
+    def as_new(self) -> NewPhase:
+        """For the store."""
+        copied = self.model_dump(exclude={"opens", "closes"})
+        return NewPhase(opens_us=_us(self.opens), closes_us=_us(self.closes), **copied)
+
+
+WARM_UP = PhaseSettings(
+    id="warm-up",
+    title="Warm-up",
+    suite="interdrive",
+    public=True,
+    opens=datetime(2026, 1, 1, tzinfo=UTC),
+    closes=datetime(2100, 1, 1, tzinfo=UTC),
+    per_day=100,
+)
+"""What `mdrive-sumo serve` has where nobody says anything."""
+
+
+class Settings(_Part):
+    """The whole file. Without phases nothing can be submitted; all else has a default."""
+
+    data: Path = Path("mdrive-data")
+    """Archives, recordings, and the database unless `database` says otherwise."""
+    database: str = ""
+    """postgresql://USER@HOST/NAME; "" for a SQLite file in `data`."""
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8000
+    limits: Limits = Limits()
+    sandbox: Sandbox = Sandbox()
+    work: Work = Work()
+    keep: Keep = Keep()
+    registration: Registration = Registration()
+    phases: tuple[PhaseSettings, ...] = ()
+
+    @model_validator(mode="after")
+    def _names_phases_once(self) -> Self:
+        ids = [phase.id for phase in self.phases]
+        if len(set(ids)) < len(ids):
+            raise ValueError(f"phases: expected every id once, found {', '.join(ids)}")
+        return self
+
+    @property
+    def database_url(self) -> str:
+        """For `Store`."""
+        return self.database or f"sqlite:///{self.data.absolute() / 'challenge.sqlite'}"
+
+    @property
+    def archives(self) -> Path:
+        """`<sha256>.zip` each."""
+        return self.data / "archives"
+
+    @property
+    def recordings(self) -> Path:
+        """A folder for each submission."""
+        return self.data / "recordings"
+
+    @property
+    def environments(self) -> Path:
+        """What agents run with, a folder for each, see `server.environments`."""
+        return self.data / "environments"
+
+
+_SECTIONS: Mapping[str, Mapping[str, object]] = {
+    "": Settings.model_fields,
+    "limits": Limits.model_fields,
+    "sandbox": Sandbox.model_fields,
+    "work": Work.model_fields,
+    "keep": Keep.model_fields,
+    "registration": Registration.model_fields,
+}
+_NOT_TEXT = (*_SECTIONS, "phases")
+"""What no single variable can say."""
+
+
+def load(file: Path | None, environ: Mapping[str, str] = os.environ) -> Settings:
+    """The settings of `file` (None: all defaults), with MDRIVE_* of `environ` over them; raises InputError."""
+    content = _read(file) if file is not None else {}
+    for name in sorted(environ):
+        if name.startswith(PREFIX) and name not in FOREIGN:
+            _set(content, name, environ[name])
+    try:
+        return Settings.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{file or 'settings'}: {first_problem(error)}") from None
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: expected TOML: {error}") from None
+
+
+def _set(content: dict[str, Any], name: str, text: str) -> None:
+    section, _, field = name.removeprefix(PREFIX).lower().rpartition("__")
+    known = _SECTIONS.get(section, {})
+    if field not in known or field in _NOT_TEXT:
+        raise InputError(f"environment: {name} is no setting of the server; unset it or correct its name")
+    place = content.setdefault(section, {}) if section else content
+    if not isinstance(place, dict):
+        raise InputError(f"settings: {section}: expected a table, found {place!r}")
+    place[field] = text.split(",") if field == "required" else text
+
+
+def _us(moment: datetime) -> int:
+    return int(moment.timestamp()) * 1_000_000

@@ -1,0 +1,57 @@
+"""The audit log: append-only, each entry hashed together with the one before, so that a change in the middle shows.
+
+A chain cannot show that its end was cut off: note `head` somewhere else (it stands in every backup).
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from server.store.models import AuditEntry
+
+_BEGIN = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """What a walk along the chain found."""
+
+    entries: int
+    head: str
+    """Hash of the last entry."""
+    broken: int | None
+    """Id of the first entry that does not fit to the one before; None if all do."""
+
+
+def add(session: Session, actor: str, deed: str, data: dict[str, Any], now_us: int) -> None:
+    """Notes who did what; in the transaction of the deed, so that neither is there without the other."""
+    session.flush()
+    hash_ = _hash(head(session), now_us, actor, deed, data)
+    session.add(AuditEntry(at_us=now_us, actor=actor, deed=deed, data=data, hash=hash_))
+    session.flush()
+
+
+def head(session: Session) -> str:
+    """Hash of the last entry, "" before the first."""
+    return session.scalar(select(AuditEntry.hash).order_by(AuditEntry.id.desc()).limit(1)) or _BEGIN
+
+
+def verify(session: Session) -> Audit:
+    """Walks the whole chain."""
+    before, entries, broken = _BEGIN, 0, None
+    for entry in session.scalars(select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=500)):
+        entries += 1
+        expected = _hash(before, entry.at_us, entry.actor, entry.deed, entry.data)
+        if broken is None and entry.hash != expected:
+            broken = entry.id
+        before = entry.hash
+    return Audit(entries, before, broken)
+
+
+def _hash(before: str, at_us: int, actor: str, deed: str, data: dict[str, Any]) -> str:
+    text = json.dumps([before, at_us, actor, deed, data], sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

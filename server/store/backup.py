@@ -1,0 +1,111 @@
+"""Backup and restore. A backup of either database is a SQLite file, so it also moves a challenge to PostgreSQL.
+
+It holds the tables only: archives and recordings are files, copied as files (docs/server.md).
+"""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from sqlalchemy import Connection, func, insert, select, text
+from sqlalchemy.exc import DatabaseError
+from sqlalchemy.orm import Session
+
+from mdrive_sumo.errors import InputError
+from server.store import audit
+from server.store.engine import Store, StoreUnavailable
+from server.store.models import Base, Team
+
+_CHUNK = 500
+
+
+def backup(store: Store, file: Path) -> str:
+    """Writes a new file with everything of one moment, while the server runs; returns the audit log's head.
+
+    Raises InputError where the file exists, StoreUnavailable where it cannot be written.
+    """
+    if file.exists():
+        raise InputError(f"{file}: expected a new file for the backup, found one that exists")
+    with tempfile.TemporaryDirectory(prefix=".backup-", dir=_folder(file)) as folder:
+        part = Path(folder) / "part.sqlite"
+        copy = Store(f"sqlite:///{part}")
+        try:
+            copy.migrate()
+            with store.read() as source, copy.write() as target:
+                _copy(source, target)
+                head = audit.head(source)
+            _into_one_file(copy)
+        finally:
+            copy.close()
+        part.rename(file)
+    return head
+
+
+def restore(store: Store, file: Path) -> str:
+    """Fills an empty database from a backup, of an older version too; returns the audit log's head.
+
+    Raises InputError where `file` is no backup or its audit log is broken, or `store` already holds teams.
+    """
+    if not file.is_file():
+        raise InputError(f"{file}: expected a backup, found no file")
+    with tempfile.TemporaryDirectory(prefix=".restore-", dir=_folder(file)) as folder:
+        copy = Store(f"sqlite:///{shutil.copy(file, Path(folder) / 'copy.sqlite')}")
+        try:
+            _check_backup(copy, file)
+            copy.migrate()
+            store.migrate()
+            with copy.read() as source, store.write() as target:
+                return _filled(source, target, file)
+        finally:
+            copy.close()
+
+
+def _folder(file: Path) -> Path:
+    folder = file.absolute().parent
+    if not folder.is_dir():
+        raise InputError(f"{file}: expected a folder that exists, found none at {folder}")
+    return folder
+
+
+def _check_backup(copy: Store, file: Path) -> None:
+    try:
+        version = copy.version()
+    except (DatabaseError, StoreUnavailable):
+        version = None
+    if version is None:
+        raise InputError(f"{file}: expected a backup written by `mdrive-sumo admin backup`, found something else")
+
+
+def _filled(source: Session, target: Session, file: Path) -> str:
+    if target.scalar(select(func.count()).select_from(Team)):
+        raise InputError("restore: expected an empty database, found one with teams in it")
+    chain = audit.verify(source)
+    if chain.broken is not None:
+        raise InputError(f"{file}: expected an unbroken audit log, found entry {chain.broken} changed")
+    _copy(source, target)
+    return chain.head
+
+
+def _copy(source: Session, target: Session) -> None:
+    for table in Base.metadata.sorted_tables:
+        found = source.execute(select(table).execution_options(yield_per=_CHUNK)).mappings()
+        for part in found.partitions(_CHUNK):
+            target.execute(insert(table), [dict(row) for row in part])
+        _continue_counting(target.connection(), table.name, "id" in table.c and table.c["id"].autoincrement is True)
+
+
+def _continue_counting(target: Connection, table: str, counts: bool) -> None:
+    """PostgreSQL counts ids apart from the rows, and would begin again at 1."""
+    if counts and target.dialect.name == "postgresql":
+        sequence = f"pg_get_serial_sequence('{table}', 'id')"
+        target.execute(text(f"SELECT setval({sequence}, coalesce(max(id), 1), max(id) IS NOT NULL) FROM {table}"))
+
+
+def _into_one_file(copy: Store) -> None:
+    """Out of WAL mode, so that nothing of the backup lies beside the file."""
+    copy.engine.dispose()
+    raw = copy.engine.raw_connection()
+    try:
+        raw.cursor().execute("PRAGMA journal_mode=DELETE").close()
+    finally:
+        raw.close()

@@ -1,0 +1,157 @@
+"""Opens the database and its transactions: one writer at a time on SQLite and on PostgreSQL alike.
+
+A challenge writes some hundred rows a minute, so nothing is lost by it, and much is gained: quotas, the audit chain,
+the fair order of claims and the order of events need no locks of their own, and no deadlock is possible.
+"""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.util import CommandError
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
+from sqlalchemy.orm import Session
+
+from mdrive_sumo.errors import InputError
+
+BUSY_S = 30
+"""How long a writer waits for the one before it. Leases (60 s) must be longer."""
+_WRITER_LOCK = 0x6D647269
+"""Key of PostgreSQL's advisory lock that every write transaction takes first."""
+_MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+class StoreUnavailable(Exception):
+    """The database does not answer, is locked for too long, or is full. Nothing was written."""
+
+
+class Store:
+    """An open database. `write()` and `read()` give sessions of one transaction each."""
+
+    def __init__(self, url: str) -> None:
+        """`url`: sqlite:///file or postgresql://user@host/name. Raises InputError for others."""
+        self.url = _parsed(url)
+        self.engine = _sqlite(self.url) if self.is_sqlite else _postgresql(self.url)
+        self._writer = self.engine.execution_options(writes=True)
+        self._reader = self.engine.execution_options(writes=False)
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether it is a file of ours."""
+        return self.url.get_backend_name() == "sqlite"
+
+    @contextmanager
+    def write(self) -> Generator[Session]:
+        """One write transaction: all of it or nothing. Raises StoreUnavailable."""
+        with _explained(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    @contextmanager
+    def read(self) -> Generator[Session]:
+        """One consistent view, in which writing fails; it waits for no writer. Raises StoreUnavailable."""
+        with _explained(), Session(self._reader, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    def migrate(self) -> None:
+        """Brings the tables up to this version of the code; safe to call from several processes at once.
+
+        Raises InputError where a newer version made it, or a SQLite file cannot be where it should.
+        """
+        if self.is_sqlite:
+            _make_folder(Path(str(self.url.database)).parent)
+        with _explained(), self._writer.begin() as connection:
+            config = Config()
+            config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
+            config.attributes["connection"] = connection
+            try:
+                command.upgrade(config, "head")
+            except CommandError as error:
+                raise InputError(
+                    f"database: expected one of this version or older, found one that is neither: {error}"
+                ) from None
+
+    def version(self) -> str | None:
+        """Name of the last migration, None for an empty database."""
+        with _explained(), self._reader.connect() as connection:
+            return MigrationContext.configure(connection).get_current_revision()
+
+    def close(self) -> None:
+        """Gives all connections back."""
+        self.engine.dispose()
+
+
+def _parsed(url: str) -> URL:
+    try:
+        parsed = make_url(url)
+    except ArgumentError:
+        parsed = None
+    if parsed is None or parsed.get_backend_name() not in ("sqlite", "postgresql"):
+        raise InputError(f"database: expected sqlite:///FILE or postgresql://USER@HOST/NAME, found {url!r}")
+    if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
+        raise InputError(f"database: expected a file after sqlite:///, found {url!r}")
+    return parsed.set(drivername={"sqlite": "sqlite", "postgresql": "postgresql+psycopg"}[parsed.get_backend_name()])
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"database: {folder}: cannot be made: {error.strerror}") from None
+
+
+def _sqlite(url: URL) -> Engine:
+    engine = create_engine(url, connect_args={"timeout": BUSY_S}, pool_size=10, max_overflow=30)
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: Any, _record: object) -> None:  # pyright: ignore[reportUnusedFunction]
+        connection.isolation_level = None  # else the driver itself begins, and only deferred
+        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+            connection.execute(f"PRAGMA {pragma}").close()
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:  # pyright: ignore[reportUnusedFunction]
+        # A deferred transaction that reads and then writes fails at once where another wrote in between, whatever
+        # the busy timeout: writers therefore say so from the start.
+        writes = connection.get_execution_options().get("writes", False)
+        connection.exec_driver_sql(f"PRAGMA query_only={'OFF' if writes else 'ON'}")
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def _postgresql(url: URL) -> Engine:
+    # A writer that hangs in mid-transaction is cut off by the server, as one that dies would be.
+    options = f"-c lock_timeout={BUSY_S}s -c idle_in_transaction_session_timeout={BUSY_S}s"
+    engine = create_engine(url, connect_args={"options": options}, pool_size=10, max_overflow=30, pool_pre_ping=True)
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:  # pyright: ignore[reportUnusedFunction]
+        if connection.get_execution_options().get("writes", False):
+            connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_WRITER_LOCK})")
+        else:
+            connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ READ ONLY")
+
+    return engine
+
+
+@contextmanager
+def _explained() -> Generator[None]:
+    try:
+        yield
+    except (OperationalError, PoolTimeout) as error:
+        raise StoreUnavailable(f"the database does not answer: {_first_line(error)}") from error
+    except DBAPIError as error:
+        if not error.connection_invalidated:
+            raise
+        raise StoreUnavailable(f"the database went away: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    cause = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
+    return (str(cause).splitlines() or [type(cause).__name__])[0]

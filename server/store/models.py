@@ -1,0 +1,193 @@
+"""The tables. The database is the truth; every other part of the server may be killed at any time.
+
+Times are integers, microseconds since 1970 in UTC: they compare the same way in SQLite and PostgreSQL.
+"""
+
+from typing import Any
+
+from sqlalchemy import JSON, BigInteger, ForeignKey, Index, Integer, String, Text, UniqueConstraint
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+Id = String(32)
+"""Random ids: 128 bits in hexadecimal, so that nobody counts or guesses them."""
+
+
+class Base(DeclarativeBase):
+    """All tables."""
+
+    type_annotation_map = {dict[str, Any]: JSON(none_as_null=True), int: BigInteger}  # noqa: RUF012 (SQLAlchemy's own interface)
+
+
+class Team(Base):
+    """Who submits."""
+
+    __tablename__ = "teams"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    name: Mapped[str] = mapped_column(String(64), unique=True)
+    created_us: Mapped[int]
+    hidden: Mapped[bool] = mapped_column(default=False)
+    """Not shown on leaderboards."""
+
+
+class Token(Base):
+    """What a client shows; only its hash is kept."""
+
+    __tablename__ = "tokens"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    team: Mapped[str | None] = mapped_column(ForeignKey("teams.id"))
+    """None for admins and workers."""
+    hash: Mapped[str] = mapped_column(String(64), unique=True)
+    """SHA-256 of 256 random bits."""
+    scope: Mapped[str] = mapped_column(String(16))
+    created_us: Mapped[int]
+    revoked_us: Mapped[int | None]
+
+
+class Phase(Base):
+    """A time in which submissions are taken, on one suite."""
+
+    __tablename__ = "phases"
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    """Short name, as users type it: `warm-up`."""
+    title: Mapped[str] = mapped_column(String(120))
+    suite: Mapped[str] = mapped_column(Text)
+    """A packaged suite's name or a folder on the server."""
+    public: Mapped[bool]
+    """False: nothing but aggregates leaves the server."""
+    opens_us: Mapped[int]
+    closes_us: Mapped[int]
+    per_day: Mapped[int]
+    in_parallel: Mapped[int]
+    in_total: Mapped[int]
+    seeds: Mapped[int] = mapped_column(default=1)
+    """Seeds 0 .. n-1 of every scenario."""
+
+
+class Submission(Base):
+    """One archive in one phase."""
+
+    __tablename__ = "submissions"
+    __table_args__ = (
+        UniqueConstraint("team", "idempotency_key"),
+        # All that a team's course takes, so that none of the long rows is read for it.
+        Index("submissions_of_team", "team", "phase", "created_us", "id", "state", "shown", "ds", "track"),
+        Index("submissions_by_state", "state"),
+    )
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    team: Mapped[str] = mapped_column(ForeignKey("teams.id"))
+    phase: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    track: Mapped[str] = mapped_column(String(24))
+    name: Mapped[str] = mapped_column(String(80))
+    """Of the method, as the team calls it."""
+    archive_sha256: Mapped[str] = mapped_column(String(64))
+    archive_bytes: Mapped[int]
+    environment: Mapped[str] = mapped_column(String(40))
+    idempotency_key: Mapped[str | None] = mapped_column(String(80))
+    state: Mapped[str] = mapped_column(String(16))
+    why: Mapped[str] = mapped_column(Text, default="")
+    """One sentence where it was rejected, disqualified or failed."""
+    created_us: Mapped[int]
+    finished_us: Mapped[int | None]
+    counts: Mapped[bool] = mapped_column(default=True)
+    """Whether it counts against the quota."""
+    shown: Mapped[bool] = mapped_column(default=True)
+    """Whether it may stand on the leaderboard."""
+    evaluator: Mapped[dict[str, Any]]
+    """Version, code and suite checksums, sandbox layers: only equal ones are compared."""
+    summary: Mapped[dict[str, Any] | None]
+    """ds, sr, by bucket, by category, confidence intervals; written once, when it is done."""
+    ds: Mapped[float | None]
+    """Overall, as in `summary`: leaderboards sort by it."""
+
+
+class Job(Base):
+    """One scenario and seed of a submission: claimed under a lease, finished once."""
+
+    __tablename__ = "jobs"
+    __table_args__ = (
+        UniqueConstraint("submission", "scenario", "seed"),
+        Index("jobs_to_claim", "state", "lease_us"),
+        Index("jobs_of_submission", "submission", "state"),
+    )
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    scenario: Mapped[str] = mapped_column(String(120))
+    seed: Mapped[int]
+    state: Mapped[str] = mapped_column(String(16))
+    attempt: Mapped[int] = mapped_column(default=0)
+    """How often it was claimed; with `owner` it guards the finish, so it never goes back."""
+    failures: Mapped[int] = mapped_column(default=0)
+    """How many attempts ended by our fault: after three the submission fails. A graceful shutdown is none."""
+    owner: Mapped[str | None] = mapped_column(String(80))
+    lease_us: Mapped[int | None]
+    started_us: Mapped[int | None]
+    finished_us: Mapped[int | None]
+    verdict: Mapped[str | None] = mapped_column(String(16))
+    reason: Mapped[str | None] = mapped_column(String(16))
+    result: Mapped[dict[str, Any] | None]
+    """`mdrive_sumo.score.ScenarioResult`."""
+    usage: Mapped[dict[str, Any] | None]
+    """Of the boxes: CPU time, memory, latency histogram, exit, layers."""
+    failure: Mapped[str] = mapped_column(Text, default="")
+    """What of ours went wrong at the last attempt; for admins only."""
+
+
+class Worker(Base):
+    """A process that claims jobs, as it last said of itself; gone ones leave no row, dead ones one that grows old."""
+
+    __tablename__ = "workers"
+    owner: Mapped[str] = mapped_column(String(80), primary_key=True)
+    """As in `Job.owner`."""
+    host: Mapped[str] = mapped_column(String(80))
+    version: Mapped[str] = mapped_column(String(40))
+    scheduler: Mapped[str] = mapped_column(String(120))
+    """Of the Dask cluster that it hands jobs to; "" where it drives itself."""
+    started_us: Mapped[int]
+    seen_us: Mapped[int]
+
+
+class Standing(Base):
+    """The best of a team: one line of one leaderboard, kept so that reading a board costs as much as it has lines."""
+
+    __tablename__ = "standings"
+    # SQLite then keeps the rows in the order of the key: those of one board lie together, not one a page.
+    __table_args__ = ({"sqlite_with_rowid": False},)
+    phase: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
+    slice: Mapped[str] = mapped_column(String(80), primary_key=True)
+    """overall, bucket:NAME or category:NAME."""
+    track: Mapped[str] = mapped_column(String(24), primary_key=True)
+    team: Mapped[str] = mapped_column(ForeignKey("teams.id"), primary_key=True)
+    evaluator: Mapped[str] = mapped_column(String(16), primary_key=True)
+    """Digest of `Submission.evaluator`."""
+    submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    method: Mapped[str] = mapped_column(String(80))
+    """`Submission.name`, here so that a board reads none of the long rows of submissions."""
+    created_us: Mapped[int]
+    """Of the submission: ties go to the earlier."""
+    ds: Mapped[float]
+    figures: Mapped[dict[str, Any]]
+    """This slice's part of `Submission.summary`: ds, sr, confidence intervals and what else it says."""
+
+
+class Event(Base):
+    """What happened to a submission, in order; server-sent events replay it from any id on."""
+
+    __tablename__ = "events"
+    __table_args__ = (Index("events_of_submission", "submission", "id"),)
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    at_us: Mapped[int]
+    kind: Mapped[str] = mapped_column(String(24))
+    data: Mapped[dict[str, Any]]
+
+
+class AuditEntry(Base):
+    """Append-only, each entry hashed together with the hash of the one before."""
+
+    __tablename__ = "audit"
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    at_us: Mapped[int]
+    actor: Mapped[str] = mapped_column(String(80))
+    deed: Mapped[str] = mapped_column(String(40))
+    data: Mapped[dict[str, Any]]
+    hash: Mapped[str] = mapped_column(String(64), unique=True)

@@ -1,0 +1,60 @@
+"""Phases: when submissions are taken, on which suite, and how many."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from server.clock import utc
+from server.store import audit
+from server.store.models import Phase
+from server.store.refusals import NotFound, NotNow
+
+
+@dataclass(frozen=True, slots=True)
+class NewPhase:
+    """As the settings file describes it; the fields are those of `Phase`."""
+
+    id: str
+    title: str
+    suite: str
+    public: bool
+    opens_us: int
+    closes_us: int
+    per_day: int
+    in_parallel: int
+    in_total: int
+    seeds: int = 1
+
+
+def put(session: Session, wanted: Iterable[NewPhase], now_us: int) -> None:
+    """Makes the phases as the settings say; those no longer named stay, for their submissions do."""
+    for new in wanted:
+        old = session.get(Phase, new.id)
+        if old is not None and all(getattr(old, name) == value for name, value in asdict(new).items()):
+            continue
+        session.merge(Phase(**asdict(new)))
+        audit.add(session, "admin", "phase-set", asdict(new), now_us)
+
+
+def get(session: Session, phase_id: str) -> Phase:
+    """Raises NotFound, naming those there are."""
+    phase = session.get(Phase, phase_id)
+    if phase is None:
+        known = ", ".join(phase.id for phase in every(session)) or "none"
+        raise NotFound(f"phase: expected one of {known}, found {phase_id!r}")
+    return phase
+
+
+def every(session: Session) -> Sequence[Phase]:
+    """In the order in which they open."""
+    return session.scalars(select(Phase).order_by(Phase.opens_us, Phase.id)).all()
+
+
+def check_open(phase: Phase, now_us: int) -> None:
+    """Raises NotNow before a phase opens and after it closed."""
+    if now_us < phase.opens_us:
+        raise NotNow(f"phase {phase.id}: it opens at {utc(phase.opens_us)}")
+    if now_us >= phase.closes_us:
+        raise NotNow(f"phase {phase.id}: it closed at {utc(phase.closes_us)}")

@@ -1,0 +1,51 @@
+"""How many submissions a team may make in a phase: per UTC day, at a time, in total."""
+
+from dataclasses import dataclass
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from server.clock import DAY_US, day_start_us, utc
+from server.store.models import Phase, Submission
+from server.store.refusals import OverLimit
+from server.words import State
+
+UNFINISHED = (State.QUEUED.value, State.RUNNING.value)
+_ASK_AGAIN_US = 60_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """What a team has used of a phase's quota."""
+
+    today: int
+    in_parallel: int
+    in_total: int
+
+
+def used(session: Session, team: str, phase: str, now_us: int) -> Used:
+    """Counts what counts: our failures and repetitions by an admin do not."""
+    day = day_start_us(now_us)
+    counts = (
+        func.count().filter(Submission.created_us >= day),
+        func.count().filter(Submission.state.in_(UNFINISHED)),
+        func.count(),
+    )
+    mine = (Submission.team == team, Submission.phase == phase, Submission.counts)
+    return Used(*session.execute(select(*counts).where(*mine)).one())
+
+
+def check(session: Session, team: str, phase: Phase, now_us: int) -> None:
+    """Raises OverLimit. Only in the transaction that inserts is the answer worth anything."""
+    now = used(session, team, phase.id, now_us)
+    if now.in_total >= phase.in_total:
+        raise OverLimit("total", f"phase {phase.id}: all {phase.in_total} submissions are used", None)
+    if now.today >= phase.per_day:
+        tomorrow = day_start_us(now_us) + DAY_US
+        sentence = (
+            f"phase {phase.id}: the {phase.per_day} of today are used; the next one can be sent at {utc(tomorrow)}"
+        )
+        raise OverLimit("day", sentence, tomorrow)
+    if now.in_parallel >= phase.in_parallel:
+        sentence = f"phase {phase.id}: {now.in_parallel} of at most {phase.in_parallel} at a time are not finished"
+        raise OverLimit("parallel", sentence, now_us + _ASK_AGAIN_US)

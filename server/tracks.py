@@ -1,0 +1,38 @@
+"""Tracks: what the CAVs of an agent may say to each other. The channel keeps it, whatever the agent calls itself.
+
+single-agent         the channel is off: no messages, none of road-side units either
+perception-sharing   CAM and CPM arrive; texts, manoeuvres (MCM) and types of the agents' own making are lost
+negotiation          everything arrives
+joint                one program for all CAVs, which needs no messages; they arrive all the same
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mdrive_sumo.errors import InputError
+from mdrive_sumo.v2x.content import CAM, CPM
+from mdrive_sumo.v2x.settings import PRESETS, Comm, Link
+from server.words import Track
+
+_LOST = Link(loss=1.0)
+_SHARED = MappingProxyType({CAM: Link(), CPM: Link()})
+COMM: Mapping[Track, Comm] = MappingProxyType(
+    {
+        Track.SINGLE: PRESETS["off"],
+        Track.SHARING: Comm(link=_LOST, by_type=_SHARED),
+        Track.NEGOTIATION: PRESETS["ideal"],
+        Track.JOINT: PRESETS["ideal"],
+    }
+)
+"""The V2X channel of each track; ideal but for what is forbidden, as in the paper."""
+
+
+def check_style(style: str, track: Track) -> None:
+    """Raises InputError, for the participant, if an agent of that style (of its `Manifest`) may not be in the track."""
+    if (style == "joint") == (track is Track.JOINT):
+        return
+    kind = "an agent for each CAV" if style != "joint" else "one agent for all CAVs"
+    wanted = (
+        "one agent for all CAVs (get_entry_point)" if track is Track.JOINT else "an agent for each CAV (class Agent)"
+    )
+    raise InputError(f"track {track}: expected {wanted} in agents.py, found {kind}")

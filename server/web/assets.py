@@ -1,0 +1,49 @@
+"""Style sheets, scripts and pictures: read once, with a hash of what is in them in their address."""
+
+import hashlib
+import mimetypes
+from dataclasses import dataclass
+from importlib.resources import files
+
+from fastapi import APIRouter, Response
+
+from server.store import NotFound
+
+router = APIRouter()
+_KINDS = (".css", ".js", ".svg")
+_FOR_EVER = "public, max-age=31536000, immutable"
+
+
+@dataclass(frozen=True, slots=True)
+class _Asset:
+    content: bytes
+    media_type: str
+    version: str
+
+
+def _read() -> dict[str, _Asset]:
+    found: dict[str, _Asset] = {}
+    for file in files("server.web").joinpath("static").iterdir():
+        if file.name.endswith(_KINDS):
+            content = file.read_bytes()
+            media_type = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
+            found[file.name] = _Asset(content, media_type, hashlib.sha256(content).hexdigest()[:12])
+    return found
+
+
+_ASSETS = _read()
+
+
+def address(name: str) -> str:
+    """Of a file in `static`. Another content has another address, so browsers may keep it for ever."""
+    return f"/static/{_ASSETS[name].version}/{name}"
+
+
+@router.get("/static/{version}/{name}")
+async def asset(version: str, name: str) -> Response:
+    """One of them."""
+    found = _ASSETS.get(name)
+    if found is None or found.version != version:
+        raise NotFound(f"there is nothing at /static/{version:.20}/{name:.60}")
+    headers = {"Cache-Control": _FOR_EVER, "X-Content-Type-Options": "nosniff"}
+    return Response(found.content, media_type=found.media_type, headers=headers)

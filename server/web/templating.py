@@ -1,0 +1,120 @@
+"""Pages from templates: escaped always, and with a policy that lets a browser run only what is ours."""
+
+from collections.abc import Mapping
+from datetime import datetime
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from server.api.schemas import Figures
+from server.clock import utc
+from server.web.assets import address
+
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data:",
+        "connect-src 'self'",
+        "frame-src 'self'",
+        "form-action 'self'",
+        "base-uri 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+"""No inline script, no inline style, nothing of another host."""
+
+
+def page(
+    request: Request,
+    template: str,
+    status: int = HTTPStatus.OK,
+    headers: Mapping[str, str] | None = None,
+    **context: Any,
+) -> HTMLResponse:
+    """A template as an answer. It knows `visitor` (`visitors.Visitor` or None), if a dependency asked who it is."""
+    visitor = getattr(request.state, "visitor", None)
+    text = render(template, visitor=visitor, **context)
+    return HTMLResponse(text, status, headers=headers_of(visitor is not None) | dict(headers or {}))
+
+
+def render(template: str, **context: Any) -> str:
+    """The text of a template."""
+    return _environment.get_template(template).render(context)
+
+
+def headers_of(personal: bool) -> dict[str, str]:
+    """Of every page; `personal`: what is on it is for one visitor only."""
+    return {
+        "Content-Security-Policy": POLICY,
+        "Cache-Control": "no-store" if personal else "no-cache",
+        "Vary": "Cookie",
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "same-origin",
+    }
+
+
+def percent(value: float | None) -> str:
+    """85.3; a dash for what is not known."""
+    return "–" if value is None else f"{value:.1f}"
+
+
+def ratio(value: float | None) -> str:
+    """0.97; a dash for what is not known."""
+    return "–" if value is None else f"{value:.2f}"
+
+
+def interval(figures: Figures, name: str) -> str:
+    """[80.1, 90.2] of `ds` or `sr`; nothing where it is not known, as of a single scenario."""
+    low, high = getattr(figures, f"{name}_low"), getattr(figures, f"{name}_high")
+    return "" if low is None or high is None or figures.scenarios == 1 else f"[{low:.1f}, {high:.1f}]"
+
+
+def at(moment: datetime | int | None) -> str:
+    """A time (microseconds since 1970 where it is a number) as people read it."""
+    if moment is None:
+        return "–"
+    return utc(moment if isinstance(moment, int) else int(moment.timestamp() * 1e6))
+
+
+def day(moment: datetime | int | None) -> str:
+    """Only the day: 2026-01-31."""
+    return at(moment)[:10]
+
+
+def size(number: int | None) -> str:
+    """12.5 MB, in steps of 1000."""
+    if number is None:
+        return "–"
+    value, unit = float(number), "bytes"
+    for larger in ("kB", "MB", "GB", "TB"):
+        if value < 1000:
+            break
+        value, unit = value / 1000, larger
+    return f"{value:.0f} {unit}" if unit == "bytes" else f"{value:.1f} {unit}"
+
+
+def binary(number: int) -> str:
+    """64 MiB: limits are powers of two."""
+    return f"{round(number / 1024**2, 1):g} MiB" if number >= 1024**2 else f"{round(number / 1024, 1):g} KiB"
+
+
+def _made() -> Environment:
+    made = Environment(
+        loader=PackageLoader("server.web"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters.update(percent=percent, ratio=ratio, at=at, day=day, size=size, binary=binary)
+    more: dict[str, Any] = {"interval": interval, "static": address}
+    made.globals.update(more)
+    return made
+
+
+_environment = _made()

@@ -1,0 +1,137 @@
+"""What a box costs: starting an agent, and one tick, against the same agent in this process.
+
+    .venv/bin/python tests/bench/sandbox.py [SCENARIO]
+
+Observations are those of a real scenario, recorded once; both sides then answer the same ones in turns.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+
+from mdrive_sumo.agents.child import BoxPlan, Program
+from mdrive_sumo.agents.driver import Driver, LocalDriver
+from mdrive_sumo.agents.remote import Limits, RemoteDriver, opened_line
+from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
+from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.sumo import SumoWorld
+
+SENSORS: Mapping[str, tuple[SensorSpec, ...]] = {
+    "objects": (SensorSpec("objects"),),
+    "objects, lidar": (SensorSpec("objects"), SensorSpec("lidar", "top")),
+    "objects, lidar, bev": (SensorSpec("objects"), SensorSpec("lidar", "top"), SensorSpec("bev", "map")),
+}
+SOURCE = """
+from mdrive_sumo.contract import Control, Reply
+class Agent:
+    label = "single"
+    def __init__(self, config): pass
+    def sensors(self): return ()
+    def start(self, briefing): pass
+    def act(self, seen): return Reply(control=Control(0.3, 0.0, 0.0))
+"""
+TICKS = 200
+STARTS = 10
+
+
+class Probe:
+    """Drives on and remembers what it saw."""
+
+    label = "single"
+
+    def __init__(self, sensors: tuple[SensorSpec, ...]) -> None:
+        self._sensors = sensors
+        self.briefing: Briefing | None = None
+        self.seen: list[Observation] = []
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        return self._sensors
+
+    def start(self, briefing: Briefing) -> None:
+        self.briefing = briefing
+
+    def act(self, seen: Observation) -> Reply:
+        self.seen.append(seen)
+        return Reply(control=Control(0.3, 0.0, 0.0))
+
+
+def recorded(name: str, sensors: tuple[SensorSpec, ...]) -> Probe:
+    """The first CAV of a scenario, and what it saw."""
+    suite = load_suite("interdrive")
+    scenario = next(one for one in suite.scenarios if one.id.startswith(name))
+    roads = load(network_folder(scenario.network, suite.home(scenario.id)))
+    probes = {ego.id: Probe(sensors if ego is scenario.egos[0] else ()) for ego in scenario.egos}
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    with SumoWorld(scenario, roads, sizes, 0) as world:
+        run_episode(Setting(scenario, roads, seed=0), world, {ego: LocalDriver(one) for ego, one in probes.items()})
+    return probes[scenario.egos[0].id]
+
+
+def times_ms(driver: Driver, probe: Probe) -> list[float]:
+    """Of every tick, from the observation to the checked reply; the first ones left out."""
+    assert probe.briefing is not None
+    driver.sensors()
+    driver.start(probe.briefing)
+    times: list[float] = []
+    for tick in range(TICKS + 20):
+        seen = probe.seen[tick % len(probe.seen)]
+        since = time.perf_counter()
+        driver.ask(seen)
+        driver.answer()
+        times.append(1000 * (time.perf_counter() - since))
+    driver.close()
+    return times[20:]
+
+
+def row(what: str, values: Sequence[float]) -> str:
+    """A tenth, median and 99th percentile: on a busy machine the first comes nearest to what it is on an idle one."""
+    return f"| {what} | " + " | ".join(f"{value:.3f}" for value in np.percentile(values, (10, 50, 99))) + " |"
+
+
+def main() -> None:
+    """Prints two tables."""
+    name = sys.argv[1] if len(sys.argv) > 1 else "i01"
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        folder.chmod(0o755)
+        (folder / "agents.py").write_text(SOURCE)
+        plan = BoxPlan(made, python=sys.executable, site=str(Path(np.__file__).parents[1]))
+
+        def plain() -> RemoteDriver:
+            return RemoteDriver(opened_line(Program(f"{made}/agents.py:Agent"), Limits()), {})
+
+        def boxed() -> RemoteDriver:
+            return RemoteDriver(opened_line(Program("/agent/agents.py:Agent"), Limits(), plan), {})
+
+        click.echo("| a tick [ms] | p10 | p50 | p99 |\n|---|---|---|---|")
+        for what, sensors in SENSORS.items():
+            probe = recorded(name, sensors)
+            makers: dict[str, Callable[[], Driver]] = {
+                "in process": lambda probe=probe: LocalDriver(Probe(probe.sensors())), "child": plain, "box": boxed
+            }  # fmt: skip
+            for where, make in makers.items():
+                click.echo(row(f"{what}: {where}", times_ms(make(), probe)))
+        click.echo("\n| start [ms] | p10 | p50 | p99 |\n|---|---|---|---|")
+        for where, make in (("child", plain), ("box", boxed)):
+            click.echo(row(f"{where}, until it has declared its sensors", [started_ms(make) for _ in range(STARTS)]))
+
+
+def started_ms(make: Callable[[], Driver]) -> float:
+    """Until an agent has answered for the first time."""
+    since = time.perf_counter()
+    driver = make()
+    driver.sensors()
+    took = 1000 * (time.perf_counter() - since)
+    driver.close()
+    return took
+
+
+if __name__ == "__main__":
+    main()

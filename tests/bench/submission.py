@@ -1,0 +1,113 @@
+"""How long one submission of the sample agent takes: `python tests/bench/submission.py [--every N] [--processes N]`.
+
+All 225 packaged scenarios, or every Nth of them, in real boxes (a fresh one for each CAV and scenario), by the workers
+of a supervisor. Prints wall and CPU time; CPU time says more where the machine is busy. The agents' part is that of the
+boxes, of which about 0.12 s each is their start.
+"""
+
+import argparse
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+
+from archive_samples import packed  # noqa: E402
+
+from server import environments  # noqa: E402
+from server.clock import DAY_US, now_us  # noqa: E402
+from server.evaluation.supervisor import Supervisor  # noqa: E402
+from server.settings import Settings, Work  # noqa: E402
+from server.store import Store, phases, submissions, teams  # noqa: E402
+from server.store.models import Job  # noqa: E402
+from server.store.quota import UNFINISHED  # noqa: E402
+from server.suites import LoadedSuites  # noqa: E402
+from server.words import Track  # noqa: E402
+
+SAMPLE = Path(environments.__file__).parent / "samples" / "agent"
+ENVIRONMENT = "python3.11-numpy"
+
+
+def stored_archive(data: Path) -> str:
+    """Packs the sample, and says that this Python is its environment; returns the archive's checksum."""
+    files = {str(path.relative_to(SAMPLE)): path.read_bytes() for path in SAMPLE.rglob("*") if path.is_file()}
+    archive = packed({name: content for name, content in files.items() if "__pycache__" not in name})
+    sha = sha256(archive).hexdigest()
+    for folder in (data / "archives", data / "environments" / ENVIRONMENT):
+        folder.mkdir(parents=True)
+    (data / "archives" / f"{sha}.zip").write_bytes(archive)
+    about = json.dumps(asdict(environments.here()), default=str)
+    (data / "environments" / ENVIRONMENT / environments.ABOUT_FILE).write_text(about)
+    return sha
+
+
+def queued(store: Store, settings: Settings, sha: str, every: int) -> str:
+    """The submission's id."""
+    suites = LoadedSuites(settings)
+    new_phase = phases.NewPhase("all", "All", "mdrive", True, 0, 10**6 * DAY_US, 50, 50, 500)
+    with store.write() as session:
+        phases.put(session, [new_phase], now_us())
+        teams.create(session, "team", now_us())
+    with store.write() as session:
+        phase = phases.get(session, "all")
+        new = submissions.NewSubmission(
+            team=teams.get(session, "team").id,
+            track=Track.SINGLE,
+            name="sample",
+            archive_sha256=sha,
+            archive_bytes=1000,
+            environment=ENVIRONMENT,
+            evaluator=suites.evaluator(phase),
+        )
+        return submissions.accept(session, new, phase, suites.jobs(phase)[::every], now_us()).id
+
+
+def state(store: Store, submission: str) -> str:
+    with store.read() as session:
+        return submissions.get(session, submission).state
+
+
+def measured(data: Path, every: int, processes: int) -> str:
+    """One line of figures."""
+    settings = Settings(data=data, work=Work(processes=processes, spot_check=0.0))
+    store = Store(settings.database_url)
+    store.migrate()
+    submission = queued(store, settings, stored_archive(data), every)
+    supervisor, since = Supervisor(store, settings), time.monotonic()
+    supervisor.start()
+    try:
+        while state(store, submission) in UNFINISHED:
+            time.sleep(0.2)
+        wall_s = time.monotonic() - since
+    finally:
+        supervisor.stop()
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with store.read() as session:
+        usages = [job.usage or {} for job in session.query(Job)]
+    boxes = sum(len(one.get("boxes", {})) for one in usages)
+    boxed_s = sum(one.get("cpu_s", 0.0) for one in usages)
+    cpu_s = used.ru_utime + used.ru_stime
+    return (
+        f"{state(store, submission)}: {len(usages)} scenarios by {processes} workers: wall {wall_s:.0f} s, CPU"
+        f" {cpu_s:.0f} s ({cpu_s / len(usages):.2f} s a scenario), of it {boxed_s:.0f} s in {boxes} boxes;"
+        f" load average {os.getloadavg()[0]:.1f}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="mdrive-bench-") as folder:
+        print(measured(Path(folder), options.every, options.processes))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

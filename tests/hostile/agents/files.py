@@ -1,0 +1,61 @@
+"""Reads and writes what is not its own. `argv`: files of the host that must not be found."""
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from tell import opened, tell
+
+
+def reads(path: str) -> bool:
+    with Path(path).open("rb") as file:
+        return bool(file.read(64))
+
+
+def lists(path: str) -> bool:
+    return any(True for _ in Path(path).iterdir())
+
+
+def writes(path: str) -> bool:
+    with Path(path).open("ab") as file:
+        return file.write(b"1") == 1
+
+
+secret = ("/etc/shadow", "/etc/passwd", "/etc/hostname", "/proc/kcore", "/proc/kmsg", "/proc/1/mem", "/dev/mem")
+devices = ("/dev/vda", "/dev/sda", "/dev/kvm", "/dev/fuse", "/dev/net/tun", "/dev/kmsg")
+folders = ("/root", "/home", "/work", "/var/log", "/sys/kernel", "/run", "/mnt", "/oldroot", "/newroot")
+closed = (
+    "/x",
+    "/usr/x",
+    "/usr/bin/python3",
+    "/agent/x",
+    "/agent/tell.py",
+    "/dev/x",
+    "/opt/x",
+    "/etc/x",
+    "/kit/x",
+    "/site/x",
+    "/frames/x",
+    "/run/x",
+)
+kernel = ("/proc/sys/kernel/hostname", "/proc/sysrq-trigger", "/proc/sys/kernel/core_pattern")
+attempts: dict[str, Callable[[], object]] = {}
+attempts |= {f"read {path}": partial(reads, path) for path in (*secret, *devices, *sys.argv[1:])}
+attempts |= {f"list {path}": partial(lists, path) for path in folders}
+attempts |= {f"write {path}": partial(writes, path) for path in (*closed, *kernel)}
+attempts["climb out"] = partial(reads, "/proc/1/root/../../etc/shadow")
+attempts["less likely to be killed"] = lambda: Path("/proc/self/oom_score_adj").write_text("-500")
+attempts["change mode"] = lambda: Path("/agent").chmod(0o777) is None
+host_paths = [
+    word
+    for word in Path("/proc/1/cmdline").read_bytes().decode().split("\0")
+    if "/tmp/" in word and word not in sys.argv
+]
+tell(
+    open=opened(attempts),
+    told_by_command_line=host_paths,
+    told_by_environment=Path("/proc/1/environ").read_bytes().decode(),
+    linked={fd: str(Path(f"/proc/self/fd/{fd}").readlink()).partition(":")[0] for fd in ("0", "1", "2", "3")},
+    more_descriptors=[fd for fd in range(4, 200) if Path(f"/proc/self/fd/{fd}").is_symlink()],
+)

@@ -1,0 +1,5 @@
+"""Ends at once, without a word."""
+
+import os
+
+os._exit(0)
