@@ -34,7 +34,7 @@ data = "{data}"
 open = true
 
 [sandbox]
-required = []
+required = ["namespaces", "read-only", "privileges", "seccomp", "rlimits"]
 
 [work]
 processes = 1
