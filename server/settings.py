@@ -240,7 +240,7 @@ def _set(content: dict[str, Any], name: str, text: str) -> None:
     place = content.setdefault(section, {}) if section else content
     if not isinstance(place, dict):
         raise InputError(f"settings: {section}: expected a table, found {place!r}")
-    place[field] = text.split(",") if field == "required" else text
+    place[field] = text.split(",") if field == "required" else text  # the only list among the settings
 
 
 def _us(moment: datetime) -> int:

@@ -7,11 +7,13 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
+import processes
 import pytest
 from evaluation_fakes import fast_clock, read, scored, steady
 
@@ -24,6 +26,7 @@ from server.store.models import AuditEntry, Event, Job
 from server.words import JobState, State
 
 HERE = Path(__file__).parent
+wait_for = partial(processes.wait_for, limit_s=120.0)
 COMMAND = (sys.executable, str(HERE / "evaluation_fakes.py"))
 
 
@@ -42,20 +45,6 @@ def supervised(store: Store, settings: Settings) -> Generator[Supervisor]:
             yield found
     finally:
         found.stop()
-
-
-def wait_for(condition: Callable[[], bool], limit_s: float = 120.0) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def rows(store: Store, submission: str) -> list[Job]:

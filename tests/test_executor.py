@@ -5,15 +5,18 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import databases
+import processes
 import pytest
 from dask_cluster import Cluster, cluster
 from evaluation_fakes import challenge, fake, fast_clock, scored, submitted
+from processes import alive
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.score import ScenarioResult
@@ -33,6 +36,7 @@ from server.store.models import Job as Job_
 from server.suites import LoadedSuites
 
 HERE = Path(__file__).parent
+wait_for = partial(processes.wait_for, limit_s=60.0)
 
 
 @pytest.fixture
@@ -56,20 +60,6 @@ def names(executor: Executor[Any, str], tasks: list[Any]) -> dict[str, str]:
         task.name: outcome.kind if isinstance(outcome, WorkerFailure) else outcome.split()[0]
         for task, outcome in outcomes(executor, tasks)
     }
-
-
-def wait_for(condition: Callable[[], bool], limit_s: float = 60.0) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def test_an_ended_job_is_gone_with_its_worker_and_has_no_outcome(fakes: ModuleType, tmp_path: Path) -> None:
@@ -159,9 +149,9 @@ def test_a_hung_and_an_ended_job_of_a_cluster_are_killed(
         pids = [tmp_path / "ended.started", tmp_path / "hung.started"]
         wait_for(lambda: all(path.exists() and path.read_text() for path in pids))
         dask.end("ended")
-        wait_for(lambda: not alive(int(pids[0].read_text())), 5.0)
+        wait_for(lambda: not alive(int(pids[0].read_text())), limit_s=5.0)
         assert dask.ready() == [("hung", WorkerFailure(FailureKind.HUNG, "hung: no result within 6 s"))]
-        wait_for(lambda: not alive(int(pids[1].read_text())), 5.0)
+        wait_for(lambda: not alive(int(pids[1].read_text())), limit_s=5.0)
 
 
 @pytest.mark.slow
@@ -188,7 +178,7 @@ def test_jobs_outlive_a_worker_of_a_cluster_and_not_its_scheduler(fakes: ModuleT
         own.kill_scheduler()
         with pytest.raises(ExecutorLostError, match="is lost"):
             dask.ready(60.0)
-        wait_for(lambda: not alive(int((tmp_path / "b.started").read_text())), 90.0)
+        wait_for(lambda: not alive(int((tmp_path / "b.started").read_text())), limit_s=90.0)
 
 
 @pytest.mark.full
@@ -270,7 +260,7 @@ def test_the_server_on_a_cluster_scores_once_and_gives_back_what_is_lost(
         own.kill_scheduler()
         with pytest.raises(ExecutorLostError):
             dispatcher.run(stop)
-        wait_for(lambda: not alive(child), 90.0)
+        wait_for(lambda: not alive(child), limit_s=90.0)
     stop.close()
     with store.read() as session:
         rows = session.query(Job_).filter(Job_.submission == submission).order_by(Job_.id).all()

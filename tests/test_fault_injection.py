@@ -10,7 +10,6 @@ import pytest
 from evaluation_fakes import challenge, fake, fast_clock, read, submitted
 from evaluation_real import (
     HERE,
-    alive,
     check_scored_once,
     drive_through_kills,
     rows,
@@ -19,6 +18,7 @@ from evaluation_real import (
     url,
     wait_for,
 )
+from processes import alive
 
 from mdrive_sumo.suite.engine import engine
 from server.evaluation.dispatcher import Dispatcher

@@ -15,7 +15,6 @@ import pytest
 from dask_cluster import cluster
 from evaluation_fakes import challenge, fast_clock, read, submitted
 from evaluation_real import (
-    alive,
     calls,
     check_scored_once,
     children,
@@ -27,6 +26,7 @@ from evaluation_real import (
     url,
     wait_for,
 )
+from processes import alive
 
 from server.clock import DAY_US
 from server.settings import Settings
@@ -64,7 +64,7 @@ def test_a_cancelled_submission_s_process_is_gone_within_a_heartbeat(tmp_path: P
         child, workers = int(mark.read_text()), supervisor.pids
         with store.write() as session:
             submissions.cancel(session, submission, fast_clock())
-        wait_for(lambda: not alive(child), 5.0)  # its heartbeat comes every half second of ours
+        wait_for(lambda: not alive(child), limit_s=5.0)  # its heartbeat comes every half second of ours
         other = submitted(store, settings, fast_clock())
         (tmp_path / "s0.tried").unlink()
         wait_for(mark.exists)  # its worker lives on, and drives the next one
@@ -101,7 +101,7 @@ def test_a_database_that_restarts_in_mid_run(tmp_path: Path) -> None:
     submission = submitted(store, settings, fast_clock())
     with supervised(store, settings):
         for done in (1, 40, 80):
-            wait_for(lambda done=done: calls(tmp_path) >= done, 60.0)
+            wait_for(lambda done=done: calls(tmp_path) >= done, limit_s=60.0)
             _crash(url(store))
         wait_for(lambda: quietly_done(store, submission))
     check_scored_once(store, settings, submission, 120)
@@ -193,6 +193,6 @@ def test_a_service_on_a_cluster_outlives_its_scheduler(tmp_path: Path) -> None:
             own.kill_scheduler()
             wait_for(lambda: {job.state for job in rows(store, submission)} == {JobState.DONE, JobState.QUEUED})
             own.start(2)
-            wait_for(lambda: read(store, submission).state == State.DONE, 180.0)
+            wait_for(lambda: read(store, submission).state == State.DONE, limit_s=180.0)
         check_scored_once(store, settings, submission, 81)
         assert {job.failures for job in rows(store, submission)} == {0}

@@ -4,16 +4,18 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
+import processes
 import pytest
+from processes import alive
 
 from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure, available_cores
 
 HERE = Path(__file__).parent
+wait_for = partial(processes.wait_for, limit_s=20.0)
 
 
 @pytest.fixture
@@ -29,21 +31,6 @@ def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0,
     with Pool(fakes.perform, workers, limit_s) as pool:
         found = {task.name: outcome for task, outcome in pool.run(tasks)}
     return [found[task.name] for task in tasks]
-
-
-def wait_for(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
-
-
-def alive(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"
 
 
 def test_one_worker_serves_all_jobs(fakes: ModuleType) -> None:
