@@ -52,6 +52,11 @@ def rows(store: Store, submission: str) -> list[Job]:
         return list(session.query(Job).filter(Job.submission == submission).order_by(Job.scenario))
 
 
+def states(store: Store, submission: str) -> list[str]:
+    """Of its jobs, in the order of their scenarios."""
+    return [job.state for job in rows(store, submission)]
+
+
 def check_scored_once(store: Store, settings: Settings, submission: str, jobs_expected: int) -> None:
     """Every row has the only right result, was told of once, and the summary is that of an undisturbed run."""
     found = rows(store, submission)

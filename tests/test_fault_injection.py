@@ -14,7 +14,9 @@ from evaluation_real import (
     drive_through_kills,
     rows,
     served,
+    states,
     steady_code,  # noqa: F401 (a fixture)
+    supervised,
     url,
     wait_for,
 )
@@ -52,17 +54,21 @@ def test_225_rows_survive_many_kills(tmp_path: Path, backend: str) -> None:
 @pytest.mark.slow
 def test_a_killed_server_takes_its_workers_along_and_the_next_goes_on(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
-    settings = challenge(tmp_path, store, "nap", "hang").model_copy(update={"database": url(store)})
+    settings = challenge(tmp_path, store, "nap", "hang once").model_copy(update={"database": url(store)})
     submission = submitted(store, settings, fast_clock())
     mark = tmp_path / "s1.tried"
     server = served(settings)
     wait_for(lambda: mark.exists() and mark.read_text() != "")
+    wait_for(lambda: states(store, submission) == [JobState.DONE, JobState.RUNNING])
     child = int(mark.read_text())
     server.kill()
     server.wait()
     wait_for(lambda: not alive(child))
-    wait_for(lambda: {job.state for job in rows(store, submission)} == {JobState.DONE, JobState.QUEUED})
+    wait_for(lambda: states(store, submission) == [JobState.DONE, JobState.QUEUED])
     assert [job.failures for job in rows(store, submission)] == [0, 0]  # given back, not lost
+    with supervised(store, settings):
+        wait_for(lambda: read(store, submission).state == State.DONE)
+    check_scored_once(store, settings, submission, 2)
 
 
 def test_a_worker_that_dies_at_once_is_not_started_at_full_speed(tmp_path: Path) -> None:
