@@ -54,7 +54,7 @@ bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/bench.py
 	$(BIN)/python tests/bench/sandbox.py
 	$(BIN)/python tests/bench/store.py sqlite
-	$(BIN)/python tests/bench/server.py --busy 2
+	$(BIN)/python tests/bench/server.py --workers 2
 	$(BIN)/python tests/bench/submission.py
 
 networks: install ## compile networks/ anew from their recipes

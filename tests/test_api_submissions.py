@@ -12,6 +12,7 @@ from api_app import ZIP, Server, another_zip, listening, problem
 from store_samples import GOOD, LEASE, NOON, PHASE, S, summary
 
 from server.api import boards
+from server.api.reader import ReaderHere
 from server.clock import DAY_US
 from server.store import StoreUnavailable, jobs, queries, submissions
 from server.store.phases import put
@@ -326,7 +327,7 @@ def test_a_board_is_made_anew_only_after_something_happened(server: Server, monk
 
 
 def test_a_board_is_handed_out_while_it_is_looked_after(server: Server) -> None:
-    found = boards.Boards(server.store)
+    found = boards.Boards(ReaderHere(server.store))
     which = boards.Which("dev", None, None, None)
 
     async def asked() -> list[bool]:

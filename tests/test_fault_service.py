@@ -29,6 +29,7 @@ from evaluation_real import (
 from processes import alive
 
 from server.clock import DAY_US
+from server.evaluation.worker import NICE
 from server.settings import Settings
 from server.store import Store, submissions
 from server.words import JobState, State
@@ -48,6 +49,7 @@ def test_a_stop_gives_back_what_is_under_way_and_blames_nobody(tmp_path: Path) -
         mark = tmp_path / "s0.tried"
         wait_for(lambda: mark.exists() and mark.read_text() != "")
         child, began = int(mark.read_text()), time.monotonic()
+        assert os.getpriority(os.PRIO_PROCESS, child) == os.getpriority(os.PRIO_PROCESS, 0) + NICE
         workers = supervisor.pids
     assert time.monotonic() - began < 10
     assert not any(alive(pid) for pid in (child, *workers))

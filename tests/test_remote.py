@@ -3,12 +3,13 @@
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mdrive_sumo.agents.child import Program
 from mdrive_sumo.agents.driver import AgentFailure
 from mdrive_sumo.agents.remote import Limits, RemoteDriver, opened_line
-from mdrive_sumo.contract import Observation, OwnState
+from mdrive_sumo.contract import Observation, OwnState, PointCloud
 from mdrive_sumo.state import Failure
 
 AGENT = """
@@ -47,6 +48,19 @@ class Joint(Driver):
 class Broken(Driver):
     def __init__(self, config): raise ValueError("no such weights")
 """
+COUNTS = """
+import resource
+from mdrive_sumo.contract import Control, Reply
+
+class Counts:
+    label = "single"
+    def __init__(self, config): self.faults = 0
+    def sensors(self): return ()
+    def start(self, briefing): pass
+    def act(self, seen):
+        before, self.faults = self.faults, resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        return Reply(control=Control(min(1.0, (self.faults - before) / 1000), 0.0, 0.0))
+"""
 SEEN = Observation(0, OwnState(0, 0, 0, 0, 0, 0, 0))
 
 
@@ -72,6 +86,22 @@ def test_a_good_agent_answers(path: Path, tmp_path: Path) -> None:
         assert (control.throttle, control.steer) == (0.25, 0.1)
     remote.close()
     assert (tmp_path / "log").read_text() == "a line on standard output\n" * 3
+
+
+def test_the_memory_of_an_observation_is_kept_for_the_next(tmp_path: Path) -> None:
+    """Given back to the kernel, the 90 pages of a LiDAR's points would be asked for anew with every tick."""
+    (tmp_path / "counts.py").write_text(COUNTS)
+    remote = RemoteDriver(opened_line(Program(f"{tmp_path}/counts.py:Counts"), Limits()), {})
+    remote.sensors()
+    faults: list[float] = []
+    for tick in range(60):
+        cloud = PointCloud(np.zeros((23_000 + 200 * (tick % 10), 4), np.float32), np.zeros(0, np.int32), ())
+        remote.ask(Observation(tick, OwnState(0, 0, 0, 0, 0, 0, 0), lidar={"top": cloud}))
+        control = remote.answer().control
+        assert control is not None
+        faults.append(1000 * control.throttle)
+    remote.close()
+    assert np.median(faults[30:]) < 10, faults
 
 
 def test_a_plan_crosses_with_its_array(path: Path) -> None:

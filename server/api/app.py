@@ -1,6 +1,6 @@
 """The application: what it is made of, and the routes."""
 
-import sys
+from asyncio import create_task
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 
@@ -16,6 +16,7 @@ from server.api.bodies import BodiesMiddleware
 from server.api.context import Tools
 from server.api.description import described
 from server.api.headers import HeadersMiddleware
+from server.api.reader import ReaderAside, ReaderHere
 from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
 from server.api.upload import Uploads
 from server.archive import ArchiveLimits
@@ -29,9 +30,6 @@ API = "/api/v1"
 UPLOADS = (f"{API}/submissions", "/submit")
 """Where archives are sent to: the second is the pages' form."""
 START_S = 60.0
-SWITCH_S = 0.0005
-"""How long one thread may keep the others waiting. A thread that reads the database waits so long for each row while
-answers are being written: with Python's 5 ms the board of 200 teams took up to 0.25 s, with this 0.08 s."""
 _ABOUT = """
 Send an agent, watch it drive, see it ranked. Everything that goes wrong is answered as problem details (RFC 9457):
 `detail` is one sentence that says what to do about it. Tokens are sent as `Authorization: Bearer TOKEN`.
@@ -49,6 +47,7 @@ def create_app(
 
     `app.state.tools` has the settings, the store and the rest, `app.state.now` the clock. Raises InputError.
     """
+    reader = ReaderHere(store) if store is not None else ReaderAside(settings.database_url)
     store = store if store is not None else Store(settings.database_url)
     tools = Tools(
         settings,
@@ -56,18 +55,18 @@ def create_app(
         suites if suites is not None else LoadedSuites(settings),
         aside if aside is not None else ProcessAside(),
         aside if aside is not None else ProcessAside(),
-        Boards(store),
+        Boards(reader),
         Uploads(),
     )
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
         await run_in_threadpool(prepare, tools, now())
+        await tools.boards.make_all(now())
         await run_in_threadpool(tools.aside.call, START_S, ArchiveLimits)  # so that the first upload waits for nothing
-        before_s = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_S)
+        keeper = create_task(tools.boards.keep(now))
         yield
-        sys.setswitchinterval(before_s)
+        keeper.cancel()
         tools.boards.close()
         for each in (tools.aside, tools.painter):
             await run_in_threadpool(each.close)

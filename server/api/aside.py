@@ -4,6 +4,7 @@ It is started when first needed, stays for the next call (starting takes longer 
 call that takes too long or breaks it.
 """
 
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
@@ -15,6 +16,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 
 from mdrive_sumo.errors import InputError
 from server.api.problems import ProblemError
+from server.store import StoreUnavailable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -25,7 +27,8 @@ class Aside(Protocol):
     """Where to do it."""
 
     def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
-        """What `deed` returns. Raises its InputErrors and OSErrors; ProblemError if it takes too long or breaks."""
+        """What `deed` returns. Raises its InputErrors, OSErrors and StoreUnavailable; ProblemError if it takes too long
+        or breaks."""
         ...
 
     def close(self) -> None:
@@ -36,7 +39,9 @@ class Aside(Protocol):
 class ProcessAside:
     """In one child process, one call at a time. Safe to use from several threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, nice: int = 0) -> None:
+        """nice: how much others of this machine go before it, see `nice(2)`."""
+        self._nice = nice
         self._turn = Lock()
         self._child: tuple[BaseProcess, Connection] | None = None
 
@@ -60,7 +65,7 @@ class ProcessAside:
     def _asked(self, question: object, seconds: float) -> tuple[bool, Any]:
         if self._child is None or not self._child[0].is_alive():
             self._end()
-            self._child = _started()
+            self._child = _started(self._nice)
         pipe = self._child[1]
         try:
             pipe.send(question)
@@ -81,22 +86,23 @@ class ProcessAside:
             self._child = None
 
 
-def _started() -> tuple[BaseProcess, Connection]:
+def _started(nice: int) -> tuple[BaseProcess, Connection]:
     ours, its = get_context("spawn").Pipe()
-    process = get_context("spawn").Process(target=_serve, args=(its,), daemon=True, name="mdrive-aside")
+    process = get_context("spawn").Process(target=_serve, args=(its, nice), daemon=True, name="mdrive-aside")
     process.start()
     its.close()
     return process, ours
 
 
-def _serve(pipe: Connection) -> None:
+def _serve(pipe: Connection, nice: int) -> None:
     """In the child: answers until the parent is gone."""
+    os.nice(nice)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while True:
             deed, args, kwargs = pipe.recv()
             try:
                 answer = True, deed(*args, **kwargs)
-            except (InputError, OSError) as error:
+            except (InputError, OSError, StoreUnavailable) as error:
                 answer = False, error
             pipe.send(answer)
 

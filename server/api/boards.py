@@ -1,22 +1,30 @@
 """Leaderboards, kept as they are sent until something happens: they are read far more often than they change."""
 
 import asyncio
-from collections.abc import Callable, Hashable
+from collections.abc import Awaitable, Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from time import monotonic
 from typing import Any, TypeVar
 
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from server.api import schemas, views
+from server.api.problems import ProblemError
+from server.api.reader import Reader
 from server.api.schemas import moment
-from server.store import Store, audit, models, phases, published, queries
+from server.store import NotFound, StoreUnavailable, models, phases, published, queries
 from server.words import Track
 
 FRESH_US = 1_000_000
 """So long a board is handed out without asking the database whether anything happened."""
-STALE_US = 4_000_000
+STALE_US = 30_000_000
 """So long it is still handed out while it is looked after; a board that nobody asked for is not as old as that."""
+KEEPING_S = 1.0
+"""So often boards that have changed are made anew; where that takes longer, half of the time."""
 _MOST = 500
 """Things that are kept; what clients ask for is without end."""
 _Kept = TypeVar("_Kept")
@@ -34,26 +42,64 @@ class Which:
 
 
 @dataclass(frozen=True, slots=True)
+class Parts:
+    """Of a phase: what it has boards of, beside the whole."""
+
+    buckets: tuple[str, ...]
+    categories: tuple[str, ...]
+
+
+Maker = Callable[[Which, int], Awaitable[object]]
+"""Makes a board in a form in which it is sent, at a time [us], to be kept."""
+
+
+@dataclass(frozen=True, slots=True)
 class _Made:
     content: Any
     stamp: str
-    """Head of the audit log: nothing changes a board without an entry there."""
+    """Of the audit log's last entry that may have changed it: nothing changes a board without one."""
     checked_us: int
 
 
 class Boards:
     """Of one store; for one event loop. What is made of boards is kept here, too: pages, lists of phases."""
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
+    def __init__(self, reader: Reader) -> None:
+        """Owns the reader."""
+        self._reader = reader
+        self._makers: list[Maker] = [self.board]
         self._made: dict[Hashable, _Made] = {}
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
-        # Python computes one at a time anyway: more threads would only keep each other and all answers waiting.
-        self._reader = ThreadPoolExecutor(1, thread_name_prefix="boards")
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="boards")
+
+    def also(self, make: Maker) -> None:
+        """Has another form of all boards kept ready."""
+        self._makers.append(make)
+
+    async def make_all(self, now_us: int) -> None:
+        """Every board of the open phases, one after the other: what somebody asks for meanwhile comes in between.
+
+        What cannot be made is left out: whoever asks for it is told why.
+        """
+        with suppress(NotFound, StoreUnavailable, ProblemError):
+            every = await self.kept("every", _every, now_us)
+            open_now = [which for opens_us, closes_us, which in every if opens_us <= now_us < closes_us]
+            for which in open_now[: _MOST // (2 * len(self._makers))]:
+                for make in self._makers:
+                    await make(which, now_us)
+                    if self._tasks:
+                        await asyncio.wait(self._tasks.values())
+
+    async def keep(self, now: Callable[[], int]) -> None:
+        """Makes all again and again, without end, or the first who ask at once would wait for each other."""
+        while True:
+            begun_s = monotonic()
+            await self.make_all(now())
+            await asyncio.sleep(max(KEEPING_S, monotonic() - begun_s))
 
     async def board(self, which: Which, now_us: int) -> bytes:
         """JSON of `schemas.Leaderboard`. Raises NotFound and StoreUnavailable."""
-        return await self.kept(which, lambda session: read(session, which).model_dump_json().encode(), now_us)
+        return await self.kept(which, partial(_as_json, which=which), now_us)
 
     async def kept(self, key: Hashable, make: Callable[[Session], _Kept], now_us: int) -> _Kept:
         """What `make` makes (always the same for a key and the same database); raises what it raises."""
@@ -71,21 +117,23 @@ class Boards:
 
     def close(self) -> None:
         """Nothing new is made from now on."""
-        self._reader.shutdown(cancel_futures=True)
+        self._thread.shutdown(cancel_futures=True)
+        self._reader.close()
 
     def forget(self) -> None:
         """After a deed that is to be seen at once."""
         self._made.clear()
 
     async def _renew(self, key: Hashable, make: Callable[[Session], object], now_us: int) -> Any:
-        return await asyncio.get_running_loop().run_in_executor(self._reader, self._looked_after, key, make, now_us)
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._looked_after, key, make, now_us)
 
     def _looked_after(self, key: Hashable, make: Callable[[Session], object], now_us: int) -> Any:
-        """By the reader. Where nothing happened, all that is kept has been looked after at once."""
+        """Where nothing happened, all that is kept has been looked after at once."""
         old = self._made.get(key)
         if old is not None and abs(now_us - old.checked_us) < FRESH_US:
             return old.content
-        found = renewed(self._store, make, old, now_us)
+        stamp, content = self._reader.look(make, old.stamp if old is not None else None)
+        found = replace(old, checked_us=now_us) if old and old.stamp == stamp else _Made(content, stamp, now_us)
         if len(self._made) >= _MOST:
             self._made.clear()
         self._made[key] = found
@@ -101,13 +149,8 @@ class Boards:
             done.exception()  # whoever waits has it; nobody may wait
 
 
-def renewed(store: Store, make: Callable[[Session], object], old: _Made | None, now_us: int) -> _Made:
-    """The old one, if nothing happened since; else a new one. Raises NotFound and StoreUnavailable."""
-    with store.read() as session:
-        stamp = audit.head(session)
-        if old is not None and old.stamp == stamp:
-            return replace(old, checked_us=now_us)
-        return _Made(make(session), stamp, now_us)
+def _as_json(session: Session, which: Which) -> bytes:
+    return read(session, which).model_dump_json().encode()
 
 
 def read(session: Session, which: Which) -> schemas.Leaderboard:
@@ -125,6 +168,35 @@ def read(session: Session, which: Which) -> schemas.Leaderboard:
         rows=told,
         published=paper,
     )
+
+
+def parts(session: Session, phase_id: str) -> Parts:
+    """Buckets and categories that have a board which may be told. Raises NotFound."""
+    phase = phases.get(session, phase_id)
+    most = func.max(models.Standing.figures["scenarios"].as_integer())
+    slices = select(models.Standing.slice, most).where(models.Standing.phase == phase.id)
+    found = session.execute(slices.group_by(models.Standing.slice).order_by(models.Standing.slice)).all()
+    parts: dict[str, dict[str, dict[str, int]]] = {"bucket": {}, "category": {}}
+    for name, scenarios in found:
+        kind, _, part = name.partition(":")
+        parts.setdefault(kind, {})[part] = {"scenarios": scenarios or 0}
+    buckets, categories = (views.tellable(phase, parts[kind]) for kind in ("bucket", "category"))
+    return Parts(
+        tuple(name for name in parts["bucket"] if name in buckets),
+        tuple(name for name in parts["category"] if name in categories),
+    )
+
+
+def _every(session: Session) -> list[tuple[int, int, Which]]:
+    """With the times at which its phase opens and closes."""
+    found: list[tuple[int, int, Which]] = []
+    for phase in phases.every(session):
+        of_phase = parts(session, phase.id)
+        whole = [Which(phase.id, track, None, None) for track in (None, *Track)]
+        buckets = [Which(phase.id, None, bucket, None) for bucket in of_phase.buckets]
+        categories = [Which(phase.id, None, None, category) for category in of_phase.categories]
+        found += [(phase.opens_us, phase.closes_us, which) for which in (*whole, *buckets, *categories)]
+    return found
 
 
 def _may_be_told(session: Session, phase: models.Phase, which: Which, row: queries.Row) -> bool:

@@ -29,6 +29,8 @@ from server.store.refusals import new_id
 from server.suites import LoadedSuites
 
 LOG = logging.getLogger("mdrive.worker")
+NICE = 5
+"""Whoever asks the server is answered first."""
 
 
 def main(function: Callable[[JobTask], Driven] = run_submission_job, clock: Callable[[], int] = now_us) -> int:
@@ -36,6 +38,7 @@ def main(function: Callable[[JobTask], Driven] = run_submission_job, clock: Call
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
     stop = Stop()
     stop.on_signals()
+    os.nice(NICE)
     try:
         settings = Settings.model_validate_json(_line(0))
         threading.Thread(target=_stop_at_end, args=(0, stop), daemon=True).start()

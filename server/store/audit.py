@@ -5,6 +5,7 @@ A chain cannot show that its end was cut off: note `head` somewhere else (it sta
 
 import hashlib
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +39,12 @@ def add(session: Session, actor: str, deed: str, data: dict[str, Any], now_us: i
 def head(session: Session) -> str:
     """Hash of the last entry, "" before the first."""
     return session.scalar(select(AuditEntry.hash).order_by(AuditEntry.id.desc()).limit(1)) or _BEGIN
+
+
+def last(session: Session, apart_from: Collection[str]) -> str:
+    """Hash of the last entry of another deed than these, "" before the first."""
+    other = select(AuditEntry.hash).where(AuditEntry.deed.not_in(apart_from))
+    return session.scalar(other.order_by(AuditEntry.id.desc()).limit(1)) or _BEGIN
 
 
 def verify(session: Session) -> Audit:

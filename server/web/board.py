@@ -10,14 +10,13 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Request, Response
 from markupsafe import Markup
-from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.errors import InputError
-from server.api import boards, schemas, views
-from server.api.boards import Which
+from server.api import boards, schemas
+from server.api.boards import Parts, Which
 from server.api.context import Tools, now
-from server.store import NotFound, models, phases, queries, teams
+from server.store import NotFound, phases, queries, teams
 from server.web import drawing
 from server.web.labels import TRACKS
 from server.web.templating import headers_of, render
@@ -40,14 +39,6 @@ ROWS = 50
 """On one page."""
 _CUT = "<!--visitor-->"
 """Where a kept page is completed by who is logged in."""
-
-
-@dataclass(frozen=True, slots=True)
-class Parts:
-    """Of a phase, for its filters."""
-
-    buckets: tuple[str, ...]
-    categories: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +89,12 @@ class _Page:
     """What changes with a filter."""
 
 
+async def make(using: Tools, which: Which, at_us: int) -> None:
+    """Makes the page of a board, to be kept. Raises StoreUnavailable."""
+    tabs = await using.boards.kept("tabs", _tabs, at_us)
+    await _page(Wish(which), tabs, await _parts(which.phase, using, at_us), using, at_us)
+
+
 @router.get("/")
 async def show(request: Request) -> Response:
     """A leaderboard; without a phase, of the open one that opened last."""
@@ -109,9 +106,7 @@ async def show(request: Request) -> Response:
         text = render("board_none.html", visitor=who)
         return Response(text, media_type="text/html", headers=headers_of(who is not None))
     wish, parts = await _wish(request.query_params, using, tabs, at_us)
-    now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
-    make = partial(_made, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
-    made = await using.boards.kept((wish, tabs, parts, now_open), make, at_us)
+    made = await _page(wish, tabs, parts, using, at_us)
     if request.headers.get("hx-request") == "true":
         content = made.board
     elif who is None:
@@ -136,12 +131,22 @@ async def show_csv(request: Request) -> Response:
     return Response(_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
 
 
+async def _page(wish: Wish, tabs: Sequence[Tab], parts: Parts, using: Tools, at_us: int) -> _Page:
+    now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
+    make = partial(_made, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
+    return await using.boards.kept((wish, tabs, parts, now_open), make, at_us)
+
+
+async def _parts(phase: str, using: Tools, at_us: int) -> Parts:
+    return await using.boards.kept(("parts", phase), partial(boards.parts, phase_id=phase), at_us)
+
+
 async def _wish(query: Mapping[str, str], using: Tools, tabs: Sequence[Tab], at_us: int) -> tuple[Wish, Parts]:
     """And what its phase has to choose from. Raises InputError for what there is not."""
     phase = query.get("phase") or _usual(tabs, at_us).id
     if phase not in (tab.id for tab in tabs):
         raise NotFound(f"phase: expected one of {', '.join(tab.id for tab in tabs)}, found {phase!r:.60}")
-    parts = await using.boards.kept(("parts", phase), partial(_parts, phase_id=phase), at_us)
+    parts = await _parts(phase, using, at_us)
     kind, _, name = query.get("part", "").partition(":")  # of the form, where only one of the two can be chosen
     if kind and (kind not in ("bucket", "category") or not name):
         raise InputError(f"part: expected bucket:NAME or category:NAME, found {query['part']!r:.80}")
@@ -174,23 +179,6 @@ def _usual(tabs: Sequence[Tab], at_us: int) -> Tab:
 
 def _tabs(session: Session) -> tuple[Tab, ...]:
     return tuple(Tab(each.id, each.title, each.public, each.opens_us, each.closes_us) for each in phases.every(session))
-
-
-def _parts(session: Session, phase_id: str) -> Parts:
-    """Buckets and categories that have a board which may be told."""
-    phase = phases.get(session, phase_id)
-    most = func.max(models.Standing.figures["scenarios"].as_integer())
-    slices = select(models.Standing.slice, most).where(models.Standing.phase == phase.id)
-    found = session.execute(slices.group_by(models.Standing.slice).order_by(models.Standing.slice)).all()
-    parts: dict[str, dict[str, dict[str, int]]] = {"bucket": {}, "category": {}}
-    for name, scenarios in found:
-        kind, _, part = name.partition(":")
-        parts.setdefault(kind, {})[part] = {"scenarios": scenarios or 0}
-    buckets, categories = (views.tellable(phase, parts[kind]) for kind in ("bucket", "category"))
-    return Parts(
-        tuple(name for name in parts["bucket"] if name in buckets),
-        tuple(name for name in parts["category"] if name in categories),
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,10 @@
-"""How fast the server answers: `python tests/bench/server.py [--busy N]`.
+"""How fast the server answers: `python tests/bench/server.py [--workers N]`.
 
 A server in a process of its own with 10 000 submissions stored. Measured are 5 uploads of 50 MB, from the last byte
 sent to the answer read, and leaderboards (overall, by track, bucket and category by turns), of the API and as pages,
-asked for by 50 clients that each ask again as soon as they are answered. The first time each board is made; then it is
-kept. `--busy N`: beside N processes that compute without end, as workers do.
+asked for by 50 clients that each ask again as soon as they are answered. Before each round a team is hidden, which
+changes every board, and 0 to 5 s pass. `--workers N`: meanwhile N workers evaluate what was uploaded, the sample agent,
+in boxes.
 """
 
 import argparse
@@ -17,42 +18,50 @@ import time
 import zipfile
 from collections.abc import Generator
 from contextlib import contextmanager
-from multiprocessing import Process
 from pathlib import Path
 
 import httpx
 
 sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
-from api_app import with_environment  # noqa: E402
+from processes import wait_for  # noqa: E402
 from store import BUCKETS, CATEGORIES, TEAMS, filled  # noqa: E402
 from store_samples import PHASE, with_teams  # noqa: E402
+from submission import sample, this_python  # noqa: E402
 
 from server.clock import now_us  # noqa: E402
-from server.settings import Settings  # noqa: E402
-from server.store import Store, teams, tokens  # noqa: E402
-from server.words import Scope  # noqa: E402
+from server.settings import Settings, Work  # noqa: E402
+from server.store import Store, queries, teams, tokens  # noqa: E402
+from server.words import JobState, Scope  # noqa: E402
 
+BOARDS = {"leaderboards": f"/api/v1/leaderboards/{PHASE.id}?", "leaderboard pages": f"/?phase={PHASE.id}"}
 UPLOADS, UPLOAD_BYTES, CLIENTS, REQUESTS = 5, 50_000_000, 50, 40
 BOUNDARY = "bench"
+PAUSES_S = (0.0, 0.5, 5.0)
 PROGRAM = """
 import sys, uvicorn
-from pathlib import Path
 from server import web
 from server.api import create_app
+from server.evaluation.supervisor import Supervisor
 from server.settings import Settings
-app = create_app(Settings(data=Path(sys.argv[1])))
+settings = Settings.model_validate_json(sys.argv[1])
+app = create_app(settings)
 web.mount(app)
-uvicorn.run(app, port=0, log_level="info", access_log=False)
+supervisor = Supervisor(app.state.tools.store, settings)
+supervisor.start()
+try:
+    uvicorn.run(app, port=0, log_level="info", access_log=False)
+finally:
+    supervisor.stop()
 """
 
 
 @contextmanager
-def serving(data: Path) -> Generator[tuple[httpx.URL, int]]:
+def serving(settings: Settings) -> Generator[tuple[httpx.URL, int]]:
     """A server; its address and process."""
-    log = data / "log"
+    log, command = settings.data / "log", [sys.executable, "-c", PROGRAM, settings.model_dump_json()]
     with log.open("wb") as file:
-        process = subprocess.Popen([sys.executable, "-c", PROGRAM, str(data)], stdout=file, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT)
     try:
         while "running on http://" not in (text := log.read_text()):
             assert process.poll() is None, text
@@ -64,11 +73,11 @@ def serving(data: Path) -> Generator[tuple[httpx.URL, int]]:
 
 
 def archive(folder: Path, number: int) -> Path:
-    """A good one of 50 MB, of which nothing can be compressed."""
+    """The sample with 50 MB of weights, of which nothing can be compressed."""
     path = folder / f"{number}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as file:
-        file.writestr("agents.py", "class Agent:\n    pass\n")
-        file.writestr("model_env.yaml", "environment: python3.11-numpy\n")
+        for name, content in sample().items():
+            file.writestr(name, content)
         for part in range(5):
             file.writestr(f"weights/{part}.bin", random.Random(5 * number + part).randbytes(UPLOAD_BYTES // 5))
     return path
@@ -139,39 +148,50 @@ async def asked(address: httpx.URL, pid: int, what: str, board: str) -> None:
     )
 
 
-def compute() -> None:
-    """Without end."""
-    while True:
-        sum(range(100_000))
+def change(store: Store, number: int) -> None:
+    """Of every board."""
+    with store.write() as session:
+        teams.hide(session, teams.get(session, f"team {number}").id, True, now_us())
+
+
+def evaluated(store: Store) -> tuple[int, int]:
+    """Scenarios that are driven, and those that are still to be driven."""
+    with store.read() as session:
+        counts = queries.load(session)[1]
+    return counts.get(JobState.DONE, 0), counts.get(JobState.QUEUED, 0) + counts.get(JobState.RUNNING, 0)
 
 
 def main() -> None:
     """All of it."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--busy", type=int, default=0)
-    busy = [Process(target=compute, daemon=True) for _ in range(parser.parse_args().busy)]
+    parser.add_argument("--workers", type=int, default=0)
+    workers = parser.parse_args().workers
     with tempfile.TemporaryDirectory() as folder:
-        data = Path(folder)
-        store = Store(f"sqlite:///{data / 'challenge.sqlite'}")
+        settings = Settings(data=Path(folder), work=Work(processes=workers, spot_check=0.0))
+        store = Store(settings.database_url)
         store.migrate()
-        filled(store, with_teams(store, *(f"team {number}" for number in range(TEAMS))), random.Random(0))
+        filled(store, with_teams(store, *(f"team {number}" for number in range(TEAMS))), random.Random(0), queued=0)
         names = [f"sender {number}" for number in range(UPLOADS)]
         with store.write() as session:
             at_us = now_us()
             senders = [tokens.issue(session, teams.create(session, name, at_us), Scope.SUBMIT, at_us) for name in names]
-        store.close()
-        with_environment(Settings(data=data))
-        archives = [archive(data, number) for number in range(UPLOADS)]
-        for each in busy:
-            each.start()
-        print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {len(busy)} processes of ours compute")  # noqa: T201
-        with serving(data) as (address, pid):
+        this_python(settings.data)
+        archives = [archive(settings.data, number) for number in range(UPLOADS)]
+        print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {workers} workers")  # noqa: T201
+        with serving(settings) as (address, pid):
             took = [uploaded(address, path, token) for path, token in zip(archives, senders, strict=True)]
             text = "  ".join(f"{each:.2f}" for each in took)
             print(f"upload of {UPLOAD_BYTES} bytes, from the last byte to the answer [s]: {text}")  # noqa: T201
-            for _ in range(3):
-                asyncio.run(asked(address, pid, "leaderboards", f"/api/v1/leaderboards/{PHASE.id}?"))
-                asyncio.run(asked(address, pid, "leaderboard pages", f"/?phase={PHASE.id}"))
+            wait_for(lambda: not workers or evaluated(store)[0] > 0, 120.0)
+            for number, pause_s in enumerate(PAUSES_S):
+                for of, (what, board) in enumerate(BOARDS.items()):
+                    change(store, 2 * number + of)
+                    time.sleep(pause_s)
+                    asyncio.run(asked(address, pid, f"{what} {pause_s:g} s after a change", board))
+            driven, left = evaluated(store)
+            assert not workers or left > 0, "the workers had nothing to do in the end"
+            print(f"scenarios driven meanwhile: {driven}; to be driven: {left}")  # noqa: T201
+        store.close()
 
 
 if __name__ == "__main__":

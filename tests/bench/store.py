@@ -24,31 +24,32 @@ from server.store.models import Job, Submission  # noqa: E402
 from server.words import State, Track  # noqa: E402
 
 SUBMISSIONS, TEAMS, CALLS, QUEUED = 10_000, 200, 300, 20
-BUCKETS = ("interdrive", "interaction", "v2xpnp")
+BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 CATEGORIES = tuple(f"category-{number}" for number in range(20))
 
 
-def filled(store: Store, teams: list[str], draw: random.Random) -> None:
+def filled(store: Store, teams: list[str], draw: random.Random, queued: int = QUEUED) -> None:
     """All in one phase; half of them in one track, and the last ones still queued with 225 jobs each."""
     tracks = (Track.SINGLE, Track.SINGLE, Track.SHARING, Track.NEGOTIATION)
-    rows = [submission(number, draw.choice(teams), draw.choice(tracks), draw) for number in range(SUBMISSIONS)]
+    done = SUBMISSIONS - queued
+    rows = [submission(n, draw.choice(teams), draw.choice(tracks), draw, n < done) for n in range(SUBMISSIONS)]
     waiting = [row["id"] for row in rows if row["state"] == State.QUEUED]
     with store.write() as session:
         session.execute(insert(Submission), rows)
-        queued = [
+        waiting_jobs = [
             {"submission": id_, "scenario": f"s{n}", "seed": 0, "state": "queued"}
             for id_ in waiting
             for n in range(225)
         ]
-        session.execute(insert(Job), queued)
+        if waiting_jobs:
+            session.execute(insert(Job), waiting_jobs)
         last = {(row["team"], row["track"]): row["id"] for row in rows}
         for id_ in last.values():
             scores.rank(session, submissions.get(session, id_))
 
 
-def submission(number: int, team: str, track: Track, draw: random.Random) -> dict[str, Any]:
-    """One row; done, or one of the last."""
-    queued = number >= SUBMISSIONS - QUEUED
+def submission(number: int, team: str, track: Track, draw: random.Random, done: bool) -> dict[str, Any]:
+    """One row."""
     names = {"buckets": BUCKETS, "categories": CATEGORIES}
     summary = {group: {name: figures(draw) for name in of} for group, of in names.items()} | {"overall": figures(draw)}
     return {
@@ -61,10 +62,10 @@ def submission(number: int, team: str, track: Track, draw: random.Random) -> dic
         "archive_bytes": 1,
         "environment": NEW.environment,
         "evaluator": NEW.evaluator,
-        "state": State.QUEUED.value if queued else State.DONE.value,
+        "state": State.DONE.value if done else State.QUEUED.value,
         "created_us": NOON + number,
-        "summary": None if queued else summary,
-        "ds": None if queued else summary["overall"]["ds"],
+        "summary": summary if done else None,
+        "ds": summary["overall"]["ds"] if done else None,
     }
 
 
@@ -120,7 +121,7 @@ def main() -> None:
 
         timed("one track", board(Track.SINGLE))
         timed("all tracks", board(None))
-        timed("all tracks, one bucket", board(None, bucket="interaction"))
+        timed("all tracks, one bucket", board(None, bucket="Interaction"))
         timed("one track, one category", board(Track.SINGLE, category="category-3"))
         timed("history of a team", history)
         timed("claim and finish", claim_and_finish)

@@ -34,16 +34,25 @@ SAMPLE = Path(environments.__file__).parent / "samples" / "agent"
 ENVIRONMENT = "python3.11-numpy"
 
 
-def stored_archive(data: Path) -> str:
-    """Packs the sample, and says that this Python is its environment; returns the archive's checksum."""
+def sample() -> dict[str, bytes]:
+    """The files of the sample agent."""
     files = {str(path.relative_to(SAMPLE)): path.read_bytes() for path in SAMPLE.rglob("*") if path.is_file()}
-    archive = packed({name: content for name, content in files.items() if "__pycache__" not in name})
+    return {name: content for name, content in files.items() if "__pycache__" not in name}
+
+
+def this_python(data: Path) -> None:
+    """Says that this Python is the environment."""
+    folder = data / "environments" / ENVIRONMENT
+    folder.mkdir(parents=True)
+    (folder / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.here()), default=str))
+
+
+def stored_archive(data: Path) -> str:
+    """Packs the sample; returns the archive's checksum."""
+    archive = packed(sample())
     sha = sha256(archive).hexdigest()
-    for folder in (data / "archives", data / "environments" / ENVIRONMENT):
-        folder.mkdir(parents=True)
+    (data / "archives").mkdir(parents=True)
     (data / "archives" / f"{sha}.zip").write_bytes(archive)
-    about = json.dumps(asdict(environments.here()), default=str)
-    (data / "environments" / ENVIRONMENT / environments.ABOUT_FILE).write_text(about)
     return sha
 
 
@@ -78,6 +87,7 @@ def measured(data: Path, every: int, processes: int) -> str:
     settings = Settings(data=data, work=Work(processes=processes, spot_check=0.0))
     store = Store(settings.database_url)
     store.migrate()
+    this_python(data)
     submission = queued(store, settings, stored_archive(data), every)
     supervisor, since = Supervisor(store, settings), time.monotonic()
     supervisor.start()
