@@ -83,7 +83,7 @@ def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> No
     async def asked() -> None:
         before = await found.board(which, NOON)
         with patch.object(reader, "looked", side_effect=StoreUnavailable("it went away")):
-            await found.make_all(NOON + 2 * boards.FRESH_US)
+            await found.make_all(lambda: NOON + 2 * boards.FRESH_US)
             assert await found.board(which, NOON + 2 * boards.FRESH_US) == before
             with pytest.raises(StoreUnavailable):
                 await found.board(which, NOON + 2 * boards.STALE_US)

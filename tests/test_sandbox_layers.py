@@ -115,7 +115,6 @@ def test_version_2_is_used_where_it_is_delegated(tmp_path: Path) -> None:
         "memory.max": str(BoxLimits().memory_bytes),
         "pids.max": "64",
         "cpu.max": "100000 100000",
-        "cpu.weight": "33",
     }
     (folder / "memory.events").write_text("low 0\nmax 3\noom 1\noom_kill 1\n")
     (folder / "memory.peak").write_text("4096\n")

@@ -17,8 +17,6 @@ NEEDED = ("memory", "pids")
 WANTED = ("cpu", "cpuacct")
 PERIOD_US = 100_000
 PAUSE_S = 0.005
-SHARE = 1 / 3
-"""Of the CPU time that a group gets while there is not enough: as nice 5, which holds within groups only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +185,6 @@ def _settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | st
             ("memory", "memory.oom.group", 1),
             ("pids", "pids.max", limits.processes),
             ("cpu", "cpu.max", f"{PERIOD_US} {PERIOD_US}"),
-            ("cpu", "cpu.weight", round(100 * SHARE)),
         )
     return (
         ("memory", "memory.limit_in_bytes", limits.memory_bytes),
@@ -195,7 +192,6 @@ def _settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | st
         ("pids", "pids.max", limits.processes),
         ("cpu", "cpu.cfs_period_us", PERIOD_US),
         ("cpu", "cpu.cfs_quota_us", PERIOD_US),
-        ("cpu", "cpu.shares", round(1024 * SHARE)),
     )
 
 

@@ -62,12 +62,12 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
         await run_in_threadpool(prepare, tools, now())
-        await tools.boards.make_all(now())
+        await tools.boards.make_all(now)
         await run_in_threadpool(tools.aside.call, START_S, ArchiveLimits)  # so that the first upload waits for nothing
         keeper = create_task(tools.boards.keep(now))
         yield
         keeper.cancel()
-        tools.boards.close()
+        await run_in_threadpool(tools.boards.close)
         for each in (tools.aside, tools.painter):
             await run_in_threadpool(each.close)
 

@@ -58,7 +58,9 @@ class ProcessAside:
         return value
 
     def close(self) -> None:
-        """Ends the child."""
+        """Ends the child, whatever it is doing."""
+        if (child := self._child) is not None:
+            child[0].kill()  # whoever waits for its answer gives the turn back
         with self._turn:
             self._end()
 

@@ -21,8 +21,8 @@ from server.words import Track
 
 FRESH_US = 1_000_000
 """So long a board is handed out without asking the database whether anything happened."""
-STALE_US = 30_000_000
-"""So long it is still handed out while it is looked after; a board that nobody asked for is not as old as that."""
+STALE_US = 10_000_000
+"""So long it is still handed out while it is looked after."""
 KEEPING_S = 1.0
 """So often boards that have changed are made anew; where that takes longer, half of the time."""
 _MOST = 500
@@ -50,7 +50,7 @@ class Parts:
 
 
 Maker = Callable[[Which, int], Awaitable[object]]
-"""Makes a board in a form in which it is sent, at a time [us], to be kept."""
+"""Makes a board in a form in which it is sent, to be kept; as it is at that time [us]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Boards:
     def __init__(self, reader: Reader) -> None:
         """Owns the reader."""
         self._reader = reader
-        self._makers: list[Maker] = [self.board]
+        self._makers: list[Maker] = [partial(self.board, stale_us=FRESH_US)]
         self._made: dict[Hashable, _Made] = {}
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="boards")
@@ -76,70 +76,79 @@ class Boards:
         """Has another form of all boards kept ready."""
         self._makers.append(make)
 
-    async def make_all(self, now_us: int) -> None:
+    async def make_all(self, now: Callable[[], int]) -> None:
         """Every board of the open phases, one after the other: what somebody asks for meanwhile comes in between.
 
         What cannot be made is left out: whoever asks for it is told why.
         """
-        with suppress(NotFound, StoreUnavailable, ProblemError):
-            every = await self.kept("every", _every, now_us)
-            open_now = [which for opens_us, closes_us, which in every if opens_us <= now_us < closes_us]
+        with suppress(StoreUnavailable, ProblemError, OSError):
+            every, at_us = await self.kept("every", _every, now(), FRESH_US), now()
+            open_now = [which for opens_us, closes_us, which in every if opens_us <= at_us < closes_us]
             for which in open_now[: _MOST // (2 * len(self._makers))]:
                 for make in self._makers:
-                    await make(which, now_us)
-                    if self._tasks:
-                        await asyncio.wait(self._tasks.values())
+                    with suppress(NotFound, ProblemError):
+                        await make(which, now())
 
     async def keep(self, now: Callable[[], int]) -> None:
         """Makes all again and again, without end, or the first who ask at once would wait for each other."""
         while True:
             begun_s = monotonic()
-            await self.make_all(now())
+            await self.make_all(now)
             await asyncio.sleep(max(KEEPING_S, monotonic() - begun_s))
 
-    async def board(self, which: Which, now_us: int) -> bytes:
+    async def board(self, which: Which, now_us: int, stale_us: int = STALE_US) -> bytes:
         """JSON of `schemas.Leaderboard`. Raises NotFound and StoreUnavailable."""
-        return await self.kept(which, partial(_as_json, which=which), now_us)
+        return await self.kept(which, partial(_as_json, which=which), now_us, stale_us)
 
-    async def kept(self, key: Hashable, make: Callable[[Session], _Kept], now_us: int) -> _Kept:
-        """What `make` makes (always the same for a key and the same database); raises what it raises."""
+    async def kept(
+        self, key: Hashable, make: Callable[[Session], _Kept], now_us: int, stale_us: int = STALE_US
+    ) -> _Kept:
+        """What `make` makes (always the same for a key and the same database); raises what it raises.
+
+        stale_us: so long it was not looked after when it is no longer handed out before that is done.
+        """
         found = self._made.get(key)
-        age_us = abs(now_us - found.checked_us) if found else STALE_US
+        age_us = abs(now_us - found.checked_us) if found else stale_us
         if found is not None and age_us < FRESH_US:
             return found.content
         task = self._tasks.get(key)
         if task is None or task.get_loop() is not asyncio.get_running_loop():
             task = self._tasks[key] = asyncio.create_task(self._renew(key, make, now_us))
             task.add_done_callback(lambda done: self._forget_task(key, done))
-        if found is not None and age_us < STALE_US:
+        if found is not None and age_us < stale_us:
             return found.content
         return await asyncio.shield(task)  # a client that leaves does not take it from the others
 
     def close(self) -> None:
         """Nothing new is made from now on."""
-        self._thread.shutdown(cancel_futures=True)
+        self._thread.shutdown(wait=False, cancel_futures=True)
         self._reader.close()
 
     def forget(self) -> None:
-        """After a deed that is to be seen at once."""
-        self._made.clear()
+        """After a deed that is to be seen at once. What is being made is of before the deed, and forgotten, too."""
+        self._made, self._tasks = {}, {}
 
     async def _renew(self, key: Hashable, make: Callable[[Session], object], now_us: int) -> Any:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, self._looked_after, key, make, now_us)
+        return await asyncio.get_running_loop().run_in_executor(
+            self._thread, self._looked_after, self._made, key, make, now_us
+        )
 
-    def _looked_after(self, key: Hashable, make: Callable[[Session], object], now_us: int) -> Any:
+    def _looked_after(
+        self, kept: dict[Hashable, _Made], key: Hashable, make: Callable[[Session], object], now_us: int
+    ) -> Any:
         """Where nothing happened, all that is kept has been looked after at once."""
-        old = self._made.get(key)
+        old = kept.get(key)
         if old is not None and abs(now_us - old.checked_us) < FRESH_US:
             return old.content
         stamp, content = self._reader.look(make, old.stamp if old is not None else None)
         found = replace(old, checked_us=now_us) if old and old.stamp == stamp else _Made(content, stamp, now_us)
-        if len(self._made) >= _MOST:
-            self._made.clear()
-        self._made[key] = found
-        for other, made in list(self._made.items()):
+        if len(kept) >= _MOST:  # what is asked for always was there first
+            for other in list(kept)[_MOST // 2 :]:
+                del kept[other]
+        kept[key] = found
+        for other, made in list(kept.items()):
             if made.stamp == found.stamp:
-                self._made[other] = replace(made, checked_us=now_us)
+                kept[other] = replace(made, checked_us=now_us)
         return found.content
 
     def _forget_task(self, key: Hashable, done: asyncio.Task[Any]) -> None:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.errors import InputError
 from server.api import boards, schemas
-from server.api.boards import Parts, Which
+from server.api.boards import FRESH_US, STALE_US, Parts, Which
 from server.api.context import Tools, now
 from server.store import NotFound, phases, queries, teams
 from server.web import drawing
@@ -90,9 +90,10 @@ class _Page:
 
 
 async def make(using: Tools, which: Which, at_us: int) -> None:
-    """Makes the page of a board, to be kept. Raises StoreUnavailable."""
-    tabs = await using.boards.kept("tabs", _tabs, at_us)
-    await _page(Wish(which), tabs, await _parts(which.phase, using, at_us), using, at_us)
+    """Makes the page of a board, to be kept. Raises NotFound and StoreUnavailable."""
+    tabs = await using.boards.kept("tabs", _tabs, at_us, FRESH_US)
+    parts = await _parts(which.phase, using, at_us, FRESH_US)
+    await _page(Wish(which), tabs, parts, using, at_us, FRESH_US)
 
 
 @router.get("/")
@@ -131,14 +132,16 @@ async def show_csv(request: Request) -> Response:
     return Response(_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
 
 
-async def _page(wish: Wish, tabs: Sequence[Tab], parts: Parts, using: Tools, at_us: int) -> _Page:
+async def _page(
+    wish: Wish, tabs: Sequence[Tab], parts: Parts, using: Tools, at_us: int, stale_us: int = STALE_US
+) -> _Page:
     now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
     make = partial(_made, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
-    return await using.boards.kept((wish, tabs, parts, now_open), make, at_us)
+    return await using.boards.kept((wish, tabs, parts, now_open), make, at_us, stale_us)
 
 
-async def _parts(phase: str, using: Tools, at_us: int) -> Parts:
-    return await using.boards.kept(("parts", phase), partial(boards.parts, phase_id=phase), at_us)
+async def _parts(phase: str, using: Tools, at_us: int, stale_us: int = STALE_US) -> Parts:
+    return await using.boards.kept(("parts", phase), partial(boards.parts, phase_id=phase), at_us, stale_us)
 
 
 async def _wish(query: Mapping[str, str], using: Tools, tabs: Sequence[Tab], at_us: int) -> tuple[Wish, Parts]:
