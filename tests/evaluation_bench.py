@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluation_fakes import challenge, fake, submitted
+from evaluation_fakes import LEASE_S, challenge, fake, submitted
 
 from mdrive_sumo.errors import WorldError
 from mdrive_sumo.suite.executor import Waitable
@@ -67,7 +67,7 @@ class Bench:
 
     def begin(self, *deeds: str, public: bool = True, **changed: Any) -> str:
         """One submission of a suite with these deeds."""
-        self.settings = challenge(self.folder, self.store, *deeds, public=public)
+        self.settings = challenge(self.folder, self.store, *deeds, public=public, lease_s=LEASE_S)
         self.dispatcher = self.another("one")
         return submitted(self.store, self.settings, self.now_us, **changed)
 

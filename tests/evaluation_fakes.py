@@ -21,14 +21,16 @@ from server.clock import DAY_US, now_us
 from server.evaluation import worker
 from server.evaluation.task import Driven, JobTask, Rejection
 from server.settings import Sandbox, Settings, Work
-from server.store import Store, phases, submissions, teams
+from server.store import Store, jobs, phases, submissions, teams
 from server.store.jobs import JobOutcome
 from server.store.models import Submission
 from server.suites import LoadedSuites
 from server.words import Reason, Track, Verdict
 
 FASTER = 20
-"""Seconds of these workers' clocks in a second: leases of a minute end after three seconds."""
+"""Seconds of these workers' clocks in a second."""
+LEASE_S, LONG_LEASE_S = 60, 1200
+"""Three seconds of ours, where leases shall end; a minute, so that none does because a machine is slow."""
 
 
 def fast_clock() -> int:
@@ -41,19 +43,20 @@ def steady() -> str:
     return "of a test"
 
 
-def settings(data: Path, processes: int = 2) -> Settings:
+def settings(data: Path, processes: int = 2, lease_s: int = LONG_LEASE_S) -> Settings:
     """Of a server in that folder."""
-    return Settings(data=data, work=Work(processes=processes, spot_check=0.0), sandbox=Sandbox(required=()))
+    work = Work(processes=processes, spot_check=0.0, lease_s=lease_s)
+    return Settings(data=data, work=work, sandbox=Sandbox(required=()))
 
 
-def challenge(folder: Path, store: Store, *deeds: str, public: bool = True) -> Settings:
+def challenge(folder: Path, store: Store, *deeds: str, public: bool = True, lease_s: int = LONG_LEASE_S) -> Settings:
     """A migrated database with a team `t`, and a phase `p` whose scenarios do these deeds."""
     suite = make_suite(folder / "suite", *deeds)
     with store.write() as session:
         phase = phases.NewPhase("p", "A phase", str(suite.folder), public, 0, 10**6 * DAY_US, 50, 50, 500)
         phases.put(session, [phase], 1)
         teams.create(session, "t", 1)
-    return settings(folder)
+    return settings(folder, lease_s=lease_s)
 
 
 def submitted(store: Store, options: Settings, at_us: int, **changed: Any) -> str:
@@ -69,7 +72,7 @@ def submitted(store: Store, options: Settings, at_us: int, **changed: Any) -> st
                 "archive_sha256": f"{at_us:064x}",
                 "archive_bytes": 1000,
                 "environment": "python3.11-numpy",
-                "evaluator": loaded.evaluator(phase),
+                "evaluator": loaded.evaluator(phase, "python3.11-numpy"),
             }
             | changed
         )
@@ -131,4 +134,5 @@ if __name__ == "__main__":
     import evaluation_fakes  # so that the worker's own child finds `fake` by that name
 
     suites.code_checksum = steady
+    jobs.MOST_FAILURES = 1000  # one job may be killed more often here than ever elsewhere
     sys.exit(worker.main(evaluation_fakes.fake, evaluation_fakes.fast_clock))

@@ -125,11 +125,15 @@ def url(store: Store) -> str:
     return store.url.render_as_string(hide_password=False).replace("+psycopg", "")
 
 
-def served(settings: Settings) -> subprocess.Popen[bytes]:
+@contextmanager
+def served(settings: Settings) -> Generator[subprocess.Popen[bytes]]:
     """A process that has a supervisor, as `serve` has."""
-    return subprocess.Popen(
-        [sys.executable, "-c", SERVER, settings.model_dump_json()], env=os.environ | {"PYTHONPATH": str(HERE)}
-    )
+    command = [sys.executable, "-c", SERVER, settings.model_dump_json()]
+    with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": str(HERE)}) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 SERVER = """

@@ -35,7 +35,7 @@ class Case:
     """The bytes of the answer in that tick."""
     deed: str = ""
     """Python, with line (the socket), tick, GOOD and `frame(bytes)`, `answer(tick, value)`."""
-    tick_s: float = 10.0
+    tick_s: float = 30.0
 
 
 def packed(value: object) -> bytes:
@@ -156,19 +156,19 @@ ANSWERS: Mapping[str, Case] = {
 """What `act` answers in some tick."""
 
 DEEDS: Mapping[str, Case] = {
-    "spin": Case(Failure.TIMEOUT, "act: no answer within the time limit", deed="while True: pass", tick_s=1.0),
-    "never": Case(Failure.TIMEOUT, "act: no answer within the time limit", deed="time.sleep(600)", tick_s=1.0),
+    "spin": Case(Failure.TIMEOUT, "act: no answer within the time limit", deed="while True: pass", tick_s=3.0),
+    "never": Case(Failure.TIMEOUT, "act: no answer within the time limit", deed="time.sleep(600)", tick_s=3.0),
     "slowloris": Case(
         Failure.TIMEOUT,
         "act: no answer within the time limit",
         deed="for byte in frame(answer(tick, GOOD)): line.send(bytes((byte,))); time.sleep(0.2)",
-        tick_s=1.0,
+        tick_s=3.0,
     ),
     "noread": Case(
         Failure.TIMEOUT,
         "act: the agent does not read within the time limit",
         deed="line.sendall(frame(answer(tick, GOOD))); time.sleep(600)",
-        tick_s=1.0,
+        tick_s=3.0,
     ),
     "huge": Case(
         Failure.INVALID,

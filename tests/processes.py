@@ -13,9 +13,14 @@ def wait_for(condition: Callable[[], bool], limit_s: float) -> None:
         time.sleep(0.02)
 
 
+def written(path: Path) -> bool:
+    """Whether somebody has written something into it: a file is there before its text is."""
+    return path.exists() and path.read_text() != ""
+
+
 def alive(pid: int) -> bool:
     """Whether it runs: one that nobody has collected yet does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # the second where it is collected while we read
         return False

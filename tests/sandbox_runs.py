@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import socket
+import stat
 import sys
 import time
 from contextlib import suppress
@@ -15,6 +17,7 @@ import pytest
 
 from mdrive_sumo.sandbox import BoxLimits, BoxReport, BoxSpec, open_box
 from mdrive_sumo.sandbox.slots import FIRST_UID
+from mdrive_sumo.sandbox.spec import SLOTS
 
 AGENTS = Path(__file__).parent / "hostile" / "agents"
 MEBIBYTE = 1024**2
@@ -33,6 +36,31 @@ PATIENCE_S = 60.0
 def needs_root() -> None:
     if os.geteuid() != 0:
         pytest.skip("needs root")
+
+
+def own_slot() -> int:
+    """A slot that, with the one after it, no other file of tests and no other process of them uses.
+
+    Held by a name as slots are, so until this process ends; the first ones are left to whoever takes any.
+    """
+    for number in range(SLOTS // 2, SLOTS, 2):
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            lock.bind(f"\0mdrive-sumo-tests-{number}")
+        except OSError:
+            lock.close()
+        else:
+            lock.detach()
+            return number
+    raise RuntimeError("all slots for tests are held by other processes")
+
+
+def reachable(folder: Path) -> Path:
+    """Lets the user of a box into a folder: pytest closes those around its own."""
+    for path in (folder, *folder.parents):
+        if not path.stat().st_mode & stat.S_IXOTH:
+            path.chmod(0o755)
+    return folder
 
 
 @dataclass(frozen=True, slots=True)

@@ -237,13 +237,14 @@ def test_fusion_of_the_real_excerpt(shared_data: Path, tmp_path: Path) -> None:
     assert np.degrees(cav.yaw[0]) == pytest.approx(-98.2, abs=0.5)
 
 
-def test_a_large_log_is_cleaned_and_reconstructed_fast() -> None:
+def test_a_large_log_is_cleaned_and_reconstructed_in_seconds_of_one_core() -> None:
+    """0.96 s when written; ten times as much is not the machine but the code."""
     log, _ = planted(observed(truth(7, vehicles=72, walkers=12), 7), 7)
     assert len(log.truth) == 84
     begin = time.process_time()
     cleaned = clean(log.recording)
     reconstruct(cleaned.tracks, cleaned.dt_s)
-    assert time.process_time() - begin < 1.5
+    assert time.process_time() - begin < 10.0
 
 
 @pytest.mark.parametrize(("seconds", "mistake"), [(2.0, True), (5.0, False)])

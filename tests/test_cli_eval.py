@@ -61,7 +61,7 @@ def start(tmp_path: Path, *more: str) -> subprocess.Popen[str]:
 
 
 def wait_for(path: Path) -> None:
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + 60.0
     while not (path.exists() and path.read_text()):
         assert time.monotonic() < end, f"{path} never came"
         time.sleep(0.02)
@@ -109,7 +109,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_continues(fakes: ModuleT
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert errors.splitlines()[-1] == f"interrupted; the same command continues {tmp_path / 'run'}"
     assert "Traceback" not in errors
@@ -119,6 +119,25 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_continues(fakes: ModuleT
     assert "continuing: 2 of 3 scenarios are done already" in ended.stderr
     assert journalled(tmp_path) == ["s1", "s2", "s0"]
     assert suite.name in ended.stdout
+
+
+def test_a_second_ctrl_c_does_not_swallow_the_answer_to_the_first(
+    fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer")
+
+    def interrupt(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("mdrive_sumo.cli.evaluate.evaluate", interrupt)
+    monkeypatch.setattr("mdrive_sumo.cli.evaluate.ProgressDisplay.close", interrupt)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        answer = CliRunner().invoke(main, arguments(tmp_path)[len(FAKE_MAIN) :])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert answer.exit_code == 130
+    assert answer.stderr == f"interrupted; the same command continues {tmp_path / 'run'}\n"
 
 
 def test_a_killed_parent_takes_its_workers_along_and_the_run_continues(fakes: ModuleType, tmp_path: Path) -> None:
@@ -247,13 +266,18 @@ def test_help_names_every_command_without_importing_any_of_them() -> None:
 
 
 def test_help_starts_within_the_time_that_a_user_does_not_notice() -> None:
-    """0.4 s is the target; the best of three, because other processes share the cores."""
-    times = []
-    for _ in range(3):
-        before = time.perf_counter()
-        subprocess.run([*REAL_MAIN, "--help"], check=True, stdout=subprocess.DEVNULL)
-        times.append(time.perf_counter() - before)
-    assert min(times) < 0.4
+    """0.4 s is the target; on a slow or busy machine, a few times what Python and click alone take there."""
+
+    def best_of_three(command: list[str]) -> float:
+        times: list[float] = []
+        for _ in range(3):
+            before = time.perf_counter()
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            times.append(time.perf_counter() - before)
+        return min(times)
+
+    bare = best_of_three([sys.executable, "-c", "import click"])
+    assert best_of_three([*REAL_MAIN, "--help"]) < max(0.4, 4 * bare)
 
 
 @pytest.mark.parametrize("command", ["eval", "list", "show", "view", "verify", "rescore", "compare", "validate"])

@@ -73,7 +73,7 @@ def test_a_link_opens_the_card_it_leads_to(page: Any) -> None:
     closed = "!document.getElementById('thing-5').closest('details.card').open"
     assert page.evaluate(closed)
     page.click('table a[href="#thing-5"]')
-    assert page.locator("#thing-5").is_visible()  # the group of what stands opened for it
+    page.locator("#thing-5").wait_for(state="visible")  # the group of what stands opened for it
 
 
 @pytest.mark.parametrize("layer", ["raw", "way", "rest", "names"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import databases
 import evaluation_fakes
 import pytest
-from evaluation_fakes import challenge, fake, fast_clock, read, submitted
+from evaluation_fakes import LEASE_S, challenge, fake, fast_clock, read, submitted
 from evaluation_real import (
     HERE,
     check_scored_once,
@@ -33,10 +33,10 @@ from server.words import JobState, State
 @pytest.mark.slow
 def test_killed_workers_lose_and_double_nothing(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
-    settings = challenge(tmp_path, store, *["nap"] * 60).model_copy(update={"database": url(store)})
+    settings = challenge(tmp_path, store, *["nap"] * 120, lease_s=LEASE_S).model_copy(update={"database": url(store)})
     submission = submitted(store, settings, fast_clock())
     assert drive_through_kills(store, settings, [submission], kills=3, seed=1) == 3
-    check_scored_once(store, settings, submission, 60)
+    check_scored_once(store, settings, submission, 120)
 
 
 @pytest.mark.full
@@ -44,7 +44,7 @@ def test_killed_workers_lose_and_double_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize("backend", databases.BACKENDS)
 def test_225_rows_survive_many_kills(tmp_path: Path, backend: str) -> None:
     store = databases.emptied(backend)
-    settings = challenge(tmp_path, store, *["nap"] * 225).model_copy(update={"database": url(store)})
+    settings = challenge(tmp_path, store, *["nap"] * 225, lease_s=LEASE_S).model_copy(update={"database": url(store)})
     both = [submitted(store, settings, fast_clock()) for _ in range(2)]
     assert drive_through_kills(store, settings, both, kills=20, seed=2) == 20
     for submission in both:
@@ -57,14 +57,14 @@ def test_a_killed_server_takes_its_workers_along_and_the_next_goes_on(tmp_path: 
     settings = challenge(tmp_path, store, "nap", "hang once").model_copy(update={"database": url(store)})
     submission = submitted(store, settings, fast_clock())
     mark = tmp_path / "s1.tried"
-    server = served(settings)
-    wait_for(lambda: mark.exists() and mark.read_text() != "")
-    wait_for(lambda: states(store, submission) == [JobState.DONE, JobState.RUNNING])
-    child = int(mark.read_text())
-    server.kill()
-    server.wait()
-    wait_for(lambda: not alive(child))
-    wait_for(lambda: states(store, submission) == [JobState.DONE, JobState.QUEUED])
+    with served(settings) as server:
+        wait_for(lambda: mark.exists() and mark.read_text() != "")
+        wait_for(lambda: states(store, submission) == [JobState.DONE, JobState.RUNNING])
+        child = int(mark.read_text())
+        server.kill()
+        server.wait()
+        wait_for(lambda: not alive(child))
+        wait_for(lambda: JobState.RUNNING not in states(store, submission))
     assert [job.failures for job in rows(store, submission)] == [0, 0]  # given back, not lost
     with supervised(store, settings):
         wait_for(lambda: read(store, submission).state == State.DONE)

@@ -13,7 +13,7 @@ import databases
 import psycopg
 import pytest
 from dask_cluster import cluster
-from evaluation_fakes import challenge, fast_clock, read, submitted
+from evaluation_fakes import LEASE_S, challenge, fast_clock, read, submitted
 from evaluation_real import (
     calls,
     check_scored_once,
@@ -66,9 +66,9 @@ def test_a_cancelled_submission_s_process_is_gone_within_a_heartbeat(tmp_path: P
         child, workers = int(mark.read_text()), supervisor.pids
         with store.write() as session:
             submissions.cancel(session, submission, fast_clock())
-        wait_for(lambda: not alive(child), limit_s=5.0)  # its heartbeat comes every half second of ours
+        wait_for(lambda: not alive(child))  # its heartbeat comes every half second of ours
+        mark.unlink()
         other = submitted(store, settings, fast_clock())
-        (tmp_path / "s0.tried").unlink()
         wait_for(mark.exists)  # its worker lives on, and drives the next one
         assert supervisor.pids == workers
         with store.write() as session:
@@ -79,16 +79,17 @@ def test_a_cancelled_submission_s_process_is_gone_within_a_heartbeat(tmp_path: P
 
 def test_everything_killed_at_once_loses_nothing(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
-    settings = with_database(challenge(tmp_path, store, *["nap"] * 30, "hang once"), store)
+    settings = with_database(challenge(tmp_path, store, *["nap"] * 30, "hang once", lease_s=LEASE_S), store)
     submission = submitted(store, settings, fast_clock())
-    server = served(settings)
-    wait_for((tmp_path / "s30.tried").exists)
-    workers = children(server.pid)
-    assert len(workers) == 2
-    for pid in (server.pid, *workers, *(child for worker in workers for child in children(worker))):
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-    server.wait()
+    with served(settings) as server:
+        wait_for((tmp_path / "s30.tried").exists)
+        workers = children(server.pid)
+        assert len(workers) == 2
+        # The server last: its end would have the workers give their jobs back.
+        for pid in (*(child for worker in workers for child in children(worker)), *workers, server.pid):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        server.wait()
     assert read(store, submission).state == State.RUNNING
     with supervised(store, settings):
         wait_for(lambda: read(store, submission).state == State.DONE)
@@ -99,7 +100,7 @@ def test_everything_killed_at_once_loses_nothing(tmp_path: Path) -> None:
 def test_a_database_that_restarts_in_mid_run(tmp_path: Path) -> None:
     """PostgreSQL ends all connections and recovers when one of its processes is killed."""
     store = databases.emptied("postgresql")
-    settings = with_database(challenge(tmp_path, store, *["nap"] * 120), store)
+    settings = with_database(challenge(tmp_path, store, *["nap"] * 120, lease_s=LEASE_S), store)
     submission = submitted(store, settings, fast_clock())
     with supervised(store, settings):
         for done in (1, 40, 80):
@@ -107,7 +108,8 @@ def test_a_database_that_restarts_in_mid_run(tmp_path: Path) -> None:
             _crash(url(store))
         wait_for(lambda: quietly_done(store, submission))
     check_scored_once(store, settings, submission, 120)
-    assert {job.failures for job in rows(store, submission)} == {0}
+    # A claim that was written down, but whose answer was lost in the crash, is a failure of ours once its lease ends.
+    assert sum(job.failures for job in rows(store, submission)) <= 3
 
 
 def _crash(database: str) -> None:
@@ -120,7 +122,7 @@ def test_a_disk_that_fills_in_mid_run(tmp_path: Path) -> None:
     with small_disk(tmp_path / "data", 100) as data:
         store = Store(f"sqlite:///{data / 'server.sqlite'}")
         store.migrate()
-        settings = with_database(challenge(data, store, *["nap"] * 100), store)
+        settings = with_database(challenge(data, store, *["nap"] * 100, lease_s=LEASE_S), store)
         submission = submitted(store, settings, fast_clock())
         with supervised(store, settings):
             wait_for(lambda: calls(data) > 0)

@@ -43,7 +43,7 @@ def saying(*texts: str) -> Answering:
 
 
 def settings_for(url: str, **more: Any) -> LlmSettings:
-    return LlmSettings(**({"endpoint": url, "timeout_s": 2.0} | more))
+    return LlmSettings(**({"endpoint": url, "timeout_s": 30.0} | more))
 
 
 def entries(folder: Path, seed: str = "7", category: Category = CROSSWALK) -> list[dict[str, Any]]:
@@ -97,7 +97,7 @@ def test_the_last_word_of_a_model_that_fails_is_short() -> None:
 
 
 def hanging(request: dict[str, Any]) -> tuple[int, bytes]:
-    time.sleep(0.6)
+    time.sleep(60.0)
     return 200, completion(good().model_dump_json())
 
 
@@ -112,8 +112,9 @@ def hanging(request: dict[str, Any]) -> tuple[int, bytes]:
     ],
 )
 def test_no_answer_at_all_ends_with_one_sentence(answering: Answering, reason: str, asked: int, tmp_path: Path) -> None:
+    limit_s = 0.2 if "within" in reason else 30.0
     with served(answering) as service, pytest.raises(InputError) as caught:
-        propose(CROSSWALK, "7", settings_for(service.url, timeout_s=0.2, transcripts=tmp_path))
+        propose(CROSSWALK, "7", settings_for(service.url, timeout_s=limit_s, transcripts=tmp_path))
     assert str(caught.value).startswith("language model: expected a proposal for crosswalk, found no answer: ")
     assert reason in str(caught.value) and "\n" not in str(caught.value)
     assert len(service.requests) == asked == len(entries(tmp_path))
@@ -178,7 +179,7 @@ def failure(action: Callable[[], object]) -> tuple[type, str]:
 @pytest.mark.parametrize("answering", [saying("no", "{}", broken(actors=[])), lambda _: (500, b"")])
 def test_a_replay_fails_as_the_model_failed(answering: Answering, tmp_path: Path) -> None:
     with served(answering) as service:
-        settings = settings_for(service.url, transcripts=tmp_path, timeout_s=0.4)
+        settings = settings_for(service.url, transcripts=tmp_path)
         live = failure(lambda: propose(CROSSWALK, "7", settings))
     assert failure(lambda: propose(CROSSWALK, "7", LlmSettings(replay=tmp_path))) == live
 

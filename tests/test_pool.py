@@ -10,12 +10,12 @@ from types import ModuleType
 
 import processes
 import pytest
-from processes import alive
+from processes import alive, written
 
 from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure, available_cores
 
 HERE = Path(__file__).parent
-wait_for = partial(processes.wait_for, limit_s=20.0)
+wait_for = partial(processes.wait_for, limit_s=60.0)
 
 
 @pytest.fixture
@@ -69,15 +69,15 @@ def test_a_failed_job_has_a_reason_and_the_next_one_a_result(
 
 
 def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_path: Path) -> None:
-    failure, answer = run(fakes, "hang with child", "answer", limit_s=2.0, folder=str(tmp_path))
-    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 2 s")
+    failure, answer = run(fakes, "hang with child", "answer", limit_s=8.0, folder=str(tmp_path))
+    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 8 s")
     assert answer.startswith("1 ")
     child = int((tmp_path / "child").read_text())
     wait_for(lambda: not alive(child))
 
 
 def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
-    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=4.0)
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=15.0)
     assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
 
 
@@ -87,10 +87,11 @@ def test_workers_ignore_sigint(fakes: ModuleType) -> None:
 
 def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) -> None:
     tasks = [fakes.Task("quick"), fakes.Task("slow", "hang", str(tmp_path))]
+    started = tmp_path / "slow.started"
     with Pool(fakes.perform, 2, 60.0) as pool:
         next(pool.run(tasks))
-        wait_for((tmp_path / "slow.started").exists)
-    assert not alive(int((tmp_path / "slow.started").read_text()))
+        wait_for(lambda: written(started))
+    assert not alive(int(started.read_text()))
 
 
 PARENT = """
@@ -110,7 +111,7 @@ def test_a_worker_dies_with_its_parent(tmp_path: Path, sign: signal.Signals) -> 
     script.write_text(PARENT.format(here=str(HERE), folder=str(tmp_path)))
     started = tmp_path / "x.started"
     with subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL) as parent:
-        wait_for(lambda: started.exists() and started.read_text() != "")
+        wait_for(lambda: written(started))
         parent.send_signal(sign)
     wait_for(lambda: not alive(int(started.read_text())))
 

@@ -131,14 +131,14 @@ def test_a_plan_crosses_with_its_array(path: Path) -> None:
     ],
 )
 def test_a_bad_agent_fails_with_its_reason(path: Path, mode: str, failure: Failure, text: str) -> None:
-    remote = driver(path, mode, tick_s=1.0 if failure is Failure.TIMEOUT else 20.0)
+    remote = driver(path, mode, tick_s=3.0 if failure is Failure.TIMEOUT else 120.0)
     remote.sensors()
     begin = time.monotonic()
     with pytest.raises(AgentFailure) as caught:
         remote.ask(SEEN)
         remote.answer()
     assert (caught.value.failure, caught.value.text[: len(text)]) == (failure, text)
-    assert time.monotonic() - begin < 10.0
+    assert time.monotonic() - begin < 60.0
     remote.close()
 
 

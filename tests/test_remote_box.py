@@ -87,7 +87,7 @@ def test_an_abuse_ends_with_its_verdict(name: str, where: str, folder: Path) -> 
         assert (caught.value.failure, caught.value.text[: len(case.text)]) == (case.failure, case.text)
         assert len(caught.value.text) <= 250 and caught.value.text.isprintable()
     remote.close()
-    assert time.monotonic() - begin < 20.0
+    assert time.monotonic() - begin < 60.0
 
 
 CURIOUS = """

@@ -60,7 +60,15 @@ def child() -> Iterator[FakeChild]:
 
 @pytest.fixture
 def line(child: FakeChild, tmp_path: Path) -> Iterator[Line]:
-    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=0.3, episode_s=10.0))
+    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=60.0))
+    yield line
+    line.close()
+
+
+@pytest.fixture
+def hasty(child: FakeChild, tmp_path: Path) -> Iterator[Line]:
+    """A line that soon gives up waiting."""
+    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=0.3))
     yield line
     line.close()
 
@@ -107,17 +115,17 @@ def test_the_answer_of_another_tick_is_none(child: FakeChild, line: Line) -> Non
         line.receive(replies.reply)
 
 
-def test_silence_runs_out_of_time(line: Line) -> None:
+def test_silence_runs_out_of_time(hasty: Line) -> None:
     begin = time.monotonic()
-    fails(line, Failure.TIMEOUT, "act: no answer within the time limit")
-    assert 0.2 < time.monotonic() - begin < 5.0
+    fails(hasty, Failure.TIMEOUT, "act: no answer within the time limit")
+    assert 0.2 < time.monotonic() - begin < 30.0
 
 
-def test_the_deadline_is_for_the_whole_answer(child: FakeChild, line: Line) -> None:
+def test_the_deadline_is_for_the_whole_answer(child: FakeChild, hasty: Line) -> None:
     child.drip = framed(answer(1, GOOD))
     begin = time.monotonic()
-    fails(line, Failure.TIMEOUT, "act: no answer within the time limit")
-    assert time.monotonic() - begin < 5.0
+    fails(hasty, Failure.TIMEOUT, "act: no answer within the time limit")
+    assert time.monotonic() - begin < 30.0
     assert child.drip  # it would have gone on
 
 
@@ -129,12 +137,12 @@ def test_an_answer_in_pieces_in_time_is_one(child: FakeChild, tmp_path: Path) ->
     line.close()
 
 
-def test_who_does_not_read_runs_out_of_time(child: FakeChild, line: Line) -> None:
+def test_who_does_not_read_runs_out_of_time(hasty: Line) -> None:
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="act: the agent does not read within the time limit") as caught:
-        line.send("act", 1, b"x" * 50_000_000)
+        hasty.send("act", 1, b"x" * 50_000_000)
     assert caught.value.failure is Failure.TIMEOUT
-    assert time.monotonic() - begin < 5.0
+    assert time.monotonic() - begin < 30.0
 
 
 def test_lengths_beyond_the_limit_are_not_read(child: FakeChild, line: Line) -> None:
@@ -175,7 +183,7 @@ def test_the_end_of_the_process_is_seen_at_once(child: FakeChild, line: Line) ->
     with pytest.raises(AgentFailure, match=r"act: the agent's process ended \(exit code 7\)") as caught:
         line.receive(replies.reply)
     assert caught.value.failure is Failure.CRASHED
-    assert time.monotonic() - begin < 0.25
+    assert time.monotonic() - begin < 30.0
 
 
 def test_descriptors_that_are_passed_along_are_dropped(child: FakeChild, line: Line) -> None:
@@ -192,4 +200,4 @@ def test_all_answers_of_an_episode_have_a_limit(child: FakeChild, tmp_path: Path
     with pytest.raises(AgentFailure, match="no answer within the time limit"):
         line.send("act", 1, None)
         line.receive(replies.reply)
-    assert time.monotonic() - begin < 5.0
+    assert time.monotonic() - begin < 30.0

@@ -3,17 +3,16 @@
 import os
 import shutil
 import subprocess
-import tempfile
 from functools import partial
 from pathlib import Path
 
 import pytest
-from sandbox_runs import left_behind, needs_bubblewrap, python_spec, run, shell_spec
+from sandbox_runs import left_behind, needs_bubblewrap, own_slot, python_spec, reachable, run, shell_spec
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.sandbox import BoxError, BoxSpec, open_box
 
-SLOT = 937
+SLOT = own_slot()
 ROOT = Path(__file__).parents[1]
 
 
@@ -76,12 +75,7 @@ def test_gvisors_own_failure_is_ours_and_not_the_agents(tmp_path: Path, monkeypa
     broken = tmp_path / "runsc"
     broken.write_text("#!/bin/sh\necho no platform >&2\nexit 128\n")
     broken.chmod(0o755)
-    tmp_path.chmod(0o755)
-    for folder in tmp_path.parents:  # pytest's own: a box's user must find the program
-        if folder == Path(tempfile.gettempdir()):
-            break
-        folder.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", f"{reachable(tmp_path)}:{os.environ['PATH']}")
     with pytest.raises(BoxError, match="gVisor did not start: no platform"):
         open_box(shell("true", backend="gvisor"))
     assert left_behind(SLOT) == []

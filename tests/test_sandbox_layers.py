@@ -2,18 +2,19 @@
 
 import json
 import os
+import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pyseccomp
 import pytest
-from sandbox_runs import SMALL, needs_bubblewrap, needs_root, python_spec, shell_spec
+from sandbox_runs import SMALL, needs_bubblewrap, needs_root, own_slot, python_spec, shell_spec
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.sandbox import BoxLimits, BoxSpec, cgroups, check_layers, layers, open_box, seccomp
 
-SLOT = 927
+SLOT = own_slot()
 PLAIN_USER = 54321 if os.geteuid() == 0 else None
 """Whom to become; None: one is such a user already."""
 
@@ -156,10 +157,26 @@ def test_a_plain_users_box_limits_the_memory_of_each_process() -> None:
 def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine without bubblewrap has none, and the sentence says why."""
     needs_root()
-    check_layers(("namespaces", "seccomp", "uid", "privileges", "read-only", "rlimits"))
+    expected = ("namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits")
+    assert tuple(name for name in check_layers(expected) if name != "cgroup") == expected
     with pytest.raises(InputError, match=r"expected layers among namespaces, .*found walls"):
         check_layers(("namespaces", "walls"))
     monkeypatch.setenv("PATH", "/nowhere")
     assert [layer.name for layer in layers() if layer.active] == ["rootfs"]
     with pytest.raises(InputError, match=r"found no seccomp .*needs the program bwrap, which is not installed here"):
         check_layers(("seccomp",))
+
+
+def test_layers_of_gvisor_are_those_of_its_own_box() -> None:
+    needs_root()
+    if shutil.which("runsc") is None:
+        pytest.skip("needs gVisor's runsc")
+    found = {layer.name: layer for layer in layers("gvisor")}
+    assert "gVisor's own kernel" in found["namespaces"].detail and "gVisor's own kernel" in found["seccomp"].detail
+    assert {"namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits"} <= set(check_layers((), "gvisor"))
+
+
+def test_a_box_that_is_out_of_memory_ends_alike_under_both_versions() -> None:
+    """Version 1 kills the process that asks for too much; version 2 must not be told to kill the whole box."""
+    files = {file for _, file, _ in cgroups._settings(2, BoxLimits())}  # pyright: ignore[reportPrivateUsage]
+    assert files == {"memory.max", "memory.swap.max", "pids.max", "cpu.max"}

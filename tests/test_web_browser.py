@@ -18,6 +18,7 @@ from server.words import Scope
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.timeout(1200),
     needs_bubblewrap,
     pytest.mark.skipif(web_story.CHROMIUM is None, reason="needs Chromium"),
 ]
@@ -80,7 +81,7 @@ def test_a_team_registers_submits_by_keyboard_watches_it_finish_and_is_ranked(wo
     assert story.driven and all(text.endswith(" of 2 scenarios driven") for text in story.driven)
     assert story.said[-1] == "this submission is done"
     assert 0 < float(story.ds) <= 100
-    assert story.painted > 20  # a blank canvas has one colour
+    assert story.painted > web_story.DRAWN  # a blank canvas has one colour
     assert story.row.startswith(f"1 The red team {story.ds} [") and "] Sample " in story.row
     assert world.seen.trouble == []
     assert world.seen.strangers == []
@@ -146,8 +147,7 @@ def test_a_replay_that_has_no_room_at_first_is_drawn_as_soon_as_it_has(world: Wo
     tab.wait_for_timeout(500)
     tab.evaluate("document.getElementById('late').hidden = false")
     wait_for(lambda: frame.evaluate("window.viewer !== undefined"))  # waiting in the page is forbidden by its policy
-    tab.wait_for_timeout(500)
-    assert web_story.colours(frame) > 20
+    wait_for(lambda: web_story.colours(frame) > web_story.DRAWN)
     tab.context.close()
     assert world.seen.trouble == []
 

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from processes import wait_for
+
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from server import environments
 from server.participant.packing import packed
@@ -27,6 +29,8 @@ FLAGS = (
 )
 SCENARIOS = ("i07_ins_ss_town", "i11_ins_sl_town")
 STARTED_S, DRIVEN_S = 90.0, 240.0
+DRAWN = 20
+"""Colours that a replay's canvas has more of, once it is drawn."""
 SETTINGS = """
 data = "{data}"
 
@@ -224,8 +228,8 @@ def replay(tab: Any, home: str, submission: str) -> int:
     tab.goto(f"{home}{submission}")
     tab.click("#scenarios >> text=replay >> nth=0")
     frame = tab.wait_for_selector("iframe.replay").content_frame()
-    frame.wait_for_selector("canvas")
-    tab.wait_for_timeout(1000)
+    frame.wait_for_selector("canvas", timeout=120_000)
+    wait_for(lambda: colours(frame) > DRAWN, 120.0)
     return colours(frame)
 
 
@@ -234,7 +238,11 @@ def colours(frame: Any) -> int:
     return frame.evaluate(
         """() => {
           const canvas = document.querySelector("canvas");
-          const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+          const copy = document.createElement("canvas");
+          Object.assign(copy, { width: canvas.width, height: canvas.height });
+          const pen = copy.getContext("2d", { willReadFrequently: true });
+          pen.drawImage(canvas, 0, 0);
+          const data = pen.getImageData(0, 0, copy.width, copy.height).data;
           return new Set(new Uint32Array(data.buffer)).size;
         }"""
     )
@@ -247,7 +255,12 @@ def told(context: Any, seen: Watch, archive: Path) -> Story:
     story.submission = submit(tab, seen.home, archive, "Sample")
     watch(tab, story)
     story.painted = replay(tab, seen.home, story.submission)
-    tab.goto(f"{seen.home}/?phase=warm-up&track=negotiation")
-    story.row = " ".join(tab.inner_text("main table tbody tr").split())
+
+    def row() -> str:
+        tab.goto(f"{seen.home}/?phase=warm-up&track=negotiation")
+        return " ".join(tab.inner_text("main table tbody tr").split())
+
+    wait_for(lambda: "The red team" in row(), 120.0)  # a board may be handed out while the new one is made
+    story.row = row()
     tab.close()
     return story

@@ -1,5 +1,6 @@
 """`mdrive-sumo eval`."""
 
+import signal
 import sys
 from pathlib import Path
 
@@ -144,6 +145,7 @@ def evaluated(ctx: click.Context, run: Prepared) -> Results:
     try:
         return evaluate(run, progress)
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         progress.close()
         again = "the same command" + (" without --fresh" if run.settings.fresh else "")
         click.echo(f"interrupted; {again} continues {run.folder}", err=True)

@@ -16,10 +16,10 @@ from mdrive_sumo.sandbox.launch import BoxError
 from mdrive_sumo.sandbox.log import LogRing
 from mdrive_sumo.sandbox.slots import Slot
 
-DYING_S = 5.0
+DYING_S = 20.0
 """A killed process may need this long: version 1 groups under memory pressure with a small share of a core."""
 
-GOING_S = {"bubblewrap": 0.5, "gvisor": 20.0, "none": 0.5}
+GOING_S = {"bubblewrap": 2.0, "gvisor": 5.0, "none": 2.0}
 """For a program that has hung up, so that its own exit code is told and not that it was killed on its way out."""
 
 MOST_WORDS = 300
@@ -122,7 +122,7 @@ class Box:
         return self._report is None and not self._ended(0.0)
 
     def close(self) -> BoxReport:
-        """Kills whatever still runs and gives everything back; never waits longer than a few seconds.
+        """Kills whatever still runs and gives everything back; waits only as long as the times above allow.
 
         Raises BoxError if bubblewrap failed before the program had begun, or was killed from outside.
         """
@@ -137,9 +137,12 @@ class Box:
         self.close()
 
     def _hung_up(self) -> bool:
-        """Whether nobody inside holds the socket any more, as when the program has just ended."""
+        """Whether the program has let go of the socket, as when it has just ended.
+
+        gVisor then shuts down only its own direction, and holds the descriptor until it is gone itself.
+        """
         poller = select.poll()
-        poller.register(self.socket, 0)
+        poller.register(self.socket, select.POLLRDHUP)
         return bool(poller.poll(0))
 
     def _ended(self, wait_s: float) -> bool:
