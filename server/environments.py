@@ -1,6 +1,8 @@
 """The environments that agents run in: named and made beforehand; no participant's code has a part in that."""
 
+import hashlib
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,6 +16,8 @@ ABOUT_FILE = "environment.json"
 BUILD_S = 1800.0
 IMAGE_PYTHON = "/opt/agent/bin/python"
 """Where the agent image of `docker/Dockerfile` has its interpreter."""
+PROGRAMS = ("opt", "usr")
+"""Where images have programs."""
 ASK = """
 import importlib.metadata as metadata, sys
 print("%d.%d" % sys.version_info[:2])
@@ -59,9 +63,11 @@ class Environment:
     site: Path | None
     """Folder with the packages; None: the interpreter finds them by itself."""
     packages: tuple[str, ...]
-    """Everything in it, name==version: it belongs to what makes results comparable."""
+    """Everything in it, name==version: the same archive drives as before only with the same ones."""
     rootfs: Path | None = None
     """Unpacked image that boxes see in place of their host's programs."""
+    image: str = ""
+    """Checksum of the names and sizes of its programs, as it was imported."""
 
 
 def recipe(name: str) -> Recipe:
@@ -78,13 +84,22 @@ def environment(name: str, folder: Path) -> Environment:
     try:
         found = json.loads(about.read_text("utf-8"))
         site, rootfs = (Path(found[key]) if found.get(key) else None for key in ("site", "rootfs"))
-        return Environment(name, Path(found["python"]), site, tuple(found["packages"]), rootfs)
+        return Environment(name, Path(found["python"]), site, tuple(found["packages"]), rootfs, found.get("image", ""))
     except FileNotFoundError:
         raise InputError(
             f"environment {name}: not built in {folder}; run mdrive-sumo admin environment build {name}"
         ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{about}: expected a description of an environment, found none ({error})") from None
+
+
+def digest(name: str, folder: Path) -> str | None:
+    """Of what a built environment holds; None where there is none, which whoever drives with it will say."""
+    try:
+        found = environment(name, folder)
+    except InputError:
+        return None
+    return hashlib.sha256(json.dumps([found.packages, found.image]).encode()).hexdigest()[:16]
 
 
 def built(folder: Path) -> list[str]:
@@ -144,7 +159,19 @@ def import_image(
             f"environment {name}: expected {', '.join(missing)} in {rootfs}, found {' '.join(packages):.300}"
         )
     target.mkdir(parents=True, exist_ok=True)
-    return _noted(Environment(name, Path(python), None, tuple(packages), rootfs.resolve()), target)
+    made = Environment(name, Path(python), None, tuple(packages), rootfs.resolve(), _checksum(rootfs))
+    return _noted(made, target)
+
+
+def _checksum(rootfs: Path) -> str:
+    """Of names and sizes: contents would take minutes, and those of other programs hardly ever have all the same."""
+    told = hashlib.sha256()
+    for folder, folders, files in (found for part in PROGRAMS for found in os.walk(rootfs / part)):
+        folders.sort()
+        for file in sorted(files):
+            path = Path(folder, file)
+            told.update(os.fsencode(f"{path.relative_to(rootfs)}\0{path.lstat().st_size}\0"))
+    return told.hexdigest()
 
 
 def _asked(name: str, spec: BoxSpec) -> list[str]:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -48,7 +48,7 @@ class Limits(_Part):
 class Sandbox(_Part):
     """In which boxes agents run. The limits are those of `mdrive_sumo.sandbox.BoxLimits`."""
 
-    backend: str = "bubblewrap"
+    backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
     required: tuple[str, ...] = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
     """Layers of `mdrive-sumo doctor --sandbox` without which no agent is run."""
     memory_bytes: Count = _BOX.memory_bytes

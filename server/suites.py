@@ -3,21 +3,25 @@
 from threading import Lock
 from typing import Any, Protocol
 
+from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.suite.fingerprint import code_checksum, versions
+from server import environments
 from server.settings import Settings
 from server.store.models import Phase
+from server.store.scores import ENVIRONMENT
+from server.words import FEWEST
 
 
 class Suites(Protocol):
     """What taking in a submission has to know of a phase's suite."""
 
     def jobs(self, phase: Phase) -> list[tuple[str, int]]:
-        """Scenario and seed of each. Raises InputError for a suite that cannot be read."""
+        """Scenario and seed of each. Raises InputError for a suite that cannot be read or is too small to be hidden."""
         ...
 
-    def evaluator(self, phase: Phase) -> dict[str, Any]:
-        """What `Submission.evaluator` is: results under different ones are not compared."""
+    def evaluator(self, phase: Phase, environment: str) -> dict[str, Any]:
+        """What `Submission.evaluator` is for an agent of this environment."""
         ...
 
 
@@ -28,21 +32,25 @@ class LoadedSuites:
         self._settings = settings
         self._lock = Lock()
         self._known: dict[str, tuple[Suite, str]] = {}
-        self._code: dict[str, str] = {}
+        self._code = versions() | {"code": code_checksum()}
 
     def jobs(self, phase: Phase) -> list[tuple[str, int]]:
-        """By scenario, then seed."""
+        """By scenario, then seed. Raises InputError, see `Suites`."""
         suite, _ = self._loaded(phase.suite)
+        if not phase.public and (found := len(suite.scenarios)) < FEWEST:
+            why = "so that their mean says nothing about single ones"
+            raise InputError(f"phase {phase.id}: expected at least {FEWEST} hidden scenarios, {why}; found {found}")
         return [(scenario.id, seed) for scenario in suite.scenarios for seed in range(phase.seeds)]
 
-    def evaluator(self, phase: Phase) -> dict[str, Any]:
-        """Versions, checksums of code and suite, what the settings demand of boxes."""
+    def evaluator(self, phase: Phase, environment: str) -> dict[str, Any]:
+        """Versions, checksums of code and suite, what the settings demand of boxes, and what the environment holds.
+
+        That one is looked at every time: it may be imported anew while a server runs.
+        """
         _, checksum = self._loaded(phase.suite)
-        sandbox = self._settings.sandbox
-        with self._lock:
-            self._code = self._code or versions() | {"code": code_checksum()}
-        boxes = sandbox.model_dump(mode="json", exclude={"log_bytes"})
-        return {**self._code, "suite": checksum, "seeds": phase.seeds, "sandbox": boxes}
+        boxes = self._settings.sandbox.model_dump(mode="json", exclude={"log_bytes"})
+        holds = environments.digest(environment, self._settings.environments)
+        return {**self._code, "suite": checksum, "seeds": phase.seeds, "sandbox": boxes, ENVIRONMENT: holds}
 
     def suite(self, phase: Phase) -> Suite:
         """The suite itself."""

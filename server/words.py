@@ -2,6 +2,9 @@
 
 from enum import StrEnum, auto
 
+FEWEST = 5
+"""Scenarios that a mean of a hidden phase is taken of: fewer, and it would be the result of single ones."""
+
 
 class Track(StrEnum):
     """Leaderboards of a phase. Cooperation is what the messages of an agent's CAVs were, not what it calls itself."""

@@ -39,7 +39,7 @@ class FakeSuites:
     def jobs(self, phase: Any) -> list[tuple[str, int]]:
         return list(JOBS)
 
-    def evaluator(self, phase: Any) -> dict[str, Any]:
+    def evaluator(self, phase: Any, environment: str) -> dict[str, Any]:
         return {"version": "1"}
 
 
@@ -106,9 +106,9 @@ def with_environment(settings: Settings, name: str = "python3.11-numpy") -> None
 
 
 @contextmanager
-def listening(server: Server) -> Generator[str]:
-    """The application behind a real HTTP server; its address."""
-    http = uvicorn.Server(uvicorn.Config(server.app, port=0, log_level="critical", lifespan="off"))
+def listening(server: Server, **options: Any) -> Generator[str]:
+    """The application behind a real HTTP server; its address. `options`: of uvicorn."""
+    http = uvicorn.Server(uvicorn.Config(server.app, port=0, log_level="critical", lifespan="off", **options))
     thread = Thread(target=http.run, daemon=True)
     thread.start()
     deadline_s = time.monotonic() + 60

@@ -19,10 +19,10 @@ from hostile.teams import MARKER
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from server import environments
 from server.store import Store, teams, tokens
-from server.words import Scope
+from server.words import FEWEST, Scope
 
-PATIENCE_S = 150.0
-"""For everything together; what it takes is less than half of it."""
+PATIENCE_S = 600.0
+"""For everything together; it takes a tenth of it."""
 SETTINGS = """\
 port = 0
 [limits]
@@ -31,7 +31,7 @@ unpacked_bytes = 8388608
 entries = 50
 ratio = 100
 [sandbox]
-tick_s = 2.0
+tick_s = 4.0
 processes = 24
 file_bytes = 2097152
 tmp_bytes = 8388608
@@ -169,8 +169,8 @@ def command(name: str, folder: Path) -> list[str]:
 def prepared(folder: Path) -> Path:
     """Suites, settings and an environment; returns the data folder."""
     phases = [("once", "public", 1), ("twice", "public", 2), ("secret", MARKER, 1)]
-    for name, cav, scenario in (("public", 1, "short"), (MARKER, 0, MARKER)):
-        _write_suite(folder / name, cav, scenario)
+    _write_suite(folder / "public", 1, "short")
+    _write_suite(folder / MARKER, 0, MARKER, *(f"{MARKER}-{number}" for number in range(1, FEWEST)))
     texts = [
         PHASE.format(id=id_, suite=folder / suite, public=str(suite == "public").lower(), seeds=seeds)
         for id_, suite, seeds in phases
@@ -182,12 +182,12 @@ def prepared(folder: Path) -> Path:
     return folder / "data"
 
 
-def _write_suite(folder: Path, cav: int, scenario: str) -> None:
-    """One scenario of one CAV that goes some ten metres."""
+def _write_suite(folder: Path, cav: int, *ids: str) -> None:
+    """Scenarios of one CAV that goes some ten metres, alike but for their ids."""
     long = next(each for each in load_suite("interdrive").scenarios if each.id == "i07_ins_ss_town")
     ego = long.egos[cav].model_copy(update={"id": "0", "route": long.egos[cav].route[:14]})
-    short = long.model_copy(update={"id": scenario, "egos": (ego,)})
-    save_suite(Suite(SuiteFile(name="short", title="Short"), folder, (short,)))
+    short = tuple(long.model_copy(update={"id": each, "egos": (ego,)}) for each in ids)
+    save_suite(Suite(SuiteFile(name="short", title="Short"), folder, short))
 
 
 @contextmanager

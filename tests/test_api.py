@@ -6,7 +6,7 @@ import pytest
 from api_app import API, Server, TestClient, problem
 from store_samples import NOON, S
 
-from server.store import StoreUnavailable
+from server.store import StoreUnavailable, audit, workers
 
 JSON = {"Content-Type": "application/json"}
 
@@ -76,6 +76,19 @@ def test_a_worker_sees_the_metrics_and_no_more(server: Server) -> None:
     assert 'mdrive_submissions{state="queued"} 0.0' in text
     problem(server.ask("GET", "/teams", "worker"), 403, "admin")
     problem(server.send("worker"), 403, "submit")
+
+
+def test_metrics_count_workers_that_live_and_spot_checks_that_differ(server: Server) -> None:
+    text = server.ask("GET", "/metrics", "worker").text
+    assert "mdrive_workers 0.0" in text and "mdrive_spot_check_differences 0.0" in text
+    with server.store.write() as session:
+        for owner, age_s in (("alive", 5), ("a lease old", 60), ("silent", 61)):
+            workers.seen(session, owner, "", server.now_us - age_s * S)
+        for same in (True, False, False):
+            audit.add(session, "server", "spot-check", {"same": same}, server.now_us)
+        audit.add(session, "server", "another", {"same": False}, server.now_us)
+    text = server.ask("GET", "/metrics", "worker").text
+    assert "mdrive_workers 2.0" in text and "mdrive_spot_check_differences 2.0" in text
 
 
 def test_phases_say_whether_they_are_open_and_hide_where_suites_lie(server: Server) -> None:

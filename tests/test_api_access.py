@@ -3,9 +3,11 @@
 import asyncio
 import socket
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 import archive_samples
 import httpx
@@ -13,11 +15,15 @@ import pytest
 import store_samples
 from api_app import API, Server, another_zip, listening, problem
 from store_samples import GOOD, LEASE, PHASE, S, summary
+from web_page import Visit
 
+from server import places
 from server.api import bodies
 from server.api.problems import ProblemError
 from server.api.upload import AT_ONCE, Uploads
-from server.store import jobs, submissions, teams, tokens
+from server.cli import serving
+from server.cli.serving import ImpatientProtocol
+from server.store import audit, jobs, submissions, teams, tokens
 from server.store.models import AuditEntry
 from server.store.phases import put
 from server.words import Scope
@@ -82,7 +88,9 @@ def queued(server: Server) -> str:
     """Another one of red's."""
     server.now_us += S
     with server.store.write() as session:
-        return store_samples.sent(session, server.red, server.now_us).id
+        found = store_samples.sent(session, server.red, server.now_us)
+    places.archive(server.settings, found.archive_sha256).touch()
+    return found.id
 
 
 def filled(server: Server, path: str, submission: str) -> str:
@@ -156,10 +164,13 @@ def test_what_is_ones_own_is_kept_by_nobody(server: Server) -> None:
 
 def test_heads_without_bodies(server: Server) -> None:
     with listening(server) as address:
-        asked, headed = httpx.get(f"{address}{API}/phases"), httpx.head(f"{address}{API}/phases")
+        asked, headed = (
+            httpx.get(f"{address}{API}/phases", timeout=60),
+            httpx.head(f"{address}{API}/phases", timeout=60),
+        )
         assert headed.status_code == 200 and headed.content == b""
         assert headed.headers["content-length"] == asked.headers["content-length"] == str(len(asked.content))
-        assert httpx.head(f"{address}{API}/submissions/{'0' * 32}/events").status_code == 405
+        assert httpx.head(f"{address}{API}/submissions/{'0' * 32}/events", timeout=60).status_code == 405
 
 
 def test_a_body_that_does_not_end_is_not_waited_for(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,6 +181,77 @@ def test_a_body_that_does_not_end_is_not_waited_for(server: Server, monkeypatch:
         head = f"POST {API}/tokens HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\nContent-Type: application/json\r\n"
         line.sendall(f"{head}Authorization: Bearer {server.tokens['admin']}\r\n\r\n{{".encode())
         assert line.recv(4096).startswith(b"HTTP/1.1 408")
+
+
+def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever streams waits for the client to leave, also where the middleware has read the body's end."""
+    monkeypatch.setattr(bodies, "JSON_S", 0.01)
+    gone, waits = asyncio.Event(), asyncio.Event()
+    arrived = [{"type": "http.request", "body": b"", "more_body": False}]
+
+    async def receive() -> dict[str, Any]:
+        if waits.is_set() and arrived:
+            return arrived.pop()
+        waits.set()
+        await gone.wait()
+        return {"type": "http.disconnect"}
+
+    async def streamed() -> str:
+        body = bodies._Body(receive, 100)  # pyright: ignore[reportPrivateUsage]
+        leaving = asyncio.create_task(body.receive())
+        await waits.wait()
+        await body.drain(1)
+        await asyncio.sleep(0.1)
+        gone.set()
+        return (await leaving)["type"]
+
+    assert asyncio.run(streamed()) == "http.disconnect"
+
+
+def test_a_request_that_does_not_end_is_not_waited_for(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither is one after a good one."""
+    good = f"GET {API}/phases HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+    with listening(server, http=ImpatientProtocol) as address:
+        line = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60)
+        with line, line.makefile("rb") as answers:
+            line.sendall(good)
+            assert read_one(answers) == 200
+            monkeypatch.setattr(serving, "REQUEST_S", 0.1)
+            line.sendall(good)
+            assert read_one(answers) == 200
+            with suppress(ConnectionError):  # it may be closed already
+                line.sendall(good[:20])
+                assert answers.read() == b""
+
+
+def test_a_request_in_hand_is_not_cut(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time for the next one begins with each answer; here the next one is there by then, and takes longer."""
+
+    @server.app.get("/slow")
+    async def slow() -> str:  # pyright: ignore[reportUnusedFunction]
+        await asyncio.sleep(1.0)
+        return "done"
+
+    good, long = (f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode() for path in (f"{API}/phases", "/slow"))
+    with listening(server, http=ImpatientProtocol) as address:
+        line = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60)
+        with line, line.makefile("rb") as answers:
+            line.sendall(good)
+            assert read_one(answers) == 200
+            monkeypatch.setattr(serving, "REQUEST_S", 0.1)
+            line.sendall(good + long)
+            assert [read_one(answers), read_one(answers)] == [200, 200]
+
+
+def read_one(answers: BufferedReader) -> int:
+    """Status of the next answer of a connection."""
+    status = int(answers.readline().split()[1])
+    length = 0
+    while header := answers.readline().strip():
+        if header.lower().startswith(b"content-length:"):
+            length = int(header.split()[1])
+    answers.read(length)
+    return status
 
 
 def at_once(count: int, deed: Callable[[int], int]) -> list[int]:
@@ -236,6 +318,27 @@ def test_the_audit_log_says_who_did_it(server: Server) -> None:
         ("submission-shown", f"submit:{server.red}"), ("submission-cancelled", f"submit:{server.red}"),
         ("submission-disqualified", f"admin:{admin.id}"), ("submission-rerun", f"admin:{admin.id}"),
     ]  # fmt: skip
+
+
+def test_the_audit_log_says_who_made_teams_and_tokens(server: Server) -> None:
+    """By the API, then by the pages."""
+    page = Visit(server, "admin")
+    server.ask("POST", "/teams", "admin", json={"name": "green"})
+    server.ask("PUT", "/teams/green/hidden", "admin", json={"hidden": True})
+    server.ask("POST", "/tokens", "admin", json={"team": "green"})
+    server.ask("DELETE", f"/tokens/{server.get('/teams/green/tokens', 'admin')['items'][0]['id']}", "admin")
+    page.post("/admin/teams", 200, name="grey")
+    page.post(f"/admin/teams/{server.red}/hidden", hidden="true")
+    page.post("/admin/tokens", 200, scope="worker")
+    page.post(f"/admin/tokens/{server.get('/teams/red/tokens', 'admin')['items'][0]['id']}/revoke")
+    with server.store.read() as session:
+        admin = tokens.holder(session, server.tokens["admin"])
+        entries = audit.latest(session, 9)
+        assert admin is not None and {entry.actor for entry in entries} == {f"admin:{admin.id}"}
+        assert [entry.deed for entry in reversed(entries)] == [
+            "team-created", "team-hidden", "token-issued", "token-revoked",
+            "team-created", "token-issued", "team-hidden", "token-issued", "token-revoked",
+        ]  # fmt: skip
 
 
 def test_a_team_uploads_a_few_at_a_time() -> None:

@@ -5,6 +5,7 @@ The same search over a public phase with the same markers finds them, so it can 
 
 import re
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,19 @@ from typing import Any
 import pytest
 from api_app import API, HIDDEN, Server, another_zip
 from store_samples import LEASE, PHASE, S
+from suite_fakes import make_suite
 
+from mdrive_sumo.errors import InputError
 from server import places
 from server.api import views
+from server.api.app import prepare
 from server.api.schemas import moment
 from server.clock import DAY_US
 from server.store import events, jobs, models, submissions
 from server.store.jobs import JobOutcome
 from server.store.phases import NewPhase, put
-from server.words import Verdict
+from server.suites import LoadedSuites
+from server.words import FEWEST, Verdict
 
 SCENARIO = "marker-scenario-id"
 COORDINATES = ("4711.25", "-815.125")
@@ -199,6 +204,19 @@ def test_small_parts_do_not_come_out_by_subtraction(sizes: dict[str, int], told:
     parts = {name: {"scenarios": size} for name, size in sizes.items()}
     assert views.tellable(models.Phase(public=False), parts) == set(told)
     assert views.tellable(models.Phase(public=True), parts) == set(sizes)
+
+
+def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> None:
+    """Neither when the server starts nor, where the phase came later, with an upload."""
+    server.app.state.tools = replace(server.app.state.tools, suites=LoadedSuites(server.settings))
+    few, enough = (make_suite(tmp_path / str(size), *["drive"] * size) for size in (FEWEST - 1, FEWEST))
+    for suite, status in ((few, 422), (enough, 201)):
+        with server.store.write() as session:
+            put(session, [replace(HIDDEN, suite=str(suite.folder))], 0)
+        with pytest.raises(InputError, match=r"expected at least 5.*found 4") if status == 422 else nullcontext():
+            prepare(server.app.state.tools, server.now_us)
+        answer = server.send(phase=HIDDEN.id)
+        assert answer.status_code == status and ("expected at least 5 hidden" in answer.text) is (status == 422)
 
 
 def test_nothing_of_a_hidden_phase_tells_when_its_scenarios_end(server: Server) -> None:

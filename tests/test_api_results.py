@@ -1,11 +1,18 @@
 """Results of single scenarios, their recordings, replays and logs; and the process that makes what takes long."""
 
+import fcntl
 import os
 import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
+import httpx
 import pytest
-from api_app import Server, problem
+from api_app import API, Server, listening, problem
 from store_samples import LEASE, S, summary
 
 from mdrive_sumo.errors import InputError
@@ -13,7 +20,7 @@ from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
 from mdrive_sumo.suite.job import Job, run_job
 from server import places
 from server.api import replay
-from server.api.aside import ProcessAside
+from server.api.aside import MOST, ProcessAside
 from server.api.problems import ProblemError
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
@@ -105,6 +112,46 @@ def test_a_replay_is_made_once(server: Server, monkeypatch: pytest.MonkeyPatch) 
     for _ in range(2):
         assert server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/replay").text == "made"
     assert [(order.suite, order.scenario, order.result["ds"]) for order in orders] == [("interdrive", "merge", 20.0)]
+
+
+def locked(order: replay.Order) -> None:
+    """A painter that takes as long as somebody holds the recording; in another process."""
+    with order.recording.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+    part = order.page.with_suffix(".part")
+    part.write_text("made")
+    part.replace(order.page)  # it may be being read
+
+
+def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = finished(server)
+    places.replay(server.settings, mine, "merge", 0).unlink()
+    monkeypatch.setattr(replay, "make", locked)
+    painter = ProcessAside()
+    server.app.state.tools = replace(server.app.state.tools, painter=painter)
+    one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
+    number = 45  # more than there are threads for all requests
+    with (
+        places.recording(server.settings, mine, "merge", 0).open("rb") as held,
+        listening(server) as address,
+        closing(painter),
+        ThreadPoolExecutor(number) as pool,
+    ):
+        fcntl.flock(held, fcntl.LOCK_EX)
+        asked = [pool.submit(httpx.get, address + one, timeout=120) for _ in range(number)]
+        answers = [done.result() for done in islice(as_completed(asked), number - MOST)]
+        assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
+        assert not all(each.done() for each in asked)
+        fcntl.flock(held, fcntl.LOCK_UN)
+        assert Counter(each.result().status_code for each in asked) == {200: MOST, 503: number - MOST}
+    assert all("too many" in problem(each, 503)["detail"] and each.headers["retry-after"] for each in answers)
+
+
+def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("made")
+    replay.make(replay.Order("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
+    assert page.read_text() == "made"
 
 
 @pytest.mark.slow

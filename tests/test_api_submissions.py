@@ -2,16 +2,19 @@
 
 import asyncio
 import hashlib
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import archive_samples
 import httpx
 import pytest
-from api_app import ZIP, Server, another_zip, listening, problem
+from api_app import API, ZIP, Server, another_zip, listening, problem
+from processes import wait_for
 from store_samples import GOOD, LEASE, NOON, PHASE, S, summary
 
 from server.api import boards
+from server.api.at_once import AtOnce
 from server.api.reader import ReaderHere
 from server.clock import DAY_US
 from server.store import StoreUnavailable, jobs, queries, submissions
@@ -256,6 +259,32 @@ def test_an_admin_has_it_driven_again(server: Server) -> None:
     assert again["id"] != mine and (again["state"], again["counts"], again["shown"]) == ("queued", False, False)
 
 
+def test_what_is_cleared_up_cannot_be_driven_again(server: Server) -> None:
+    mine = server.send().json()
+    drive(server, mine["id"])
+    (server.settings.archives / f"{mine['archive_sha256']}.zip").unlink()
+    problem(server.ask("POST", f"/submissions/{mine['id']}/rerun", "admin"), 409, "its archive is cleared up")
+    assert len(server.get("/submissions", "red")["items"]) == 1
+
+
+def test_the_same_archive_is_driven_anew_in_a_newer_environment(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def evaluator(_: object, __: object, environment: str) -> dict[str, str]:
+        return {"version": "1", "environment": holds if environment == "python3.11-numpy" else ""}
+
+    monkeypatch.setattr("api_app.FakeSuites.evaluator", evaluator)
+    holds = "numpy 1"
+    first = server.send().json()
+    drive(server, first["id"], ds=50.0)
+    assert server.send().json()["id"] == first["id"]
+    holds = "numpy 2"
+    second = server.send().json()
+    assert second["id"] != first["id"] and second["state"] == "queued"
+    drive(server, second["id"], ds=60.0)
+    assert [(row["rank"], row["submission"]) for row in server.get("/leaderboards/dev")["rows"]] == [(1, second["id"])]
+
+
 def test_events_are_replayed_from_the_last_one_seen(server: Server) -> None:
     mine = server.send().json()["id"]
     drive(server, mine)
@@ -291,6 +320,26 @@ def test_events_come_while_it_runs(server: Server, monkeypatch: pytest.MonkeyPat
     assert text.startswith("id: ") and '{"state":"queued"}' in text.split("\n\n")[0]
     assert ": still here\n\n" in text and text.endswith('data: {"state":"done"}\n\n')
     assert waits == [1.0] * 3
+
+
+def test_a_team_follows_a_few_at_a_time(server: Server) -> None:
+    mine = server.send().json()["id"]
+    other = server.send("blue").json()["id"]
+    server.app.state.tools = replace(server.app.state.tools, streams=AtOnce("stream of events", 2))
+    with listening(server) as address, httpx.Client(base_url=address + API, timeout=60) as http, ExitStack() as stack:
+
+        def follow(who: str, which: str) -> httpx.Response:
+            headers = {"Authorization": f"Bearer {server.tokens[who]}"}
+            return stack.enter_context(http.stream("GET", f"/submissions/{which}/events", headers=headers))
+
+        first, second = follow("red", mine), follow("red", mine)
+        assert (first.status_code, second.status_code) == (200, 200)
+        refused = follow("red", mine)
+        refused.read()
+        assert "at most 2 of a team" in problem(refused, 429)["detail"] and refused.headers["retry-after"]
+        assert follow("blue", other).status_code == 200
+        first.close()
+        wait_for(lambda: follow("red", mine).status_code == 200, 60.0)
 
 
 def test_boards_rank_by_ds_and_mark_published_rows(server: Server) -> None:

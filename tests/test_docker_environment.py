@@ -41,6 +41,22 @@ def test_an_imported_image_is_found_again_and_may_be_replaced(tmp_path: Path) ->
     assert import_image("mine", tmp_path, HOST, PYTHON) == made
 
 
+def test_an_image_is_known_by_its_programs(tmp_path: Path) -> None:
+    def checksum() -> str:
+        return environments._checksum(tmp_path)  # pyright: ignore[reportPrivateUsage]
+
+    library = tmp_path / "usr" / "lib" / "libblas.so"
+    library.parent.mkdir(parents=True)
+    library.write_bytes(b"one")
+    seen = [checksum()]
+    library.write_bytes(b"newer")
+    seen.append(checksum())
+    library.rename(library.with_name("libother.so"))
+    seen.append(checksum())
+    assert checksum() == seen[-1]
+    assert len(set(seen)) == 3
+
+
 @pytest.mark.parametrize(
     ("name", "rootfs", "python", "expected"),
     [

@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import databases
-import evaluation_fakes
 import numpy as np
 import pytest
 from evaluation_bench import Bench, S
@@ -15,17 +14,12 @@ from evaluation_fakes import read, scored
 
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.score import overall
-from server.evaluation import worker
-from server.evaluation.machine import check_machine
-from server.evaluation.stop import Stop
 from server.evaluation.summary import interval, summarise
-from server.evaluation.supervisor import Supervisor
 from server.evaluation.unpacking import tidy
-from server.settings import Sandbox, Settings
 from server.store import StoreUnavailable, submissions
 from server.store.models import Job
 from server.tracks import check_style
-from server.words import JobState, State, Track, Verdict
+from server.words import FEWEST, JobState, State, Track, Verdict
 
 
 @pytest.fixture
@@ -51,8 +45,8 @@ def test_a_submission_is_driven_scored_and_ranked(bench: Bench) -> None:
 
 
 def test_of_hidden_phases_nothing_is_kept(bench: Bench) -> None:
-    submission = bench.begin("nap", public=False)
-    bench.steps(2)
+    submission = bench.begin(*["nap"] * FEWEST, public=False)
+    bench.steps(FEWEST + 1)
     assert read(bench.store, submission).state == State.DONE
     assert not bench.settings.recordings.exists()
 
@@ -134,11 +128,25 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench, monkeypatch: pyt
     with monkeypatch.context() as patch:
         patch.setattr(bench.store, "write", away)
         patch.setattr(bench.store, "read", away)
-        bench.steps(3)
+        bench.steps(3, pause_us=100 * S)  # longer than a lease
     assert read(bench.store, submission).state == State.RUNNING
     bench.steps(1)
     assert read(bench.store, submission).state == State.DONE
     assert bench.calls() == 1
+    assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)]
+
+
+def test_a_lease_that_ended_while_the_database_was_away_is_prolonged(bench: Bench) -> None:
+    submission = bench.begin("nap", "nap")
+    bench.executor.slots = 2  # so that it asks for more work
+    bench.executor.stuck = {"s0"}
+    bench.steps(1)
+    bench.now_us += 100 * S
+    bench.steps(1)
+    bench.executor.stuck = set()
+    bench.steps(2)
+    assert read(bench.store, submission).state == State.DONE
+    assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)] * 2
 
 
 def test_a_disk_that_is_full_is_our_failure(bench: Bench) -> None:
@@ -175,28 +183,6 @@ def test_a_data_folder_that_is_gone_ends_the_worker(bench: Bench, monkeypatch: p
         with pytest.raises(InputError, match=r"^data: expected a folder .*, found none"):
             bench.steps(1)
     assert bench.rows()[0].attempt == 0
-
-
-@pytest.mark.parametrize("scheduler", ["", "tcp://127.0.0.1:1"])
-def test_no_worker_drives_foreign_code_without_a_box(tmp_path: Path, scheduler: str) -> None:
-    found = evaluation_fakes.settings(tmp_path)
-    found = found.model_copy(
-        update={
-            "sandbox": found.sandbox.model_copy(update={"backend": "none"}),
-            "work": found.work.model_copy(update={"scheduler": scheduler}),
-        }
-    )
-    stop = Stop()
-    with pytest.raises(InputError, match=r"^sandbox: backend: expected bubblewrap or gvisor, found none"):
-        worker.work(found, stop, evaluation_fakes.fake, evaluation_fakes.fast_clock)
-    stop.close()
-
-
-def test_a_service_does_not_start_with_what_is_no_address(tmp_path: Path) -> None:
-    found = evaluation_fakes.settings(tmp_path)
-    found = found.model_copy(update={"work": found.work.model_copy(update={"scheduler": "here"})})
-    with pytest.raises(InputError, match=r"^--scheduler: expected tcp://HOST:PORT of a Dask scheduler, found 'here'"):
-        Supervisor(databases.emptied("sqlite"), found).start()
 
 
 def test_a_summary_is_that_of_the_library_with_intervals() -> None:
@@ -249,8 +235,3 @@ def test_joint_agents_are_in_their_own_track(style: str, track: Track, fine: boo
     else:
         with pytest.raises(InputError, match=rf"^track {track}: expected "):
             check_style(style, track)
-
-
-def test_a_machine_that_lacks_a_layer_is_told_and_what_to_do() -> None:
-    with pytest.raises(InputError, match=r"expected layers among .*found walls\. .*MDRIVE_SANDBOX__REQUIRED="):
-        check_machine(Settings(sandbox=Sandbox(required=("walls",))))

@@ -1,6 +1,8 @@
 """Driven anew: spot checks, and what another version of the evaluator has begun."""
 
+import json
 import os
+import shutil
 from collections.abc import Generator
 from pathlib import Path
 
@@ -10,13 +12,16 @@ import numpy as np
 import pytest
 from evaluation_bench import Bench, S
 from evaluation_fakes import fake, read, scored, submitted
+from suite_fakes import make_suite
 
+from server import environments
 from server.evaluation import spot
 from server.evaluation.dispatcher import OtherEvaluatorError
 from server.evaluation.renewal import renewed
 from server.evaluation.task import Driven, JobTask
 from server.store import audit, events, submissions
 from server.store.jobs import JobOutcome
+from server.store.models import AuditEntry
 from server.words import JobState, Reason, State, Verdict
 
 
@@ -42,6 +47,39 @@ def test_another_evaluator_s_job_is_refused_until_the_server_renews_it(bench: Be
     assert read(bench.store, submission).state == State.DONE
     with bench.store.read() as session:
         assert audit.verify(session).broken is None
+
+
+@pytest.mark.parametrize("deeds", [["nap"], ["nap", "nap", "nap"]], ids=["one-fewer", "one-more"])
+def test_what_is_renewed_has_the_jobs_of_the_suite_as_it_is_now(bench: Bench, deeds: list[str]) -> None:
+    submission = bench.begin("nap", "nap")
+    bench.steps(1)
+    shutil.rmtree(bench.folder / "suite")
+    make_suite(bench.folder / "suite", *deeds)
+    assert renewed(bench.store, bench.settings, bench.now_us) == 1
+    expected = [(f"s{i}", JobState.QUEUED, 1) for i in range(len(deeds))]
+    assert [(job.scenario, job.state, job.attempt) for job in bench.rows()] == expected
+    bench.dispatcher = bench.another("two")
+    bench.steps(4)
+    done = read(bench.store, submission)
+    assert (done.state, done.summary and done.summary["overall"]["scenarios"]) == (State.DONE, len(deeds))
+
+
+def test_another_content_of_an_environment_is_another_evaluator(bench: Bench) -> None:
+    submission = bench.begin("nap", "nap")
+    about = bench.settings.environments / "python3.11-numpy" / environments.ABOUT_FILE
+    about.parent.mkdir(parents=True)
+    seen = [read(bench.store, submission).evaluator["environment"]]
+    for packages, image in ([["numpy==1"], ""], [["numpy==2"], ""], [["numpy==2"], "newer"]):
+        bench.steps(1)
+        about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": packages, "image": image}))
+        with pytest.raises(OtherEvaluatorError, match="environment"):
+            bench.steps(1)
+        assert renewed(bench.store, bench.settings, bench.now_us) == 1
+        seen.append(read(bench.store, submission).evaluator["environment"])
+    assert len(set(seen)) == 4
+    bench.steps(3)
+    about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": [], "image": ""}))
+    assert list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
 
 
 def test_failures_under_an_older_version_are_forgiven(bench: Bench) -> None:
@@ -82,7 +120,7 @@ def test_a_spot_check_compares_and_tells_only_the_audit_log(bench: Bench) -> Non
     assert bench.calls() == 3
     with bench.store.read() as session:
         assert len(events.since(session, submission)) == told
-        [job] = spot.sample(session, submission)
+        [job] = spot.sample(session, submission, "any")
     assert job.scenario == "s0"  # the other's agent failed
     assert job.attempt == 1
 
@@ -122,10 +160,36 @@ def test_spot_checks_do_not_wait_for_an_empty_queue(bench: Bench) -> None:
 
 
 def test_the_share_of_spot_checks_is_that_of_the_submissions() -> None:
-    ids = [os.urandom(16).hex() for _ in range(4000)]
-    assert not any(spot.is_drawn(one, 0.0) for one in ids)
-    assert all(spot.is_drawn(one, 1.0) for one in ids)
-    assert 0.07 < np.mean([spot.is_drawn(one, 0.1) for one in ids]) < 0.13
+    heads = [os.urandom(32).hex() for _ in range(4000)]
+    assert not any(spot.is_drawn(one, 0.0) for one in heads)
+    assert all(spot.is_drawn(one, 1.0) for one in heads)
+    assert 0.07 < np.mean([spot.is_drawn(one, 0.1) for one in heads]) < 0.13
+
+
+def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Bench) -> None:
+    """What a team is told with its upload must not tell it whether to cancel and send again."""
+    bench.begin("nap")
+    work = bench.settings.work.model_copy(update={"spot_check": 0.5})
+    bench.settings = bench.settings.model_copy(update={"work": work})
+    bench.dispatcher = bench.another("one")
+    for _ in range(24):
+        submitted(bench.store, bench.settings, bench.now_us)
+        bench.now_us += S
+    bench.steps(60)
+    with bench.store.read() as session:
+        ends = {e.data["submission"]: e.hash for e in session.query(AuditEntry) if e.deed == "submission-done"}
+    expected = {submission for submission, hash_ in ends.items() if spot.is_drawn(hash_, 0.5)}
+    assert len(ends) == 25
+    assert {one["submission"] for one in bench.spot_checks()} == expected
+
+
+def test_which_scenarios_are_sampled_does_not_follow_from_the_submission(bench: Bench) -> None:
+    submission = bench.begin(*["nap"] * 6)
+    bench.steps(7)
+    with bench.store.read() as session:
+        drawn = [spot.sample(session, submission, str(i))[0].scenario for i in range(40)]
+        assert drawn == [spot.sample(session, submission, str(i))[0].scenario for i in range(40)]
+    assert len(set(drawn)) > 1
 
 
 def test_verify_drives_again_in_a_process(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from sandbox_runs import needs_bubblewrap
 
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.errors import WorldError
+from mdrive_sumo.sandbox import check_layers
 from mdrive_sumo.suite.engine import engine
 from mdrive_sumo.suite.executor import outcomes
 from mdrive_sumo.suite.job import Job, run_job
@@ -109,6 +110,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
     assert outcome.result == run_job(again).model_dump(mode="json")
     used = outcome.usage
     assert used is not None
+    assert used["layers"] == list(check_layers(())) != []
     assert {box["backend"] for box in used["boxes"].values()} == {"bubblewrap"}
     assert sum(used["latency"]["counts"]) == sum(box["answers"] for box in used["boxes"].values()) > 100
     assert len(used["latency"]["counts"]) == len(used["latency"]["ends_ms"]) + 1

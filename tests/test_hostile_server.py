@@ -28,12 +28,13 @@ from mdrive_sumo.suite.fingerprint import code_checksum
 from server.settings import Sandbox
 from server.store import Store
 from server.store.models import AuditEntry, Job
+from server.words import FEWEST
 
 LOG = logging.getLogger(__name__)
 """`-o log_cli_level=INFO` shows how fast the server answered meanwhile."""
 PAGE = Path(__file__).parents[1] / "docs" / "sandbox.md"
 SAMPLE = Path(__file__).parents[1] / "server" / "samples" / "agent"
-DATE_S = 40.0
+DATE_S = 80.0
 """After which one agent changes its ways; it is driven long before."""
 SENTENCE = re.compile(r"[^\n]{10,400}")
 
@@ -47,6 +48,7 @@ def need_layers() -> None:
 
 @pytest.mark.full
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_hostile_server(tmp_path: Path) -> None:
     need_layers()
     code = code_checksum()
@@ -175,7 +177,7 @@ def check_hidden(door: Door) -> None:
     for text in (*(answer.text for answer in answers), events):
         assert route not in text and "marker" not in text.replace(f"'{MARKER}'", ""), text
     assert not [path for name in ("spy-1", "spy-2") for path in (door.data / "recordings").glob(f"{door.sent[name]}*")]
-    assert [job.reason for job in jobs_of(door)["spy-1"]] == ["crashed"]
+    assert [job.reason for job in jobs_of(door)["spy-1"]] == ["crashed"] * FEWEST
     assert route in str(jobs_of(door)["spy-1"][0].result), "it knew, so it could have told"
 
 
@@ -214,10 +216,10 @@ def processes_of(door: Door) -> list[str]:
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             mounts, uid = (entry / "mountinfo").read_text(), entry.stat().st_uid
+            if uid in range(FIRST_UID, FIRST_UID + SLOTS) and str(door.data) in mounts:
+                left.append((entry / "cmdline").read_text().replace("\0", " "))
         except OSError:
             continue
-        if uid in range(FIRST_UID, FIRST_UID + SLOTS) and str(door.data) in mounts:
-            left.append((entry / "cmdline").read_text().replace("\0", " "))
     return left
 
 

@@ -12,7 +12,7 @@ from sandbox_runs import needs_bubblewrap
 
 from mdrive_sumo.agents.remote import Limits
 from mdrive_sumo.errors import InputError
-from mdrive_sumo.sandbox import BoxLimits
+from mdrive_sumo.sandbox import BoxLimits, Layer
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.score import EgoResult, ScenarioResult, void_result
 from mdrive_sumo.state import End
@@ -128,6 +128,20 @@ def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatc
         build("none", tmp_path / "envs", offline)
     with pytest.raises(InputError, match="not built in"):
         environment("none", tmp_path / "envs")
+
+
+@pytest.mark.parametrize("active", [False, True])
+def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, active: bool) -> None:
+    names = (*Settings().sandbox.required, "gvisor")
+    here = tuple(Layer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
+    monkeypatch.setattr(dry_run, "layers", lambda: here)
+    monkeypatch.setattr(dry_run, "ask", lambda _: Declaration("single", ()))
+    monkeypatch.setattr(dry_run, "driven", lambda *_: [])
+    run("init-agent", "mine")
+    said = run("submit", "mine", "--dry-run")
+    assert said.exit_code == 0, said.output
+    note = "note: boxes here lack what a server's have by default: uid (why uid); cgroup (why cgroup)\n"
+    assert said.output.count("boxes here lack") == said.output.count(note) == (0 if active else 1)
 
 
 @boxed

@@ -6,9 +6,10 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 import archive_samples
 import httpx
@@ -20,8 +21,9 @@ from sqlalchemy import update
 from mdrive_sumo.cli import _plug_ins, main  # pyright: ignore[reportPrivateUsage]
 from mdrive_sumo.errors import InputError
 from mdrive_sumo.scenario.catalog import load_suite
-from server import COMMANDS
-from server.cli import admin, serve
+from server import COMMANDS, environments
+from server.cli import admin, serve, serving
+from server.environments import Environment
 from server.settings import Settings
 from server.store import Store, tokens
 from server.store.models import AuditEntry
@@ -36,7 +38,7 @@ id = "warm-up"
 title = "Warm-up"
 suite = "interdrive"
 public = true
-opens = 2026-01-01T00:00:00Z
+opens = 2000-01-01T00:00:00Z
 closes = 2099-02-01T00:00:00Z
 """
 
@@ -81,15 +83,20 @@ def test_teams_and_tokens(data: Path) -> None:
 def test_phases_come_from_the_settings(data: Path) -> None:
     assert said("phase", "list") == ""
     said("phase", "apply")
-    assert said("phase", "list").startswith("warm-up  public  2026-01-01 00:00:00 UTC - 2099-02-01")
+    assert said("phase", "list").startswith("warm-up  public  2000-01-01 00:00:00 UTC - 2099-02-01")
 
 
 def test_backup_audit_and_restore(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said("team", "create", "red")
     head = said("backup", str(tmp_path / "b.sqlite"))
     assert said("audit") == f"2 entries, head {head}"
+    listed = said("audit", "--list").splitlines()
+    assert len(listed) == 3 and "  admin  team-created  {" in listed[0] and '"name": "red"' in listed[0]
+    assert said("audit", "--list", "1").splitlines() == listed[1:]
     monkeypatch.setenv("MDRIVE_DATA", str(tmp_path / "other"))
+    said("phase", "apply")  # as `serve` does at its start
     assert said("restore", str(tmp_path / "b.sqlite")) == head
+    assert said("phase", "list") == ""
     assert "red" in said("team", "list")
     with Store(f"sqlite:///{tmp_path / 'other' / 'challenge.sqlite'}").write() as session:
         session.execute(update(AuditEntry).where(AuditEntry.id == 1).values(actor="nobody"))
@@ -110,6 +117,50 @@ def test_environments_are_listed(data: Path) -> None:
     assert isinstance(run("environment", "build", "perl").exception, InputError)
 
 
+def test_options_after_the_name_of_an_environment_are_pips(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def build(name: str, folder: Path, options: Sequence[str]) -> Environment:
+        asked.extend((name, folder, *options))
+        return Environment(name, folder / "python", folder, ())
+
+    monkeypatch.setattr(environments, "build", build)
+    said("environment", "build", "python3.11-torch-cpu", "--extra-index-url", "file:///wheels", "--no-deps")
+    assert asked == ["python3.11-torch-cpu", data / "environments", "--extra-index-url", "file:///wheels", "--no-deps"]
+
+
+@pytest.mark.parametrize(
+    ("options", "scheduler"),
+    [
+        ("", "tcp://set:1"),
+        ("--executor dask --scheduler tcp://named:2", "tcp://named:2"),
+        ("--executor local", ""),
+        ("--executor dask", None),
+        ("--scheduler tcp://named:2", None),
+        ("--executor local --scheduler tcp://named:2", None),
+    ],
+)
+def test_who_works_may_be_said_as_to_eval(
+    data: Path, monkeypatch: pytest.MonkeyPatch, options: str, scheduler: str | None
+) -> None:
+    asked: list[str] = []
+
+    def ended(_: Store, settings: Settings) -> NoReturn:
+        asked.append(settings.work.scheduler)
+        raise InputError("asked enough")
+
+    monkeypatch.setattr(serving, "Supervisor", ended)
+    monkeypatch.setenv("MDRIVE_WORK__SCHEDULER", "tcp://set:1")
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        result = CliRunner().invoke(serve, options.split())
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    expected = "asked enough" if scheduler is not None else "expected --scheduler with dask and only then"
+    assert isinstance(result.exception, InputError) and expected in str(result.exception)
+    assert asked == ([scheduler] if scheduler is not None else [])
+
+
 def test_a_suite_that_is_not_there_is_said_before_anything_listens(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (data.parent / "server.toml").write_text(SETTINGS.replace('"interdrive"', '"/nowhere"'))
     before = signal.getsignal(signal.SIGTERM)
@@ -124,8 +175,8 @@ def test_a_suite_that_is_not_there_is_said_before_anything_listens(data: Path, m
 def test_a_server_starts_answers_and_ends(data: Path, tmp_path: Path) -> None:
     with_environment(Settings(data=data))
     with served(tmp_path, "--settings", str(tmp_path / "server.toml"), "--data", str(data)) as (address, process, log):
-        assert httpx.get(f"{address}/api/v1/health").json()["status"] == "ok"
-        assert httpx.get(f"{address}/api/v1/phases").json()["items"][0]["id"] == "warm-up"
+        assert httpx.get(f"{address}/api/v1/health", timeout=60).json()["status"] == "ok"
+        assert httpx.get(f"{address}/api/v1/phases", timeout=60).json()["items"][0]["id"] == "warm-up"
         headers = {"Authorization": f"Bearer {said('team', 'create', 'red')}"}
         form = {"phase": "warm-up", "track": "single-agent", "name": "method"}
         files = {"archive": ("team.zip", archive_samples.packed(archive_samples.GOOD))}
@@ -166,7 +217,7 @@ def test_from_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     with served(tmp_path) as (address, process, log):
         assert "there is one phase, warm-up, on the public suite interdrive" in log.read_text()
         assert "environment build python3.11-numpy" in log.read_text()
-        phases = httpx.get(f"{address}/api/v1/phases").json()["items"]
+        phases = httpx.get(f"{address}/api/v1/phases", timeout=60).json()["items"]
         assert [(each["id"], each["suite"], each["public"], each["open"]) for each in phases] == [
             ("warm-up", "interdrive", True, True)
         ]

@@ -2,6 +2,7 @@
 
 import os
 import sqlite3
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,19 @@ from store_samples import GOOD, LEASE, NOON, PHASE, S, driven, sent, with_teams
 
 from mdrive_sumo.errors import InputError
 from server.clock import DAY_US
-from server.store import Store, StoreUnavailable, audit, jobs, keep, queries, submissions, teams, tokens
+from server.store import (
+    Store,
+    StoreUnavailable,
+    audit,
+    jobs,
+    keep,
+    phases,
+    queries,
+    submissions,
+    teams,
+    tokens,
+    workers,
+)
 from server.store.backup import _copy as copied
 from server.store.backup import backup, restore
 from server.store.keep import Kept, Policy
@@ -69,6 +82,47 @@ def test_a_backup_restores_everything_on_either_database(store: Store, target: s
         assert jobs.sweep(session, NOON + 2 * LEASE) == 1
         assert submissions.get(session, running.id).state == "queued"
     other.close()
+
+
+@pytest.mark.parametrize("target", databases.BACKENDS)
+def test_a_restore_goes_over_what_a_server_writes_at_its_start(store: Store, target: str, tmp_path: Path) -> None:
+    """After a disaster: install, serve, and only then restore."""
+    filled(store)
+    head = backup(store, tmp_path / "backup.sqlite")
+    started = Store(databases.url(target, tmp_path))
+    started.migrate()
+    with started.write() as session:
+        phases.put(session, [replace(PHASE, title="As at first"), replace(PHASE, id="other")], NOON + 9)
+        workers.seen(session, "w", "", NOON + 9)
+    assert restore(started, tmp_path / "backup.sqlite") == head
+    assert contents(started) == contents(store)
+    with started.write() as session:
+        phases.put(session, [PHASE], NOON + 10)
+        assert audit.verify(session).broken is None
+    started.close()
+
+
+@pytest.mark.parametrize(
+    ("deed", "found"),
+    [
+        (lambda session: teams.create(session, "red", NOON), "audit, teams"),
+        (lambda session: tokens.issue(session, None, Scope.ADMIN, NOON), "audit, tokens"),
+        (lambda session: audit.add(session, "admin", "token-issued", {}, NOON), "audit"),
+    ],
+)
+def test_a_restore_undoes_nothing_that_was_done(
+    backend: str, tmp_path: Path, deed: Callable[[Session], object], found: str
+) -> None:
+    file = tmp_path / "backup.sqlite"
+    backup(databases.emptied(backend), file)
+    store = databases.emptied(backend)
+    with store.write() as session:
+        phases.put(session, [PHASE], NOON)
+        deed(session)
+    before = contents(store)
+    with pytest.raises(InputError, match=f"expected an empty database, found one with {found} in it$"):
+        restore(store, file)
+    assert contents(store) == before
 
 
 def test_a_backup_is_of_one_moment_while_others_write(

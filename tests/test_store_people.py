@@ -141,6 +141,15 @@ def test_the_audit_chain_shows_every_change(store: Store) -> None:
         assert audit.verify(session).broken == second + 1
 
 
+def test_spot_checks_that_differ_are_counted(store: Store) -> None:
+    with store.write() as session:
+        for deed, same in (("spot-check", True), ("spot-check", False), ("tested", False)):
+            audit.add(session, "server", deed, {"same": same}, NOON)
+        assert audit.spot_check_differences(session) == 1
+        assert [entry.deed for entry in audit.latest(session, 2)] == ["tested", "spot-check"]
+        assert [entry.data["same"] for entry in audit.latest(session, 5, "spot-check")] == [False, True]
+
+
 def test_an_audit_cut_at_its_end_shows_against_a_noted_head(store: Store) -> None:
     with store.write() as session:
         for number in range(2):

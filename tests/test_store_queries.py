@@ -96,6 +96,21 @@ def test_only_results_of_the_same_evaluator_are_ranked(store: Store, ids: list[s
     assert board(store) == [(1, "green", 60), (2, "red", 50), (None, "blue", 98)]
 
 
+def test_agents_of_two_environments_are_ranked_together(store: Store, ids: list[str]) -> None:
+    for number, holds in enumerate(("numpy 1", "torch 1", "numpy 2")):
+        place(store, ids[number], 50 - number, NOON + number, evaluator={"version": "1", "environment": holds})
+    assert [rank for rank, _, _ in board(store)] == [1, 2, 3]
+
+
+def test_the_evaluator_that_finished_last_is_the_current_one(store: Store, ids: list[str]) -> None:
+    """Not that of the submission sent last: an older one may have begun anew under a newer evaluator."""
+    place(store, ids[0], 90, NOON + 2)
+    with store.write() as session:
+        renewed = sent(session, ids[1], NOON + 1, evaluator={"version": "2"})
+        driven(session, renewed, NOON + 3 * S, 50)
+    assert board(store) == [(1, "blue", 50), (None, "red", 90)]
+
+
 def test_hidden_teams_and_submissions_not_shown_are_not_there(store: Store, ids: list[str]) -> None:
     better = place(store, ids[0], 60, NOON + 1)
     place(store, ids[0], 50, NOON + 2)

@@ -9,7 +9,7 @@ from store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, sent, sta
 
 from mdrive_sumo.errors import InputError
 from server.clock import DAY_US, day_start_us
-from server.store import NotFound, NotNow, OverLimit, Store, audit, events, jobs, phases, submissions
+from server.store import NotFound, NotNow, OverLimit, Store, audit, events, jobs, phases, quota, submissions
 from server.store.models import Job, Standing, Submission
 from server.words import State, Track
 
@@ -95,7 +95,7 @@ def test_many_at_once_do_not_pass_the_quota(store: Store, red: str) -> None:
         assert len(all_of(session, Submission)) == PHASE.in_parallel
 
 
-def test_our_failure_and_an_unstarted_cancellation_cost_nothing(store: Store, red: str) -> None:
+def test_our_failure_costs_nothing_and_an_unstarted_cancellation_one_of_the_day(store: Store, red: str) -> None:
     with store.write() as session:
         failed, unstarted = (sent(session, red, NOON + number).id for number in range(2))
         submissions.fail(session, failed, "our fault", NOON)
@@ -104,10 +104,10 @@ def test_our_failure_and_an_unstarted_cancellation_cost_nothing(store: Store, re
         assert jobs.claim(session, "w", LEASE, NOON) is not None
         submissions.cancel(session, started, NOON)
         assert [submissions.get(session, id_).counts for id_ in (failed, unstarted, started)] == [False, False, True]
+        assert quota.used(session, red, PHASE.id, NOON) == quota.Used(today=2, in_parallel=0, in_total=1)
         driven(session, sent(session, red, NOON + 3), NOON)
-        driven(session, sent(session, red, NOON + 4), NOON)
-        with pytest.raises(OverLimit):
-            sent(session, red, NOON + 5)
+        with pytest.raises(OverLimit, match="3 of today are used"):
+            sent(session, red, NOON + 4)
 
 
 def test_an_idempotency_key_gives_the_same_submission(store: Store, red: str) -> None:
@@ -234,7 +234,9 @@ def test_a_rerun_keeps_both_and_counts_nowhere(store: Store, red: str) -> None:
     with store.write() as session:
         old = sent(session, red)
         driven(session, old, NOON)
-        new = submissions.rerun(session, old.id, {"version": "2"}, NOON + S)
+        grown = [("left-turn", 0), ("merge", 0), ("roundabout", 0)]
+        new = submissions.rerun(session, old.id, {"version": "2"}, grown, NOON + S)
+        assert len(states(session, new.id)) == 3
         assert (new.archive_sha256, new.evaluator, new.counts, new.shown) == (
             old.archive_sha256,
             {"version": "2"},
@@ -247,11 +249,11 @@ def test_a_rerun_keeps_both_and_counts_nowhere(store: Store, red: str) -> None:
 
 
 def test_what_does_not_exist(store: Store) -> None:
-    with_teams(store, "red")
+    (red,) = with_teams(store, "red")
     with store.write() as session:
         with pytest.raises(NotFound, match="there is no 'x'"):
             submissions.get(session, "x")
         with pytest.raises(NotFound, match="team"):
             sent(session, "nobody")
         with pytest.raises(ValueError, match="at least one job"):
-            sent(session, "nobody", jobs=[])
+            sent(session, red, jobs=[])

@@ -37,6 +37,8 @@ def test_one_signs_in_with_every_beat_and_is_forgotten_an_hour_after_the_last(st
         assert (b.started_us, b.seen_us, b.scheduler) == (2, 5 * S, "tcp://there")
     with store.write() as session:
         workers.seen(session, "b", "tcp://there", workers.FORGOTTEN_US + 2)
+        assert workers.alive(session, S, workers.FORGOTTEN_US + 2 + S) == 1
+        assert workers.alive(session, S, workers.FORGOTTEN_US + 3 + S) == 0
     assert owners(store) == ["b"]
     with store.write() as session:
         workers.gone(session, "b")

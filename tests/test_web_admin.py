@@ -24,7 +24,7 @@ def server(tmp_path: Path) -> Server:
 
 @pytest.fixture
 def admin(server: Server, monkeypatch: pytest.MonkeyPatch) -> Visit:
-    monkeypatch.setattr(sandbox, "layers", lambda: LAYERS)
+    monkeypatch.setattr(sandbox, "layers", lambda _: LAYERS)
     return Visit(server, "admin")
 
 

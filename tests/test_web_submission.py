@@ -258,7 +258,7 @@ def test_cancel_hide_and_show(server: Server, red: Visit) -> None:
     assert Visit(server).client.post(f"/submissions/{id_}/cancel", headers=SAME).status_code == 401
     assert red.post(f"/submissions/{id_}/cancel").headers["location"] == f"/submissions/{id_}"
     page = red.get(f"/submissions/{id_}")
-    assert "It was stopped by its team" in page.words
+    assert "It was stopped by its team" in page.words and "of the day only" in page.words
     assert "Submit another" in page.words and "/submit?phase=dev" in links(page)
     assert "/submit?phase=dev" not in links(Visit(server, "admin").get(f"/submissions/{id_}"))
     assert "It was not driven." in red.get(f"/submissions/{id_}/scenarios/merge/0").words

@@ -2,7 +2,7 @@
 
 from mdrive_sumo.sandbox.box import Box, BoxReport
 from mdrive_sumo.sandbox.launch import BoxError
-from mdrive_sumo.sandbox.layers import GAPS, Layer, check_layers, layers
+from mdrive_sumo.sandbox.layers import GAPS, Layer, check_layers, layers, shown
 from mdrive_sumo.sandbox.limits import BoxLimits
 from mdrive_sumo.sandbox.opening import open_box
 from mdrive_sumo.sandbox.spec import BACKENDS, BoxSpec
@@ -19,4 +19,5 @@ __all__ = [
     "check_layers",
     "layers",
     "open_box",
+    "shown",
 ]

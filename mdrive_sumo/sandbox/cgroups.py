@@ -172,8 +172,8 @@ class Group:
         return tuple(dict.fromkeys(self.folders.values()))
 
 
-OPTIONAL = ("memory.swap.max", "memory.memsw.limit_in_bytes", "memory.oom.group")
-"""Absent where the kernel does not account swap, or is old."""
+OPTIONAL = ("memory.swap.max", "memory.memsw.limit_in_bytes")
+"""Absent where the kernel does not account swap."""
 
 
 def _settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | str], ...]:
@@ -182,7 +182,6 @@ def _settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | st
         return (
             ("memory", "memory.max", limits.memory_bytes),
             ("memory", "memory.swap.max", 0),
-            ("memory", "memory.oom.group", 1),
             ("pids", "pids.max", limits.processes),
             ("cpu", "cpu.max", f"{PERIOD_US} {PERIOD_US}"),
         )

@@ -1,4 +1,4 @@
-"""What a box has around it on this machine, as seen from inside one."""
+"""What a box has around it on this machine, as seen in one that is opened for that."""
 
 import os
 import shutil
@@ -7,19 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.errors import InputError, WorldError
-from mdrive_sumo.sandbox import cgroups
+from mdrive_sumo.sandbox import bubblewrap, cgroups
 from mdrive_sumo.sandbox.limits import BoxLimits
 from mdrive_sumo.sandbox.opening import opened
 from mdrive_sumo.sandbox.slots import FIRST_UID
 from mdrive_sumo.sandbox.spec import BoxSpec
 
+LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
 NAMESPACES = ("cgroup", "ipc", "mnt", "net", "pid", "user", "uts")
 LOOK = f"""
 for name in {" ".join(NAMESPACES)}; do echo "ns-$name $(readlink /proc/self/ns/$name)"; done
 while read -r name value rest; do case $name in Uid:|CapEff:|CapBnd:|NoNewPrivs:|Seccomp:) echo "$name $value"; esac
 done </proc/self/status
-while read -r max open files value rest; do case $open in open) echo "open-files $value"; esac; done </proc/self/limits
-if ( : >/left-over ) 2>/dev/null; then echo "root writable"; else echo "root read-only"; fi
+read -r kernel </proc/version; echo "kernel $kernel"
+echo "open-files $(ulimit -n)"
+if ( : >/left-over ) 2>&-; then echo "root writable"; else echo "root read-only"; fi
 """
 """What a shell in a box reads about itself."""
 
@@ -52,47 +54,64 @@ class Layer:
     """How, or why not."""
 
 
-def layers() -> tuple[Layer, ...]:
-    """Opens a box, looks around in it, and says what was found."""
+def shown(rootfs: Path | None = None) -> frozenset[Path]:
+    """Paths of the host that every box sees whole, whatever its caller shows it."""
+    return frozenset(path.resolve() for path in bubblewrap.sources(BoxSpec(("true",), {}, rootfs=rootfs)).values())
+
+
+def layers(backend: str = "bubblewrap") -> tuple[Layer, ...]:
+    """Opens a box of this backend, looks around in it, and says what was found."""
     limits = BoxLimits()
     try:
-        box = opened(BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits))
+        box = opened(BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits, backend=backend))
     except (InputError, WorldError) as error:
         return _nothing(str(error))
     with box:
         box.ready(WAIT_S)
+        outside = _rows(Path(f"/proc/{box.pid}/status").read_text().replace("\t", " "))
         told = box.log().decode(errors="replace")
         try:
             box.close()
         except WorldError as error:
             return _nothing(str(error))
-    seen = dict(line.split(" ", 1) for line in told.splitlines() if " " in line)
-    return (*_around(seen), _uid(seen), _grouped(), _limited(seen, limits), *_optional())
+    seen = _rows(told)
+    return (*_around(seen, backend), _uid(outside), _grouped(), _limited(seen, limits), *_optional())
+
+
+def _rows(text: str) -> dict[str, str]:
+    return dict(line.split(" ", 1) for line in text.splitlines() if " " in line)
 
 
 def _nothing(problem: str) -> tuple[Layer, ...]:
     """No box, no layers."""
-    names = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
-    return (*(Layer(name, False, problem) for name in names), *_optional())
+    return (*(Layer(name, False, problem) for name in LAYERS), *_optional())
 
 
-def _around(seen: Mapping[str, str]) -> tuple[Layer, ...]:
+def _around(seen: Mapping[str, str], backend: str) -> tuple[Layer, ...]:
+    """gVisor's kernel shows nothing of the host's, so that it is another one is all that can be seen of its walls."""
+    host = Path("/proc/version").read_text().strip()
+    walled = backend == "gvisor" and seen.get("kernel", host) != host
     outside = {name: str(Path(f"/proc/self/ns/{name}").readlink()) for name in NAMESPACES}
     shared = [name for name in NAMESPACES if seen.get(f"ns-{name}", "") in ("", outside[name])]
     capabilities = {seen.get("CapEff:"), seen.get("CapBnd:")}
-    bare = capabilities == {"0" * 16} and seen.get("NoNewPrivs:") == "1"
+    bare = capabilities == {"0" * 16} and (walled or seen.get("NoNewPrivs:") == "1")
     root = seen.get("root", "not looked at")
-    filtered = seen.get("Seccomp:") == "2"
+    filtered = walled or seen.get("Seccomp:") == "2"
+    how = "gVisor's own kernel" if walled else f"{backend}; shared with the host: {', '.join(shared) or 'none'}"
     return (
-        Layer("namespaces", not shared, f"bubblewrap; shared with the host: {', '.join(shared) or 'none'}"),
+        Layer("namespaces", walled or not shared, how),
         Layer("read-only", root == "read-only", f"root of the box is {root}, temporary folders are sized"),
         Layer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
-        Layer("seccomp", filtered, "filter of system calls" if filtered else "no filter in force"),
+        Layer("seccomp", filtered, _filter(walled) if filtered else "no filter in force"),
     )
 
 
-def _uid(seen: Mapping[str, str]) -> Layer:
-    found = seen.get("Uid:", "")
+def _filter(walled: bool) -> str:
+    return "system calls end in gVisor's own kernel" if walled else "filter of system calls"
+
+
+def _uid(outside: Mapping[str, str]) -> Layer:
+    found = outside.get("Uid:", "").partition(" ")[0]
     own = found.isdigit() and int(found) >= FIRST_UID and os.geteuid() == 0
     how = f"{FIRST_UID} + slot" if own else "all boxes run as the user who starts them; only root can change that"
     return Layer("uid", own, how)
@@ -117,9 +136,9 @@ def _optional() -> tuple[Layer, ...]:
     return (gvisor, rootfs)
 
 
-def check_layers(required: Sequence[str]) -> None:
-    """Raises InputError, one sentence, if boxes on this machine lack any of these layers."""
-    found = {layer.name: layer for layer in layers()}
+def check_layers(required: Sequence[str], backend: str = "bubblewrap") -> tuple[str, ...]:
+    """What boxes of this backend have here. Raises InputError, one sentence, if they lack any of these layers."""
+    found = {layer.name: layer for layer in layers(backend)}
     unknown = [name for name in required if name not in found]
     if unknown:
         raise InputError(f"sandbox: expected layers among {', '.join(found)}, found {', '.join(unknown)}")
@@ -127,3 +146,4 @@ def check_layers(required: Sequence[str]) -> None:
     if missing:
         lacks = "; ".join(f"{layer.name} ({layer.detail})" for layer in missing)
         raise InputError(f"sandbox: expected the layers {', '.join(required)} on this machine, found no {lacks}")
+    return tuple(name for name in LAYERS if found[name].active)

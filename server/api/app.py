@@ -99,7 +99,7 @@ def prepare(tools: Tools, now_us: int) -> None:
     with tools.store.read() as session:
         wanted = [phase for phase in every_phase(session) if now_us < phase.closes_us]
     for phase in wanted:
-        tools.suites.evaluator(phase)
+        tools.suites.jobs(phase)
 
 
 def _routes() -> APIRouter:

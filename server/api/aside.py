@@ -11,7 +11,7 @@ from http import HTTPStatus
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from threading import Lock
+from threading import BoundedSemaphore, Lock
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 from mdrive_sumo.errors import InputError
@@ -20,6 +20,8 @@ from server.store import StoreUnavailable
 
 P = ParamSpec("P")
 R = TypeVar("R")
+MOST = 12
+"""Calls at a time, all but one waiting for their turn: each holds a thread, and there are 40 for all requests."""
 _END_S = 5.0
 
 
@@ -42,17 +44,21 @@ class ProcessAside:
     def __init__(self, nice: int = 0) -> None:
         """nice: how much others of this machine go before it, see `nice(2)`."""
         self._nice = nice
+        self._places = BoundedSemaphore(MOST)
         self._turn = Lock()
         self._child: tuple[BaseProcess, Connection] | None = None
 
     def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
-        """See `Aside`. Arguments and result are pickled; waiting for one's turn has the same limit again."""
-        if not self._turn.acquire(timeout=seconds):
+        """See `Aside`. Arguments and result are pickled; waiting for one's turn has the same limit again.
+
+        Of more than `MOST` calls at a time the others are not done: ProblemError at once.
+        """
+        if not self._places.acquire(blocking=False):
             raise _unable("too many at a time")
         try:
-            good, value = self._asked((deed, args, kwargs), seconds)
+            good, value = self._in_turn((deed, args, kwargs), seconds)
         finally:
-            self._turn.release()
+            self._places.release()
         if not good:
             raise value
         return value
@@ -63,6 +69,14 @@ class ProcessAside:
             child[0].kill()  # whoever waits for its answer gives the turn back
         with self._turn:
             self._end()
+
+    def _in_turn(self, question: object, seconds: float) -> tuple[bool, Any]:
+        if not self._turn.acquire(timeout=seconds):
+            raise _unable("too many at a time")
+        try:
+            return self._asked(question, seconds)
+        finally:
+            self._turn.release()
 
     def _asked(self, question: object, seconds: float) -> tuple[bool, Any]:
         if self._child is None or not self._child[0].is_alive():

@@ -1,6 +1,6 @@
 """What requests are answered with: the store, the settings, the clock, and who asks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Annotated
 
@@ -9,6 +9,7 @@ from fastapi.security import HTTPBearer
 from starlette.concurrency import run_in_threadpool
 
 from server.api.aside import Aside
+from server.api.at_once import AtOnce
 from server.api.boards import Boards
 from server.api.callers import Caller, holder
 from server.api.problems import ProblemError
@@ -18,6 +19,8 @@ from server.store import Store
 from server.suites import Suites
 from server.words import Scope
 
+STREAMS = 16
+"""Of events, at a time, of one team: each asks the database once a second."""
 _BEARER = "Bearer "
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
 """For the description only: `anyone` reads the header itself, to tell a wrong one from none."""
@@ -36,6 +39,7 @@ class Tools:
     """Makes replay pages: another process, for that takes seconds, and uploads are not to wait for it."""
     boards: Boards
     uploads: Uploads
+    streams: AtOnce = field(default_factory=lambda: AtOnce("stream of events", STREAMS))
 
 
 async def tools(request: Request) -> Tools:

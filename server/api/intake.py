@@ -1,7 +1,6 @@
 """Takes an upload in as a submission: for the API and for the pages."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -41,7 +40,7 @@ class Intake:
         manifest = self._using.aside.call(CHECK_S, checked, self._upload.file, limits)
         check_style(manifest.style, self._track())
         self._check_environment(manifest.environment)
-        new = replace(self._new(phase), environment=manifest.environment)
+        new = self._new(phase, manifest.environment)
         self._keep()
         jobs = self._using.suites.jobs(phase)
         with self._using.store.write() as session:
@@ -50,7 +49,8 @@ class Intake:
 
     def _check_first(self, session: Session, phase: models.Phase) -> None:
         """What can be refused without looking into the archive; `accept` decides."""
-        if submissions.known(session, self._new(phase), phase) is None:
+        sent_before = submissions.environment_of(session, self._team, self._upload.sha256)
+        if submissions.known(session, self._new(phase, sent_before), phase) is None:
             phases.check_open(phase, self._at_us)
             quota.check(session, self._team, phase, self._at_us)
 
@@ -61,15 +61,15 @@ class Intake:
             offered = f"one of {', '.join(built)}" if built else "one that is built on this server, which has none yet"
             raise ArchiveRefused(f"model_env.yaml: environment: expected {offered}, found {wanted}")
 
-    def _new(self, phase: models.Phase) -> NewSubmission:
+    def _new(self, phase: models.Phase, environment: str) -> NewSubmission:
         return NewSubmission(
             team=self._team,
             track=self._track(),
             name=checked_text(self._field("name"), "name of the method", 80),
             archive_sha256=self._upload.sha256,
             archive_bytes=self._upload.bytes,
-            environment="",
-            evaluator=self._using.suites.evaluator(phase),
+            environment=environment,
+            evaluator=self._using.suites.evaluator(phase, environment),
             idempotency_key=self._key,
         )
 

@@ -20,7 +20,9 @@ class Order:
 
 
 def make(order: Order) -> None:
-    """Writes the page, whole or not at all. Raises InputError and OSError."""
+    """Writes the page, whole or not at all, unless it is there. Raises InputError and OSError."""
+    if order.page.is_file():  # somebody else wanted it, too, and had the turn before
+        return
     # Only where it runs: the process that answers requests needs none of this.
     from mdrive_sumo.episode import load_episode
     from mdrive_sumo.report.viewer import viewer_html

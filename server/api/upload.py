@@ -5,9 +5,8 @@ The whole is never in memory; size and checksum are known with the last byte.
 
 import asyncio
 import hashlib
-from collections import Counter
-from collections.abc import AsyncGenerator, Generator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
@@ -18,6 +17,7 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from mdrive_sumo.errors import InputError
+from server.api.at_once import AtOnce
 from server.api.problems import ProblemError
 from server.store.refusals import new_id
 
@@ -42,23 +42,11 @@ class Upload:
     fields: dict[str, str]
 
 
-class Uploads:
-    """Those under way, by team: quotas are counted when an archive is there, and disks are full before."""
+class Uploads(AtOnce):
+    """Those that are arriving: quotas are counted when an archive is there, and disks are full before."""
 
     def __init__(self) -> None:
-        self._of_team: Counter[str] = Counter()
-
-    @contextmanager
-    def another(self, team: str) -> Generator[None]:
-        """While one arrives. Raises ProblemError where too many do already."""
-        if self._of_team[team] >= AT_ONCE:
-            sentence = f"upload: expected at most {AT_ONCE} of a team at a time, found another one"
-            raise ProblemError(HTTPStatus.TOO_MANY_REQUESTS, "over-limit", sentence, {"Retry-After": "60"})
-        self._of_team[team] += 1
-        try:
-            yield
-        finally:
-            self._of_team[team] -= 1
+        super().__init__("upload", AT_ONCE)
 
 
 @asynccontextmanager

@@ -11,10 +11,8 @@ from server.api.callers import Caller
 from server.api.schemas import moment
 from server.store import NotFound, models, queries, submissions, teams
 from server.store.quota import UNFINISHED
-from server.words import State, Track
+from server.words import FEWEST, State, Track
 
-FEWEST = 5
-"""Scenarios that a mean of a hidden phase is taken of: fewer, and it would be the result of single ones."""
 _REJECTED = "the agent asks for something that is not offered; in a public phase the sentence says what"
 """In hidden phases: the sentence itself holds text of the agent, which could be what the agent saw."""
 
@@ -78,7 +76,7 @@ def why(phase: models.Phase, state: State, said: str) -> str:
 
 
 def summary(phase: models.Phase, stored: Mapping[str, Any] | None) -> schemas.Summary | None:
-    """Only known figures; in hidden phases only means over enough scenarios."""
+    """Only known figures; in hidden phases only means over enough scenarios: all of a phase are enough."""
     if stored is None:
         return None
     parts = {

@@ -1,5 +1,6 @@
 """`mdrive-sumo admin`: teams, tokens, phases, environments, backups."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -157,7 +158,7 @@ def list_environments(found: _Admin) -> None:
 @click.argument("pip_options", nargs=-1, type=click.UNPROCESSED)
 @_pass_admin
 def build_environment(found: _Admin, name: str, pip_options: Sequence[str]) -> None:
-    """Builds one with venv and pip; options after the name are pip's."""
+    """Builds one with venv and pip; options after the name are pip's (docs/server.md, Environments)."""
     folder = found.settings.environments.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     built = environments.build(name, folder, pip_options)
@@ -189,17 +190,23 @@ def backup(found: _Admin, file: Path) -> None:
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @_pass_admin
 def restore(found: _Admin, file: Path) -> None:
-    """Fills an empty database from a backup, and prints the head of its audit log."""
+    """Fills an empty database from a backup, and prints the head of its audit log. End `serve` first."""
     with explained():
         click.echo(read_backup(found.store, file))
 
 
 @admin.command("audit")
+@click.option("--list", "most", type=click.IntRange(1), is_flag=False, flag_value=20, help="So many, else 20.")
 @_pass_admin
 @click.pass_context
-def walk(ctx: click.Context, found: _Admin) -> None:
-    """Walks the audit log. Exit code 1 where an entry was changed, inserted or removed."""
+def walk(ctx: click.Context, found: _Admin, most: int | None) -> None:
+    """Walks the audit log. Exit code 1 where an entry was changed, inserted or removed.
+
+    With --list the latest entries are printed first: when, who, what, and the data of it.
+    """
     with explained(), found.store.read() as session:
+        for entry in reversed(audit.latest(session, most or 0)):
+            click.echo(f"{utc(entry.at_us)}  {entry.actor}  {entry.deed}  {json.dumps(entry.data, sort_keys=True)}")
         chain = audit.verify(session)
     click.echo(f"{chain.entries} entries, head {chain.head or 'none'}")
     if chain.broken is not None:

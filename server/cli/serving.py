@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
+import h11
 import uvicorn
 from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -19,6 +20,7 @@ from mdrive_sumo.errors import InputError
 from server import environments, web
 from server.api import create_app
 from server.api.app import prepare
+from server.api.upload import UPLOAD_S
 from server.cli.common import data_option, explained, settings_option, settings_with
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
@@ -29,10 +31,12 @@ GRACE_S = 5
 """For answers under way when the server ends; streams of events are cut, and clients come back."""
 HEADER_BYTES = 32 * 1024
 """Of one request, all headers together."""
-FIRST_REQUEST_S = 20.0
-"""From the connection to the end of the first request's headers."""
+REQUEST_S = 20.0
+"""From the connection, or the last answer, to the end of the next request's headers."""
 BACKLOG = 2048
 LOCK_FILE = "serve.lock"
+EXECUTORS = ("local", "dask")
+"""As of `eval`, whose module would bring the simulator along."""
 
 
 @click.command("serve")
@@ -40,14 +44,22 @@ LOCK_FILE = "serve.lock"
 @data_option
 @click.option("--host", help="Address to listen on [default: 127.0.0.1].")
 @click.option("--port", type=click.IntRange(0, 65535), help="[default: 8000]")
-def serve(file: Path | None, data: Path | None, host: str | None, port: int | None) -> None:
+@click.option(
+    "--executor",
+    type=click.Choice(EXECUTORS),
+    help="Who works: processes here, or the workers of a Dask cluster [default: as the settings say, else local].",
+)
+@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Of the Dask cluster.")
+def serve(
+    file: Path | None, data: Path | None, host: str | None, port: int | None, executor: str | None, scheduler: str
+) -> None:
     """Serve a challenge: the HTTP API, the pages, and the workers that drive.
 
     Without settings there is one phase, warm-up, on the packaged suite interdrive.
 
     Ctrl-C or SIGTERM ends it: running jobs go back to the queue.
     """
-    settings = settings_with(file, data, host=host, port=port)
+    settings = _with_executor(settings_with(file, data, host=host, port=port), executor, scheduler)
     signal.signal(signal.SIGTERM, _end)
     with explained(), _alone(settings), _listening(settings) as listener:
         settings = _with_phases(settings, file)
@@ -75,7 +87,7 @@ def _run(app: FastAPI, settings: Settings, listener: socket.socket) -> None:
         app,
         host=settings.host,
         port=settings.port,
-        http=_Protocol,
+        http=ImpatientProtocol,
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
@@ -89,16 +101,27 @@ def _run(app: FastAPI, settings: Settings, listener: socket.socket) -> None:
         raise InputError("serve: the server did not start; the lines above say why")
 
 
-class _Protocol(H11Protocol):
-    """Closes a connection on which no request arrives: uvicorn would wait for the first one for ever."""
+class ImpatientProtocol(H11Protocol):
+    """Closes a connection on which no request arrives: uvicorn waits for the first, and for one begun, for ever."""
+
+    _timer: asyncio.TimerHandle
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Of asyncio."""
         super().connection_made(transport)
-        self.loop.call_later(FIRST_REQUEST_S, self._look)
+        self._timer = self.loop.call_later(REQUEST_S, self._look, self.cycle)
 
-    def _look(self) -> None:
-        if getattr(self, "cycle", None) is None and not self.transport.is_closing():
+    def on_response_complete(self) -> None:
+        """Of uvicorn."""
+        answered = self.cycle
+        super().on_response_complete()  # it may begin with the next one
+        self._timer.cancel()
+        # Answered before all of its body came: the rest is thrown away, for most clients read no answer before that.
+        left_s = UPLOAD_S if self.conn.their_state is h11.SEND_BODY else REQUEST_S
+        self._timer = self.loop.call_later(left_s, self._look, answered)
+
+    def _look(self, answered: object) -> None:
+        if self.cycle is answered and not self.transport.is_closing():
             self.transport.close()
 
 
@@ -151,6 +174,15 @@ def _alone(settings: Settings) -> Generator[None]:
         file.write(f"{os.getpid()}\n")
         file.flush()
         yield
+
+
+def _with_executor(settings: Settings, executor: str | None, scheduler: str) -> Settings:
+    """What the command line says over `work.scheduler`. Raises InputError."""
+    if executor is None and not scheduler:
+        return settings
+    if (executor == "dask") != bool(scheduler):
+        raise InputError(f"--executor {executor or EXECUTORS[0]}: expected --scheduler with dask and only then")
+    return settings.model_copy(update={"work": settings.work.model_copy(update={"scheduler": scheduler})})
 
 
 def _with_phases(settings: Settings, file: Path | None) -> Settings:

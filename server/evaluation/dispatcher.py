@@ -22,7 +22,7 @@ from server.evaluation.stop import Stop
 from server.evaluation.summary import summarise
 from server.evaluation.task import Driven, JobTask, Rejection, task_of
 from server.settings import Settings
-from server.store import Store, StoreUnavailable, jobs, phases, submissions, workers
+from server.store import Store, StoreUnavailable, audit, jobs, phases, submissions, workers
 from server.store.jobs import JobOutcome
 from server.store.models import Job
 from server.suites import Suites
@@ -83,16 +83,26 @@ class Dispatcher:
             self._let_go()
 
     def step(self, wait_s: float, stop: Stop) -> None:
-        """Claims, waits at most so long, writes what is finished, prolongs leases."""
+        """Claims, waits at most so long, writes what is finished, prolongs leases.
+
+        A claim also ends leases that are over. After a time without a database ours may be, so first of all what is
+        finished is written, and what is not is prolonged.
+        """
         self._or_later(self._sign_in)
-        self._or_later(self._claim)
+        if self._save() and self._or_later(self._beat):
+            self._or_later(self._claim)
         if self._held:
             due_us = min(held.beat_us for held in self._held.values()) + self._beat_us
             wait_s = max(0.0, min(wait_s, (due_us - self._clock()) / SECOND_US))
         self._unsaved.extend(self._executor.ready(wait_s, [stop.fd]))
+        self._save()
+        self._or_later(self._beat)
+
+    def _save(self) -> bool:
+        """Whether everything that is finished is written down."""
         while self._unsaved and self._or_later(lambda: self._settle(*self._unsaved[0])):
             self._unsaved.popleft()
-        self._or_later(self._beat)
+        return not self._unsaved
 
     @property
     def _beat_us(self) -> int:
@@ -160,8 +170,8 @@ class Dispatcher:
                 jobs.release(session, job.id, self._owner, job.attempt)
         if task is None:
             raise OtherEvaluatorError(
-                f"submission {job.submission}: expected this worker's code, suite and sandbox, found another"
-                " evaluator's; restart the server, which queues it anew"
+                f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
+                " another evaluator's; restart the server, which queues it anew"
             )
         key = f"{task.job}.{task.attempt}"
         self._held[key] = _Held(task, now)
@@ -170,7 +180,8 @@ class Dispatcher:
 
     def _is_ours(self, session: Session, job: Job) -> bool:
         submission = submissions.get(session, job.submission)
-        return submission.evaluator == self._suites.evaluator(phases.get(session, submission.phase))
+        phase = phases.get(session, submission.phase)
+        return submission.evaluator == self._suites.evaluator(phase, submission.environment)
 
     def _beat(self) -> None:
         now = self._clock()
@@ -219,11 +230,15 @@ class Dispatcher:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
             if counted and outcome.verdict is not Verdict.FAILED_OURS:
                 _keep_files(task)  # before the commit: a result that is there has its files
-                done = submissions.finish_if_complete(session, task.submission, summarise, now)
-                if done and spot.is_drawn(task.submission, self._settings.work.spot_check):
-                    self._spots.extend(job.id for job in spot.sample(session, task.submission))
+                if submissions.finish_if_complete(session, task.submission, summarise, now):
+                    self._draw(session, task.submission)
         if not counted:
             LOG.info("job %d: result of attempt %d came too late and was dropped", task.job, task.attempt)
+
+    def _draw(self, session: Session, submission: str) -> None:
+        draw = audit.head(session)
+        if spot.is_drawn(draw, self._settings.work.spot_check):
+            self._spots.extend(job.id for job in spot.sample(session, submission, draw))
 
     def _reject(self, task: JobTask, rejection: Rejection) -> None:
         now = self._clock()

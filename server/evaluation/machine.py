@@ -1,8 +1,16 @@
 """Whether this machine may evaluate: asked by workers, and by the server, which has no simulation of its own."""
 
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from sqlalchemy import make_url
+
 from mdrive_sumo import sandbox
 from mdrive_sumo.errors import InputError
+from mdrive_sumo.scenario.catalog import packaged_suites
 from mdrive_sumo.suite.engine import check_cluster
+from server import environments
 from server.settings import Settings
 
 _WAY_OUT = "Give it what is missing (docs/sandbox.md), or demand less by MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
@@ -11,14 +19,42 @@ _WAY_OUT = "Give it what is missing (docs/sandbox.md), or demand less by MDRIVE_
 def check_machine(settings: Settings) -> None:
     """Raises InputError, one sentence, where boxes have fewer layers than the settings demand, or no cluster can be.
 
-    On a cluster agents run elsewhere: there each job looks at the layers.
+    Also where boxes would see what is secret. On a cluster agents run elsewhere: there each job looks at the layers.
     """
-    if settings.sandbox.backend == "none":
-        raise InputError("sandbox: backend: expected bubblewrap or gvisor, found none: a server drives foreign code")
+    _check_secrets(settings)
     if settings.work.scheduler:
         check_cluster(settings.work.scheduler)
     else:
         try:
-            sandbox.check_layers(settings.sandbox.required)
+            sandbox.check_layers(settings.sandbox.required, settings.sandbox.backend)
         except InputError as error:
             raise InputError(f"{error}. {_WAY_OUT}") from None
+
+
+def _check_secrets(settings: Settings) -> None:
+    """Boxes see some folders of the host whole, /usr among them: database and hidden scenarios must be elsewhere."""
+    seen = frozenset(_seen(settings))
+    for what, path in _secrets(settings):
+        for place in {path.resolve(), *path.resolve().parents} & seen:
+            raise InputError(f"{what}: expected a place that no box sees, found {path}: every agent can read {place}")
+
+
+def _secrets(settings: Settings) -> Iterator[tuple[str, Path]]:
+    yield "data", settings.data
+    url = make_url(settings.database_url)
+    if url.get_backend_name() == "sqlite" and url.database:
+        yield "database", Path(url.database)
+    for phase in settings.phases:
+        if not phase.public and phase.suite not in packaged_suites():
+            yield f"phase {phase.id}: suite", Path(phase.suite)
+
+
+def _seen(settings: Settings) -> Iterator[Path]:
+    yield from sandbox.shown()
+    for name in environments.built(settings.environments):
+        with suppress(InputError):  # one that cannot be read, which whoever drives with it will say
+            made = environments.environment(name, settings.environments)
+            if made.rootfs is not None:
+                yield from sandbox.shown(made.rootfs)
+            else:
+                yield from (made.python.resolve().parent.parent, *([made.site.resolve()] if made.site else ()))

@@ -34,7 +34,7 @@ def run_submission_job(task: JobTask) -> Driven:
     Raises what is our fault: InputError (this machine lacks a layer of the sandbox, an environment is not built),
     WorldError, OSError.
     """
-    _check_machine(task.sandbox.required)
+    _layers(task.sandbox.required, task.sandbox.backend)
     try:
         entrant = _entrant(task)
     except ArchiveRefused as error:
@@ -52,9 +52,9 @@ def run_submission_job(task: JobTask) -> Driven:
 
 
 @lru_cache(maxsize=1)
-def _check_machine(required: tuple[str, ...]) -> None:
-    """Once for each process: on a cluster it is nobody's but the job's to look."""
-    check_layers(required)
+def _layers(required: tuple[str, ...], backend: str) -> tuple[str, ...]:
+    """What was found, once for each process: on a cluster it is nobody's but the job's to look."""
+    return check_layers(required, backend)
 
 
 def _driven(task: JobTask, entrant: Entrant) -> Driven:
@@ -66,7 +66,8 @@ def _driven(task: JobTask, entrant: Entrant) -> Driven:
     _keep_small(task.stage / f"{task.scenario}.npz")
     verdict, reason = verdict_of(result)
     wall_s = round(time.monotonic() - began_s, 3)
-    used = {"wall_s": wall_s, "layers": list(task.sandbox.required), **usage(task.stage)}
+    layers = _layers(task.sandbox.required, task.sandbox.backend)
+    used = {"wall_s": wall_s, "layers": list(layers), **usage(task.stage)}
     return JobOutcome(verdict, result.model_dump(mode="json"), reason, used)
 
 

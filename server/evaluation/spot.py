@@ -39,19 +39,23 @@ class SpotCheck:
     text: str
 
 
-def is_drawn(submission: str, share: float) -> bool:
-    """Whether a submission is among that share of all: decided by its random id, the same for whoever asks."""
-    return int(submission[:8], 16) < share * 2**32
+def is_drawn(draw: str, share: float) -> bool:
+    """Whether a submission is among that share of all.
+
+    `draw`: head of the audit log with the submission's end in it. Nobody knows it while the submission can still be
+    cancelled, and afterwards whoever has the log can tell that the draw was right.
+    """
+    return int(draw[:8], 16) < share * 2**32
 
 
-def sample(session: Session, submission: str, size: int = SAMPLE) -> Sequence[Job]:
-    """Finished jobs without a failure of the agent (a time-out cannot be computed anew); always the same ones."""
+def sample(session: Session, submission: str, draw: str, size: int = SAMPLE) -> Sequence[Job]:
+    """Finished jobs without a failure of the agent (a time-out cannot be computed anew); which ones `draw` decides."""
     finished = select(Job).where(Job.submission == submission, Job.state == JobState.DONE, Job.verdict == Verdict.OK)
 
-    def draw(job: Job) -> bytes:
-        return hashlib.sha256(f"{submission} {job.scenario} {job.seed}".encode()).digest()
+    def place(job: Job) -> bytes:
+        return hashlib.sha256(f"{draw} {submission} {job.scenario} {job.seed}".encode()).digest()
 
-    return sorted(session.scalars(finished), key=draw)[:size]
+    return sorted(session.scalars(finished), key=place)[:size]
 
 
 def task(store: Store, job_id: int, settings: Settings) -> JobTask:
@@ -90,7 +94,8 @@ def verify(
     """
     suites = LoadedSuites(settings)
     with store.read() as session:
-        ids = [job.id for one in chosen if _comparable(session, one, suites) for job in sample(session, one)]
+        draw = audit.head(session)
+        ids = [job.id for one in chosen if _comparable(session, one, suites) for job in sample(session, one, draw)]
     tasks = [task(store, job_id, settings) for job_id in ids]
     with Pool[JobTask, Driven](function, max(1, min(settings.work.processes, len(tasks))), LIMIT_S) as pool:
         for done, outcome in pool.run(tasks):
@@ -107,9 +112,11 @@ def finished(session: Session, most: int) -> Sequence[str]:
 
 def _comparable(session: Session, submission: str, suites: Suites) -> bool:
     found = submissions.get(session, submission)
-    same = found.evaluator == suites.evaluator(phases.get(session, found.phase))
+    same = found.evaluator == suites.evaluator(phases.get(session, found.phase), found.environment)
     if not same:
-        LOG.warning("submission %s: driven by another version of code, suite or sandbox: not compared", submission)
+        LOG.warning(
+            "submission %s: driven by another version of code, suite, sandbox or environment: not compared", submission
+        )
     return same
 
 

@@ -102,7 +102,14 @@ class Supervisor:
             _close(process)
             place.process, place.next_s = None, now_s + pause_s
         if now_s >= place.next_s:
+            self._start_one(place, now_s)
+
+    def _start_one(self, place: _Place, now_s: float) -> None:
+        try:
             place.process, place.started_s = self._started(), now_s
+        except OSError as error:  # of the machine, for now: no memory, too many processes
+            place.next_s = now_s + LONGEST_PAUSE_S
+            LOG.error("a worker cannot be started: %s; tried again in %.0f s", error, LONGEST_PAUSE_S)
 
     def _started(self) -> subprocess.Popen[bytes]:
         process = subprocess.Popen(self._command, stdin=subprocess.PIPE)  # ended in `stop`, or by our own death

@@ -78,8 +78,6 @@ def _limit_s(store: Store, settings: Settings, suites: LoadedSuites) -> float:
     """
     with store.read() as session:
         every = phases.every(session)
-    for phase in every:
-        suites.evaluator(phase)
     egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
     limits = settings.sandbox.line_limits()
     return SIMULATION_LIMIT_S + max(egos, default=1) * (2 * limits.start_s + limits.episode_s)

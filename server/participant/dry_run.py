@@ -1,12 +1,14 @@
-"""A submission driven here: the same boxes and limits as on the server, and the same verdicts."""
+"""A submission driven here: boxes, limits and verdicts as on a server, as far as this machine has the layers for it."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mdrive_sumo.errors import InputError
+from mdrive_sumo.sandbox import layers
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.score import ScenarioResult
 from mdrive_sumo.score.summary import means
@@ -20,6 +22,9 @@ from server.participant.checking import ask, declared, described
 from server.participant.packing import Team
 from server.tracks import COMM
 from server.words import State, Track, Verdict
+
+if TYPE_CHECKING:
+    from server.settings import Sandbox
 
 SIMULATION_S = 600.0
 """Wall clock for all but the agents of a scenario."""
@@ -52,6 +57,7 @@ def dry_run(team: Team, environment: Environment, track: Track, course: Course) 
     click.echo(f"{declared(found)}\ntrack        {track}")
     if TRACKS[found.label] is not track:
         click.echo(f"note: an agent that says {found.label} means --track {TRACKS[found.label]}", err=True)
+    _say_what_is_missing()
     results: list[ScenarioResult] = []
     ours = 0
     for job, outcome in driven(entrant, track, course):
@@ -72,15 +78,28 @@ def dry_run(team: Team, environment: Environment, track: Track, course: Course) 
     return not ours
 
 
+def _say_what_is_missing() -> None:
+    """An agent may pass here that a server's boxes would end, so the difference is told."""
+    required = _of_a_server().required
+    if lacks := "; ".join(
+        f"{each.name} ({each.detail})" for each in layers() if each.name in required and not each.active
+    ):
+        click.echo(f"note: boxes here lack what a server's have by default: {lacks}", err=True)
+
+
 def as_on_the_server(team: Team, environment: Environment | None) -> Entrant:
     """With the limits that a server has unless it says otherwise. Raises InputError."""
+    sandbox = _of_a_server()
+    limits = sandbox.line_limits()
+    return Entrant(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
+
+
+def _of_a_server() -> "Sandbox":
     try:
         from server.settings import Sandbox  # needs the packages of the server
     except ImportError as error:
         raise InputError(f"a dry run needs {error.name}: pip install 'mdrive-sumo[server]'") from None
-    sandbox = Sandbox()
-    limits = sandbox.line_limits()
-    return Entrant(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
+    return Sandbox()
 
 
 def driven(

@@ -29,7 +29,7 @@ ANY_SIZE = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10**
 @click.option("--track", type=click.Choice(TRACKS), help="[default: joint agents joint, others single-agent]")
 @click.option("--name", metavar="TEXT", help="Of the method [default: the name of DIR or of the archive].")
 @click.option("--no-follow", is_flag=True, help="Send it and leave.")
-@click.option("--dry-run", "dry", is_flag=True, help="Send nothing: drive it here, in the same sandbox.")
+@click.option("--dry-run", "dry", is_flag=True, help="Send nothing: drive it here, in boxes as a server has.")
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="For --dry-run.")
 @click.option("--scenario", default="*", metavar="GLOB", help="For --dry-run: id or category.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="For --dry-run.")

@@ -5,11 +5,11 @@ A chain cannot show that its end was cut off: note `head` somewhere else (it sta
 
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from server.store.models import AuditEntry
@@ -45,6 +45,18 @@ def last(session: Session, apart_from: Collection[str]) -> str:
     """Hash of the last entry of another deed than these, "" before the first."""
     other = select(AuditEntry.hash).where(AuditEntry.deed.not_in(apart_from))
     return session.scalar(other.order_by(AuditEntry.id.desc()).limit(1)) or _BEGIN
+
+
+def latest(session: Session, most: int, deed: str | None = None) -> Sequence[AuditEntry]:
+    """The latest entries, or those of one kind; the newest first."""
+    wanted = select(AuditEntry) if deed is None else select(AuditEntry).where(AuditEntry.deed == deed)
+    return session.scalars(wanted.order_by(AuditEntry.id.desc()).limit(most)).all()
+
+
+def spot_check_differences(session: Session) -> int:
+    """How many spot checks found something else than before."""
+    checks = select(func.count()).where(AuditEntry.deed == "spot-check")
+    return session.scalar(checks.where(AuditEntry.data["same"].as_boolean().is_(False))) or 0
 
 
 def verify(session: Session) -> Audit:

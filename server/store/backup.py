@@ -5,18 +5,25 @@ It holds the tables only: archives and recordings are files, copied as files (do
 
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
-from sqlalchemy import Connection, func, insert, select, text
+from sqlalchemy import ColumnElement, Connection, Exists, Table, delete, false, insert, select, text, true
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.errors import InputError
 from server.store import audit
 from server.store.engine import Store, StoreUnavailable
-from server.store.models import Base, Team
+from server.store.models import AuditEntry, Base, Phase, Worker
 
 _CHUNK = 500
+_BY_ITSELF: Mapping[str, ColumnElement[bool]] = {
+    Phase.__tablename__: true(),
+    Worker.__tablename__: true(),
+    AuditEntry.__tablename__: AuditEntry.deed == "phase-set",
+}
+"""Rows that `serve` writes without being asked: a restore may take them away."""
 
 
 def backup(store: Store, file: Path) -> str:
@@ -44,7 +51,8 @@ def backup(store: Store, file: Path) -> str:
 def restore(store: Store, file: Path) -> str:
     """Fills an empty database from a backup, of an older version too; returns the audit log's head.
 
-    Raises InputError where `file` is no backup or its audit log is broken, or `store` already holds teams.
+    What `serve` writes at its start counts as empty and goes: phases, their entries in the audit log, workers.
+    Raises InputError where `file` is no backup or its audit log is broken, or `store` holds anything else.
     """
     if not file.is_file():
         raise InputError(f"{file}: expected a backup, found no file")
@@ -77,13 +85,25 @@ def _check_backup(copy: Store, file: Path) -> None:
 
 
 def _filled(source: Session, target: Session, file: Path) -> str:
-    if target.scalar(select(func.count()).select_from(Team)):
-        raise InputError("restore: expected an empty database, found one with teams in it")
     chain = audit.verify(source)
     if chain.broken is not None:
         raise InputError(f"{file}: expected an unbroken audit log, found entry {chain.broken} changed")
+    _empty(target)
     _copy(source, target)
     return chain.head
+
+
+def _empty(target: Session) -> None:
+    """Raises InputError where anything was done in this database that a restore would undo."""
+    done = [table.name for table in Base.metadata.sorted_tables if target.scalar(select(_anything_done(table)))]
+    if done:
+        raise InputError(f"restore: expected an empty database, found one with {', '.join(sorted(done))} in it")
+    for table in reversed(Base.metadata.sorted_tables):
+        target.execute(delete(table))
+
+
+def _anything_done(table: Table) -> Exists:
+    return select(table).where(~_BY_ITSELF.get(table.name, false())).exists()
 
 
 def _copy(source: Session, target: Session) -> None:

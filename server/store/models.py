@@ -93,7 +93,7 @@ class Submission(Base):
     shown: Mapped[bool] = mapped_column(default=True)
     """Whether it may stand on the leaderboard."""
     evaluator: Mapped[dict[str, Any]]
-    """Version, code and suite checksums, sandbox layers: only equal ones are compared."""
+    """Version, code and suite checksums, sandbox settings, packages of the environment; see `scores.digest`."""
     summary: Mapped[dict[str, Any] | None]
     """ds, sr, by bucket, by category, confidence intervals; written once, when it is done."""
     ds: Mapped[float | None]

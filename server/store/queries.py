@@ -49,7 +49,7 @@ def leaderboard(
 ) -> list[Row]:
     """The best of each team by DS, ties to the earlier. Without a track: all in which every CAV decides for itself.
 
-    Ranked are the results of the evaluator last used in the phase; a team without one stands below, unranked.
+    Ranked are the results of the evaluator that finished one last; a team without one stands below, unranked.
     """
     tracks = DECENTRALISED if track is None else (track,)
     columns = (
@@ -74,7 +74,7 @@ def leaderboard(
         )
         .order_by(Standing.ds.desc(), Standing.created_us, Standing.submission)
     ).all()
-    current = max(found, key=lambda row: row.created_us).evaluator if found else ""
+    current = _last_to_finish(session, {row.submission: row.evaluator for row in found})
     rows: dict[str, Row] = {}
     for of_current in (True, False):
         for id_, evaluator, created_us, team, method, in_track, submission, ds, figures in found:
@@ -82,6 +82,14 @@ def leaderboard(
                 rank = len(rows) + 1 if of_current else None
                 rows[id_] = Row(rank, team, method, in_track, submission, ds, figures, created_us)
     return list(rows.values())
+
+
+def _last_to_finish(session: Session, evaluators: dict[str, str]) -> str:
+    """Of submissions and their evaluators. It reads nothing more where all have the same, as nearly always."""
+    if len(set(evaluators.values())) < 2:
+        return next(iter(evaluators.values()), "")
+    last = select(Submission.id).where(Submission.id.in_(evaluators)).order_by(Submission.finished_us.desc())
+    return evaluators[session.scalars(last.limit(1)).one()]
 
 
 def standing(session: Session) -> frozenset[str]:

@@ -24,14 +24,18 @@ class Used:
 
 
 def used(session: Session, team: str, phase: str, now_us: int) -> Used:
-    """Counts what counts: our failures and repetitions by an admin do not."""
+    """Counts what counts: our failures and repetitions by an admin do not.
+
+    Of a day everything that was cancelled counts: each keeps an archive, and to send and cancel has to end somewhere.
+    """
     day = day_start_us(now_us)
     counts = (
         func.count().filter(Submission.created_us >= day),
         func.count().filter(Submission.state.in_(UNFINISHED)),
-        func.count(),
+        func.count().filter(Submission.counts),
     )
-    mine = (Submission.team == team, Submission.phase == phase, Submission.counts)
+    cancelled = Submission.state == State.CANCELLED
+    mine = (Submission.team == team, Submission.phase == phase, Submission.counts | cancelled)
     return Used(*session.execute(select(*counts).where(*mine)).one())
 
 

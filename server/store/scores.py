@@ -13,6 +13,8 @@ from server.store.models import Standing, Submission
 from server.words import State
 
 OVERALL = "overall"
+ENVIRONMENT = "environment"
+"""The part of `Submission.evaluator` that is of the agent, not of what measures it: the packages it was driven with."""
 
 Figures = dict[str, Any]
 """`ds` [%] and what else there is to say: sr, confidence intervals, ..."""
@@ -72,8 +74,12 @@ def ds_of(figures: Figures) -> float:
 
 
 def digest(evaluator: dict[str, Any]) -> str:
-    """Of what evaluated: results under different ones are not comparable."""
-    return hashlib.sha256(json.dumps(evaluator, sort_keys=True).encode()).hexdigest()[:16]
+    """Of what evaluated: results under different ones are not comparable.
+
+    Agents of different environments are: a team chooses its environment as it chooses its code.
+    """
+    measure = {name: value for name, value in evaluator.items() if name != ENVIRONMENT}
+    return hashlib.sha256(json.dumps(measure, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _standings(submission: Submission, evaluator: str) -> Iterator[Standing]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from sqlalchemy import func, select, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.errors import InputError
@@ -84,10 +84,24 @@ def known(session: Session, new: NewSubmission, phase: Phase) -> Submission | No
     return next((old for old in candidates if old.evaluator == new.evaluator), None)
 
 
+def environment_of(session: Session, team: str, archive_sha256: str) -> str:
+    """Which one an archive asks for that a team has sent before; "" for a new archive."""
+    sent = select(Submission.environment).where(Submission.team == team, Submission.archive_sha256 == archive_sha256)
+    return session.scalar(sent.limit(1)) or ""
+
+
 def rerun(
-    session: Session, submission_id: str, evaluator: dict[str, Any], now_us: int, actor: str = "admin"
+    session: Session,
+    submission_id: str,
+    evaluator: dict[str, Any],
+    jobs: Sequence[tuple[str, int]],
+    now_us: int,
+    actor: str = "admin",
 ) -> Submission:
-    """The same archive once more, for an admin: both results are kept, the new one counts nowhere until `show`."""
+    """The same archive once more, for an admin: both results are kept, the new one counts nowhere until `show`.
+
+    `jobs` are those of the suite as it is now: the one that `evaluator` names, and not the one that it had then.
+    """
     old = get(session, submission_id)
     copied = ("team", "phase", "track", "name", "archive_sha256", "archive_bytes", "environment")
     submission = Submission(
@@ -99,10 +113,26 @@ def rerun(
         counts=False,
         shown=False,
     )
-    jobs = session.execute(select(Job.scenario, Job.seed).where(Job.submission == old.id).order_by(Job.id))
-    _insert(session, submission, [(scenario, seed) for scenario, seed in jobs])
+    _insert(session, submission, jobs)
     audit.add(session, actor, "submission-rerun", _audited(submission) | {"of": old.id}, now_us)
     return submission
+
+
+def renew(
+    session: Session,
+    submission: Submission,
+    evaluator: dict[str, Any],
+    jobs: Sequence[tuple[str, int]],
+    now_us: int,
+) -> None:
+    """An unfinished one begins anew under another evaluator, with the jobs that its suite has now."""
+    old = Job.submission == submission.id
+    begun = session.scalar(select(func.max(Job.attempt)).where(old)) or 0
+    session.execute(delete(Job).where(old))
+    submission.evaluator, submission.state = evaluator, State.QUEUED.value
+    # Ids of deleted rows come again in SQLite; attempts go on, so that no late result of the older version fits.
+    _queue(session, submission, jobs, now_us, attempt=begun)
+    audit.add(session, "server", "submission-renewed", _audited(submission), now_us)
 
 
 def get(session: Session, submission_id: str) -> Submission:
@@ -165,15 +195,21 @@ def show(session: Session, submission_id: str, shown: bool, now_us: int, actor: 
 
 
 def _insert(session: Session, submission: Submission, jobs: Sequence[tuple[str, int]]) -> None:
-    if not jobs:
-        raise ValueError("expected at least one job, found none: it would never finish")
     if session.get(Team, submission.team) is None:
         raise NotFound(f"team: there is no {submission.team!r}")
     session.add(submission)
     session.flush()
-    queued = JobState.QUEUED.value
-    session.add_all(Job(submission=submission.id, scenario=name, seed=seed, state=queued) for name, seed in jobs)
-    events.add(session, submission.id, "state", {"state": State.QUEUED.value}, submission.created_us)
+    _queue(session, submission, jobs, submission.created_us)
+
+
+def _queue(
+    session: Session, submission: Submission, jobs: Sequence[tuple[str, int]], now_us: int, attempt: int = 0
+) -> None:
+    if not jobs:
+        raise ValueError("expected at least one job, found none: it would never finish")
+    queued = {"submission": submission.id, "state": JobState.QUEUED.value, "attempt": attempt}
+    session.add_all(Job(scenario=scenario, seed=seed, **queued) for scenario, seed in jobs)
+    events.add(session, submission.id, "state", {"state": State.QUEUED.value}, now_us)
     session.flush()
 
 

@@ -47,8 +47,8 @@ def every(session: Session) -> Sequence[Team]:
     return session.scalars(select(Team).order_by(Team.name)).all()
 
 
-def hide(session: Session, team_id: str, hidden: bool, now_us: int) -> None:
-    """Takes a team off the leaderboards, or puts it back."""
+def hide(session: Session, team_id: str, hidden: bool, now_us: int, actor: str = "admin") -> None:
+    """Takes a team off the leaderboards, or puts it back; `actor` does."""
     team = get(session, team_id)
     team.hidden = hidden
-    audit.add(session, "admin", "team-hidden" if hidden else "team-shown", {"team": team.id}, now_us)
+    audit.add(session, actor, "team-hidden" if hidden else "team-shown", {"team": team.id}, now_us)

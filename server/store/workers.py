@@ -3,7 +3,7 @@
 import socket
 from collections.abc import Sequence
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo import __version__
@@ -27,6 +27,11 @@ def seen(session: Session, owner: str, scheduler: str, now_us: int) -> None:
 def gone(session: Session, owner: str) -> None:
     """It ended in good order."""
     session.execute(delete(Worker).where(Worker.owner == owner))
+
+
+def alive(session: Session, lease_us: int, now_us: int) -> int:
+    """How many have been seen within a lease."""
+    return session.scalar(select(func.count()).select_from(Worker).where(Worker.seen_us >= now_us - lease_us)) or 0
 
 
 def every(session: Session) -> Sequence[Worker]:

@@ -47,7 +47,7 @@ def show_machine(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Re
     return page(
         request,
         "admin_machine.html",
-        layers=using.aside.call(LOOK_S, sandbox.layers),
+        layers=using.aside.call(LOOK_S, sandbox.layers, wanted.backend),
         required=wanted.required,
         backend=wanted.backend,
         gaps=sandbox.GAPS.get(wanted.backend, ()),
@@ -66,11 +66,12 @@ def show_teams(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Resp
 
 
 @router.post("/teams")
-def create_team(request: Request, _visitor: AdminVisitor, using: ToolsOf, at_us: Now, name: Text = "") -> Response:
+def create_team(request: Request, visitor: AdminVisitor, using: ToolsOf, at_us: Now, name: Text = "") -> Response:
     """A team with its first token, which is shown this once."""
+    who = visitor.caller.actor
     with using.store.write() as session:
-        made = teams.create(session, checked_text(name, "name of a team", 64), at_us)
-        text = tokens.issue(session, made, Scope.SUBMIT, at_us)
+        made = teams.create(session, checked_text(name, "name of a team", 64), at_us, who)
+        text = tokens.issue(session, made, Scope.SUBMIT, at_us, who)
     return page(request, "admin_token.html", token=text, holder=f"team {made.name}")
 
 

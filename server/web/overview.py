@@ -132,8 +132,7 @@ def drivers(session: Session, settings: Settings, now_us: int) -> list[Driver]:
 
 def entries(session: Session, deed: str | None = None) -> Sequence[models.AuditEntry]:
     """The latest of the audit log, or of one kind in it."""
-    latest = select(models.AuditEntry).order_by(models.AuditEntry.id.desc()).limit(ENTRIES)
-    return session.scalars(latest if deed is None else latest.where(models.AuditEntry.deed == deed)).all()
+    return audit.latest(session, ENTRIES, deed)
 
 
 def latest(session: Session) -> Sequence[tuple[models.Submission, str]]:

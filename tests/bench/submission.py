@@ -72,7 +72,7 @@ def queued(store: Store, settings: Settings, sha: str, every: int) -> str:
             archive_sha256=sha,
             archive_bytes=1000,
             environment=ENVIRONMENT,
-            evaluator=suites.evaluator(phase),
+            evaluator=suites.evaluator(phase, ENVIRONMENT),
         )
         return submissions.accept(session, new, phase, suites.jobs(phase)[::every], now_us()).id
 

@@ -11,8 +11,10 @@ from typing import Annotated, Any, NamedTuple
 from fastapi import APIRouter, Header, Response
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
 
 from server.api import schemas, views
+from server.api.at_once import AtOnce
 from server.api.context import Caller, Somebody, Tools, ToolsOf
 from server.api.problems import documented
 from server.store import StoreUnavailable, events
@@ -50,7 +52,7 @@ class News(NamedTuple):
 @router.get(
     "/submissions/{submission}/events",
     response_class=StreamingResponse,
-    responses=documented(401, 404, 422)
+    responses=documented(401, 404, 422, 429)
     | {
         200: {"description": "Events.", "content": {MEDIA_TYPE: {"itemSchema": _EVENT}}},
         204: {"description": "It is finished, and you have seen all: do not come back."},
@@ -62,7 +64,21 @@ async def follow(submission: schemas.Id, caller: Somebody, using: ToolsOf, last_
     if first.finished and not first.told:
         return Response(status_code=204)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_stream(using, caller, submission, first), media_type=MEDIA_TYPE, headers=headers)
+    stream = _stream(using, caller, submission, first)
+    return _Counted(using.streams, caller.team or caller.token, stream, media_type=MEDIA_TYPE, headers=headers)
+
+
+class _Counted(StreamingResponse):
+    """One of a few of its team, as long as it is being sent; refused where there are too many."""
+
+    def __init__(self, streams: AtOnce, of: str, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._place = streams.another(of)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """ASGI. Raises ProblemError, before anything is sent."""
+        with self._place:
+            await super().__call__(scope, receive, send)
 
 
 async def _stream(using: Tools, caller: Caller, submission: str, news: News) -> AsyncGenerator[str]:

@@ -58,7 +58,10 @@ def fetch_recording(
 def fetch_replay(
     submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, caller: Anyone, using: ToolsOf
 ) -> FileResponse:
-    """The page that `mdrive-sumo view` makes: one file that reaches no network. The first time takes some seconds."""
+    """The page that `mdrive-sumo view` makes: one file that reaches no network. The first time takes some seconds.
+
+    Few at a time wait for pages to be made; the others are asked to come back.
+    """
     with using.store.read() as session:
         job = _job(session, caller, submission, scenario, seed)
         suite = views.phase_of(session, _submission(session, submission)).suite

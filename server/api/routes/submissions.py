@@ -5,10 +5,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from sqlalchemy import select, tuple_
 
+from server import places
 from server.api import schemas, views
 from server.api.context import Admin, Anyone, Now, Somebody, ToolsOf
 from server.api.problems import documented
-from server.store import models, phases, submissions, teams
+from server.store import NotNow, models, phases, submissions, teams
 
 router = APIRouter(tags=["submissions"])
 PAGE = 50
@@ -49,7 +50,7 @@ def show_submission(submission: schemas.Id, caller: Anyone, using: ToolsOf) -> s
 
 @router.post("/submissions/{submission}/cancel", responses=documented(401, 404, 409, 422))
 def cancel_submission(submission: schemas.Id, caller: Somebody, using: ToolsOf, at_us: Now) -> schemas.Submission:
-    """Stops it. It uses no quota if nothing was driven yet."""
+    """Stops it. If nothing was driven yet, it counts for the day only, not in total."""
     with using.store.write() as session:
         views.own(session, caller, submission)
         submissions.cancel(session, submission, at_us, caller.actor)
@@ -81,12 +82,15 @@ def disqualify_submission(
     return answer
 
 
-@router.post("/submissions/{submission}/rerun", status_code=201, responses=documented(401, 403, 404, 422))
+@router.post("/submissions/{submission}/rerun", status_code=201, responses=documented(401, 403, 404, 409, 422))
 def rerun_submission(submission: schemas.Id, caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Submission:
     """The same archive once more, as a submission of its own that counts nowhere until it is shown."""
     with using.store.read() as session:
-        phase = phases.get(session, submissions.get(session, submission).phase)
-    evaluator = using.suites.evaluator(phase)
+        old = submissions.get(session, submission)
+        phase = phases.get(session, old.phase)
+    if not places.archive(using.settings, old.archive_sha256).is_file():
+        raise NotNow(f"submission {submission}: its archive is cleared up, so it cannot be driven again")
+    evaluator, jobs = using.suites.evaluator(phase, old.environment), using.suites.jobs(phase)
     with using.store.write() as session:
-        again = submissions.rerun(session, submission, evaluator, at_us, caller.actor)
+        again = submissions.rerun(session, submission, evaluator, jobs, at_us, caller.actor)
         return views.shown(session, caller, again)

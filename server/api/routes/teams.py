@@ -29,18 +29,18 @@ def list_teams(_caller: Admin, using: ToolsOf) -> schemas.Teams:
 
 
 @router.post("/teams", status_code=201, responses=documented(400, 401, 403, 408, 413, 422))
-def create_team(new: schemas.NewTeam, _caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Team:
+def create_team(new: schemas.NewTeam, caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Team:
     """A new team."""
     with using.store.write() as session:
-        return team(teams.create(session, new.name, at_us))
+        return team(teams.create(session, new.name, at_us, caller.actor))
 
 
 @router.put("/teams/{name}/hidden", responses=documented(400, 401, 403, 404, 408, 413, 422))
-def hide_team(name: schemas.Name, wish: schemas.Hide, _caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Team:
+def hide_team(name: schemas.Name, wish: schemas.Hide, caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Team:
     """Takes a team (name or id) off the leaderboards, or puts it back."""
     with using.store.write() as session:
         found = teams.get(session, name)
-        teams.hide(session, found.id, wish.hidden, at_us)
+        teams.hide(session, found.id, wish.hidden, at_us, caller.actor)
     using.boards.forget()
     return team(found)
 
@@ -54,18 +54,18 @@ def list_tokens(name: schemas.Name, _caller: Admin, using: ToolsOf) -> schemas.T
 
 
 @router.post("/tokens", status_code=201, responses=documented(400, 401, 403, 404, 408, 413, 422))
-def issue_token(new: schemas.NewToken, _caller: Admin, using: ToolsOf, at_us: Now) -> schemas.IssuedToken:
+def issue_token(new: schemas.NewToken, caller: Admin, using: ToolsOf, at_us: Now) -> schemas.IssuedToken:
     """A new token. Its text is in this answer and nowhere else."""
     with using.store.write() as session:
         holder = teams.get(session, new.team) if new.team is not None else None
-        return schemas.IssuedToken(token=tokens.issue(session, holder, new.scope, at_us))
+        return schemas.IssuedToken(token=tokens.issue(session, holder, new.scope, at_us, caller.actor))
 
 
 @router.delete("/tokens/{token}", status_code=204, responses=documented(401, 403, 404, 422))
-def revoke_token(token: schemas.Id, _caller: Admin, using: ToolsOf, at_us: Now) -> None:
+def revoke_token(token: schemas.Id, caller: Admin, using: ToolsOf, at_us: Now) -> None:
     """From now on nobody holds it."""
     with using.store.write() as session:
-        tokens.revoke(session, token, at_us)
+        tokens.revoke(session, token, at_us, caller.actor)
 
 
 def team(found: models.Team) -> schemas.Team:
