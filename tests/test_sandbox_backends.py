@@ -59,7 +59,8 @@ def test_gvisor_passes_the_socket_and_shows_a_kernel_of_its_own() -> None:
         pytest.skip("needs gVisor's runsc")
     ended = run(python_spec("procs", slot=SLOT, backend="gvisor"))
     assert ended.told["groups"] == []
-    with open_box(shell("read word <&3; echo $word >&3; uname -r; exit 5", backend="gvisor")) as box:
+    script = "read word <&3; echo $word >&3; uname -r; echo away >/dev/null && exit 5"
+    with open_box(shell(script, backend="gvisor")) as box:
         box.socket.sendall(b"hello\n")
         assert box.ready(60.0)
         assert box.socket.recv(100) == b"hello\n"

@@ -44,7 +44,7 @@ def write_bundle(spec: BoxSpec, seen: dict[str, Path], folder: Path, uid: int | 
     for path in (folder / "state", root, root / "proc", root / "dev", root / "tmp"):
         path.mkdir(parents=True, exist_ok=True)
     mounts = [_mount("/proc", "proc", "proc", "nosuid", "nodev", "noexec")]
-    mounts.append(_mount("/dev", "tmpfs", "tmpfs", "nosuid", "ro"))
+    mounts.append(_mount("/dev", "tmpfs", "tmpfs", "nosuid"))  # read-only, even /dev/null could not be written to
     for inner in ("/tmp", "/dev/shm"):
         mounts.append(_mount(inner, "tmpfs", "tmpfs", "nosuid", "nodev", f"size={spec.limits.tmp_bytes}"))
     for inner, outer in sorted(seen.items()):
