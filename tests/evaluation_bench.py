@@ -29,6 +29,7 @@ class Inline:
         self.waiting: dict[str, JobTask] = {}
         self.stuck: set[str] = set()
         self.ended: list[str] = []
+        self.waits: list[float | None] = []
 
     @property
     def free(self) -> int:
@@ -40,6 +41,7 @@ class Inline:
     def ready(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[str, Driven | WorkerFailure]]:
+        self.waits.append(timeout_s)
         over = [(key, self._outcome(task)) for key, task in self.waiting.items() if task.scenario not in self.stuck]
         for key, _ in over:
             del self.waiting[key]

@@ -13,6 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 from api_app import API, Server, listening, problem
+from processes import wait_for
 from store_samples import LEASE, S, summary
 
 from mdrive_sumo.errors import InputError
@@ -20,7 +21,8 @@ from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
 from mdrive_sumo.suite.job import Job, run_job
 from server import places
 from server.api import replay
-from server.api.aside import MOST, ProcessAside
+from server.api.app import REPLAYS
+from server.api.aside import ProcessAside
 from server.api.problems import ProblemError
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
@@ -127,7 +129,7 @@ def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypa
     mine = finished(server)
     places.replay(server.settings, mine, "merge", 0).unlink()
     monkeypatch.setattr(replay, "make", locked)
-    painter = ProcessAside()
+    painter = ProcessAside(REPLAYS)
     server.app.state.tools = replace(server.app.state.tools, painter=painter)
     one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
     number = 45  # more than there are threads for all requests
@@ -139,11 +141,11 @@ def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypa
     ):
         fcntl.flock(held, fcntl.LOCK_EX)
         asked = [pool.submit(httpx.get, address + one, timeout=120) for _ in range(number)]
-        answers = [done.result() for done in islice(as_completed(asked), number - MOST)]
+        answers = [done.result() for done in islice(as_completed(asked), number - REPLAYS)]
         assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
         assert not all(each.done() for each in asked)
         fcntl.flock(held, fcntl.LOCK_UN)
-        assert Counter(each.result().status_code for each in asked) == {200: MOST, 503: number - MOST}
+        assert Counter(each.result().status_code for each in asked) == {200: REPLAYS, 503: number - REPLAYS}
     assert all("too many" in problem(each, 503)["detail"] and each.headers["retry-after"] for each in answers)
 
 
@@ -162,7 +164,7 @@ def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
         str(packaged_suites()["interdrive"]), scenario, "idm", {}, seed=0, score_mode="mdrive",
         recording=str(recording),
     )  # fmt: skip
-    aside = ProcessAside()
+    aside = ProcessAside(1)
     try:
         result = aside.call(120.0, run_job, job)
         aside.call(60.0, replay.make, replay.Order("interdrive", scenario, result.model_dump(), recording, page))
@@ -193,7 +195,7 @@ def refuse() -> None:
 
 
 def test_a_process_of_its_own_answers_and_raises() -> None:
-    aside = ProcessAside()
+    aside = ProcessAside(1)
     try:
         assert aside.call(60.0, os.getpid) != os.getpid()
         assert aside.call(60.0, os.getpid) == aside.call(60.0, os.getpid), "it stays"
@@ -211,3 +213,23 @@ def test_a_process_of_its_own_answers_and_raises() -> None:
             os.kill(before, 0)
     finally:
         aside.close()
+
+
+def test_a_process_of_its_own_ends_at_once_with_all_who_wait(tmp_path: Path) -> None:
+    aside, begun = ProcessAside(5), tmp_path / "begun"
+    with ThreadPoolExecutor(5) as pool:
+        asked = [pool.submit(aside.call, 600.0, noted_sleep, begun) for _ in range(5)]
+        wait_for(begun.exists, 60.0)
+        aside.close()
+        for each in asked:
+            with pytest.raises(ProblemError):
+                each.result(timeout=60)
+    assert begun.read_text() == "x", "nobody after the first had a turn"
+    with pytest.raises(ProblemError, match="the server ends"):
+        aside.call(60.0, os.getpid)
+
+
+def noted_sleep(begun: Path) -> None:
+    with begun.open("a") as file:
+        file.write("x")
+    time.sleep(600)

@@ -209,17 +209,19 @@ def takes_a_participants_image(images: Images, folder: Path) -> None:
     submission, tools, rootfs = folder / "submission", folder / "tools", folder / "images" / "red"
     for made in (submission, tools, rootfs):
         made.mkdir(parents=True)
-    (submission / "Dockerfile").write_text("FROM localhost/agent\nUSER root\nRUN touch /opt/agent/of-team-red\n")
+    (submission / "Dockerfile").write_text(
+        "FROM localhost/agent\nUSER root\nRUN mkdir /opt/agent/dev && touch /opt/agent/dev/of-team-red\n"
+    )
     program = shlex.join((str(shutil.which("buildah")), *images.command()[1:]))
     (tools / "buildah").write_text(f'#!/bin/sh\nexec {program} "$@"\n')
     (tools / "buildah").chmod(0o755)
     path = f"PATH={tools}:/usr/sbin:/usr/bin:/sbin:/bin"
     script = (str(images.context / "docker" / "build-agent.sh"), str(submission), str(folder / "red.tar"))
     done(("env", path, *script, "--isolation", "chroot", "--network", "host", "--pull-never"))
-    unpack = ("tar", "-x", "--no-same-owner", "--no-same-permissions", "--exclude=dev/*", "-C", str(rootfs))
-    done((*unpack, "-f", str(folder / "red.tar")))
+    unpack = ("tar", "-x", "--no-same-owner", "--no-same-permissions", "--anchored", "--exclude=dev/*")
+    done((*unpack, "--exclude=./dev/*", "-C", str(rootfs), "-f", str(folder / "red.tar")))
     made = import_image("python3.11-numpy", folder / "environments", rootfs)
-    assert made.rootfs == rootfs and (rootfs / "opt" / "agent" / "of-team-red").is_file()
+    assert made.rootfs == rootfs and (rootfs / "opt" / "agent" / "dev" / "of-team-red").is_file()
 
 
 def test_docker_images_do_what_the_page_says(tmp_path: Path) -> None:

@@ -136,6 +136,25 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench, monkeypatch: pyt
     assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)]
 
 
+def test_who_waits_for_a_database_does_so_in_peace(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long: a second between the tries, and a failure of ours is counted once."""
+    bench.begin("raise")
+    bench.dispatcher._claim()  # pyright: ignore[reportPrivateUsage]
+
+    def away() -> None:
+        raise StoreUnavailable("gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.store, "write", away)
+        patch.setattr(bench.store, "read", away)
+        for _ in range(1100):
+            bench.dispatcher.step(1.0, bench.stop)
+            bench.now_us += S
+    assert set(bench.executor.waits) == {1.0}
+    bench.steps(1)
+    assert [(job.state, job.failures) for job in bench.rows()] == [(JobState.QUEUED, 1)]
+
+
 def test_a_lease_that_ended_while_the_database_was_away_is_prolonged(bench: Bench) -> None:
     submission = bench.begin("nap", "nap")
     bench.executor.slots = 2  # so that it asks for more work

@@ -49,6 +49,14 @@ def test_another_evaluator_s_job_is_refused_until_the_server_renews_it(bench: Be
         assert audit.verify(session).broken is None
 
 
+def test_what_cannot_be_driven_any_more_is_our_failure_and_stops_nobody(bench: Bench) -> None:
+    submission = bench.begin("nap")
+    (bench.folder / "suite" / "suite.json").unlink()
+    assert renewed(bench.store, bench.settings, bench.now_us) == 0
+    found = read(bench.store, submission)
+    assert (found.state, found.counts) == (State.FAILED_OURS, False)
+
+
 @pytest.mark.parametrize("deeds", [["nap"], ["nap", "nap", "nap"]], ids=["one-fewer", "one-more"])
 def test_what_is_renewed_has_the_jobs_of_the_suite_as_it_is_now(bench: Bench, deeds: list[str]) -> None:
     submission = bench.begin("nap", "nap")

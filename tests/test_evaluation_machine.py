@@ -12,6 +12,7 @@ import evaluation_fakes
 import processes
 import pytest
 
+from mdrive_sumo import sandbox
 from mdrive_sumo.errors import InputError
 from server.environments import ABOUT_FILE
 from server.evaluation.machine import check_machine
@@ -50,6 +51,13 @@ def test_what_is_secret_lies_where_no_box_looks(tmp_path: Path, changed: dict[st
     found = Settings(data=tmp_path, sandbox=Sandbox(required=())).model_copy(update=changed)
     with pytest.raises(InputError, match=rf"^{what}expected a place that no box sees, .*every agent can read /usr"):
         check_machine(found)
+
+
+def test_a_link_in_an_image_shows_nothing_of_the_host(tmp_path: Path) -> None:
+    """It is made anew in the box, and leads into the image there."""
+    (tmp_path / "image" / "usr").mkdir(parents=True)
+    (tmp_path / "image" / "srv").symlink_to(tmp_path)
+    assert sandbox.shown(tmp_path / "image") == {tmp_path / "image" / "usr"}
 
 
 def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ def test_options_after_the_name_of_an_environment_are_pips(data: Path, monkeypat
         ("", "tcp://set:1"),
         ("--executor dask --scheduler tcp://named:2", "tcp://named:2"),
         ("--executor local", ""),
-        ("--executor dask", None),
+        ("--executor dask", "tcp://set:1"),
         ("--scheduler tcp://named:2", None),
         ("--executor local --scheduler tcp://named:2", None),
     ],

@@ -56,7 +56,8 @@ class Layer:
 
 def shown(rootfs: Path | None = None) -> frozenset[Path]:
     """Paths of the host that every box sees whole, whatever its caller shows it."""
-    return frozenset(path.resolve() for path in bubblewrap.sources(BoxSpec(("true",), {}, rootfs=rootfs)).values())
+    seen = bubblewrap.sources(BoxSpec(("true",), {}, rootfs=rootfs)).values()
+    return frozenset(path.resolve() for path in seen if not path.is_symlink())  # links are made anew inside
 
 
 def layers(backend: str = "bubblewrap") -> tuple[Layer, ...]:

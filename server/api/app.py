@@ -30,6 +30,9 @@ API = "/api/v1"
 UPLOADS = (f"{API}/submissions", "/submit")
 """Where archives are sent to: the second is the pages' form."""
 START_S = 60.0
+CHECKS, REPLAYS = 20, 12
+"""Archives that are checked and replay pages that are made at a time, all but one of each waiting for their turn: every
+one holds a thread, and there are 40 for all requests."""
 _ABOUT = """
 Send an agent, watch it drive, see it ranked. Everything that goes wrong is answered as problem details (RFC 9457):
 `detail` is one sentence that says what to do about it. Tokens are sent as `Authorization: Bearer TOKEN`.
@@ -53,8 +56,8 @@ def create_app(
         settings,
         store,
         suites if suites is not None else LoadedSuites(settings),
-        aside if aside is not None else ProcessAside(),
-        aside if aside is not None else ProcessAside(),
+        aside if aside is not None else ProcessAside(CHECKS),
+        aside if aside is not None else ProcessAside(REPLAYS),
         Boards(reader),
         Uploads(),
     )

@@ -20,8 +20,6 @@ from server.store import StoreUnavailable
 
 P = ParamSpec("P")
 R = TypeVar("R")
-MOST = 12
-"""Calls at a time, all but one waiting for their turn: each holds a thread, and there are 40 for all requests."""
 _END_S = 5.0
 
 
@@ -41,17 +39,17 @@ class Aside(Protocol):
 class ProcessAside:
     """In one child process, one call at a time. Safe to use from several threads."""
 
-    def __init__(self, nice: int = 0) -> None:
-        """nice: how much others of this machine go before it, see `nice(2)`."""
-        self._nice = nice
-        self._places = BoundedSemaphore(MOST)
+    def __init__(self, most: int, nice: int = 0) -> None:
+        """most: calls at a time; nice: how much others of this machine go before it, see `nice(2)`."""
+        self._nice, self._closed = nice, False
+        self._places = BoundedSemaphore(most)
         self._turn = Lock()
         self._child: tuple[BaseProcess, Connection] | None = None
 
     def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
         """See `Aside`. Arguments and result are pickled; waiting for one's turn has the same limit again.
 
-        Of more than `MOST` calls at a time the others are not done: ProblemError at once.
+        Of too many calls at a time the others are not done: ProblemError at once.
         """
         if not self._places.acquire(blocking=False):
             raise _unable("too many at a time")
@@ -64,7 +62,8 @@ class ProcessAside:
         return value
 
     def close(self) -> None:
-        """Ends the child, whatever it is doing."""
+        """Ends the child, whatever it is doing; whoever waits is refused."""
+        self._closed = True
         if (child := self._child) is not None:
             child[0].kill()  # whoever waits for its answer gives the turn back
         with self._turn:
@@ -74,6 +73,8 @@ class ProcessAside:
         if not self._turn.acquire(timeout=seconds):
             raise _unable("too many at a time")
         try:
+            if self._closed:
+                raise _unable("the server ends")
             return self._asked(question, seconds)
         finally:
             self._turn.release()

@@ -86,7 +86,7 @@ class Boards:
             open_now = [which for opens_us, closes_us, which in every if opens_us <= at_us < closes_us]
             for which in open_now[: _MOST // (2 * len(self._makers))]:
                 for make in self._makers:
-                    with suppress(NotFound, ProblemError):
+                    with suppress(NotFound):
                         await make(which, now())
 
     async def keep(self, now: Callable[[], int]) -> None:

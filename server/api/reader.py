@@ -49,7 +49,7 @@ class ReaderAside:
 
     def __init__(self, url: str) -> None:
         """`url`: of the database."""
-        self._url, self._aside = url, ProcessAside(NICE)
+        self._url, self._aside = url, ProcessAside(1, NICE)
 
     def look(self, make: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
         """See Reader. `make` is pickled. Raises ProblemError, too."""

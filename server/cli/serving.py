@@ -180,6 +180,7 @@ def _with_executor(settings: Settings, executor: str | None, scheduler: str) -> 
     """What the command line says over `work.scheduler`. Raises InputError."""
     if executor is None and not scheduler:
         return settings
+    scheduler = scheduler or (settings.work.scheduler if executor == "dask" else "")
     if (executor == "dask") != bool(scheduler):
         raise InputError(f"--executor {executor or EXECUTORS[0]}: expected --scheduler with dask and only then")
     return settings.model_copy(update={"work": settings.work.model_copy(update={"scheduler": scheduler})})

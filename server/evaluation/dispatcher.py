@@ -89,9 +89,8 @@ class Dispatcher:
         finished is written, and what is not is prolonged.
         """
         self._or_later(self._sign_in)
-        if self._save() and self._or_later(self._beat):
-            self._or_later(self._claim)
-        if self._held:
+        there = self._save() and self._or_later(self._beat) and self._or_later(self._claim)
+        if self._held and there:
             due_us = min(held.beat_us for held in self._held.values()) + self._beat_us
             wait_s = max(0.0, min(wait_s, (due_us - self._clock()) / SECOND_US))
         self._unsaved.extend(self._executor.ready(wait_s, [stop.fd]))
@@ -210,11 +209,11 @@ class Dispatcher:
         task = self._held[key].task
         if isinstance(outcome, WorkerFailure):
             outcome = JobOutcome(Verdict.FAILED_OURS, None, failure=f"{outcome.kind}: {outcome.reason}")
-        self._pause_after(task, outcome)
         if isinstance(outcome, Rejection):
             self._reject(task, outcome)
         else:
             self._finish(task, outcome)
+        self._pause_after(task, outcome)  # once, when it is written down
         self._forget(key)
 
     def _finish(self, task: JobTask, outcome: JobOutcome) -> None:
@@ -252,7 +251,7 @@ class Dispatcher:
             self._failed_in_a_row = 0
             return
         LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
-        pause_s = min(2.0**self._failed_in_a_row, LONGEST_PAUSE_S)
+        pause_s = min(2.0 ** min(self._failed_in_a_row, 10), LONGEST_PAUSE_S)  # a float ends at 2**1024
         self._failed_in_a_row += 1
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
 

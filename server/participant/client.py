@@ -1,10 +1,12 @@
 """The server as a participant's program sees it: HTTP, and whatever goes wrong as one sentence."""
 
 import json
+import time
 import uuid
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -16,6 +18,8 @@ from server.words import Track
 API = "/api/v1"
 TRIES = 3
 """For an upload that breaks off; the idempotency key makes it one submission all the same."""
+LONGEST_WAIT_S = 60
+"""Before it is tried again."""
 TIMEOUT = httpx.Timeout(30.0, read=60.0)
 Told = Callable[[int], None]
 
@@ -31,6 +35,11 @@ class Entry:
 
 class Unreachable(InputError):
     """Nobody answers, now."""
+
+    def __init__(self, sentence: str, after_s: int = 5) -> None:
+        """after_s: when to ask again."""
+        super().__init__(sentence)
+        self.after_s = after_s
 
 
 class Client:
@@ -70,7 +79,10 @@ class Client:
         return phases[0]
 
     def submit(self, archive: Path, entry: Entry, told: Told) -> Mapping[str, Any]:
-        """Sends an archive; `told` hears how many bytes have gone. A broken connection is tried again."""
+        """Sends an archive; `told` hears how many bytes have gone.
+
+        It is tried again where the connection breaks, or the server has too much to do.
+        """
         key = str(uuid.uuid4())
         for left in reversed(range(TRIES)):
             try:
@@ -79,6 +91,10 @@ class Client:
             except httpx.TransportError as error:
                 if not left:
                     raise InputError(f"{self._server}: the upload broke off: {_said(error)}") from None
+            except Unreachable as error:
+                if not left:
+                    raise
+                time.sleep(min(error.after_s, LONGEST_WAIT_S))
         raise AssertionError
 
     def show(self, submission: str) -> Mapping[str, Any]:
@@ -91,7 +107,9 @@ class Client:
         with self._speaking(), self._http.stream("GET", f"/submissions/{submission}/events", headers=headers) as answer:
             if not answer.is_success:
                 answer.read()
-                raise self._refusal(answer)
+                refusal = self._refusal(answer)
+                busy = answer.status_code == HTTPStatus.TOO_MANY_REQUESTS  # others of the team follow theirs
+                raise Unreachable(str(refusal)) if busy else refusal
             event: dict[str, str] = {}
             for line in answer.iter_lines():
                 name, _, value = line.partition(":")
@@ -138,7 +156,10 @@ class Client:
         sentence = str(problem.get("detail") or problem.get("title") or answer.reason_phrase or "refused")
         again = answer.headers.get("Retry-After", "")
         wait = f"; come back in {_duration(int(again))}" if again.isdecimal() else ""
-        return InputError(f"{self._server} ({answer.status_code}): {sentence}{wait}")
+        sentence = f"{self._server} ({answer.status_code}): {sentence}{wait}"
+        if answer.status_code != HTTPStatus.SERVICE_UNAVAILABLE:
+            return InputError(sentence)
+        return Unreachable(sentence, int(again) if again.isdecimal() else LONGEST_WAIT_S)
 
 
 class _Heard:
