@@ -30,7 +30,7 @@ def evaluated(out: Path, scenario: str, *more: str, agent: str = "idm") -> dict[
     return {row["id"]: row["digest"] for row in results["scenarios"]}
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_worker_count_and_process_age_do_not_change_a_digest(tmp_path: Path) -> None:
     used = evaluated(tmp_path / "one", SAMPLE, "--workers", "1")
     assert len(used) == 4

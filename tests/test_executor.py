@@ -139,7 +139,7 @@ def test_a_cluster_works_in_children_of_its_workers_at_once(fakes: ModuleType, t
     assert not pids & {worker.pid for worker in two_workers.workers}
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_hung_and_an_ended_job_of_a_cluster_are_killed(
     fakes: ModuleType, two_workers: Cluster, tmp_path: Path
 ) -> None:

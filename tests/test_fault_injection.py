@@ -30,7 +30,7 @@ from server.suites import LoadedSuites
 from server.words import JobState, State
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_killed_workers_lose_and_double_nothing(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = challenge(tmp_path, store, *["nap"] * 120, lease_s=LEASE_S).model_copy(update={"database": url(store)})
