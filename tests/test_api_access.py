@@ -2,12 +2,13 @@
 
 import asyncio
 import socket
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import archive_samples
 import httpx
@@ -208,39 +209,41 @@ def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.
     assert asyncio.run(streamed()) == "http.disconnect"
 
 
-def test_a_request_that_does_not_end_is_not_waited_for(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither is one after a good one."""
-    good = f"GET {API}/phases HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+@contextmanager
+def impatient(server: Server, good: bytes) -> Generator[tuple[socket.socket, BufferedReader]]:
+    """A connection with a good request behind it; from now on the next one is waited for a second only."""
     with listening(server, http=ImpatientProtocol) as address:
         line = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60)
         with line, line.makefile("rb") as answers:
             line.sendall(good)
             assert read_one(answers) == 200
-            monkeypatch.setattr(serving, "REQUEST_S", 0.1)
-            line.sendall(good)
-            assert read_one(answers) == 200
-            with suppress(ConnectionError):  # it may be closed already
-                line.sendall(good[:20])
-                assert answers.read() == b""
+            with patch.object(serving, "REQUEST_S", 1.0):
+                yield line, answers
 
 
-def test_a_request_in_hand_is_not_cut(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_request_that_does_not_end_is_not_waited_for(server: Server) -> None:
+    """Neither is one after a good one."""
+    good = f"GET {API}/phases HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+    with impatient(server, good) as (line, answers):
+        line.sendall(good)
+        assert read_one(answers) == 200
+        with suppress(ConnectionError):  # it may be closed already
+            line.sendall(good[:20])
+            assert answers.read() == b""
+
+
+def test_a_request_in_hand_is_not_cut(server: Server) -> None:
     """The time for the next one begins with each answer; here the next one is there by then, and takes longer."""
 
     @server.app.get("/slow")
     async def slow() -> str:  # pyright: ignore[reportUnusedFunction]
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(2.5)
         return "done"
 
     good, long = (f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode() for path in (f"{API}/phases", "/slow"))
-    with listening(server, http=ImpatientProtocol) as address:
-        line = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60)
-        with line, line.makefile("rb") as answers:
-            line.sendall(good)
-            assert read_one(answers) == 200
-            monkeypatch.setattr(serving, "REQUEST_S", 0.1)
-            line.sendall(good + long)
-            assert [read_one(answers), read_one(answers)] == [200, 200]
+    with impatient(server, good) as (line, answers):
+        line.sendall(good + long)
+        assert [read_one(answers), read_one(answers)] == [200, 200]
 
 
 def read_one(answers: BufferedReader) -> int:

@@ -3,8 +3,10 @@
 import errno
 import shutil
 from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import databases
 import numpy as np
@@ -118,16 +120,19 @@ def test_a_stop_gives_jobs_back_without_blame(bench: Bench) -> None:
     assert sorted(bench.executor.ended) == ["1.1", "2.1"]
 
 
-def test_results_wait_for_a_database_that_is_away(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+@contextmanager
+def without_database(bench: Bench) -> Generator[None]:
+    """It is away meanwhile."""
+    gone = StoreUnavailable("gone")
+    with patch.object(bench.store, "write", side_effect=gone), patch.object(bench.store, "read", side_effect=gone):
+        yield
+
+
+def test_results_wait_for_a_database_that_is_away(bench: Bench) -> None:
     submission = bench.begin("nap")
     bench.dispatcher._claim()  # pyright: ignore[reportPrivateUsage]
 
-    def away() -> None:
-        raise StoreUnavailable("gone")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bench.store, "write", away)
-        patch.setattr(bench.store, "read", away)
+    with without_database(bench):
         bench.steps(3, pause_us=100 * S)  # longer than a lease
     assert read(bench.store, submission).state == State.RUNNING
     bench.steps(1)
@@ -136,17 +141,12 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench, monkeypatch: pyt
     assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)]
 
 
-def test_who_waits_for_a_database_does_so_in_peace(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_waits_for_a_database_does_so_in_peace(bench: Bench) -> None:
     """However long: a second between the tries, and a failure of ours is counted once."""
     bench.begin("raise")
     bench.dispatcher._claim()  # pyright: ignore[reportPrivateUsage]
 
-    def away() -> None:
-        raise StoreUnavailable("gone")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bench.store, "write", away)
-        patch.setattr(bench.store, "read", away)
+    with without_database(bench):
         for _ in range(1100):
             bench.dispatcher.step(1.0, bench.stop)
             bench.now_us += S
