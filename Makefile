@@ -58,10 +58,10 @@ bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/submission.py
 
 networks: install ## compile networks/ anew from their recipes
-	$(BIN)/python -m mdrive_sumo.generate.networks
+	$(BIN)/python -m tools.build_networks
 
 scenarios: install ## write the built-in scenarios anew from their table
-	$(BIN)/python -m mdrive_sumo.generate.interdrive
+	$(BIN)/python -m tools.build_interdrive_suite
 	$(BIN)/mdrive-sumo validate interdrive --write
 
 schemas: install ## write docs/schemas/ anew from the code

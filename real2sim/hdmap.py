@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 
 
 class LaneKind(StrEnum):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float, Int, Polyline, wrap_angles
+from mdrive_sumo.core.geometry import Float, Int, Polyline, wrap_angles
 
 
 @dataclass(frozen=True)

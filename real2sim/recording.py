@@ -11,8 +11,8 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.geometry import Bool, Float
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.state import Kind
 from real2sim.hdmap import HdMap
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.scenario.actor import Actor
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.weather import WeatherName
 from real2sim.hdmap import HdMap
 from real2sim.recording import Recording

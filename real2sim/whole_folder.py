@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NoReturn
 from xml.etree import ElementTree
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 Element = ElementTree.Element
 

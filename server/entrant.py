@@ -3,15 +3,15 @@
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from mdrive_sumo.agents.child import BoxPlan
-from mdrive_sumo.agents.remote import Limits
-from mdrive_sumo.observation.senses import KINDS
-from mdrive_sumo.sandbox import BoxLimits
-from mdrive_sumo.score import ScenarioResult, ScoreMode
+from mdrive_sumo.agent_process.child_process import BoxPlan
+from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agent_process.sandbox import BoxLimits
+from mdrive_sumo.core.state import End
+from mdrive_sumo.runs.agent_spec import ANYBODY, Declaration, Hiring, box_text, opened
+from mdrive_sumo.runs.job import Job
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode
 from mdrive_sumo.sensing.cameras import camera_error
-from mdrive_sumo.state import End
-from mdrive_sumo.suite.drivers import ANYBODY, Declaration, Hiring, box_text, opened
-from mdrive_sumo.suite.job import Job
+from mdrive_sumo.sensing.observation_builder import KINDS
 from server.archive import ArchiveRefused, Manifest
 from server.environments import RECIPES, Environment
 from server.words import Reason, Track, Verdict

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.sandbox import BoxError, BoxLimits, BoxSpec, open_box
+from mdrive_sumo.agent_process.sandbox import BoxError, BoxLimits, BoxSpec, open_box
+from mdrive_sumo.core.errors import InputError
 
 ABOUT_FILE = "environment.json"
 BUILD_S = 1800.0

@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from mdrive_sumo.agents.line import Limits as LineLimits
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.sandbox.limits import BoxLimits
-from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.agent_process.agent_connection import Limits as LineLimits
+from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.scenario import first_problem
 from server.store.keep import Policy
 from server.store.phases import NewPhase
 
@@ -46,7 +46,7 @@ class Limits(_Part):
 
 
 class Sandbox(_Part):
-    """In which boxes agents run. The limits are those of `mdrive_sumo.sandbox.BoxLimits`."""
+    """In which boxes agents run. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
 
     backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
     required: tuple[str, ...] = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")

@@ -3,9 +3,9 @@
 from threading import Lock
 from typing import Any, Protocol
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.fingerprint import code_checksum, versions
 from mdrive_sumo.scenario.catalog import Suite, load_suite
-from mdrive_sumo.suite.fingerprint import code_checksum, versions
 from server import environments
 from server.settings import Settings
 from server.store.models import Phase

@@ -9,9 +9,9 @@ joint                one program for all CAVs, which needs no messages; they arr
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.v2x.comm import PRESETS, Comm, Link
 from mdrive_sumo.v2x.content import CAM, CPM
-from mdrive_sumo.v2x.settings import PRESETS, Comm, Link
 from server.words import Track
 
 _LOST = Link(loss=1.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from shared_material import NEEDS_SHARED_DATA, SHARED_DATA
+from testing.shared_material import NEEDS_SHARED_DATA, SHARED_DATA
 
 MACHINE = ("needs control groups", "needs root", "needs x86-64")
 """What a machine has or has not; nothing can be installed for it."""

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from mdrive_sumo.actors.course import Course
-from mdrive_sumo.geometry import wrap_angle
+from mdrive_sumo.actors.motion_path import Course
+from mdrive_sumo.core.geometry import wrap_angle
+from mdrive_sumo.core.state import Frame
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.actor import Actor, AlongLanes, LaneChange
-from mdrive_sumo.state import Frame
+from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, LaneChange
 
 ON_LANE_M = 2.0
 """An actor on a path is on a lane whose centre line is no further away, and that it goes along."""

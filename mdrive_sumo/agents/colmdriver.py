@@ -1,10 +1,10 @@
 """`colmdriver`: negotiates in words."""
 
-from mdrive_sumo.agents.base import Config
 from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
-from mdrive_sumo.agents.drive import OPTIONS
-from mdrive_sumo.agents.negotiation import LlmNegotiator, llm_options
-from mdrive_sumo.agents.negotiation.model import Model
+from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.negotiation import LlmNegotiator, llm_options
+from mdrive_sumo.negotiation.language_model import Model
+from mdrive_sumo.planning.ego_planner import OPTIONS
 
 DRIVING = (*OPTIONS, "detector")
 

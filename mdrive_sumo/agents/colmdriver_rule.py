@@ -1,10 +1,10 @@
 """`colmdriver-rule`: negotiates by rule."""
 
-from mdrive_sumo.agents.base import Config, Option
-from mdrive_sumo.agents.drive import Drive, Habits, without
-from mdrive_sumo.agents.fusion import Fusion
-from mdrive_sumo.agents.negotiation import LlmNegotiator, Parley, RuleNegotiator
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.agent_options import Config, Option
+from mdrive_sumo.negotiation import LlmNegotiator, Parley, RuleNegotiator
+from mdrive_sumo.perception.fusion import Fusion
+from mdrive_sumo.planning.ego_planner import Drive, Habits, without
 from mdrive_sumo.v2x.messages import MCM
 
 COMPAT = {"compat_ego0": Option(0, 0, 1)}

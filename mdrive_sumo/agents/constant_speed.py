@@ -1,8 +1,8 @@
 """`constant-speed`: the blind driver."""
 
-from mdrive_sumo.agents.base import Config, Option, read_options
-from mdrive_sumo.agents.path import Path, Reference, curve_speeds, make_path
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.planning.path import Path, Reference, curve_speeds, make_path
 
 OPTIONS = {"speed": Option(8.0, 1.0, 30.0)}
 ACCELERATION = 2.5

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from mdrive_sumo.agents import yielding
-from mdrive_sumo.agents.base import Config, Option, read_options
-from mdrive_sumo.agents.lines import Lines
-from mdrive_sumo.agents.path import SPACING_M, Reference, curve_speeds, make_path
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.planning import right_of_way
+from mdrive_sumo.planning.path import SPACING_M, Reference, curve_speeds, make_path
+from mdrive_sumo.planning.stop_lines import Lines
 
 OPTIONS = {
     "speed": Option(8.0, 1.0, 30.0),
@@ -62,7 +62,7 @@ class IdmAgent:
         self._lines = Lines([sign.s for sign in briefing.stop_signs], briefing.traffic_lights)
         self._acceleration = 0.0
         self._waited_s = 0.0
-        self._memory = yielding.Memory()
+        self._memory = right_of_way.Memory()
         self._given_way: frozenset[str] = frozenset()
         self._patience_s = float(np.random.default_rng(briefing.seed).uniform(*PATIENCE_S))
 
@@ -76,18 +76,18 @@ class IdmAgent:
     def _decide(self, seen: Observation) -> float:
         """Acceleration [m/s2]: the least that anything asks for."""
         assert seen.objects is not None, "the objects sensor is declared"
-        me = yielding.Mover((seen.own.x, seen.own.y), self._reference.speed, self._cruise, ACCELERATION)
-        ahead = yielding.outlook(self._path, self._reference.s, self._me.vehicle)
+        me = right_of_way.Mover((seen.own.x, seen.own.y), self._reference.speed, self._cruise, ACCELERATION)
+        ahead = right_of_way.outlook(self._path, self._reference.s, self._me.vehicle)
         curvature = self._memory.curvature(seen.objects, DECIDE_TICKS * self._me.tick_s)
-        wishes = [self._free(), self._yielding(me, yielding.crossings(ahead, seen.objects, curvature))]
-        wishes += [self._behind(leader) for leader in yielding.leaders(me, ahead, seen.objects)]
+        wishes = [self._free(), self._yielding(me, right_of_way.crossings(ahead, seen.objects, curvature))]
+        wishes += [self._behind(leader) for leader in right_of_way.leaders(me, ahead, seen.objects)]
         wishes += [self._stopping(line) for line in self._line_gaps(seen)]
         return max(min(wishes), -HARD_BRAKING)
 
     def _free(self) -> float:
         return ACCELERATION * (1 - (self._reference.speed / self._cruise) ** 4)
 
-    def _behind(self, leader: yielding.Leader) -> float:
+    def _behind(self, leader: right_of_way.Leader) -> float:
         """IDM's acceleration behind a leader."""
         speed = self._reference.speed
         closing = speed * (speed - leader.speed) / (2 * math.sqrt(ACCELERATION * BRAKING))
@@ -113,13 +113,13 @@ class IdmAgent:
     def _can_stop(self, gap: float) -> bool:
         return self._reference.speed**2 / (2 * max(gap, 0.5)) < HARD_BRAKING
 
-    def _yielding(self, me: yielding.Mover, crossings: list[yielding.Crossing]) -> float:
+    def _yielding(self, me: right_of_way.Mover, crossings: list[right_of_way.Crossing]) -> float:
         """What those who cross first ask for: to wait before the first crossing at which one can still stop."""
         bold = self._waited_s > self._patience_s
         others = [c for c in crossings if c.first > 0 and self._can_stop(c.first - CROSSING_MARGIN_M)]
-        first = [c.id for c in others if yielding.gives_way(me, c, c.id in self._given_way, bold)]
+        first = [c.id for c in others if right_of_way.gives_way(me, c, c.id in self._given_way, bold)]
         self._given_way = frozenset(first)
-        self._wait(bool(first) and me.speed < yielding.MOVING_SPEED, bold)
+        self._wait(bool(first) and me.speed < right_of_way.MOVING_SPEED, bold)
         if not first:
             return math.inf
         return self._stopping(min(other.first for other in others) - CROSSING_MARGIN_M)

@@ -5,16 +5,16 @@ from functools import partial
 
 import numpy as np
 
-from mdrive_sumo.agents.base import Config, Option, read_options
-from mdrive_sumo.agents.bypass import bypassing, undecided
-from mdrive_sumo.agents.kerbside import careful_speeds, walking_on
-from mdrive_sumo.agents.overlap import CHECK_MARGIN, Margin, cells_of
-from mdrive_sumo.agents.path import Path, curve_speeds, path_station
-from mdrive_sumo.agents.precedence import planning_order
-from mdrive_sumo.agents.space_time import Profile, braking, fastest, task_along
-from mdrive_sumo.agents.traffic import Fleet, expected_stations, objects_block
 from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, Plan, Privileged, Reply, SensorSpec
-from mdrive_sumo.geometry import Bool, Float, Int
+from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.planning.fleet import Fleet, expected_stations, objects_block
+from mdrive_sumo.planning.joint_detours import bypassing, undecided
+from mdrive_sumo.planning.path import Path, curve_speeds, path_station
+from mdrive_sumo.planning.path_overlap import CHECK_MARGIN, Margin, cells_of
+from mdrive_sumo.planning.pedestrian_caution import careful_speeds, walking_on
+from mdrive_sumo.planning.planning_order import planning_order
+from mdrive_sumo.planning.speed_profile import Profile, braking, fastest, task_along
 
 OPTIONS = {"speed": Option(9.0, 2.0, 10.0)}
 LATERAL = 3.0

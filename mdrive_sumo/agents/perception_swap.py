@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from mdrive_sumo.agents.base import Config, read_options
-from mdrive_sumo.agents.fusion import Fusion, Reach
-from mdrive_sumo.agents.lines import Lines, lines_on
-from mdrive_sumo.agents.path import Path, make_path
-from mdrive_sumo.agents.station import Station
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Plan, Reply, SensorSpec
-from mdrive_sumo.sensing.profiles import PROFILES
+from mdrive_sumo.contract.agent_options import Config, read_options
+from mdrive_sumo.contract.detector_profiles import PROFILES
+from mdrive_sumo.perception.fusion import Fusion, Reach
+from mdrive_sumo.planning.path import Path, make_path
+from mdrive_sumo.planning.stop_lines import Lines, lines_on
+from mdrive_sumo.v2x.awareness import Station
 from mdrive_sumo.v2x.messages import CPM
 
 RANGE_M = 80.0

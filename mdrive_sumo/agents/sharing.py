@@ -1,10 +1,10 @@
 """`sharing`: drives by what it and the others see."""
 
-from mdrive_sumo.agents.base import Config
-from mdrive_sumo.agents.drive import Drive, Habits
-from mdrive_sumo.agents.fusion import Fusion
-from mdrive_sumo.agents.station import Station
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.perception.fusion import Fusion
+from mdrive_sumo.planning.ego_planner import Drive, Habits
+from mdrive_sumo.v2x.awareness import Station
 
 
 class SharingAgent:

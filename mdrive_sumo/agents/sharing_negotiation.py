@@ -1,9 +1,9 @@
 """`sharing+negotiation`: perception sharing and negotiation together."""
 
-from mdrive_sumo.agents.drive import Drive, without
-from mdrive_sumo.agents.negotiation import Parley, RuleNegotiator
 from mdrive_sumo.agents.sharing import SharingAgent
 from mdrive_sumo.contract import Briefing, Observation, Reply
+from mdrive_sumo.negotiation import Parley, RuleNegotiator
+from mdrive_sumo.planning.ego_planner import Drive, without
 
 
 class SharingNegotiationAgent(SharingAgent):

@@ -1,8 +1,8 @@
 """`single`: drives by what its own sensors see."""
 
-from mdrive_sumo.agents.base import Config
-from mdrive_sumo.agents.drive import Drive, Habits
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.planning.ego_planner import Drive, Habits
 
 
 class SingleAgent:

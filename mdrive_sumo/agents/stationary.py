@@ -1,7 +1,7 @@
 """`stationary`: the agent that never moves."""
 
-from mdrive_sumo.agents.base import Config, read_options
 from mdrive_sumo.contract import STANDSTILL, Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.agent_options import Config, read_options
 
 
 class StationaryAgent:

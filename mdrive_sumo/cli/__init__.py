@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 import click
 
 from mdrive_sumo import __version__
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 PLUG_IN_GROUP = "mdrive_sumo.commands"
 """Entry points through which other packages add commands."""

@@ -10,14 +10,14 @@ import click
 
 from mdrive_sumo.cli.choice import the_one
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.core.text_table import text_table
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.report.text import text_table
-from mdrive_sumo.score import Results, ScenarioResult
-from mdrive_sumo.state import DT
-from mdrive_sumo.study.ablate import Ablated, Effect, ablate, chosen_mutes, ranked, ttc_change
-from mdrive_sumo.suite.preparation import Prepared, recording
-from mdrive_sumo.suite.stored import changed_since, open_run
+from mdrive_sumo.runs.preparation import Prepared, recording
+from mdrive_sumo.runs.stored_run import changed_since, open_run
+from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.study.ablation import Ablated, Effect, ablate, chosen_mutes, ranked, ttc_change
 
 HEADER = ("without", "messages", "DS", "change", "SR", "min TTC [s]", "change", "parts at tick")
 

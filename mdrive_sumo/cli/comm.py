@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 import click
 
-from mdrive_sumo.clock import Clock, clock_of
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.clock import Clock, clock_of
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.v2x.comm import PER, PRESETS, Comm
 from mdrive_sumo.v2x.messages import TYPES
-from mdrive_sumo.v2x.settings import PER, PRESETS, Comm
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _EACH = "for all types of message, or for some: "

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.compare import compare, comparison_table
-from mdrive_sumo.score import load_results
+from mdrive_sumo.runs.compare import compare, comparison_table
+from mdrive_sumo.scoring import load_results
 
 
 @click.command("compare")

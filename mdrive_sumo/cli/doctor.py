@@ -2,8 +2,8 @@
 
 import click
 
-from mdrive_sumo.doctor import doctor_table, examine, sandbox_table
-from mdrive_sumo.sandbox import layers
+from mdrive_sumo.agent_process.sandbox import layers
+from mdrive_sumo.report.installation import doctor_table, examine, sandbox_table
 
 NEEDED_LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "rlimits")
 """Without these there is no sandbox; the others depend on who starts it and on the machine."""

@@ -10,16 +10,16 @@ from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.tables import Captured, summary_table
+from mdrive_sumo.report.result_tables import Captured, summary_table
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, writing
+from mdrive_sumo.runs.journal import JOURNAL_FILE
+from mdrive_sumo.runs.preparation import EPISODES_FOLDER, Prepared, prepare
+from mdrive_sumo.runs.run_config import Settings, load_agent_config
 from mdrive_sumo.scenario.weather import Friction
-from mdrive_sumo.score import Results, ScoreMode
-from mdrive_sumo.study.references import captured_by
-from mdrive_sumo.suite.journal import JOURNAL_FILE
-from mdrive_sumo.suite.preparation import EPISODES_FOLDER, Prepared, prepare
-from mdrive_sumo.suite.run import RESULTS_FILE, evaluate, writing
-from mdrive_sumo.suite.settings import Settings, load_agent_config
+from mdrive_sumo.scoring import Results, ScoreMode
+from mdrive_sumo.study.reference_runs import captured_by
 
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)

@@ -10,11 +10,10 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.generate import llm
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate import llm_proposer
 from mdrive_sumo.generate.category import CATEGORIES, Category
-from mdrive_sumo.generate.search import Attempt, Order, Proposer, by_template, public_counterparts, search
-from mdrive_sumo.generate.suite import (
+from mdrive_sumo.generate.generated_suite import (
     changed_by_rebuild,
     check_new,
     packaged_generated,
@@ -22,8 +21,9 @@ from mdrive_sumo.generate.suite import (
     recipes_of,
     write_generated,
 )
+from mdrive_sumo.generate.search import Attempt, Order, Proposer, by_template, public_counterparts, search
 from mdrive_sumo.scenario.catalog import SuiteFile, load_suite
-from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.scenario import Scenario
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 LEAST_SECRET = 16
@@ -92,10 +92,12 @@ def _secret(options: dict[str, Any]) -> str:
 def _proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
     if options["proposer"] == "template":
         return by_template, "template"
-    settings = llm.LlmSettings(**{field.name: options[field.name] for field in fields(llm.LlmSettings)})
+    settings = llm_proposer.LlmSettings(
+        **{field.name: options[field.name] for field in fields(llm_proposer.LlmSettings)}
+    )
 
     def propose(category: Category, seed: str):
-        return llm.propose(category, seed, settings)
+        return llm_proposer.propose(category, seed, settings)
 
     return propose, f"llm:{_recorded_model(settings.replay) if settings.replay else settings.model}"
 

@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterator, Mapping
 
 import click
 
-from mdrive_sumo.agents import AGENTS
-from mdrive_sumo.certificate import CERTIFICATE_FILE, Certificate, load_certificates
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.report.text import Row, text_table
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.text_table import Row, text_table
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
 from mdrive_sumo.scenario.categories import FIGURES, Category
-from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, Certificate, load_certificates
 
 STATISTICS_HEADER: Row = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 

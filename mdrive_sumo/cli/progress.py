@@ -6,7 +6,7 @@ from shutil import get_terminal_size
 from statistics import fmean
 from typing import TextIO
 
-from mdrive_sumo.score import ScenarioResult
+from mdrive_sumo.scoring import ScenarioResult
 
 BAR_WIDTH = 24
 

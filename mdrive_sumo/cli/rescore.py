@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.evaluate import MODES
-from mdrive_sumo.report.tables import summary_table
-from mdrive_sumo.score import ScoreMode
-from mdrive_sumo.suite.rescore import rescored, save_rescored
-from mdrive_sumo.suite.stored import open_run
+from mdrive_sumo.report.result_tables import summary_table
+from mdrive_sumo.runs.rescore import rescored, save_rescored
+from mdrive_sumo.runs.stored_run import open_run
+from mdrive_sumo.scoring import ScoreMode
 
 
 @click.command("rescore")

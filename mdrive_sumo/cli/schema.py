@@ -10,8 +10,8 @@ from mdrive_sumo import contract
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import NetworkFile
 from mdrive_sumo.scenario.catalog import SuiteFile
-from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.score import results_schema
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import results_schema
 
 SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "results": results_schema,

@@ -8,14 +8,14 @@ import click
 from mdrive_sumo.cli.choice import the_one
 from mdrive_sumo.cli.evaluate import with_references
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.picture import draw_scenario
-from mdrive_sumo.report.tables import summary_table
+from mdrive_sumo.report.result_tables import summary_table
+from mdrive_sumo.report.scenario_picture import draw_scenario
 from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, writing
+from mdrive_sumo.runs.stored_run import changed_since, open_run
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.suite.run import RESULTS_FILE, writing
-from mdrive_sumo.suite.stored import changed_since, open_run
 
 
 @click.command("show")

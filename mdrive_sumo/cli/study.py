@@ -11,10 +11,13 @@ import click
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.clock import clock_of
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.report.text import text_table
-from mdrive_sumo.score import ScenarioResult
+from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.runs.preparation import Prepared, prepare
+from mdrive_sumo.runs.run_config import Settings, load_agent_config
+from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.conditions import (
     FACTORS,
     GRIDS,
@@ -25,14 +28,11 @@ from mdrive_sumo.study.conditions import (
     pose_levels,
     without_channel,
 )
-from mdrive_sumo.study.pages import About, study_json, study_markdown, table_of
 from mdrive_sumo.study.plots import curves, draw
-from mdrive_sumo.study.runs import BEST, Row, Study
-from mdrive_sumo.study.summary import Line, lines
-from mdrive_sumo.suite.preparation import Prepared, prepare
-from mdrive_sumo.suite.run import writing
-from mdrive_sumo.suite.settings import Settings, load_agent_config
-from mdrive_sumo.v2x.settings import PRESETS, Comm
+from mdrive_sumo.study.study_files import About, study_json, study_markdown, table_of
+from mdrive_sumo.study.study_runs import BEST, Row, Study
+from mdrive_sumo.study.study_summary import Line, lines
+from mdrive_sumo.v2x.comm import PRESETS, Comm
 
 command = click.Group("study", help="Measure what cooperation is worth: over worse channels, and message by message.")
 command.add_command(ablate_command)

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import click
 
-from mdrive_sumo.certificate import CERTIFICATE_FILE, CertificateFile, save_certificates
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.generate.validation import Examination, examine_suite, sampled, suite_notes, suite_problems
+from mdrive_sumo.runs.evaluate import writing
 from mdrive_sumo.scenario.catalog import Suite, load_suite
-from mdrive_sumo.suite.run import writing
-from mdrive_sumo.validate import Examination, examine_suite, sampled, suite_notes, suite_problems
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, CertificateFile, save_certificates
 
 
 @click.command("validate")

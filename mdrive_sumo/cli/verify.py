@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.suite.stored import changed_since, open_run
-from mdrive_sumo.verify import sampled, verify
+from mdrive_sumo.runs.stored_run import changed_since, open_run
+from mdrive_sumo.runs.verify import sampled, verify
 
 
 @click.command("verify")

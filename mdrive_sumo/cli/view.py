@@ -6,16 +6,16 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.report.viewer import viewer_html
-from mdrive_sumo.report.viewer_marks import marks_of
+from mdrive_sumo.report.replay import viewer_html
+from mdrive_sumo.report.replay_marks import marks_of
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.score import Results, ScenarioResult
-from mdrive_sumo.suite.preparation import Prepared, recording
-from mdrive_sumo.suite.run import writing
-from mdrive_sumo.suite.stored import open_run
+from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.runs.preparation import Prepared, recording
+from mdrive_sumo.runs.stored_run import open_run
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import Results, ScenarioResult
 
 
 @click.command("view")

@@ -8,15 +8,6 @@ Frames: world frame of the network, metres, seconds, radians counter-clockwise f
 """
 
 from mdrive_sumo.contract.briefing import Briefing, StopSign, TrafficLight, VehicleFacts
-from mdrive_sumo.contract.check import (
-    CONTROL_STEP,
-    MAX_MESSAGES,
-    MAX_NOTES,
-    MAX_PLAN_POINTS,
-    NAME,
-    ReplyError,
-    check_reply,
-)
 from mdrive_sumo.contract.exchange import (
     LABELS,
     STANDSTILL,
@@ -29,6 +20,15 @@ from mdrive_sumo.contract.exchange import (
     Plan,
     Privileged,
     Reply,
+)
+from mdrive_sumo.contract.reply_check import (
+    CONTROL_STEP,
+    MAX_MESSAGES,
+    MAX_NOTES,
+    MAX_PLAN_POINTS,
+    NAME,
+    ReplyError,
+    check_reply,
 )
 from mdrive_sumo.contract.schema import CONTRACT, schema
 from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster, SensorSpec

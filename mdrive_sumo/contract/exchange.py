@@ -7,7 +7,7 @@ from typing import Protocol
 
 from mdrive_sumo.contract.briefing import Briefing
 from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 
 LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
 """What an agent may call itself; `privileged` is added by the benchmark to whoever declares that sensor."""
@@ -33,7 +33,7 @@ class Plan:
     points: Float
     interval_s: float
     controller: str = "tracker"
-    """Which controller follows the plan: a name in `mdrive_sumo.control.CONTROLLERS`."""
+    """Which controller follows the plan: a name in `mdrive_sumo.vehicle.control.CONTROLLERS`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from mdrive_sumo.contract.briefing import Briefing
-from mdrive_sumo.contract.check import CONTROL_STEP
 from mdrive_sumo.contract.exchange import Observation, Reply
+from mdrive_sumo.contract.reply_check import CONTROL_STEP
 from mdrive_sumo.contract.sensors import SensorSpec
 
 CONTRACT = "mdrive-sumo/contract/2"

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 
 NO_OPTIONS: Mapping[str, float | str | bool] = MappingProxyType({})
 
@@ -36,7 +36,7 @@ class Objects:
     """What a sensor sees has track names of the observer's own: the same thing keeps its name from tick to tick, and
     has another one for every other observer. The privileged sensor tells true ids."""
     kind: npt.NDArray[np.uint8]
-    """Values of `mdrive_sumo.state.Kind`: 0 vehicle, 1 pedestrian, 2 cyclist, 3 static."""
+    """Values of `mdrive_sumo.core.state.Kind`: 0 vehicle, 1 pedestrian, 2 cyclist, 3 static."""
     x: Float
     y: Float
     yaw: Float

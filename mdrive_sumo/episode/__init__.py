@@ -1,9 +1,9 @@
 """The recorded episode: what happened, at the one resolution in which it is scored, stored and compared."""
 
 from mdrive_sumo.episode.episode import Ending, Episode, Heard, NoteRecord, PlanRecord, SignalChange, Thinking
-from mdrive_sumo.episode.quantise import quantised_frame
+from mdrive_sumo.episode.episode_file import load_episode, save_episode
+from mdrive_sumo.episode.quantization import quantised_frame
 from mdrive_sumo.episode.recorder import Recorder
-from mdrive_sumo.episode.storage import load_episode, save_episode
 
 __all__ = [
     "Ending",

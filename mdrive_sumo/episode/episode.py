@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import CONTROL_STEP, Message, Note
-from mdrive_sumo.episode.quantise import Quanta, from_quanta
-from mdrive_sumo.geometry import Bool, Float
-from mdrive_sumo.state import Contact, End, Failure
+from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.state import Contact, End, Failure
+from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import Sent
 
 Heard: TypeAlias = Mapping[str, tuple[Message, ...]]

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import CONTROL_STEP, Control, Note, Plan
+from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
 from mdrive_sumo.episode.episode import Ending, Episode, Heard, NoteRecord, PlanRecord, SignalChange, Thinking
-from mdrive_sumo.episode.quantise import Quanta, to_quanta
-from mdrive_sumo.state import Contact, EgoState, Frame, Kind
+from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import Sent
 
 PLAN_EVERY_TICKS = 4

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.generate.category import Topology
+from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.generate.ways import Way, changing_ways, ways_of
-from mdrive_sumo.geometry import wrap_angle
 from mdrive_sumo.roads import RoadMap, load, packaged_networks
 
 HIGHWAY_MPS = 16.0

@@ -13,7 +13,7 @@ from statistics import fmean
 
 import numpy as np
 
-from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.scenario.scenario import Ego, Scenario
 
 DUPLICATE = 0.12
 """Scenarios nearer to each other than this are duplicates."""

@@ -4,11 +4,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category import Category
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rules import problems
-from mdrive_sumo.scenario.spec import shortened
+from mdrive_sumo.scenario.scenario import shortened
 
 END_OF_THOUGHT = "</think>"
 """Models that reason aloud close it like this before they answer."""

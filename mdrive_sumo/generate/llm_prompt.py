@@ -5,10 +5,10 @@ import random
 from collections.abc import Sequence
 
 from mdrive_sumo.generate.category import CATEGORIES, Category, CategoryFacts, Needs
-from mdrive_sumo.generate.llm_words import ABOUT, ROLE, RULES_IN_WORDS, TERMS
+from mdrive_sumo.generate.llm_texts import ABOUT, ROLE, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.generate.template import TEMPLATES
-from mdrive_sumo.generate.template import propose as from_template
+from mdrive_sumo.generate.template_proposer import TEMPLATES
+from mdrive_sumo.generate.template_proposer import propose as from_template
 from mdrive_sumo.scenario.categories import LEVELS
 
 EXAMPLES = 2

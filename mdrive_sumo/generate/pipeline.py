@@ -7,25 +7,25 @@ import random
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
-from mdrive_sumo.errors import InputError, WorldError
-from mdrive_sumo.generate.assign import assign
+from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.generate.actor_placement import actors_of
 from mdrive_sumo.generate.category import CATEGORIES, Category
 from mdrive_sumo.generate.crops import crops_for
 from mdrive_sumo.generate.duplicates import duplicate_of
-from mdrive_sumo.generate.place import actors_of
 from mdrive_sumo.generate.pre_crash import crops_of
-from mdrive_sumo.generate.pre_crash_place import pre_crash_actors
+from mdrive_sumo.generate.pre_crash_placement import pre_crash_actors
 from mdrive_sumo.generate.pre_crash_spawn import spawns as pre_crash_spawns
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.route_assignment import assign
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import Screened, screen
 from mdrive_sumo.generate.spawn import Spawn, Ways, ego_of, line_of, spawns
+from mdrive_sumo.generate.validation.spawns import crowded
 from mdrive_sumo.roads import RoadMap, load, network_folder
-from mdrive_sumo.scenario.actor import Actor
-from mdrive_sumo.scenario.spec import Ego, Scenario
-from mdrive_sumo.soundness import check_scenario
-from mdrive_sumo.validate.spawns import crowded
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor
 
 BUCKET = "Interaction"
 ROUTE_M = 100.0

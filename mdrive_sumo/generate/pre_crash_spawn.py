@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from mdrive_sumo.agents.constant_speed import BRAKING, LATERAL
-from mdrive_sumo.agents.path import SPACING_M, curve_speeds, make_path
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.generate.lane_routes import Way
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.spawn import (
     BLIND_ACCELERATION,
@@ -22,9 +23,8 @@ from mdrive_sumo.generate.spawn import (
     Ways,
     meeting,
 )
-from mdrive_sumo.generate.ways import Way
-from mdrive_sumo.geometry import Float
 from mdrive_sumo.loop import VEHICLE
+from mdrive_sumo.planning.path import SPACING_M, curve_speeds, make_path
 from mdrive_sumo.roads import RoadMap
 
 RUN_UP_M = (8.0, 13.0)

@@ -5,10 +5,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.scenario.part import Identifier
-from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.scenario.model import Identifier
+from mdrive_sumo.scenario.scenario import first_problem
 from mdrive_sumo.scenario.weather import WeatherName
 
 GENERATOR = 1

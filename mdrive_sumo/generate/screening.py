@@ -2,17 +2,17 @@
 
 from dataclasses import dataclass
 
-from mdrive_sumo.agents import AGENTS
-from mdrive_sumo.agents.driver import LocalDriver
-from mdrive_sumo.certificate import Drive, certify
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.episode import Episode
+from mdrive_sumo.generate.validation import FULL_SCORE, NEAR_MISS_TTC_S
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.score import ScenarioResult, ScoreMode, score_episode
-from mdrive_sumo.seeding import derived_seed
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.study.occlusion_certificate import Drive, certify
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.validate import FULL_SCORE, NEAR_MISS_TTC_S
 
 SEED = 0
 

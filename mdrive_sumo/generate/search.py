@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from mdrive_sumo.generate import template
+from mdrive_sumo.generate import template_proposer
 from mdrive_sumo.generate.category import Category
 from mdrive_sumo.generate.pipeline import Rejected, built, screened
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe
 from mdrive_sumo.generate.screening import Screened
-from mdrive_sumo.scenario.spec import Scenario
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import WeatherName
 
 TRIES = 15
@@ -60,7 +60,7 @@ class Attempt:
 
 def by_template(category: Category, seed: str) -> Proposal:
     """The proposer that needs nothing."""
-    return template.propose(category, random.Random(f"{seed}/proposal"))
+    return template_proposer.propose(category, random.Random(f"{seed}/proposal"))
 
 
 def search(

@@ -12,11 +12,11 @@ from functools import lru_cache
 import numpy as np
 import shapely
 
-from mdrive_sumo.generate.ways import Way
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.generate.lane_routes import Way
 from mdrive_sumo.roads import RoadMap, route_along
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.scenario.spec import Ego
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego
 
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] of `constant-speed` (protocol 14.2)."""

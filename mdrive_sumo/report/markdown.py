@@ -4,7 +4,8 @@ import re
 import shlex
 from collections.abc import Iterable
 
-from mdrive_sumo.report.tables import (
+from mdrive_sumo.core.text_table import Row
+from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
     SCORE_HEADER,
     Captured,
@@ -16,8 +17,7 @@ from mdrive_sumo.report.tables import (
     score_cells,
     score_rows,
 )
-from mdrive_sumo.report.text import Row
-from mdrive_sumo.score import Results, ScenarioResult, ScoreMode, categories, category_groups, harmonic
+from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, categories, category_groups, harmonic
 
 HOW_TO_READ = """\
 DS, RC and SR are percentages, IP is a factor: the driving score of a CAV is DS = RC x IP, it succeeds with

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, Polyline
-from mdrive_sumo.roads.map import Lane, RoadMap
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.roads.road_map import Lane, RoadMap
 
 HOP_M = 1.0
 """Spacing of a dense route (protocol section 6)."""

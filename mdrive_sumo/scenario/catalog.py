@@ -18,9 +18,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.part import Identifier
-from mdrive_sumo.scenario.spec import Scenario, first_problem, load_scenario, save_scenario
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.model import Identifier
+from mdrive_sumo.scenario.scenario import Scenario, first_problem, load_scenario, save_scenario
 
 SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"

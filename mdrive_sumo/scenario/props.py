@@ -6,7 +6,7 @@ of 2 m, Euro pallets 1.2 m x 0.8 m), not measured on CARLA's meshes, which are o
 
 from dataclasses import dataclass
 
-from mdrive_sumo.scenario.actor import KindName
+from mdrive_sumo.scenario.scripted_actor import KindName
 
 
 @dataclass(frozen=True, slots=True)

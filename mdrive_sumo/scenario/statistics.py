@@ -7,8 +7,8 @@ from statistics import fmean
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.scenario.spec import Ego, Scenario
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.scenario import Ego, Scenario
 
 SMOOTHING_REACH = 2
 """Route points averaged on each side before headings are taken (5 points of 1 m).

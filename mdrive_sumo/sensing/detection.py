@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, SensorSpec
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import TAU, Bool, Float, wrap_angles
+from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.imperfection import blurred, false_positives, found, joined
-from mdrive_sumo.sensing.options import check_names, choice, number
-from mdrive_sumo.sensing.profiles import IDEAL, PROFILES
+from mdrive_sumo.sensing.detection_noise import blurred, false_positives, found, joined
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
+from mdrive_sumo.sensing.sensor_options import check_names, choice, number
 from mdrive_sumo.sensing.visibility import Buildings, View
 
 OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible")

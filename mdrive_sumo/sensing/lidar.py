@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import PointCloud, SensorSpec
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Int
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Int
+from mdrive_sumo.core.state import DT
 from mdrive_sumo.sensing.lidar_cast import Key, cast, keys, unkeyed
 from mdrive_sumo.sensing.lidar_rays import Rays, Single, elevations, leaning, upright
 from mdrive_sumo.sensing.lidar_world import (
@@ -23,9 +24,8 @@ from mdrive_sumo.sensing.lidar_world import (
     reflectivities,
     walls,
 )
-from mdrive_sumo.sensing.options import check_names, choice, number
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
-from mdrive_sumo.state import DT
+from mdrive_sumo.sensing.sensor_options import check_names, choice, number
 
 CHANNELS = 64
 RANGE_M = 85.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.geometry import TAU, Bool, Float, Int, wrap_angles
+from mdrive_sumo.core.geometry import TAU, Bool, Float, Int, wrap_angles
 from mdrive_sumo.sensing.lidar_rays import Rays
 
 Key = npt.NDArray[np.int64]

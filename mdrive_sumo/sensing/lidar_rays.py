@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.geometry import TAU, Float, Int
+from mdrive_sumo.core.geometry import TAU, Float, Int
 
 Single = npt.NDArray[np.float32]
 

@@ -9,10 +9,10 @@ import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.lidar_cast import Prisms, Walls
-from mdrive_sumo.state import Kind
 
 VAN_LENGTH_M, TRUCK_LENGTH_M = 5.5, 7.5
 """From these lengths on, a vehicle is as high as a van, and as a truck or bus."""

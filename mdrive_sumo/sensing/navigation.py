@@ -8,10 +8,10 @@ the network's frame, so that the factor is 1; x points east and y north.
 import math
 
 from mdrive_sumo.contract import Gnss, Imu, SensorSpec
-from mdrive_sumo.geometry import TAU
-from mdrive_sumo.seeding import normals
-from mdrive_sumo.sensing.options import check_names, number
+from mdrive_sumo.core.geometry import TAU
+from mdrive_sumo.core.seeding import normals
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
+from mdrive_sumo.sensing.sensor_options import check_names, number
 
 EARTH_RADIUS_M = 6_378_137.0
 """Equatorial radius of WGS 84."""

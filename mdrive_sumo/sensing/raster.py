@@ -10,13 +10,13 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.contract import Briefing, Objects, Raster, SensorSpec
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, box_corners, boxes_corners
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, box_corners, boxes_corners
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.filling import box_edges, edges_of, filled
-from mdrive_sumo.sensing.options import check_names, choice, number
+from mdrive_sumo.sensing.polygon_fill import box_edges, edges_of, filled
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
-from mdrive_sumo.state import Kind
+from mdrive_sumo.sensing.sensor_options import check_names, choice, number
 
 LAYERS = ("drivable", "lane_lines", "route", "vehicles", "walkers", "static", "self")
 LAYER_OF_KIND = np.zeros(len(Kind), dtype=np.int64)

@@ -6,10 +6,10 @@ from functools import cached_property
 from hashlib import blake2b
 
 from mdrive_sumo.contract import Briefing, Objects
-from mdrive_sumo.geometry import Float, boxes_corners
+from mdrive_sumo.core.geometry import Float, boxes_corners
+from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
-from mdrive_sumo.state import EgoState
 from mdrive_sumo.v2x.messages import track_name
 
 

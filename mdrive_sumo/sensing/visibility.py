@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.geometry import TAU, Bool, Float, Int
+from mdrive_sumo.core.geometry import TAU, Bool, Float, Int
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.scene import Eye, Scene
-from mdrive_sumo.state import Kind
 
 TIE = 1e-9
 """Edges whose 1/distance differs by less [1/m] are equally near: 0.01 mm at 100 m. Touching boxes do not flicker."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 from types import MappingProxyType
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.v2x.settings import PRESETS, Comm
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.v2x.comm import PRESETS, Comm
 
 GRIDS = ("one-at-a-time", "full")
 Level = tuple[float, ...]

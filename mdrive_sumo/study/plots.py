@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mdrive_sumo.compare import Interval
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.compare import Interval
 from mdrive_sumo.study.conditions import Condition, Factor, Level
-from mdrive_sumo.study.summary import Line
+from mdrive_sumo.study.study_summary import Line
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (Color Universal Design, 2008), which people with colour blindness can tell apart."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mdrive_sumo.compare import CONFIDENCE, RESAMPLES, SEED, Interval, bootstrap
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.score import ScenarioResult
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.runs.compare import CONFIDENCE, RESAMPLES, SEED, Interval, bootstrap
+from mdrive_sumo.scoring import ScenarioResult
 
 CHUNK = 100
 """So many resamples are in memory at once."""

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float, boxes_corners, boxes_overlap
-from mdrive_sumo.state import DT, Actors
-from mdrive_sumo.sumo.logs import Logs
+from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
+from mdrive_sumo.core.state import DT, Actors
+from mdrive_sumo.sumo.logged_poses import Logs
 
 LOOK_TICKS = np.arange(0, 61, 3)
 """Moments (J,) for which a mover is carried on: now to 3 s."""

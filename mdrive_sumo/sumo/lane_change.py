@@ -13,9 +13,9 @@ from collections.abc import Callable
 import libsumo
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, boxes_corners, boxes_overlap
+from mdrive_sumo.core.geometry import Bool, boxes_corners, boxes_overlap
+from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.roads import Lane
-from mdrive_sumo.state import DT, Actors
 
 DURATION_S = 3.0
 """From lane centre to lane centre; the marking is crossed half-way."""

@@ -5,8 +5,8 @@ from bisect import bisect_right
 
 import numpy as np
 
-from mdrive_sumo.scenario.traffic import Schedule
-from mdrive_sumo.state import DT
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.scenario.background import Schedule
 
 ACTION_TICKS = 4
 """Vehicles with a schedule act every 0.2 s: measured, they follow it best so (0.1 s: 0.4 m off at most, 0.5 s: 3 m)."""

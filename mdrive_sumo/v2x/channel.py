@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from enum import StrEnum, auto
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.seeding import UNIFORMS, normals, uniforms
-from mdrive_sumo.state import TICKS_PER_SECOND
+from mdrive_sumo.core.seeding import UNIFORMS, normals, uniforms
+from mdrive_sumo.core.state import TICKS_PER_SECOND
+from mdrive_sumo.v2x.comm import Comm, Link
 from mdrive_sumo.v2x.messages import moved, problem
-from mdrive_sumo.v2x.settings import Comm, Link
 
 Place = tuple[float, float]
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 
 CAM, CPM, MCM, TEXT = "cam", "cpm", "mcm", "text"
 TYPES = (CAM, CPM, MCM, TEXT)

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.geometry import TAU, Float
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import TAU, Float
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
     MAX_NAME_BYTES,
     MAX_NAMES,

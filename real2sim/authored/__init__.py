@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.scenario.spec import Ego, Scenario, first_problem
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego, Scenario, first_problem
 from real2sim.authored.actors import never_set_off, placed, starts_in_contact
 from real2sim.authored.separation import Legs, moved, moved_apart
 from real2sim.carla.report import LeftOut, OffLane, Point, Shift

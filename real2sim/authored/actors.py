@@ -4,9 +4,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.actor import (
+from mdrive_sumo.scenario.checks import contacts_at_start
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     AlongLanes,
     AlongPath,
@@ -18,9 +21,6 @@ from mdrive_sumo.scenario.actor import (
     Replay,
     StartMotion,
 )
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.scenario.spec import Ego
-from mdrive_sumo.soundness import contacts_at_start
 from real2sim.match.waypoints import match_waypoints
 
 ON_LANE_M = 1.0

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, polyline
+from mdrive_sumo.core.geometry import Float, polyline
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.actor import AlongPath, Replay
+from mdrive_sumo.scenario.scripted_actor import AlongPath, Replay
 from real2sim.carla.towns import Town, build_town
 from real2sim.hdmap import HdMap
 from real2sim.network import build_network

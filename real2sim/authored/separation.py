@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, box_corners, boxes_overlap
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, box_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from real2sim.match.dense import route_of, start_pose
 from real2sim.match.waypoints import Leg

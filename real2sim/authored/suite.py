@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.statistics import statistics
 from real2sim.authored import OFF_LANE_M, Authored, build_authored

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.carla.report import write_networks_report
 from real2sim.carla.towns import Town, build_opendrive
 from real2sim.whole_folder import whole_folder

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, wrap_angle
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from real2sim.xml_file import Element, number, read_xml
 

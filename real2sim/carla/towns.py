@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from real2sim.carla.links import mend_links, write_mended

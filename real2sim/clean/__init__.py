@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import Kind
 from real2sim.clean import course as motion
 from real2sim.clean.ego import Ego, egos_of
 from real2sim.clean.fuse import Fused, fused, groups_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float, Int, wrap_angles
+from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from real2sim.clean.pieces import BREAK_M, unexplained
 from real2sim.tracks.motion import runs
 

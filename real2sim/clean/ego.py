@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, wrap_angles
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Float, wrap_angles
+from mdrive_sumo.core.state import Kind
 from real2sim.clean.course import directions
 from real2sim.clean.fuse import Fused, fused
 from real2sim.clean.pieces import Pieces

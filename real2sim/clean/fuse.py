@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float, Int
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.core.state import Kind
 from real2sim.clean.pieces import Pieces
 
 LEAST_COMMON = 3

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Int
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.state import Kind
 from real2sim.clean.fuse import LEAST_COMMON, Fused, fused
 from real2sim.clean.pieces import Pieces
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, boxes_overlap
+from mdrive_sumo.core.geometry import Bool, boxes_overlap
 from real2sim.clean.report import Change, Reason
 from real2sim.recording import Track
 from real2sim.tracks.boxes import Boxes, contacts

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Bool, Float, Int
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Bool, Float, Int
 from real2sim.recording import Category, Recording
 
 BREAK_M = 0.8

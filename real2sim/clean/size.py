@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.state import Kind
 from real2sim.clean.pieces import Pieces
 from real2sim.recording import USUAL_SIZE, Category
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.cli.authored import interdrive, mdrive, opendrive
 from real2sim.cli.logs import Ask, file_of, folder_of_agents, folder_with, log_options, logs_below, run
 from real2sim.pipeline.read import Log

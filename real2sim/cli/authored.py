@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.cli.logs import about, name_option, out_option, paths_argument
 from real2sim.readers.carla_frame import UCLA, CarlaFrame
 from real2sim.xml_file import finite

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.pipeline.read import Log
 from real2sim.readers.window import Window
 
 if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
+    from mdrive_sumo.scenario.background import Mode
     from mdrive_sumo.scenario.catalog import SuiteFile
-    from mdrive_sumo.scenario.traffic import Mode
     from real2sim.pipeline.batch import Batch
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.scenario.traffic import BackgroundVehicle
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.closeness.order import conflicts, kept_in_order
 from real2sim.closeness.run import Simulated, simulate
 from real2sim.fit.vehicle import size_of

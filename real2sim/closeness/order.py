@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import KDTree
 
-from mdrive_sumo.geometry import Float, polyline
+from mdrive_sumo.core.geometry import Float, polyline
 
 NEAR_M = 1.5
 """Paths this near to one another cannot be driven at the same time."""

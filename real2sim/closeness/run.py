@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import DT, Actors, EgoState, no_actors
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.actor import KINDS, Actor, Replay
-from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, Replay
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.fit.vehicle import size_of
 from real2sim.recording import Track

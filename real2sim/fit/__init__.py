@@ -14,12 +14,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.actor import Actor
-from mdrive_sumo.scenario.spec import Ego
-from mdrive_sumo.scenario.traffic import Background, Mode
-from mdrive_sumo.state import Kind
+from mdrive_sumo.scenario.background import Background, Mode
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.fit.actor import replayed, standing
 from real2sim.fit.beside import Centred, abreast, centred
 from real2sim.fit.driving import fitted

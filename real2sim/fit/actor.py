@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.geometry import box_corners, boxes_corners, boxes_overlap
-from mdrive_sumo.scenario.actor import KINDS, Actor, KindName, Motion, Replay, Standing
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, KindName, Motion, Replay, Standing
 from real2sim.fit.beside import Centred, run_into
 from real2sim.fit.vehicle import Driven, poses, size_of
 from real2sim.recording import Track

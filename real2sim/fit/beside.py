@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float, boxes_corners, boxes_overlap
+from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from real2sim.fit.vehicle import Driven
 

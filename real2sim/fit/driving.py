@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Int
-from mdrive_sumo.scenario.traffic import Driving
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.scenario.background import Driving
 from real2sim.fit.vehicle import Driven
 from real2sim.tracks.motion import derivative
 

@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, Route, route_along
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.scenario.spec import Ego
-from mdrive_sumo.state import Kind
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego
 from real2sim.fit.path import straight_on
 from real2sim.match import Match
 from real2sim.match.dense import route_of

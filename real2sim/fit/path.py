@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.match import Match
 from real2sim.recording import Track

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.traffic import BackgroundVehicle, Driving, Schedule
+from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
 from real2sim.clean.size import bounded
 from real2sim.fit.path import RoutePath, path_of, progress_of, straight_on
 from real2sim.match import Match

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.roads import RoadMap
 from real2sim.match.index import Hop, LaneIndex, Near, lane_index
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from mdrive_sumo.roads import Lane, RoadMap, Route, dense_route
 from real2sim.match.waypoints import Leg
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Int, wrap_angles
+from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.lines import Lines
 

@@ -10,8 +10,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 
 REACH_M = 12.0

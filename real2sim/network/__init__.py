@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, polyline
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, polyline
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from real2sim.hdmap import HdMap, LaneKind, MapLane

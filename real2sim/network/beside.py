@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.core.geometry import Float, Int
 from real2sim.lines import Lines, angle_between, sample
 from real2sim.network.lanes import Strip, yaw_gap
 

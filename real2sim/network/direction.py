@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float, Int, Polyline
+from mdrive_sumo.core.geometry import Float, Int, Polyline
 from real2sim.hdmap import LaneKind, MapLane
 from real2sim.lines import Lines, angle_between
 from real2sim.network.lanes import HEADING_OVER_M, chord_yaw, yaw_gap

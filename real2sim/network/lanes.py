@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from real2sim.hdmap import LaneKind, MapLane
 
 SHORTEST_M = 0.5

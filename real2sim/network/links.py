@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool, Float
 from real2sim.network.lanes import Link, Strip
 
 KEPT_GAP_M = 5.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
 from real2sim.hdmap import LaneKind, MapLane
 from real2sim.lines import Lines, angle_between, sample

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Polyline, polyline
+from mdrive_sumo.core.geometry import Polyline, polyline
 from real2sim.network.beside import find_crossings
 from real2sim.network.lanes import Link, Strip, cut_all
 from real2sim.network.pieces import group_strips

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.hdmap import LaneKind
 from real2sim.netconvert import netconvert_program
 from real2sim.network.lanes import Strip

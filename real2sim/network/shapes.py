@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float, Polyline
 from real2sim.network.lanes import part
 from real2sim.network.nodes import Plan, Way
 from real2sim.xml_file import Element

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from real2sim.clean.report import Change
 from real2sim.findings import Findings
 from real2sim.page.charts import Chart, Series, draw

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.core.geometry import Float, Int
 from real2sim.page.html import Html, joined, tag
 from real2sim.page.svg import picture
 from real2sim.tracks.motion import runs

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
 from real2sim.page.html import Html, Piece, joined, tag
 from real2sim.page.svg import CM, Canvas, View, path, picture, scale_bar, use, view_of

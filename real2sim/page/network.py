@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from real2sim.findings import Findings
 from real2sim.hdmap import HdMap, LaneKind
 from real2sim.lines import sample

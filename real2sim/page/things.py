@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import Kind
 from real2sim.findings import Findings
 from real2sim.fit.role import Became, Role
 from real2sim.quality.actor import ActorQuality

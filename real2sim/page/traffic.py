@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from real2sim.closeness import MEDIAN_5S_M, Closeness, ErrorAt
 from real2sim.findings import Findings
 from real2sim.page.charts import Chart, Series, draw

@@ -6,9 +6,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
 from real2sim.page.index import write_index
 from real2sim.pipeline.build import NETWORKS, Wish
 from real2sim.pipeline.convert import Outcome, convert_log, windows_of

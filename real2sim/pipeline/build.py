@@ -5,11 +5,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, load
-from mdrive_sumo.scenario.spec import Scenario, first_problem
-from mdrive_sumo.scenario.traffic import Mode
-from mdrive_sumo.soundness import check_scenario
+from mdrive_sumo.scenario.background import Mode
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Scenario, first_problem
 from real2sim.clean import Cleaned, clean
 from real2sim.closeness import closeness
 from real2sim.findings import Findings

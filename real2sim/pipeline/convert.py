@@ -5,8 +5,8 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.spec import save_scenario
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.scenario import save_scenario
 from real2sim.clean import LEAST_FRAMES
 from real2sim.page.index import IndexLine, index_line
 from real2sim.page.page import write_page

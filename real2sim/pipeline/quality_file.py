@@ -8,9 +8,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, by_number
-from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.scenario.scenario import first_problem
 from real2sim.clean.report import Reason
 from real2sim.closeness import Closeness
 from real2sim.fit.role import Became

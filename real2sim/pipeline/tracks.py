@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import shapely
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.scenario.spec import RoadsideUnit
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.scenario.scenario import RoadsideUnit
 from real2sim.clean import Cleaned
 from real2sim.fit import choose_cavs, passed_over, scenario_names, unfit
 from real2sim.hdmap import HdMap, LaneKind

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from real2sim.quality.actor import ActorQuality, actor_quality, errors
 from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Category, Track

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from mdrive_sumo.geometry import Bool, Float
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.state import Kind
 from real2sim.quality.lanes import LaneIndex
 from real2sim.recording import Track
 from real2sim.tracks import motion

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Bool, Float, Int, wrap_angles
+from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 
 SAME_LANE_M = 3.0
 """Lanes this near are as good as the nearest (further is off the route): in a junction all directions overlap."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.readers.argoverse2_forecasting import read_argoverse2_forecasting
 from real2sim.readers.argoverse2_sensor import read_argoverse2_sensor
 from real2sim.recording import Recording

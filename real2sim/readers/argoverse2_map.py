@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.scenario import first_problem
 from real2sim.hdmap import HdMap, LaneKind, MapLane
 from real2sim.readers.shapes import between, points
 

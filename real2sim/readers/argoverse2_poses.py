@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, Int
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, Int
 from real2sim.readers.tables import Columns
 
 POSE = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, Int, wrap_angles
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from real2sim.readers.argoverse2_map import read_map, the_file
 from real2sim.readers.argoverse2_poses import POSE, Poses, poses, seconds
 from real2sim.readers.shapes import moved_ahead

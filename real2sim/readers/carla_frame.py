@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, wrap_angle
+from mdrive_sumo.core.geometry import Float, wrap_angle
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 from shapely.errors import ShapelyError
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.readers.commonroad_map import read_map
 from real2sim.readers.window import Window, windowed
 from real2sim.recording import Category, Recording, Track, View

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.shapes import points
 

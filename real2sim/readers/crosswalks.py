@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from real2sim.readers.osm import Osm
 
 WIDTHS_M = (1.5, 8.0)

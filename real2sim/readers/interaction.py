@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.window import Window, windowed
 from real2sim.recording import Category, Recording, Track, View

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.readers.carla_frame import CarlaFrame
 from real2sim.readers.route_file import RouteFile, ego_index, read_route_file
 from real2sim.scene import CavRoute, Scene, TownMap

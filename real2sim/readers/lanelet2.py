@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.crosswalks import gap, marked_crosswalks, outline
 from real2sim.readers.osm import Osm, Relation, Way, read_osm

@@ -6,11 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.scenario.actor import Actor, AlongPath, HardBrake, KindName, LaneChange, Motion, Replay, Standing
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.scripted_actor import (
+    Actor,
+    AlongPath,
+    HardBrake,
+    KindName,
+    LaneChange,
+    Motion,
+    Replay,
+    Standing,
+)
 from real2sim.readers.carla_frame import CarlaFrame
 from real2sim.readers.mdrive_behavior import Script
 from real2sim.readers.mdrive_blueprints import BICYCLE, CAR, PERSON, THING, Shape, shape_of

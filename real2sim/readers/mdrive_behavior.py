@@ -4,8 +4,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.actor import Action, DistanceTrigger, HardBrake, LaneChange, StartMotion
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.scripted_actor import Action, DistanceTrigger, HardBrake, LaneChange, StartMotion
 from real2sim.readers.mdrive_manifest import BEHAVIOR, ActionEntry, BehaviorEntry, TriggerEntry, read_behaviors
 
 DISTANCE_M = 8.0

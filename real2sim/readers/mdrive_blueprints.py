@@ -6,8 +6,8 @@ known only there: a file's own sizes win (`mdrive_actors`).
 
 from dataclasses import dataclass
 
-from mdrive_sumo.scenario.actor import KindName
 from mdrive_sumo.scenario.props import PROPS
+from mdrive_sumo.scenario.scripted_actor import KindName
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.scenario.part import Seconds, Speed
-from mdrive_sumo.scenario.spec import first_problem
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.model import Seconds, Speed
+from mdrive_sumo.scenario.scenario import first_problem
 
 MANIFEST = "actors_manifest.json"
 BEHAVIOR = "actors_behavior.json"

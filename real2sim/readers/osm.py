@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.readers.shapes import points
 from real2sim.xml_file import Element, number, read_xml
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.xml_file import Element, number, read_xml
 
 WEATHER = ("sun_altitude_angle", "cloudiness", "precipitation", "fog_density")

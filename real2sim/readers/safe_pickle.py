@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy._core import multiarray, numeric
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 Allowed = Mapping[tuple[str, str], object]
 """What stands for a module's name in a pickle."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.readers.safe_pickle import load_pickle
 from real2sim.readers.scenarionet_map import read_map
 from real2sim.readers.shapes import brief, moved_ahead, numbers

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from real2sim.readers.shapes import brief, numbered_points, numbers, points
 
 Feature = Mapping[str, Any]

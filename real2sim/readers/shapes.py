@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from real2sim.recording import Track
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 Columns = Mapping[str, npt.NDArray[Any]]
 

@@ -14,8 +14,8 @@ from types import MappingProxyType
 import numpy as np
 import shapely
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from real2sim.hdmap import HdMap
 from real2sim.readers.v2xpnp_frames import Frame, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map

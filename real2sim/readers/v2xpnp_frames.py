@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 
 COLUMNS = ("angle", "center", "extent", "location")
 """Fields of an object, three numbers each, in the order of `Frame.boxes`."""

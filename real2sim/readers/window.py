@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from real2sim.recording import Recording, Track, View
 
 Window = tuple[float, float]

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool, Float
 from real2sim.tracks.motion import WINDOW, derivative
 
 ITERATIONS, CHECKED = 400, 10

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Bool, Float, boxes_corners, boxes_overlap
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
+from mdrive_sumo.core.state import Kind
 from real2sim.recording import Track
 
 SAME_PLACE = 0.5

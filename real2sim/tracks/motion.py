@@ -10,7 +10,7 @@ from math import factorial
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mdrive_sumo.geometry import Float, wrap_angles
+from mdrive_sumo.core.geometry import Float, wrap_angles
 
 WINDOW = 7
 """Frames of the fit: 0.6 s at 10 Hz."""

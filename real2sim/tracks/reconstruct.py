@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mdrive_sumo.geometry import Bool, Float, wrap_angles
-from mdrive_sumo.state import Kind
+from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
+from mdrive_sumo.core.state import Kind
 from real2sim.recording import Track
 from real2sim.tracks.bounded import Bounds, bounded
 from real2sim.tracks.motion import WINDOW, accelerations, jerks, runs

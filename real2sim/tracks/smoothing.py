@@ -10,7 +10,7 @@ The matrix has three diagonals on each side; its Cholesky factor is found frame 
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 
 THIRD = np.array((-1.0, 3.0, -3.0, 1.0))
 """Third difference of four frames."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float, wrap_angles
+from mdrive_sumo.core.geometry import Float, wrap_angles
 from real2sim.recording import Category, Track
 
 STATIC_PATH_M, STATIC_NET_M = 1.2, 0.8

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
 from mdrive_sumo.episode import Episode
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.geometry import Float
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.spec import Scenario
-from mdrive_sumo.state import TICKS_PER_SECOND, Kind
+from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.writers.episode_map import map_of
 

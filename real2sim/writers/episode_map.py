@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import shapely
 
-from mdrive_sumo.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
 

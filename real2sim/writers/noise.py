@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.geometry import Bool, Float, wrap_angles
+from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
+from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.seeding import derived_seed
 from mdrive_sumo.sensing.scene import Eye, Scene
 from mdrive_sumo.sensing.visibility import Buildings, seen_rows
 from real2sim.recording import USUAL_SIZE, Category, Recording, Track, View

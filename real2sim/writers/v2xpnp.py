@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from real2sim.readers.v2xpnp import DT_S
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.writers.noise import Noise, numbered, observe

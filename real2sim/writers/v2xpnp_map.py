@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.geometry import Float
+from mdrive_sumo.core.geometry import Float
 from real2sim.hdmap import HdMap, LaneKind, MapLane
 from real2sim.readers.v2xpnp_map import LANE_KINDS, MODULE
 

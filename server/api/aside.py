@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from threading import BoundedSemaphore, Lock
 from typing import Any, ParamSpec, Protocol, TypeVar
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api.problems import ProblemError
 from server.store import StoreUnavailable
 

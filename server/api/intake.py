@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server import environments, places
 from server.api import schemas, views
 from server.api.callers import Caller

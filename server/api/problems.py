@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveRefused
 from server.clock import utc
 from server.store import NotFound, NotNow, OverLimit, StoreUnavailable

@@ -13,7 +13,7 @@ class Order:
     suite: str
     scenario: str
     result: Mapping[str, Any]
-    """`mdrive_sumo.score.ScenarioResult`."""
+    """`mdrive_sumo.scoring.ScenarioResult`."""
     recording: Path
     page: Path
     """The file to write."""
@@ -25,11 +25,11 @@ def make(order: Order) -> None:
         return
     # Only where it runs: the process that answers requests needs none of this.
     from mdrive_sumo.episode import load_episode
-    from mdrive_sumo.report.viewer import viewer_html
-    from mdrive_sumo.report.viewer_marks import marks_of
+    from mdrive_sumo.report.replay import viewer_html
+    from mdrive_sumo.report.replay_marks import marks_of
     from mdrive_sumo.roads import load, network_folder
     from mdrive_sumo.scenario.catalog import load_suite
-    from mdrive_sumo.score import ScenarioResult
+    from mdrive_sumo.scoring import ScenarioResult
 
     suite = load_suite(order.suite)
     scenario = next(scenario for scenario in suite.scenarios if scenario.id == order.scenario)

@@ -16,7 +16,7 @@ from fastapi import Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api.at_once import AtOnce
 from server.api.problems import ProblemError
 from server.store.refusals import new_id

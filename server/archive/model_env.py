@@ -10,7 +10,7 @@ minute, and the file is a stranger's.
 import re
 from dataclasses import dataclass
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.archive.refusal import ArchiveRefused
 from server.environments import RECIPES, recipe
 

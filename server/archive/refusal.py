@@ -1,6 +1,6 @@
 """What is wrong with an archive, in one sentence for who sent it."""
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 
 class ArchiveRefused(InputError):

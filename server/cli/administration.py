@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server import environments
 from server.cli.common import data_option, explained, settings_option, settings_with
 from server.clock import now_us, utc

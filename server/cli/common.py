@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.settings import Settings, load
 from server.store import StoreUnavailable
 

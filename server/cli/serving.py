@@ -16,7 +16,7 @@ import uvicorn
 from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server import environments, web
 from server.api import create_app
 from server.api.app import prepare

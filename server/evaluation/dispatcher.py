@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from sqlalchemy import exists, or_, select
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.suite.executor import Executor
-from mdrive_sumo.suite.hand import WorkerFailure, cannot_write
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.executor import Executor
+from mdrive_sumo.runs.worker_process import WorkerFailure, cannot_write
 from server.clock import now_us
 from server.evaluation import spot
 from server.evaluation.stop import Stop

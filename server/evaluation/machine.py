@@ -6,10 +6,10 @@ from pathlib import Path
 
 from sqlalchemy import make_url
 
-from mdrive_sumo import sandbox
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.agent_process import sandbox
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.make_executor import check_cluster
 from mdrive_sumo.scenario.catalog import packaged_suites
-from mdrive_sumo.suite.engine import check_cluster
 from server import environments
 from server.settings import Settings
 

@@ -4,7 +4,7 @@ import logging
 
 from sqlalchemy import select
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.settings import Settings
 from server.store import Store, phases, quota, submissions
 from server.store.models import Submission

@@ -9,13 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agents.line import HISTOGRAM_MS
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.sandbox import check_layers
+from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
+from mdrive_sumo.agent_process.sandbox import check_layers
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import RejectedError
+from mdrive_sumo.runs.job import Job, run_job
 from mdrive_sumo.scenario.catalog import packaged_suites
-from mdrive_sumo.suite.drivers import RejectedError
-from mdrive_sumo.suite.job import Job, run_job
-from mdrive_sumo.v2x.settings import comm_text
+from mdrive_sumo.v2x.comm import comm_text
 from server.archive import ArchiveRefused
 from server.entrant import Entrant, verdict_of
 from server.environments import environment

@@ -13,8 +13,8 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.suite.hand import WorkerFailure
-from mdrive_sumo.suite.pool import Pool
+from mdrive_sumo.runs.process_pool import Pool
+from mdrive_sumo.runs.worker_process import WorkerFailure
 from server.evaluation.task import Driven, JobTask, Rejection, task_of
 from server.settings import Settings
 from server.store import Store, audit, jobs, phases, submissions

@@ -6,9 +6,9 @@ from statistics import fmean
 
 import numpy as np
 
-from mdrive_sumo.compare import CONFIDENCE, RESAMPLES, SEED
-from mdrive_sumo.geometry import Float
-from mdrive_sumo.score import Means, ScenarioResult, buckets, categories, overall
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.runs.compare import CONFIDENCE, RESAMPLES, SEED
+from mdrive_sumo.scoring import Means, ScenarioResult, buckets, categories, overall
 from server.store.models import Job
 from server.store.scores import Figures, Summary
 

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.errors import WorldError
+from mdrive_sumo.core.errors import WorldError
 from server.archive import ArchiveLimits, Manifest, checked, extracted
 from server.evaluation.task import JobTask
 from server.words import Track

@@ -14,9 +14,9 @@ from collections.abc import Callable
 
 from pydantic import ValidationError
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.suite.engine import engine
-from mdrive_sumo.suite.preparation import SIMULATION_LIMIT_S
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.runs.preparation import SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.machine import check_machine

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 STYLES = ("agent", "joint")
 

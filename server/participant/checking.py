@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.agents.driver import AgentFailure
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.suite.drivers import Declaration
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.agent_driver import AgentFailure
+from mdrive_sumo.runs.agent_spec import Declaration
 from server.archive import Manifest
 from server.entrant import TRACKS, Entrant, admitted
 from server.environments import Environment, environment, here

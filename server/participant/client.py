@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, cast
 
 import httpx
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.words import Track
 
 API = "/api/v1"

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mdrive_sumo.errors import InputError
-from mdrive_sumo.sandbox import layers
+from mdrive_sumo.agent_process.sandbox import layers
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import RejectedError
+from mdrive_sumo.runs.job import Job, run_job
+from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.score import ScenarioResult
-from mdrive_sumo.score.summary import means
-from mdrive_sumo.suite.drivers import RejectedError
-from mdrive_sumo.suite.job import Job, run_job
-from mdrive_sumo.suite.pool import FailureKind, Pool, WorkerFailure
-from mdrive_sumo.v2x.settings import comm_text
+from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring.summary import means
+from mdrive_sumo.v2x.comm import comm_text
 from server.entrant import TRACKS, Entrant, verdict_of
 from server.environments import Environment
 from server.participant.checking import ask, declared, described

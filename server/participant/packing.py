@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, checked, extracted
 
 SKIPPED = ("__pycache__", ".git", ".venv", ".DS_Store", ".ipynb_checkpoints", ".pytest_cache", "runs")

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.evaluate import workers_option
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveLimits, Manifest
 from server.participant.checking import environments_option, where
 from server.participant.client import Client, Entry

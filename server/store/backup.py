@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Connection, Exists, Table, delete, false, 
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.store import audit
 from server.store.engine import Store, StoreUnavailable
 from server.store.models import AuditEntry, Base, Phase, Worker

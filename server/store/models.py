@@ -125,7 +125,7 @@ class Job(Base):
     verdict: Mapped[str | None] = mapped_column(String(16))
     reason: Mapped[str | None] = mapped_column(String(16))
     result: Mapped[dict[str, Any] | None]
-    """`mdrive_sumo.score.ScenarioResult`."""
+    """`mdrive_sumo.scoring.ScenarioResult`."""
     usage: Mapped[dict[str, Any] | None]
     """Of the boxes: CPU time, memory, latency histogram, exit, layers."""
     failure: Mapped[str] = mapped_column(Text, default="")

@@ -2,7 +2,7 @@
 
 import secrets
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 
 
 class NotFound(InputError):

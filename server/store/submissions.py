@@ -11,7 +11,7 @@ from typing import Any
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.store import audit, events, phases, quota, scores
 from server.store.models import Job, Phase, Submission, Team
 from server.store.refusals import NotFound, NotNow, checked_text, new_id

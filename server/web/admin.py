@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 
-from mdrive_sumo import sandbox
+from mdrive_sumo.agent_process import sandbox
 from server.api import schemas
 from server.api.context import Now, ToolsOf
 from server.api.routes import teams as api

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Request, Response
 from markupsafe import Markup
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api import boards, schemas
 from server.api.boards import FRESH_US, STALE_US, Parts, Which
 from server.api.context import Tools, now

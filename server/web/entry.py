@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api import registration
 from server.api.context import Now, ToolsOf
 from server.web.errors import refusal

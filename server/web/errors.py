@@ -7,7 +7,7 @@ from http import HTTPStatus
 
 from fastapi import Request, Response
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api.problems import ProblemError, status_of
 from server.store import OverLimit, StoreUnavailable
 from server.web.templating import page

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.concurrency import run_in_threadpool
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api import schemas
 from server.api.context import Now, Tools, ToolsOf
 from server.api.intake import FIELDS, Intake

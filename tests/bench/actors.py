@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from actors_world import actor
-from worlds import straight_ego, straight_road, straight_scenario
+from testing.actors_world import actor
+from testing.worlds import straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.actors import Cast, Crowd
-from mdrive_sumo.scenario.actor import Actor
-from mdrive_sumo.state import Actors, EgoState, Frame
+from mdrive_sumo.core.state import Actors, EgoState, Frame
+from mdrive_sumo.scenario.scripted_actor import Actor
 
 Row = tuple[str, float, str, str]
 ACTORS, BACKGROUND, TICKS = 85, 20, 400

@@ -20,20 +20,20 @@ from typing import Any
 import libsumo
 import numpy as np
 
-from mdrive_sumo.agents.driver import Driver, LocalDriver
-from mdrive_sumo.agents.remote import Limits
+from mdrive_sumo.agent_process.remote_driver import Limits
 from mdrive_sumo.contract import Reply
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.episode import save_episode
-from mdrive_sumo.errors import InputError
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.loop.agent_driver import Driver, LocalDriver
 from mdrive_sumo.roads import NetworkFile, RoadMap, load, route_along
 from mdrive_sumo.roads.network_file import net_checksum
+from mdrive_sumo.runs.agent_spec import Hiring, opened
+from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.part import Pose
-from mdrive_sumo.scenario.spec import Ego, Scenario
-from mdrive_sumo.scenario.traffic import Background, BackgroundVehicle
-from mdrive_sumo.state import TICKS_PER_SECOND
-from mdrive_sumo.suite.drivers import Hiring, opened
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.sumo import SumoWorld
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -119,7 +119,7 @@ class TimedDriver(LocalDriver):
 
 def evaluator_ticks(scenario: Scenario, roads: RoadMap, agent: str) -> list[float]:
     """Seconds of every tick, agents' thinking taken out."""
-    from mdrive_sumo.agents import AGENTS
+    from mdrive_sumo.agents.registry import AGENTS
 
     times: list[float] = []
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from busy_log import make_busy_log
+from testing.busy_log import make_busy_log
 
 from real2sim.pipeline import build
 from real2sim.pipeline.convert import convert_log

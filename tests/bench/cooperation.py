@@ -8,22 +8,22 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.contract import Message, Objects, SensorSpec
-from mdrive_sumo.dynamics import MKZ_2017, facts
-from mdrive_sumo.geometry import box_corners
-from mdrive_sumo.observation import briefing
+from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.core.state import EgoState, Kind
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.weather import WEATHERS
+from mdrive_sumo.sensing.briefing_builder import briefing
 from mdrive_sumo.sensing.detection import ObjectsSensor
 from mdrive_sumo.sensing.lidar import LidarSensor
 from mdrive_sumo.sensing.raster import RasterSensor
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
 from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
-from mdrive_sumo.state import EgoState, Kind
 from mdrive_sumo.v2x.channel import Channel
+from mdrive_sumo.v2x.comm import PRESETS
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, Pose, encode, track_name
-from mdrive_sumo.v2x.settings import PRESETS
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
 
 Row = tuple[str, float, str, str]
 BOXES = 100

@@ -14,11 +14,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from mdrive_sumo.agents.child import BoxPlan, Program
-from mdrive_sumo.agents.driver import Driver, LocalDriver
-from mdrive_sumo.agents.remote import Limits, RemoteDriver, opened_line
+from mdrive_sumo.agent_process.child_process import BoxPlan, Program
+from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.loop.agent_driver import Driver, LocalDriver
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.sumo import SumoWorld

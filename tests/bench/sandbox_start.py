@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from sandbox_runs import python_spec
+from testing.sandbox_runs import python_spec
 
-from mdrive_sumo.sandbox import BoxSpec, open_box
+from mdrive_sumo.agent_process.sandbox import BoxSpec, open_box
 
 STARTS = 15
 SLOT = 990

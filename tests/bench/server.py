@@ -24,10 +24,10 @@ import httpx
 
 sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
-from processes import wait_for  # noqa: E402
 from store import BUCKETS, CATEGORIES, TEAMS, filled  # noqa: E402
-from store_samples import PHASE, with_teams  # noqa: E402
 from submission import sample, this_python  # noqa: E402
+from testing.processes import wait_for  # noqa: E402
+from testing.store_samples import PHASE, with_teams  # noqa: E402
 
 from server.clock import now_us  # noqa: E402
 from server.settings import Settings, Work  # noqa: E402

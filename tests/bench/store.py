@@ -15,9 +15,9 @@ from typing import Any
 
 sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
 
-import databases  # noqa: E402
 from sqlalchemy import insert  # noqa: E402
-from store_samples import GOOD, LEASE, NEW, NOON, PHASE, with_teams  # noqa: E402
+from testing import databases  # noqa: E402
+from testing.store_samples import GOOD, LEASE, NEW, NOON, PHASE, with_teams  # noqa: E402
 
 from server.store import Store, jobs, queries, scores, submissions  # noqa: E402
 from server.store.models import Job, Submission  # noqa: E402

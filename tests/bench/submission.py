@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
 
-from archive_samples import packed  # noqa: E402
+from testing.archive_samples import packed  # noqa: E402
 
 from server import environments  # noqa: E402
 from server.clock import DAY_US, now_us  # noqa: E402

@@ -5,9 +5,9 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
-import hostile_protocol
-from archive_samples import ENV, Info, packed
-from sandbox_runs import AGENTS
+from testing import hostile_protocol
+from testing.archive_samples import ENV, Info, packed
+from testing.sandbox_runs import AGENTS
 
 DRIVER = """\
 import json, os, runpy, sys, time

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sandbox_runs import MEBIBYTE, SMALL, Expected
+from testing.sandbox_runs import MEBIBYTE, SMALL, Expected
 
 KILLED, OUT_OF_CPU, FAULT = 9, 24, 11
 NOTHING: dict[str, object] = {"open": []}

@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter, Response
 
-from mdrive_sumo.errors import InputError
+from mdrive_sumo.core.errors import InputError
 from server.api import schemas
 from server.api.boards import Which
 from server.api.context import Now, ToolsOf

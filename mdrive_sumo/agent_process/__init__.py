@@ -1,0 +1,1 @@
+"""Agents outside the worker process: wire protocol, child process, sandbox, adapter for CARLA leaderboard agents."""

@@ -1,0 +1,178 @@
+"""The line to an agent's process: requests out, answers in, and every way in which that can go wrong.
+
+One request, one answer, in turns; each answer names the tick of its request. What an agent sends is read by `replies`.
+Deadlines cover whole messages, both ways: an agent that does not read, or that sends a byte a second, runs out of time.
+"""
+
+import bisect
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NoReturn, TypeVar
+
+from mdrive_sumo.agent_process import wire_protocol
+from mdrive_sumo.agent_process.child_process import Child
+from mdrive_sumo.agent_process.frame_file import FrameFolder
+from mdrive_sumo.agent_process.reply_decoding import AgentCrashError, InvalidReplyError, value_of
+from mdrive_sumo.core.state import Failure
+from mdrive_sumo.loop.agent_driver import AgentFailure
+
+T = TypeVar("T")
+HISTOGRAM_MS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
+"""Upper ends of the classes in which times for an answer are counted; one more counts what took longer."""
+AT_ONCE = 2**18
+"""Taken from the socket at once [bytes]: more than its buffer, so that one that came in time is read in one piece."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What an agent may take: wall-clock seconds, and bytes of an answer."""
+
+    start_s: float = 60.0
+    """To be imported and created, and again to be briefed."""
+    tick_s: float = 5.0
+    """For one answer."""
+    episode_s: float = 600.0
+    """For all answers of an episode together."""
+    reply_bytes: int = 65536
+    """Longest answer: control or plan, messages and notes together."""
+    episode_bytes: int = 2**24
+    """All answers of an episode together: messages and notes are kept in memory and go into its recording."""
+
+
+class Line:
+    """To one process. Every method but `close` raises AgentFailure; after one the process is gone."""
+
+    def __init__(self, child: Child, frames: FrameFolder, limits: Limits) -> None:
+        """Owns both."""
+        self._child, self._frames, self.limits = child, frames, limits
+        self._call, self._tick, self._asked_at, self._spent_s, self._told_bytes = "", 0, 0.0, 0.0, 0
+        self._open = True
+        self.failure = ""
+        """Why it ended, if the agent failed."""
+        self.thought_s: list[float] = []
+        """How long the agent took for each answer of the episode."""
+        child.socket.setblocking(False)
+
+    def send(self, call: str, tick: int, value: object) -> None:
+        """Makes a request. An answer that is there already answers nothing."""
+        self._call, self._tick = call, tick
+        if self._received(1, socket.MSG_PEEK):
+            self._fail(Failure.INVALID, "expected no answer before the request, found one")
+        self._frames.begin()
+        limit_s = self.limits.tick_s if tick >= 0 else self.limits.start_s
+        self._write(wire_protocol.framed({"call": call, "tick": tick, "value": value}, self._frames.store), limit_s)
+        self._asked_at = time.monotonic()
+
+    def receive(self, read: Callable[[Any], T]) -> T:
+        """The answer to the last request, as `read` (of `replies`) makes it of plain values."""
+        if self._tick < 0:
+            return self._answer(time.monotonic() + self.limits.start_s, read)
+        left_s = self.limits.episode_s - self._spent_s
+        answer = self._answer(self._asked_at + min(self.limits.tick_s, left_s), read)
+        self.thought_s.append(time.monotonic() - self._asked_at)
+        self._spent_s += self.thought_s[-1]
+        return answer
+
+    def end(self, failure: Failure, text: str) -> NoReturn:
+        """Ends the process for what its answers say; raises AgentFailure."""
+        self.failure = text
+        self.close()
+        raise AgentFailure(failure, text) from None
+
+    def close(self) -> None:
+        """Ends the process. Raises BoxError only."""
+        if self._open:
+            self._open = False
+            try:
+                self._child.close()
+            finally:
+                self._frames.close()
+
+    def _answer(self, deadline: float, read: Callable[[Any], T]) -> T:
+        data = self._read(deadline)
+        self._told_bytes += len(data)
+        if self._told_bytes > (most := self.limits.episode_bytes):
+            self._fail(Failure.INVALID, f"expected answers of at most {most} bytes in an episode, found more")
+        try:
+            return read(value_of(data, self._tick))
+        except InvalidReplyError as error:
+            self._fail(Failure.INVALID, str(error))
+        except AgentCrashError as error:
+            self.end(Failure.CRASHED, str(error))
+        except AgentFailure as error:
+            self.end(error.failure, error.text)
+
+    def _read(self, deadline: float) -> bytes:
+        """One frame. Its length is believed only below the limit, and nothing may follow it."""
+        data, size, most = b"", 0, self.limits.reply_bytes
+        while not size or len(data) < wire_protocol.LENGTH.size + size:
+            if not self._child.ready(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
+                self._fail(Failure.TIMEOUT, "no answer within the time limit")
+            data += self._received(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
+            if not size and len(data) >= wire_protocol.LENGTH.size:
+                size = wire_protocol.LENGTH.unpack_from(data)[0]
+                if not 0 < size <= most:
+                    self._fail(Failure.INVALID, f"expected an answer of at most {most} bytes, found {size}")
+        if len(data) > wire_protocol.LENGTH.size + size:
+            self._fail(Failure.INVALID, "expected one answer, found more")
+        return data[wire_protocol.LENGTH.size :]
+
+    def _received(self, size: int, flags: int = 0) -> bytes:
+        """What is there, b"" if nothing is yet. `recv` drops descriptors that were passed along."""
+        try:
+            data = self._child.socket.recv(size, flags)
+        except BlockingIOError:
+            return b""
+        except ConnectionResetError:
+            data = b""
+        return data or self._gone()
+
+    def _write(self, data: bytes, limit_s: float) -> None:
+        """Never waits longer than the agent may think: it may have stopped reading."""
+        left, deadline = memoryview(data), time.monotonic() + limit_s
+        while left:
+            try:
+                left = left[self._child.socket.send(left) :]
+            except BlockingIOError:
+                self._wait_for_room(deadline)
+            except (BrokenPipeError, ConnectionResetError):
+                self._gone()
+
+    def _wait_for_room(self, deadline: float) -> None:
+        while not select.select([], [self._child.socket], [], 0.01)[1]:
+            if time.monotonic() > deadline:
+                self._fail(Failure.TIMEOUT, "the agent does not read within the time limit")
+            self._child.ready(0.0)  # what it prints must flow, or it waits for us
+
+    def _gone(self) -> NoReturn:
+        how = self._child.ended() if self._open else "it was ended"
+        self._fail(Failure.CRASHED, f"the agent's process ended ({how})")
+
+    def _fail(self, failure: Failure, text: str) -> NoReturn:
+        self.end(failure, f"{self._call}: {text}")
+
+    def record(self) -> dict[str, Any]:
+        """Of a closed line: how the process ended, what it used, how long it thought [ms, by `HISTOGRAM_MS`]."""
+        thought_ms = sorted(round(1000 * seconds, 3) for seconds in self.thought_s)
+        count = len(thought_ms)
+        return {
+            "failure": self.failure,
+            "answers": count,
+            "thought_ms": {
+                "p50": thought_ms[count // 2] if count else None,
+                "p99": thought_ms[min(count - 1, count * 99 // 100)] if count else None,
+                "max": thought_ms[-1] if count else None,
+                "sum": round(sum(thought_ms), 3),
+                "counts": [after - before for before, after in pairwise((0, *_up_to(thought_ms), count))],
+            },
+            **self._child.record(),
+        }
+
+
+def _up_to(thought_ms: list[float]) -> list[int]:
+    """How many of the sorted times are below each end of a class."""
+    return [bisect.bisect_right(thought_ms, end) for end in HISTOGRAM_MS]

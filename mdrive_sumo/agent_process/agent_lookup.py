@@ -1,0 +1,63 @@
+"""What a user may write after --agent: a built-in name, module:Class, path.py:Class, or carla:path.py."""
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from mdrive_sumo.contract import Agent
+from mdrive_sumo.core.errors import InputError
+
+Config = Mapping[str, Any]
+CARLA_PREFIX = "carla:"
+"""Before the file of an agent of the CARLA leaderboard, which drives all CAVs of a scenario together."""
+
+
+def carla_file(locator: str) -> Path | None:
+    """The file of an agent of the CARLA leaderboard; None for other agents."""
+    if not locator.startswith(CARLA_PREFIX) or not locator.endswith(".py"):
+        return None
+    return Path(locator.removeprefix(CARLA_PREFIX))
+
+
+def split_locator(locator: str) -> tuple[str, str]:
+    """(module or path, class name) of a locator with a colon; raises InputError for anything else."""
+    place, colon, name = locator.rpartition(":")
+    if not colon or not place or not name.isidentifier():
+        raise InputError(
+            f"agent {locator!r}: expected a built-in name, module:Class, path.py:Class or carla:path.py, "
+            "found none of them"
+        )
+    return place, name
+
+
+def agent_class(locator: str) -> Callable[[Config], Agent]:
+    """Imports the class that `module:Class` or `path.py:Class` names; raises InputError. Runs the user's code."""
+    place, name = split_locator(locator)
+    module = module_from_file(Path(place)) if place.endswith(".py") else _from_name(place)
+    found: Any = getattr(module, name, None)
+    if not callable(found):
+        raise InputError(f"agent {locator!r}: expected a class {name} in {place}, found none")
+    return cast("Callable[[Config], Agent]", found)
+
+
+def _from_name(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        raise InputError(f"agent module {name!r}: expected an importable module, found none ({error})") from None
+
+
+def module_from_file(path: Path) -> Any:
+    """Runs a Python file as a module of its name, with its folder to import from; raises InputError."""
+    if not path.is_file():
+        raise InputError(f"agent file {path}: expected a Python file, found none")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module  # dataclasses and pickles look their own module up
+    sys.path.insert(0, str(path.parent.resolve()))
+    spec.loader.exec_module(module)
+    return module

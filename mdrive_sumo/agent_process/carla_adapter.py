@@ -1,0 +1,225 @@
+"""Agents of the CARLA leaderboard, as MDrive's challenge takes them: one object for all CAVs, run unchanged.
+
+The module names its class by `get_entry_point()`; then `setup(config, ego_num)`, `sensors()`, `set_global_plan(gps,
+world)`, and per tick `run_step(input_data, timestamp)`, which returns a list of controls, one a CAV (protocol 9).
+
+Everything is told in CARLA's conventions: left-handed, y to the right or south, degrees, yaw clockwise. This runs in
+the agent's process.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.agent_process.agent_lookup import module_from_file
+from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation, Transform, install, set_up
+from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, wrap_angles
+from mdrive_sumo.core.state import DT
+
+EARTH_RADIUS_M = 6_378_137.0
+KINDS = {"sensor.other.gnss": "gnss", "sensor.other.imu": "imu", "sensor.speedometer": "speedometer"}
+"""Of which a CAV has one here, at its box centre; several declared ones read the same."""
+LIDAR = "sensor.lidar.ray_cast"
+SLOW_LIDAR = frozenset({"lmdrive", "TCP", "LAV", "transfuser", "interfuser", "WOR"})
+"""Agents (`agent_name`) to which the original gives a LiDAR of 10 Hz."""
+TURN_RAD = math.radians(45)
+"""A bend of the route in which it turns by that much is a turn, see `options`."""
+BEND_RAD_PER_M = 0.02
+ASIDE_RAD = math.radians(4)
+"""A route that leaves the direction of its lane by that much changes lanes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One declared sensor: the agent's name for it, its kind here, and where it sits ahead, to the left, up [m]."""
+
+    id: str
+    kind: str
+    at: tuple[float, float, float]
+
+
+class CarlaStyle:
+    """Such an agent behind the calls of `host`."""
+
+    def __init__(self, path: str, config: Mapping[str, Any], cavs: Sequence[str]) -> None:
+        """config: `config` is the file that `setup` is told. Raises InputError, and whatever the agent raises."""
+        install()
+        module = module_from_file(Path(path))
+        entry: Any = getattr(module, "get_entry_point", None)
+        cls: Any = getattr(module, str(entry()), None) if callable(entry) else None
+        if not callable(cls):
+            raise InputError(f"agent {path}: expected get_entry_point() to name a class of the module, found none")
+        self._cavs = tuple(cavs)
+        self._agent = _made(cls, str(config.get("config", "")), len(cavs))
+        self._sensors: tuple[Sensor, ...] = ()
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """What it declares, in our terms; kinds that do not exist here keep their name and are refused by it."""
+        declared: list[Mapping[str, Any]] = list(self._agent.sensors())
+        slow = getattr(self._agent, "agent_name", "") in SLOW_LIDAR
+        self._sensors = tuple(_sensor(row) for row in declared)
+        specs: dict[tuple[str, str], SensorSpec] = {}
+        for row, sensor in zip(declared, self._sensors, strict=True):
+            spec = _lidar(row, sensor, slow) if sensor.kind == "lidar" else SensorSpec(sensor.kind)
+            specs[spec.kind, spec.id] = spec
+        return tuple(specs.values())
+
+    def start(self, briefings: Mapping[str, Briefing], gps: Mapping[str, Float]) -> None:
+        """Hands over the routes. gps: (N, 3) latitude, longitude [degrees], altitude [m] of their points."""
+        told = [options(briefings[cav]) for cav in self._cavs]
+        on_globe = [
+            [
+                ({"lat": lat, "lon": lon, "z": z}, option)
+                for (lat, lon, z), option in zip(gps[cav].tolist(), row, strict=True)
+            ]
+            for cav, row in zip(self._cavs, told, strict=True)
+        ]
+        in_world = [
+            list(zip(transforms(briefings[cav]), row, strict=True)) for cav, row in zip(self._cavs, told, strict=True)
+        ]
+        self._agent.set_global_plan(on_globe, in_world)
+
+    def act(self, seen: Mapping[str, Observation]) -> dict[str, Reply | None]:
+        """One step for all CAVs that are asked; the others' controls are not looked at."""
+        tick = next(iter(seen.values())).tick
+        data: dict[str, tuple[int, Any]] = {}
+        for number, cav in enumerate(self._cavs):
+            if cav in seen:
+                data |= _read(self._sensors, number, seen[cav])
+        controls = self._agent.run_step(data, tick * DT)
+        if len(self._cavs) == 1 and not isinstance(controls, list | tuple):
+            controls = [controls]
+        if not isinstance(controls, list | tuple) or len(controls) != len(self._cavs):
+            raise TypeError(
+                f"run_step(): expected a list of {len(self._cavs)} controls, found {type(controls).__name__}"
+            )
+        return {cav: _reply(control) for cav, control in zip(self._cavs, controls, strict=True) if cav in seen}
+
+
+def _made(cls: Any, config: str, vehicles: int) -> Any:
+    """The base class of the leaderboard calls `setup` when it is made; a class without a constructor does not."""
+    if cls.__init__ is object.__init__:
+        agent = cls()
+        set_up(agent, config, vehicles)
+        return agent
+    return cls(config, vehicles)
+
+
+def _sensor(row: Mapping[str, Any]) -> Sensor:
+    name, kind = row.get("id"), str(row.get("type"))
+    if not isinstance(name, str):
+        raise InputError(f"sensors(): expected an id for every sensor, found {name!r} for {kind!r}")
+    kind = "lidar" if kind == LIDAR else KINDS.get(kind, kind)
+    return Sensor(name, kind, (_metres(row, "x"), -_metres(row, "y"), _metres(row, "z")))
+
+
+def _metres(row: Mapping[str, Any], name: str) -> float:
+    return float(row.get(name, 0.0))
+
+
+def _lidar(row: Mapping[str, Any], sensor: Sensor, slow: bool) -> SensorSpec:
+    """Only its pose is honoured, as in the original. Mirrored: y, yaw and pitch change their sign."""
+    x, y, z = sensor.at
+    turns = {"roll_deg": _metres(row, "roll"), "pitch_deg": -_metres(row, "pitch"), "yaw_deg": -_metres(row, "yaw")}
+    return SensorSpec(
+        "lidar", sensor.id, options={"x": x, "y": y, "z": z, **turns, "profile": "lmdrive" if slow else "default"}
+    )
+
+
+def _read(sensors: Sequence[Sensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
+    """What one CAV's sensors read: (tick, data) by the sensor's id with the CAV's number behind it."""
+    read = {f"{sensor.id}_{number}": READERS[sensor.kind](sensor, seen) for sensor in sensors}
+    return {name: (seen.tick, data) for name, data in read.items() if data is not None}
+
+
+def _points(sensor: Sensor, seen: Observation) -> Any:
+    """(N, 4) float32: x ahead, y to the right, z up [m], intensity; None between two scans."""
+    if sensor.id not in seen.lidar:
+        return None
+    points = seen.lidar[sensor.id].points.copy()
+    points[:, 1] *= -1.0
+    return points
+
+
+def _gnss(sensor: Sensor, seen: Observation) -> Any:
+    """Latitude, longitude [degrees], altitude [m] of the receiver where it was put: ours is at the box centre."""
+    assert seen.gnss is not None
+    ahead, left, up = sensor.at
+    cos, sin = math.cos(seen.own.yaw), math.sin(seen.own.yaw)
+    east, north = cos * ahead - sin * left, sin * ahead + cos * left
+    latitude = math.radians(seen.gnss.latitude_deg)
+    return np.array(
+        (
+            seen.gnss.latitude_deg + math.degrees(north / EARTH_RADIUS_M * math.cos(latitude)),
+            seen.gnss.longitude_deg + math.degrees(east / EARTH_RADIUS_M),
+            seen.gnss.altitude_m + up,
+        )
+    )
+
+
+def _imu(_: Sensor, seen: Observation) -> Any:
+    """Acceleration [m/s2], angular rate [rad/s], compass [rad]. Mirrored: a polar and an axial vector."""
+    assert seen.imu is not None
+    (ax, ay, az), (gx, gy, gz) = seen.imu.acceleration, seen.imu.angular_rate
+    return np.array((ax, -ay, az, -gx, gy, -gz, seen.imu.compass))
+
+
+def _speed(_: Sensor, seen: Observation) -> dict[str, float]:
+    """[m/s]"""
+    assert seen.speedometer is not None
+    return {"speed": seen.speedometer}
+
+
+READERS: Mapping[str, Callable[[Sensor, Observation], Any]] = {
+    "lidar": _points, "gnss": _gnss, "imu": _imu, "speedometer": _speed
+}  # fmt: skip
+
+
+def transforms(briefing: Briefing) -> list[Transform]:
+    """The route's points."""
+    poses = zip(briefing.route_xy.tolist(), np.degrees(briefing.route_yaw).tolist(), strict=True)
+    return [Transform(Location(x, -y, 0.0), Rotation(yaw=-yaw)) for (x, y), yaw in poses]
+
+
+def options(briefing: Briefing) -> list[RoadOption]:
+    """What the route does at each of its points. A surrogate: a briefing knows no junctions.
+
+    Bends that turn by more than `TURN_RAD` are turns, LEFT and RIGHT; where the route leaves the direction of its lane
+    it changes lanes; the rest is LANEFOLLOW. STRAIGHT, which CARLA says in junctions, is never said.
+    """
+    yaw = briefing.route_yaw
+    found = [RoadOption.LANEFOLLOW] * len(yaw)
+    turned = wrap_angles(np.diff(yaw, append=yaw[-1:]))
+    bends = np.sign(turned) * (np.abs(turned) > BEND_RAD_PER_M)
+    edges = [0, *(np.flatnonzero(np.diff(bends)) + 1).tolist(), len(bends)]
+    for first, last in pairwise(edges):
+        if bends[first] and abs(turned[first:last].sum()) > TURN_RAD:
+            found[first:last] = [RoadOption.LEFT if bends[first] > 0 else RoadOption.RIGHT] * (last - first)
+    if len(yaw) > 1:
+        along = np.gradient(briefing.route_xy, axis=0)
+        aside = wrap_angles(np.arctan2(along[:, 1], along[:, 0]) - yaw)
+        for row in np.flatnonzero(np.abs(aside) > ASIDE_RAD).tolist():
+            if found[row] is RoadOption.LANEFOLLOW:
+                found[row] = RoadOption.CHANGELANELEFT if aside[row] > 0 else RoadOption.CHANGELANERIGHT
+    return found
+
+
+def _reply(control: Any) -> Reply | None:
+    """A VehicleControl; cut to its range as CARLA does. There is no reverse gear here: its throttle does nothing."""
+    if control is None:
+        return None
+    throttle = 0.0 if getattr(control, "reverse", False) else _cut(control.throttle, 0.0)
+    brake = 1.0 if getattr(control, "hand_brake", False) else _cut(control.brake, 0.0)
+    return Reply(control=Control(throttle, brake, -_cut(control.steer, -1.0)))
+
+
+def _cut(value: Any, low: float) -> float:
+    number = float(value)
+    return number if math.isnan(number) else min(max(number, low), 1.0)

@@ -1,0 +1,201 @@
+"""The process in which a third-party agent lives: a plain child of ours, or one in a box.
+
+Either has a socket, and runs `agents.host`, which finds its end of it and the frame folder by its arguments.
+"""
+
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from mdrive_sumo.agent_process import sandbox
+
+HOST = "mdrive_sumo.agent_process.host"
+PACKAGE = Path(__file__).parents[1]
+HIDDEN = frozenset({"scenarios"})
+"""Of our package, what a box does not see. Compiled code is seen: nobody has to compile it anew for every box."""
+KIT, SITE, PYTHON, FRAMES = "/kit", "/site", "/python", "/frames"
+"""Where a box sees our code, the environment's packages, its interpreter, and the frames; the agent is in /agent."""
+AGENT_FD = 3
+ENDING_S = 2.0
+"""How long a process may take to end after it has closed its socket."""
+
+
+class Child(Protocol):
+    """A process with a socket."""
+
+    @property
+    def socket(self) -> socket.socket:
+        """Our end."""
+        ...
+
+    def ready(self, timeout_s: float) -> bool:
+        """Waits until there is something to read, or nobody who could write; keeps what it prints flowing."""
+        ...
+
+    def ended(self) -> str:
+        """How a process ended that has closed its socket, e.g. "exit code 3"; it is gone afterwards."""
+        ...
+
+    def close(self) -> None:
+        """Ends it."""
+        ...
+
+    def record(self) -> Mapping[str, Any]:
+        """Of a process that is gone: how it ended and what it used, plain values for a file."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """What a child runs: a style of agent that `host` knows, where it is, and where its output goes."""
+
+    locator: str
+    """`module:Class` or `path.py:Class`, or for the style carla `path.py`; paths as the child sees them."""
+    style: str = "agent"
+    log: Path | None = None
+    """File for what it prints; None throws it away."""
+
+    def arguments(self, fd: int, frames: str) -> tuple[str, ...]:
+        """The command line after the interpreter."""
+        return ("-m", HOST, self.style, self.locator, str(fd), frames)
+
+
+@dataclass(frozen=True, slots=True)
+class BoxPlan:
+    """The box of an agent, as plain values. What lies in `folder` is seen as /agent."""
+
+    folder: str
+    python: str = "/usr/bin/python3"
+    """The interpreter; one outside /usr is shown to the box with its whole installation."""
+    site: str = ""
+    """Folder with the packages of the environment, numpy and msgpack among them."""
+    backend: str = "bubblewrap"
+    rootfs: str = ""
+    """Unpacked image instead of this host's programs; `python` is then a path in it."""
+    limits: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Fields of `sandbox.BoxLimits` that are not the default."""
+
+
+class PlainChild:
+    """As free as the user who started it: only the clock and the contract are enforced."""
+
+    def __init__(self, program: Program, frames: Path) -> None:
+        """Raises OSError."""
+        self.socket, theirs = socket.socketpair()
+        with theirs:
+            command = [sys.executable, *program.arguments(theirs.fileno(), str(frames))]
+            log = program.log.open("wb") if program.log is not None else None
+            output = log if log is not None else subprocess.DEVNULL
+            self._process = subprocess.Popen(  # awaited in close()
+                command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, pass_fds=(theirs.fileno(),)
+            )
+            if log is not None:
+                log.close()
+        self._poller = select.poll()
+        self._poller.register(self.socket, select.POLLIN)
+
+    def ready(self, timeout_s: float) -> bool:
+        """See Child."""
+        return bool(self._poller.poll(max(timeout_s, 0.0) * 1000))
+
+    def ended(self) -> str:
+        """See Child."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=ENDING_S)
+        self.close()
+        return f"exit code {self._process.returncode}"
+
+    def close(self) -> None:
+        """See Child."""
+        self._process.kill()
+        self.socket.close()
+        self._process.wait()
+
+    def record(self) -> Mapping[str, Any]:
+        """See Child."""
+        return {"backend": "", "exit_code": self._process.returncode}
+
+
+class BoxedChild:
+    """In a box of its own. Only from the main thread, see `sandbox.open_box`."""
+
+    def __init__(self, program: Program, frames: Path, plan: BoxPlan) -> None:
+        """Raises InputError if there is no such box here, and BoxError."""
+        interpreter, shown = _interpreter(plan)
+        spec = sandbox.BoxSpec(
+            command=(interpreter, *_options(plan), *program.arguments(AGENT_FD, FRAMES)),
+            readonly={Path(plan.folder): "/agent", frames: FRAMES} | shown | _kit(plan.backend),
+            # A fixed hash seed: what an agent does with sets and dictionaries shall not differ from run to run.
+            env={"PYTHONPATH": f"{KIT}:{SITE}" if plan.site else KIT, "PYTHONHASHSEED": "0"},
+            limits=sandbox.BoxLimits(**plan.limits),
+            backend=plan.backend,
+            rootfs=Path(plan.rootfs) if plan.rootfs else None,
+        )
+        self._backend, self._log = plan.backend, program.log
+        self._box = sandbox.open_box(spec)
+        self._report: sandbox.BoxReport | None = None
+
+    @property
+    def socket(self) -> socket.socket:
+        """See Child."""
+        return self._box.socket
+
+    def ready(self, timeout_s: float) -> bool:
+        """See Child."""
+        return self._box.ready(max(timeout_s, 0.0))
+
+    def ended(self) -> str:
+        """See Child."""
+        end = time.monotonic() + ENDING_S
+        while self._box.alive() and time.monotonic() < end:
+            self._box.pump()
+            time.sleep(0.005)
+        self.close()
+        report = self._report
+        assert report is not None
+        if report.oom_killed:
+            return "out of memory"
+        return f"exit code {report.exit_code if report.signal is None else -report.signal}"
+
+    def close(self) -> None:
+        """See Child. Raises BoxError if it was the box that failed."""
+        if self._report is None:
+            if self._log is not None:
+                self._box.pump()
+            self._report = self._box.close()
+            if self._log is not None:
+                self._log.write_bytes(self._box.log())
+
+    def record(self) -> Mapping[str, Any]:
+        """See Child."""
+        assert self._report is not None
+        return {"backend": self._backend, **asdict(self._report)}
+
+
+def _options(plan: BoxPlan) -> tuple[str, ...]:
+    """No packages but those of the environment, if it has some: what else a host has would change results."""
+    return ("-s", "-S") if plan.site else ("-s",)
+
+
+def _interpreter(plan: BoxPlan) -> tuple[str, dict[Path, str]]:
+    """The interpreter's path in the box, and what must be shown for it."""
+    shown = {Path(plan.site): SITE} if plan.site else {}
+    path = Path(plan.python)
+    if plan.rootfs or path.resolve().is_relative_to("/usr"):
+        return (plan.python if plan.rootfs else str(path.resolve())), shown
+    path = path.resolve()
+    return f"{PYTHON}/bin/{path.name}", shown | {path.parents[1]: PYTHON}
+
+
+def _kit(backend: str) -> dict[Path, str]:
+    """Our own code, without the scenarios that agents are tried on. Without a box nothing can be hidden."""
+    if backend == "none":
+        return {PACKAGE.parent: KIT}
+    return {entry: f"{KIT}/{PACKAGE.name}/{entry.name}" for entry in PACKAGE.iterdir() if entry.name not in HIDDEN}

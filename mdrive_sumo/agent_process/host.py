@@ -1,0 +1,123 @@
+"""The process in which a third-party agent lives: `python -m mdrive_sumo.agent_process.host STYLE LOCATOR FD FRAMES`.
+
+It answers framed requests on the socket FD, one answer a request, each stamped with the tick of its request; large
+arrays of a request lie in the folder FRAMES. What the agent prints is its own affair. Nothing heavier than numpy and
+msgpack is imported: this also runs in boxes that have nothing else.
+"""
+
+import ctypes
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any, cast
+
+from mdrive_sumo.agent_process import wire_protocol
+from mdrive_sumo.agent_process.agent_lookup import agent_class
+from mdrive_sumo.agent_process.frame_file import FrameReader
+from mdrive_sumo.contract import Agent
+
+PR_SET_PDEATHSIG = 1
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+HEAP_ARRAY_BYTES, KEPT_BYTES = 2**22, 2**24
+Handler = Callable[[str, Any], Any]
+
+
+def main() -> None:
+    """Serves one agent until the line is closed. Any exception of the agent is an answer, not a traceback."""
+    style, locator, fd, frames = sys.argv[1:]
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None)
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # never outlive a killed worker
+        _keep_memory(libc)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # what the agent prints survives its end
+    os.set_inheritable(int(fd), False)
+    line, reader = socket.socket(fileno=int(fd)), FrameReader(Path(frames))
+    handle = _own_style(locator) if style == "agent" else _carla_style(locator)
+    sys.argv = sys.argv[:1]
+    while (size := _read(line, wire_protocol.LENGTH.size)) is not None:
+        data = _read(line, wire_protocol.LENGTH.unpack(size)[0])
+        if data is None:
+            return
+        request = wire_protocol.unpacked(data, reader.load)
+        line.sendall(_answered(handle, request))
+
+
+def _keep_memory(libc: ctypes.CDLL) -> None:
+    """Has freed memory kept for the next observation.
+
+    By default glibc gives the arrays of one back to the kernel and asks for them anew with the next, page by page:
+    that took longer (0.1 ms) than copying them. musl has no such knobs.
+    """
+    if hasattr(libc, "mallopt"):
+        libc.mallopt(M_MMAP_THRESHOLD, HEAP_ARRAY_BYTES)
+        libc.mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
+
+
+def _read(line: socket.socket, size: int) -> bytearray | None:
+    """So many bytes; None at the end of the stream."""
+    data = bytearray(size)
+    view = memoryview(data)
+    while view:
+        count = line.recv_into(view)
+        if not count:
+            return None
+        view = view[count:]
+    return data
+
+
+def _answered(handle: Handler, request: Mapping[str, Any]) -> bytes:
+    tick = request["tick"]
+    try:
+        answer = handle(request["call"], request["value"])
+    except BaseException as error:  # noqa: BLE001 (the border to a participant's code; SystemExit included)
+        import traceback
+
+        traceback.print_exc()
+        return wire_protocol.framed({"tick": tick, "crashed": f"{type(error).__name__}: {error}"[:1000]})
+    try:
+        return wire_protocol.framed({"tick": tick, "value": answer})
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        return wire_protocol.framed({"tick": tick, "invalid": str(error)[:1000]})
+
+
+def _own_style(locator: str) -> Handler:
+    """An `Agent` for one CAV."""
+    agent: list[Agent] = []
+
+    def handle(call: str, value: Any) -> Any:
+        if call == "create":
+            agent.append(agent_class(locator)(value))
+            return {"label": str(getattr(agent[0], "label", "single")), "sensors": tuple(agent[0].sensors())}
+        if call == "start":
+            agent[0].start(value)
+            return None
+        return agent[0].act(value)
+
+    return handle
+
+
+def _carla_style(path: str) -> Handler:
+    """An agent of the CARLA leaderboard for all CAVs."""
+    from mdrive_sumo.agent_process.carla_adapter import CarlaStyle
+
+    agent: list[CarlaStyle] = []
+
+    def handle(call: str, value: Any) -> Any:
+        if call == "create":
+            agent.append(CarlaStyle(path, value["config"], value["cavs"]))
+            return {"label": "joint", "sensors": agent[0].sensors()}
+        if call == "start":
+            agent[0].start(value["briefings"], value["gps"])
+            return None
+        return agent[0].act(value)
+
+    return handle
+
+
+if __name__ == "__main__":
+    main()

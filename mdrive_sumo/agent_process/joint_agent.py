@@ -1,0 +1,163 @@
+"""Joint agents: one program drives all CAVs of a scenario, as in the original code base. Labelled `joint` in results.
+
+What one CAV knows all know, so no limit of communication holds for them: they are another kind of competitor.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.agent_process import reply_decoding
+from mdrive_sumo.agent_process.agent_connection import Line
+from mdrive_sumo.agent_process.remote_driver import SensorCheck
+from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
+from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.core.state import Failure
+from mdrive_sumo.loop.agent_driver import AgentFailure
+from mdrive_sumo.sensing.navigation import to_gnss
+
+LABEL = "joint"
+
+
+class Crew:
+    """The program and its CAVs; `drivers` has a Driver for each of them.
+
+    It is asked once a tick for all CAVs that are asked in that tick. If it fails, all of them fail; if its reply for
+    one CAV is none, that CAV fails.
+    """
+
+    def __init__(
+        self, line: Line, config: Mapping[str, Any], egos: Sequence[str], check: SensorCheck | None = None
+    ) -> None:
+        """Owns the line. check: refuses sensors by an exception."""
+        self._line, self._egos, self._check_sensors = line, tuple(egos), check
+        self._declared: reply_decoding.Declared | None = None
+        self._failure: AgentFailure | None = None
+        self._briefings: dict[str, Briefing] = {}
+        self._asked: dict[str, Observation] = {}
+        self._answers: dict[str, object] = {}
+        self.thought_s = 0.0
+        self.drivers = {ego: JointDriver(self, ego) for ego in self._egos}
+        with _Kept(self):
+            line.send("create", CREATE_TICK, {"config": dict(config), "cavs": self._egos})
+
+    def fail(self, error: AgentFailure) -> None:
+        """From now on everything raises this."""
+        self._failure = error
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """What every CAV shall have."""
+        self._check()
+        if self._declared is None:
+            with _Kept(self):
+                self._declared = self._line.receive(reply_decoding.declared)
+        self._check()
+        assert self._declared is not None
+        if self._check_sensors is not None:
+            self._check_sensors(self._declared.sensors)
+        return self._declared.sensors
+
+    def brief(self, briefing: Briefing) -> None:
+        """The program is briefed when all CAVs are."""
+        self._check()
+        self._briefings[briefing.ego_id] = briefing
+        if len(self._briefings) == len(self._egos):
+            gps = {ego: _on_globe(briefing) for ego, briefing in self._briefings.items()}
+            with _Kept(self):
+                self._line.send("start", START_TICK, {"briefings": self._briefings, "gps": gps})
+                self._line.receive(reply_decoding.nothing)
+            self._check()
+
+    def ask(self, ego: str, seen: Observation) -> None:
+        """Kept until the first CAV wants its answer."""
+        self._check()
+        self._asked[ego] = seen
+
+    def answer(self, ego: str) -> Reply:
+        """That CAV's part of the answer."""
+        if self._asked:
+            self._think()
+        self._check()
+        try:
+            return reply_decoding.reply(self._answers.pop(ego))
+        except reply_decoding.InvalidReplyError as error:
+            raise AgentFailure(Failure.INVALID, f"{ego}: {error}") from None
+
+    def close(self) -> None:
+        """Ends the program."""
+        self._line.close()
+
+    def record(self) -> Mapping[str, Any]:
+        """Of a closed crew, see `Line.record`."""
+        return self._line.record()
+
+    def _think(self) -> None:
+        self._check()
+        asked, self._asked = self._asked, {}
+        tick = next(iter(asked.values())).tick
+        with _Kept(self):
+            self._line.send("act", tick, asked)
+            egos = tuple(asked)
+            self._answers = dict(self._line.receive(lambda value: reply_decoding.by_ego(value, egos)))
+            self.thought_s = self._line.thought_s[-1]
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise AgentFailure(self._failure.failure, self._failure.text)
+
+
+class _Kept:
+    """Keeps a failure of the program for all CAVs instead of raising it for one."""
+
+    def __init__(self, crew: Crew) -> None:
+        self._crew = crew
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
+        if isinstance(error, AgentFailure):
+            self._crew.fail(error)
+            return True
+        return False
+
+
+class JointDriver:
+    """One CAV's Driver: a part of a crew."""
+
+    label = LABEL
+
+    def __init__(self, crew: Crew, ego: str) -> None:
+        self._crew, self._ego = crew, ego
+
+    @property
+    def thought_s(self) -> float:
+        """See Driver: the whole program's time."""
+        return self._crew.thought_s
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """See Driver."""
+        return self._crew.sensors()
+
+    def start(self, briefing: Briefing) -> None:
+        """See Driver."""
+        self._crew.brief(briefing)
+
+    def ask(self, seen: Observation) -> None:
+        """See Driver."""
+        self._crew.ask(self._ego, seen)
+
+    def answer(self) -> Reply:
+        """See Driver."""
+        return self._crew.answer(self._ego)
+
+    def close(self) -> None:
+        """See Driver: the first CAV's end is that of all, for the loop closes them only after the last tick."""
+        self._crew.close()
+
+
+def _on_globe(briefing: Briefing) -> Any:
+    """The route (N, 3): latitude and longitude [degrees], altitude [m]."""
+    points = [to_gnss(x, y) for x, y in briefing.route_xy.tolist()]
+    return np.array([(point.latitude_deg, point.longitude_deg, point.altitude_m) for point in points])

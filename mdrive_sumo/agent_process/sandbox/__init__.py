@@ -1,0 +1,23 @@
+"""Boxes for programs that nobody trusts."""
+
+from mdrive_sumo.agent_process.sandbox.box import Box, BoxReport
+from mdrive_sumo.agent_process.sandbox.box_spec import BACKENDS, BoxSpec
+from mdrive_sumo.agent_process.sandbox.launch import BoxError
+from mdrive_sumo.agent_process.sandbox.layers import GAPS, Layer, check_layers, layers, shown
+from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+from mdrive_sumo.agent_process.sandbox.open_box import open_box
+
+__all__ = [
+    "BACKENDS",
+    "GAPS",
+    "Box",
+    "BoxError",
+    "BoxLimits",
+    "BoxReport",
+    "BoxSpec",
+    "Layer",
+    "check_layers",
+    "layers",
+    "open_box",
+    "shown",
+]

@@ -1,0 +1,63 @@
+"""Arguments of bubblewrap: what the box sees and what it loses."""
+
+from pathlib import Path, PurePosixPath
+
+from mdrive_sumo.agent_process.sandbox.box_spec import TAKEN, BoxSpec
+
+AGENT_FD, ARGS_FD, SECCOMP_FD, STATUS_FD = 3, 4, 5, 6
+"""Numbers under which bubblewrap finds its descriptors; only the agent's reaches the agent."""
+
+HOST_ETC = ("etc/alternatives", "etc/ld.so.cache")
+"""Of the host's `/etc`, what its programs need to find their libraries; nothing about users or networks."""
+
+NOT_OF_IMAGES = ("proc", "dev", "tmp", "sys", "run", "boot", "mnt", "media", "home", "root")
+"""Folders of an image that a box makes itself or has no use for."""
+
+ENVIRONMENT = {
+    "PATH": "/usr/local/bin:/usr/bin:/bin",
+    "HOME": "/tmp",
+    "LANG": "C.UTF-8",
+    "PYTHONDONTWRITEBYTECODE": "1",
+    # A box has one core; a library that starts a thread for each core of the host runs into the limit of processes.
+    **{f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")},
+}
+
+
+def sources(spec: BoxSpec) -> dict[str, Path]:
+    """Where the box will see which path of the host: programs, then the caller's files."""
+    used = {PurePosixPath(inner).parts[1] for inner in spec.readonly.values()}
+    root = spec.rootfs or Path("/")
+    names = TAKEN if spec.rootfs is None else sorted(entry.name for entry in root.iterdir())
+    programs = [name for name in names if name not in (*NOT_OF_IMAGES, *used, *(("etc",) if root == Path("/") else ()))]
+    found = {f"/{name}": root / name for name in (*programs, *(HOST_ETC if spec.rootfs is None else ()))}
+    found = {inner: outer for inner, outer in found.items() if outer.is_symlink() or outer.exists()}
+    return found | {inner: outer.resolve() for outer, inner in spec.readonly.items()}
+
+
+def working_folder(spec: BoxSpec) -> str:
+    """Where the program begins: beside its own files, if it has some."""
+    return "/agent" if "/agent" in spec.readonly.values() else "/tmp"
+
+
+def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
+    """Everything after `--args`: namespaces, mounts, environment and the command.
+
+    They go through a descriptor, because the box can read bubblewrap's command line in its `/proc/1/cmdline`.
+    """
+    mounts: list[str] = []
+    for inner, outer in sorted(seen.items()):
+        link = outer.is_symlink()
+        mounts += ("--symlink", str(outer.readlink()), inner) if link else ("--ro-bind", str(outer), inner)
+    environment = ENVIRONMENT | dict(spec.env)
+    size = str(spec.limits.tmp_bytes)
+    return (
+        *("--unshare-all", "--unshare-user", "--disable-userns", "--die-with-parent", "--new-session"),
+        *("--cap-drop", "ALL", "--hostname", "agent", "--clearenv"),
+        *mounts,
+        *("--proc", "/proc", "--dev", "/dev"),
+        *("--size", size, "--tmpfs", "/dev/shm", "--remount-ro", "/dev"),
+        *("--size", size, "--tmpfs", "/tmp", "--remount-ro", "/"),
+        *(word for name, value in environment.items() for word in ("--setenv", name, value)),
+        *("--chdir", working_folder(spec)),
+        *("--seccomp", str(SECCOMP_FD), "--json-status-fd", str(STATUS_FD)),
+    )

@@ -1,0 +1,95 @@
+"""The three backends: how a described program becomes a launch."""
+
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.agent_process.sandbox import bubblewrap, gvisor, seccomp
+from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
+from mdrive_sumo.agent_process.sandbox.exit_reasons import Ends
+from mdrive_sumo.agent_process.sandbox.launch import STAGE, Launch
+from mdrive_sumo.agent_process.sandbox.rlimits import rlimits
+from mdrive_sumo.core.errors import InputError
+
+CAP_SYS_ADMIN = 1 << 21
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where and as whom a box runs."""
+
+    uid: int | None
+    """None: as the user who starts it."""
+    entries: tuple[int, ...]
+    """Open `cgroup.procs` files of its control group."""
+    folder: Path | None
+    """A temporary folder that lasts as long as the box; only gVisor needs one."""
+
+
+def launch(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
+    """What to start. Raises InputError if the backend cannot be had here."""
+    return {"bubblewrap": _bubblewrapped, "gvisor": _in_gvisor, "none": _bare}[spec.backend](spec, ends, place)
+
+
+def _bubblewrapped(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
+    program = _program("bwrap", "bubblewrap")
+    seen, staged = _staged(bubblewrap.sources(spec))
+    words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
+    first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
+    descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing)
+    argv = (program, "--args", str(bubblewrap.ARGS_FD), "--", *spec.command)
+    limits = rlimits(spec.limits, own_uid=place.uid is not None, grouped=bool(place.entries))
+    return Launch(argv, {}, descriptors, limits, place.entries, place.uid, staged)
+
+
+def _in_gvisor(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
+    """gVisor's own kernel keeps the limits inside; of the outer ones it bears only the control group."""
+    program, folder = _program("runsc", "gvisor"), place.folder
+    assert folder is not None
+    seen, staged = _staged(bubblewrap.sources(spec))
+    gvisor.write_bundle(spec, seen, folder, place.uid)
+    descriptors = (ends.agent.fileno(), ends.log_writing, ends.log_writing)
+    env = {"PATH": os.defpath, "TMPDIR": str(folder)}
+    return Launch(gvisor.command(program, folder), env, descriptors, (), place.entries, place.uid, staged)
+
+
+def _bare(spec: BoxSpec, ends: Ends, _place: Place) -> Launch:
+    """No box and no limits: the same program with the paths of the outside."""
+    words = [_outside(word, spec) for word in spec.command]
+    argv = (shutil.which(words[0]) or words[0], *words[1:])
+    values = bubblewrap.ENVIRONMENT | dict(spec.env)
+    env = {name: ":".join(_outside(word, spec) for word in text.split(":")) for name, text in values.items()}
+    first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
+    return Launch(argv, env, first, (), nice=0, cwd=_outside(bubblewrap.working_folder(spec), spec))
+
+
+def _staged(seen: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[tuple[Path, str], ...]]:
+    """What the box sees where, and what is bound below `STAGE` for that, while still root."""
+    if not may_mount():
+        return dict(seen), ()
+    bound = [(inner, outer) for inner, outer in seen.items() if not outer.is_symlink()]
+    places = {inner: STAGE / str(i) for i, (inner, _) in enumerate(bound)}
+    return dict(seen) | places, tuple((outer, str(i)) for i, (_, outer) in enumerate(bound))
+
+
+def may_mount() -> bool:
+    """Whether this process is root with the right to mount."""
+    rows = dict(line.split(":\t", 1) for line in Path("/proc/self/status").read_text().splitlines() if ":\t" in line)
+    return os.geteuid() == 0 and bool(int(rows["CapEff"], 16) & CAP_SYS_ADMIN)
+
+
+def _program(name: str, backend: str) -> str:
+    found = shutil.which(name)
+    if found is None:
+        raise InputError(f"sandbox: the backend {backend} needs the program {name}, which is not installed here")
+    return found
+
+
+def _outside(word: str, spec: BoxSpec) -> str:
+    """A path of the box as it is without one; other words stay."""
+    for outer, inner in sorted(spec.readonly.items(), key=lambda row: -len(row[1])):
+        if word == inner or word.startswith(inner + "/"):
+            return str(outer) + word[len(inner) :]
+    return word

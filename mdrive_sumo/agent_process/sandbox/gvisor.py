@@ -1,0 +1,95 @@
+"""gVisor (`runsc`): a kernel of its own between a box and the host's. Optional, slower to start and to speak with."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
+from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, sources, working_folder
+from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+
+PLATFORM = "ptrace"
+"""Works everywhere, unprivileged too. `kvm` was seen to hang although the device was there: never chosen by itself."""
+
+OWN_THREADS = 256
+OWN_MEMORY_BYTES = 128 << 20
+"""What gVisor itself needs on the host, beside what runs in it; the control group counts both."""
+
+BEGUN = b"."
+SHIM = ("/bin/sh", "-c", f'printf {BEGUN.decode()} >&0; exec 3<&0 0</dev/null 1>&2; exec "$@"', "sh")
+"""runsc passes only the three standard descriptors on, so the socket comes in as 0 and is renumbered inside. The first
+byte says that the program begins: runsc's own failures would else pass for the program's."""
+
+
+def with_its_own(limits: BoxLimits) -> BoxLimits:
+    """Limits for the control group of a box."""
+    processes, memory = limits.processes + OWN_THREADS, limits.memory_bytes + OWN_MEMORY_BYTES
+    return replace(limits, processes=processes, memory_bytes=memory)
+
+
+def command(program: str, folder: Path) -> tuple[str, ...]:
+    """Runs the bundle in this folder without root's rights and without a network."""
+    state = ("--root", str(folder / "state"))
+    return (
+        *(program, "--rootless", "--network=none", f"--platform={PLATFORM}", "--ignore-cgroups", *state),
+        *("run", "--bundle", str(folder / "bundle"), folder.name),
+    )
+
+
+def write_bundle(spec: BoxSpec, seen: dict[str, Path], folder: Path, uid: int | None) -> None:
+    """An OCI bundle: `config.json`, and a root that holds nothing but links and mount points."""
+    root, originals = folder / "bundle" / "rootfs", sources(spec)
+    for path in (folder / "state", root, root / "proc", root / "dev", root / "tmp"):
+        path.mkdir(parents=True, exist_ok=True)
+    mounts = [_mount("/proc", "proc", "proc", "nosuid", "nodev", "noexec")]
+    mounts.append(_mount("/dev", "tmpfs", "tmpfs", "nosuid"))  # read-only, even /dev/null could not be written to
+    for inner in ("/tmp", "/dev/shm"):
+        mounts.append(_mount(inner, "tmpfs", "tmpfs", "nosuid", "nodev", f"size={spec.limits.tmp_bytes}"))
+    for inner, outer in sorted(seen.items()):
+        place = root / inner.lstrip("/")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if outer.is_symlink():
+            place.symlink_to(outer.readlink())
+            continue
+        place.touch() if originals[inner].is_file() else place.mkdir(exist_ok=True)
+        mounts.append(_mount(inner, str(outer), "bind", "rbind", "ro", "nosuid", "nodev"))
+    (folder / "bundle" / "config.json").write_text(json.dumps(_config(spec, mounts)))
+    if uid is not None:
+        for path in (folder, *folder.rglob("*")):
+            os.chown(path, uid, uid, follow_symlinks=False)
+
+
+def _config(spec: BoxSpec, mounts: list[dict[str, Any]]) -> dict[str, Any]:
+    limits = spec.limits
+    rlimits = {
+        "RLIMIT_AS": limits.memory_bytes,
+        "RLIMIT_NPROC": limits.processes,
+        "RLIMIT_CPU": limits.cpu_s,
+        "RLIMIT_FSIZE": limits.file_bytes,
+        "RLIMIT_NOFILE": limits.open_files,
+        "RLIMIT_CORE": 0,
+    }
+    nothing: list[str] = []
+    return {
+        "ociVersion": "1.0.0",
+        "root": {"path": "rootfs", "readonly": True},
+        "hostname": "agent",
+        "process": {
+            "terminal": False,
+            "user": {"uid": 0, "gid": 0},
+            "args": [*SHIM, *spec.command],
+            "env": [f"{name}={value}" for name, value in (ENVIRONMENT | dict(spec.env)).items()],
+            "cwd": working_folder(spec),
+            "noNewPrivileges": True,
+            "capabilities": dict.fromkeys(("bounding", "effective", "permitted", "inheritable", "ambient"), nothing),
+            "rlimits": [{"type": name, "soft": value, "hard": value} for name, value in rlimits.items()],
+        },
+        "mounts": mounts,
+        "linux": {"namespaces": [{"type": name} for name in ("pid", "network", "ipc", "uts", "mount")]},
+    }
+
+
+def _mount(inner: str, source: str, kind: str, *options: str) -> dict[str, Any]:
+    return {"destination": inner, "source": source, "type": kind, "options": list(options)}

@@ -1,0 +1,150 @@
+"""What a box has around it on this machine, as seen in one that is opened for that."""
+
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups
+from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
+from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+from mdrive_sumo.agent_process.sandbox.open_box import opened
+from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
+from mdrive_sumo.core.errors import InputError, WorldError
+
+LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
+NAMESPACES = ("cgroup", "ipc", "mnt", "net", "pid", "user", "uts")
+LOOK = f"""
+for name in {" ".join(NAMESPACES)}; do echo "ns-$name $(readlink /proc/self/ns/$name)"; done
+while read -r name value rest; do case $name in Uid:|CapEff:|CapBnd:|NoNewPrivs:|Seccomp:) echo "$name $value"; esac
+done </proc/self/status
+read -r kernel </proc/version; echo "kernel $kernel"
+echo "open-files $(ulimit -n)"
+if ( : >/left-over ) 2>&-; then echo "root writable"; else echo "root read-only"; fi
+"""
+"""What a shell in a box reads about itself."""
+
+WAIT_S = 10.0
+
+GAPS = {
+    "bubblewrap": (
+        "faults of the kernel, which all boxes share with the host (for a public event use gVisor or a machine each)",
+        "timing side channels, and CPU or cache taken by a box on the same core",
+        "what a program keeps in its own temporary folder while its box lasts",
+        "GPU devices, which no box is given",
+    ),
+    "gvisor": (
+        "timing side channels, and CPU or cache taken by a box on the same core",
+        "GPU devices, which no box is given",
+        "the set of hostile programs was run under bubblewrap only",
+    ),
+    "none": ("anything: the program runs as the user who started it",),
+}
+"""What a backend does not protect from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """One mechanism, and whether boxes on this machine have it."""
+
+    name: str
+    active: bool
+    detail: str
+    """How, or why not."""
+
+
+def shown(rootfs: Path | None = None) -> frozenset[Path]:
+    """Paths of the host that every box sees whole, whatever its caller shows it."""
+    seen = bubblewrap.sources(BoxSpec(("true",), {}, rootfs=rootfs)).values()
+    return frozenset(path.resolve() for path in seen if not path.is_symlink())  # links are made anew inside
+
+
+def layers(backend: str = "bubblewrap") -> tuple[Layer, ...]:
+    """Opens a box of this backend, looks around in it, and says what was found."""
+    limits = BoxLimits()
+    try:
+        box = opened(BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits, backend=backend))
+    except (InputError, WorldError) as error:
+        return _nothing(str(error))
+    with box:
+        box.ready(WAIT_S)
+        outside = _rows(Path(f"/proc/{box.pid}/status").read_text().replace("\t", " "))
+        told = box.log().decode(errors="replace")
+        try:
+            box.close()
+        except WorldError as error:
+            return _nothing(str(error))
+    seen = _rows(told)
+    return (*_around(seen, backend), _uid(outside), _grouped(), _limited(seen, limits), *_optional())
+
+
+def _rows(text: str) -> dict[str, str]:
+    return dict(line.split(" ", 1) for line in text.splitlines() if " " in line)
+
+
+def _nothing(problem: str) -> tuple[Layer, ...]:
+    """No box, no layers."""
+    return (*(Layer(name, False, problem) for name in LAYERS), *_optional())
+
+
+def _around(seen: Mapping[str, str], backend: str) -> tuple[Layer, ...]:
+    """gVisor's kernel shows nothing of the host's, so that it is another one is all that can be seen of its walls."""
+    host = Path("/proc/version").read_text().strip()
+    walled = backend == "gvisor" and seen.get("kernel", host) != host
+    outside = {name: str(Path(f"/proc/self/ns/{name}").readlink()) for name in NAMESPACES}
+    shared = [name for name in NAMESPACES if seen.get(f"ns-{name}", "") in ("", outside[name])]
+    capabilities = {seen.get("CapEff:"), seen.get("CapBnd:")}
+    bare = capabilities == {"0" * 16} and (walled or seen.get("NoNewPrivs:") == "1")
+    root = seen.get("root", "not looked at")
+    filtered = walled or seen.get("Seccomp:") == "2"
+    how = "gVisor's own kernel" if walled else f"{backend}; shared with the host: {', '.join(shared) or 'none'}"
+    return (
+        Layer("namespaces", walled or not shared, how),
+        Layer("read-only", root == "read-only", f"root of the box is {root}, temporary folders are sized"),
+        Layer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
+        Layer("seccomp", filtered, _filter(walled) if filtered else "no filter in force"),
+    )
+
+
+def _filter(walled: bool) -> str:
+    return "system calls end in gVisor's own kernel" if walled else "filter of system calls"
+
+
+def _uid(outside: Mapping[str, str]) -> Layer:
+    found = outside.get("Uid:", "").partition(" ")[0]
+    own = found.isdigit() and int(found) >= FIRST_UID and os.geteuid() == 0
+    how = f"{FIRST_UID} + slot" if own else "all boxes run as the user who starts them; only root can change that"
+    return Layer("uid", own, how)
+
+
+def _grouped() -> Layer:
+    hierarchy = cgroups.find()
+    why_not = "none writable with memory and pids: memory is limited for each process only, not for all together"
+    return Layer("cgroup", hierarchy is not None, hierarchy.describe() if hierarchy else why_not)
+
+
+def _limited(seen: Mapping[str, str], limits: BoxLimits) -> Layer:
+    found = seen.get("open-files", "")
+    how = "processes, CPU time, file size, open files, no core files"
+    return Layer("rlimits", found == str(limits.open_files), how)
+
+
+def _optional() -> tuple[Layer, ...]:
+    runsc = shutil.which("runsc")
+    gvisor = Layer("gvisor", runsc is not None, runsc or "optional; runsc is not installed")
+    rootfs = Layer("rootfs", Path("/usr").is_dir(), "the host's /usr, or an unpacked image where one is named")
+    return (gvisor, rootfs)
+
+
+def check_layers(required: Sequence[str], backend: str = "bubblewrap") -> tuple[str, ...]:
+    """What boxes of this backend have here. Raises InputError, one sentence, if they lack any of these layers."""
+    found = {layer.name: layer for layer in layers(backend)}
+    unknown = [name for name in required if name not in found]
+    if unknown:
+        raise InputError(f"sandbox: expected layers among {', '.join(found)}, found {', '.join(unknown)}")
+    missing = [found[name] for name in required if not found[name].active]
+    if missing:
+        lacks = "; ".join(f"{layer.name} ({layer.detail})" for layer in missing)
+        raise InputError(f"sandbox: expected the layers {', '.join(required)} on this machine, found no {lacks}")
+    return tuple(name for name in LAYERS if found[name].active)

@@ -1,0 +1,79 @@
+"""Opens a box: from a description to a running program."""
+
+import os
+import shutil
+import tempfile
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from mdrive_sumo.agent_process.sandbox import cgroups, gvisor
+from mdrive_sumo.agent_process.sandbox.box import Box, Parts
+from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
+from mdrive_sumo.agent_process.sandbox.command_lines import Place, launch
+from mdrive_sumo.agent_process.sandbox.exit_reasons import Ends
+from mdrive_sumo.agent_process.sandbox.launch import BoxError, start
+from mdrive_sumo.agent_process.sandbox.output_log import LogRing
+from mdrive_sumo.agent_process.sandbox.user_slots import Slot, take
+
+GVISOR_START_S = 30.0
+
+
+def open_box(spec: BoxSpec) -> Box:
+    """Starts the program in a box of its own.
+
+    Only from the main thread: the kernel ends a box with the *thread* that started it. Raises InputError if what was
+    asked for cannot be had here (never a weaker box instead), BoxError if the box could not be started.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        raise RuntimeError("a box ends with the thread that opens it: open it in the main thread of its process")
+    return opened(spec)
+
+
+def opened(spec: BoxSpec) -> Box:
+    """As `open_box`, for callers that close the box before their thread can end."""
+    with ExitStack() as undo:
+        slot = take(spec.slot)
+        undo.callback(slot.release, clean=True)
+        group = _group(spec, slot)
+        if group is not None:
+            undo.callback(group.remove, 1.0)
+        folder = Path(tempfile.mkdtemp(prefix="mdrive-box-")) if spec.backend == "gvisor" else None
+        if folder is not None:
+            undo.callback(shutil.rmtree, folder, ignore_errors=True)
+        box = _started(spec, slot, group, folder)
+        undo.pop_all()
+    if spec.backend == "gvisor":
+        _await_begin(box)
+    return box
+
+
+def _await_begin(box: Box) -> None:
+    """Until gVisor has started the program, which may take seconds."""
+    if not box.ready(GVISOR_START_S) or box.socket.recv(1) != gvisor.BEGUN:
+        box.close()
+        raise BoxError(f"sandbox: gVisor did not start: {box.log().decode(errors='replace').strip()}")
+
+
+def _group(spec: BoxSpec, slot: Slot) -> cgroups.Group | None:
+    hierarchy = None if spec.backend == "none" else cgroups.find()
+    if hierarchy is None:
+        return None
+    limits = gvisor.with_its_own(spec.limits) if spec.backend == "gvisor" else spec.limits
+    try:
+        return cgroups.Group.make(hierarchy, f"mdrive-box-{slot.number}", limits)
+    except OSError as error:
+        raise BoxError(f"sandbox: no control group for slot {slot.number}: {error}") from error
+
+
+def _started(spec: BoxSpec, slot: Slot, group: cgroups.Group | None, folder: Path | None) -> Box:
+    ends = Ends.make()
+    with ends.theirs, ends.undo:
+        entries = () if group is None else group.entries()
+        for fd in entries:
+            ends.theirs.callback(os.close, fd)
+        pid = start(launch(spec, ends, Place(slot.uid, entries, folder)))
+        parts = Parts(pid, os.pidfd_open(pid), ends.status, slot, group, time.monotonic(), folder)
+        ends.undo.pop_all()
+    return Box(parts, ends.own, LogRing(ends.log, spec.limits.log_bytes), spec.backend)

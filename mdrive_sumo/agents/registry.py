@@ -1,0 +1,35 @@
+"""The built-in agents by name; a description of each is the first line of its class."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mdrive_sumo.agents.colmdriver import ColmdriverAgent
+from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
+from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
+from mdrive_sumo.agents.idm import IdmAgent
+from mdrive_sumo.agents.omniscient import OmniscientAgent
+from mdrive_sumo.agents.perception_swap import AttFuseAgent, CoBevtAgent, DiscoNetAgent, FCooperAgent
+from mdrive_sumo.agents.sharing import SharingAgent
+from mdrive_sumo.agents.sharing_negotiation import SharingNegotiationAgent
+from mdrive_sumo.agents.single import SingleAgent
+from mdrive_sumo.agents.stationary import StationaryAgent
+from mdrive_sumo.contract.agent_options import AgentFactory
+
+AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
+    {
+        "stationary": StationaryAgent,
+        "constant-speed": ConstantSpeedAgent,
+        "idm": IdmAgent,
+        "single": SingleAgent,
+        "sharing": SharingAgent,
+        "colmdriver-rule": ColmdriverRuleAgent,
+        "colmdriver": ColmdriverAgent,
+        "sharing+negotiation": SharingNegotiationAgent,
+        "perception-swap:attfuse": AttFuseAgent,
+        "perception-swap:disconet": DiscoNetAgent,
+        "perception-swap:fcooper": FCooperAgent,
+        "perception-swap:cobevt": CoBevtAgent,
+        "omniscient": OmniscientAgent,
+    }
+)
+"""What `--agent NAME` may name."""

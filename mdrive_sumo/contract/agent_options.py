@@ -1,0 +1,66 @@
+"""What the built-in agents share: how an agent is made, and its checked options."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TypeAlias
+
+from mdrive_sumo.contract import Agent
+from mdrive_sumo.core.errors import InputError
+
+Config: TypeAlias = Mapping[str, float | str | bool]
+AgentFactory: TypeAlias = Callable[[Config], Agent]
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """A number that a user may set: its default and the range that makes sense, ends included."""
+
+    default: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A word that a user may choose: its default and all that there are."""
+
+    default: str
+    among: tuple[str, ...]
+
+
+NO_CHOICES: Mapping[str, Choice] = MappingProxyType({})
+
+
+def read_options(
+    agent: str, config: Config, options: Mapping[str, Option], choices: Mapping[str, Choice] = NO_CHOICES
+) -> dict[str, float]:
+    """Every number's value; raises InputError for an unknown name or a value that is no number in its range."""
+    unknown = sorted(set(config) - set(options) - set(choices))
+    if unknown:
+        known = ", ".join(sorted((*options, *choices))) or "none"
+        raise InputError(f"agent {agent}: expected options among ({known}), found {unknown[0]!r}")
+    return {name: _number(agent, name, config, option) for name, option in options.items()}
+
+
+def read_choice(agent: str, config: Config, name: str, choice: Choice) -> str:
+    """The word that was chosen; raises InputError for any other."""
+    value = config.get(name, choice.default)
+    if value not in choice.among:
+        raise InputError(f"agent {agent}: option {name}: expected one of {', '.join(choice.among)}, found {value!r}")
+    return str(value)
+
+
+def _number(agent: str, name: str, config: Config, option: Option) -> float:
+    value = config.get(name, option.default)
+    wanted = f"agent {agent}: option {name}: expected a number in [{option.low:g}, {option.high:g}]"
+    if isinstance(value, bool):
+        raise InputError(f"{wanted}, found {value}")
+    try:
+        number = float(value)
+    except ValueError:
+        raise InputError(f"{wanted}, found {value!r}") from None
+    if not (math.isfinite(number) and option.low <= number <= option.high):
+        raise InputError(f"{wanted}, found {number:g}")
+    return number

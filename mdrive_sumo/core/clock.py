@@ -1,0 +1,49 @@
+"""Clock: what an agent's thinking costs (protocol 12.3).
+
+While an agent thinks, its last control is applied again, and it is not asked (paper, RQ5: "the previous control is
+replayed until the next action becomes available").
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import TICKS_PER_SECOND
+
+TICK_MS = 1000 // TICKS_PER_SECOND
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Ideal (thinking costs nothing), a fixed number of ticks, or measured wall-clock time."""
+
+    kind: str = "ideal"
+    ticks: int = 0
+
+    @property
+    def text(self) -> str:
+        """As a user writes it."""
+        return f"fixed:{self.ticks * TICK_MS}" if self.kind == "fixed" else self.kind
+
+    def delay(self, thought_s: float) -> int:
+        """Ticks from a question until its answer counts, after so many seconds of thinking.
+
+        Measured time is rounded down to whole ticks, as in the original: an answer within a tick costs nothing.
+        """
+        return math.floor(thought_s * TICKS_PER_SECOND) if self.kind == "measured" else self.ticks
+
+
+IDEAL = Clock()
+
+
+def clock_of(text: str) -> Clock:
+    """The clock that `ideal`, `fixed:MS` or `measured` names; raises InputError."""
+    if text in ("ideal", "measured"):
+        return Clock(text)
+    found = re.fullmatch(r"fixed:(\d{1,6})", text)
+    if not found or int(found[1]) % TICK_MS:
+        raise InputError(
+            f"agent clock: expected ideal, measured, or fixed:MS with a multiple of {TICK_MS} ms, found {text!r}"
+        )
+    return Clock("fixed", int(found[1]) // TICK_MS)

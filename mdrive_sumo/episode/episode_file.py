@@ -1,0 +1,163 @@
+"""Episode files: one .npz without pickles, a JSON header and integer arrays that compress well."""
+
+import json
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict, astuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract import Message, Note
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import Contact, End, Failure, Kind
+from mdrive_sumo.episode.episode import Ending, Episode, NoteRecord, PlanRecord, SignalChange, Thinking
+from mdrive_sumo.v2x.channel import Fate, Sent
+
+FORMAT = "mdrive-sumo/episode/2"
+_CORRUPT = (
+    OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What numpy and zipfile raise for damaged files; RuntimeError for bytes that look like an encrypted member."""
+_FATES = tuple(Fate)
+Ints = npt.NDArray[np.signedinteger[Any]]
+
+
+def save_episode(episode: Episode, path: Path) -> None:
+    """Writes the file whole or not at all (a temporary file is renamed)."""
+    header = {
+        "format": FORMAT,
+        "scenario": episode.scenario,
+        "about": dict(episode.about),
+        "ids": episode.ids,
+        "egos": episode.egos,
+        "contacts": [(tick, c.ego, c.other, int(c.kind)) for tick, c in episode.contacts],
+        "signals": [(s.tick, s.light, s.state) for s in episode.signals],
+        "endings": [asdict(ending) for ending in episode.endings],
+        "plans": [(p.tick, p.ego, p.interval_s, len(p.points)) for p in episode.plans],
+        "messages": [(m.sender, m.tick, m.type, len(m.payload)) for m in (sent.message for sent in episode.messages)],
+        "receivers": _receivers(episode.messages),
+        "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
+        "thinking": [astuple(thinking) for thinking in episode.thinking],
+    }
+    points = [np.rint(p.points * 100).astype(np.int32) for p in episode.plans]
+    arrays = {
+        "header": np.frombuffer(json.dumps(header, separators=(",", ":")).encode(), dtype=np.uint8),
+        "kind": episode.kind,
+        "length": episode.length,
+        "width": episode.width,
+        "valid": np.packbits(episode.valid, axis=0),
+        "quanta": _second_differences(episode.quanta, episode.valid),
+        "controls": _narrowest(np.diff(episode.controls, axis=0, prepend=np.int16(0)).astype(np.int32)),
+        "plan_points": _narrowest(np.concatenate([_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])),
+        "payloads": np.frombuffer(b"".join(sent.message.payload for sent in episode.messages), dtype=np.uint8),
+        "fates": _differences(_fates(episode.messages)),
+        "digests": episode.digests,
+    }
+    temporary = path.with_suffix(".tmp")
+    with temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+    temporary.replace(path)
+
+
+def load_episode(path: Path) -> Episode:
+    """Reads an episode file; raises InputError for one that is missing, corrupt or of another version."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            header = json.loads(bytes(data["header"]))
+            if header["format"] != FORMAT:
+                raise InputError(f"{path}: expected the format {FORMAT}, found {header['format']!r}")
+            return _episode(header, {name: data[name] for name in data.files})
+    except FileNotFoundError:
+        raise InputError(f"{path}: expected a recording, found no file") from None
+    except _CORRUPT as error:
+        raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({error})") from None
+
+
+def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
+    ticks = len(data["quanta"])
+    valid = np.unpackbits(data["valid"], axis=0, count=ticks).astype(np.bool_)
+    if valid.shape != data["quanta"].shape[:2] or len(header["ids"]) != valid.shape[1] or len(data["digests"]) != ticks:
+        raise ValueError("arrays of different shapes")
+    plans, begin = [], 0
+    for tick, ego, interval_s, count in header["plans"]:
+        points = np.cumsum(data["plan_points"][begin : begin + count].astype(np.int32), axis=0) / 100
+        plans.append(PlanRecord(tick, ego, interval_s, points))
+        begin += count
+    return Episode(
+        scenario=header["scenario"],
+        about=header["about"],
+        ids=tuple(header["ids"]),
+        egos=header["egos"],
+        kind=data["kind"],
+        length=data["length"],
+        width=data["width"],
+        valid=valid,
+        quanta=_undo_second_differences(data["quanta"], valid),
+        controls=np.cumsum(data["controls"], axis=0, dtype=np.int32).astype(np.int16),
+        plans=tuple(plans),
+        contacts=tuple((tick, Contact(ego, other, Kind(kind))) for tick, ego, other, kind in header["contacts"]),
+        signals=tuple(SignalChange(*change) for change in header["signals"]),
+        endings=tuple(_ending(**ending) for ending in header["endings"]),
+        digests=data["digests"],
+        messages=_messages(header, data),
+        notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
+        thinking=tuple(Thinking(*thinking) for thinking in header["thinking"]),
+    )
+
+
+def _receivers(messages: Sequence[Sent]) -> list[str]:
+    return sorted({receiver for sent in messages for receiver in sent.fates})
+
+
+def _fates(messages: Sequence[Sent]) -> npt.NDArray[np.int32]:
+    """(F, 4): index of the message, index of the receiver, index of the fate, tick."""
+    column = {name: i for i, name in enumerate(_receivers(messages))}
+    rows = [
+        (i, column[receiver], _FATES.index(fate), tick)
+        for i, sent in enumerate(messages)
+        for receiver, (fate, tick) in sent.fates.items()
+    ]
+    return np.array(rows, dtype=np.int32).reshape(-1, 4)
+
+
+def _messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[Sent, ...]:
+    fates: list[dict[str, tuple[Fate, int]]] = [{} for _ in header["messages"]]
+    for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
+        fates[i][header["receivers"][receiver]] = (_FATES[fate], tick)
+    payloads, begin, messages = data["payloads"].tobytes(), 0, list[Sent]()
+    for (sender, tick, name, size), what in zip(header["messages"], fates, strict=True):
+        messages.append(Sent(Message(name, payloads[begin : begin + size], sender, tick), what))
+        begin += size
+    return tuple(messages)
+
+
+def _ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:
+    return Ending(ego, tick, End(end), Failure(failure) if failure else None, text)
+
+
+def _differences(values: Ints) -> Ints:
+    """First row as it is, then steps (T, ...)."""
+    return np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
+
+
+def _second_differences(quanta: Ints, valid: npt.NDArray[np.bool_]) -> Ints:
+    """(T, N, 4): steps of steps, small for anything that moves smoothly; absent road users stand still."""
+    held = quanta.copy()
+    for tick in range(1, len(held)):
+        held[tick] = np.where(valid[tick][:, None], held[tick], held[tick - 1])
+    return _narrowest(_differences(_differences(held)))
+
+
+def _undo_second_differences(stored: Ints, valid: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+    held = np.cumsum(np.cumsum(stored, axis=0, dtype=np.int64), axis=0)
+    return np.where(valid[..., None], held, 0).astype(np.int32)
+
+
+def _narrowest(values: Ints) -> Ints:
+    """The same integers in the smallest signed type that holds them."""
+    peak = int(np.abs(values).max(initial=0))
+    return values.astype(np.int8 if peak < 2**7 else np.int16 if peak < 2**15 else np.int32)

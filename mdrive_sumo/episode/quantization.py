@@ -1,0 +1,45 @@
+"""The one quantisation: 1 mm, 0.1 mrad, 1 mm/s. Live and stored scoring read the same values."""
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import Actors, EgoState, Frame
+
+Quanta = npt.NDArray[np.int32]
+STEP = np.array((1e-3, 1e-3, 1e-4, 1e-3))
+"""Resolution of x [m], y [m], yaw [rad], speed [m/s]."""
+
+
+def to_quanta(values: Float) -> Quanta:
+    """(..., 4) x, y, yaw, speed -> whole multiples of `STEP`."""
+    return np.rint(values / STEP).astype(np.int32)
+
+
+def from_quanta(quanta: Quanta) -> Float:
+    """(..., 4) whole multiples of `STEP` -> x, y, yaw, speed; the inverse of `to_quanta` on rounded values."""
+    return quanta.astype(np.float64) * STEP
+
+
+def quantised_frame(frame: Frame) -> Frame:
+    """The frame at recording resolution. What instruments show beyond pose and speed stays as it is."""
+    actors = frame.actors
+    rounded = actors
+    if len(actors):
+        table = np.array((actors.x, actors.y, actors.yaw, actors.speed))
+        table /= _COLUMN
+        x, y, yaw, speed = np.multiply(np.rint(table, out=table), _COLUMN, out=table)
+        rounded = Actors(actors.ids, actors.kind, x, y, yaw, speed, actors.length, actors.width)
+    egos = {ego_id: _quantised_ego(state) for ego_id, state in frame.egos.items()}
+    return Frame(frame.tick, egos, rounded, frame.signals, frame.contacts)
+
+
+def _quantised_ego(ego: EgoState) -> EgoState:
+    x, y, yaw, speed = (
+        round(v / step) * step for v, step in zip((ego.x, ego.y, ego.yaw, ego.speed), _STEPS, strict=True)
+    )
+    return EgoState(x, y, yaw, speed, ego.acceleration, ego.yaw_rate, ego.steer_angle)
+
+
+_STEPS = tuple(float(step) for step in STEP)
+_COLUMN = STEP[:, None]

@@ -1,0 +1,85 @@
+"""Suites of generated scenarios: written with the recipe beside each, and made again from the recipes."""
+
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate.pipeline import Rejected, built
+from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
+from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.scenario.catalog import (
+    RECIPE_FILE,
+    SCENARIO_FILE,
+    Suite,
+    SuiteFile,
+    by_number,
+    load_suite,
+    packaged_suites,
+    save_suite,
+    sealed,
+)
+from mdrive_sumo.scenario.scenario import Scenario, save_scenario
+
+
+def check_new(folder: Path) -> None:
+    """Raises InputError unless the folder is new or empty, and can be written beside its neighbours."""
+    with writing(folder):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"{folder}: expected a new or empty folder to write to, found something there")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.parent):
+            return
+
+
+def write_generated(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], folder: Path) -> Suite:
+    """Writes a sealed suite and its recipes; the folder appears when everything is written. Raises InputError."""
+    check_new(folder)
+    pairs = list(made)
+    with writing(folder), tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch:
+        draft = Path(scratch) / "suite"
+        save_suite(Suite(about.model_copy(update={"checksum": ""}), draft, tuple(one for _, one in pairs)))
+        save_suite(sealed(load_suite(str(draft))))  # of what is read again: files hold rounded numbers
+        for recipe, scenario in pairs:
+            save_recipe(recipe, draft / scenario.id / RECIPE_FILE)
+        if folder.exists():
+            folder.rmdir()
+        draft.rename(folder)
+    return load_suite(str(folder))
+
+
+def recipes_of(name_or_folder: str) -> dict[Path, Recipe]:
+    """By scenario folder, the recipes of a packaged suite or one on disk; raises InputError where one is missing.
+
+    The scenarios are not read: a suite that was changed since, which could not be loaded, can be made again.
+    """
+    folder = packaged_suites().get(name_or_folder, Path(name_or_folder))
+    homes = {path.parent for file in (SCENARIO_FILE, RECIPE_FILE) for path in folder.glob(f"*/{file}")}
+    if not homes:
+        raise InputError(f"suite {name_or_folder!r}: expected scenarios with recipes in <id>/{RECIPE_FILE}, found none")
+    return {home: load_recipe(home / RECIPE_FILE) for home in sorted(homes, key=lambda home: by_number(home.name))}
+
+
+def rebuilt(recipe: Recipe) -> Scenario:
+    """The scenario of a recipe; raises InputError where this generator refuses it."""
+    try:
+        return built(recipe)
+    except Rejected as refused:
+        raise InputError(f"recipe {recipe.id}: refused at stage {refused.stage}: {refused.reason}") from None
+
+
+def changed_by_rebuild(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
+    """Names of scenario folders whose file differs from what the recipe makes, byte for byte, or is missing."""
+    with tempfile.TemporaryDirectory() as scratch:
+        again = Path(scratch) / SCENARIO_FILE
+        for home, recipe in recipes.items():
+            save_scenario(rebuilt(recipe), again)
+            found = home / SCENARIO_FILE
+            if not found.is_file() or again.read_bytes() != found.read_bytes():
+                yield home.name
+
+
+def packaged_generated() -> tuple[Scenario, ...]:
+    """Scenarios of all packaged suites that were generated: they have recipes."""
+    names = [name for name, folder in packaged_suites().items() if any(folder.glob(f"*/{RECIPE_FILE}"))]
+    return tuple(scenario for name in names for scenario in load_suite(name).scenarios)

@@ -1,0 +1,142 @@
+"""The language model as a proposer: an OpenAI-compatible service proposes, and is told what is wrong until it is right.
+
+Paper, "Agentic scenario generation": category descriptions and demonstrations in context, validation by rules.
+"""
+
+import json
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.contract import Note
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.llm_answer import demonstrations, proposal_in
+from mdrive_sumo.generate.llm_prompt import conversation
+from mdrive_sumo.generate.pipeline import Rejected, Stage
+from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.negotiation.language_model import EXCHANGE, Model, ModelSettings, check_settings
+from mdrive_sumo.negotiation.llm_endpoint import Answer
+from mdrive_sumo.negotiation.transcript import outcomes
+from mdrive_sumo.runs.evaluate import writing
+
+MAX_TOKENS = 4096
+MAX_ANSWER_CHARS = 32_000
+"""Ten times a long proposal, indented; the rest is for models that reason aloud."""
+INVALID = "answer: "
+"""Begins the reason if the last answer was no valid proposal; else there was no answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class LlmSettings:
+    """Which model proposes, what it sees, and where its words are kept."""
+
+    endpoint: str = ""
+    """Address of any service that speaks OpenAI's chat completions; unused in a replay."""
+    model: str = "default"
+    api_key_env: str = ""
+    """Name of the environment variable with the key; "": no key. The key itself is kept nowhere."""
+    attempts: int = 3
+    """Requests for one proposal, failed ones and repairs counted."""
+    timeout_s: float = 60.0
+    """For one request."""
+    temperature: float = 0.7
+    examples: Path | None = None
+    """Folder of expert demonstrations: proposals as JSON files, all categories together."""
+    transcripts: Path | None = None
+    """Folder that keeps every exchange, a file for each proposal."""
+    replay: Path | None = None
+    """Such a folder; nothing is asked then."""
+
+
+def propose(category: Category, seed: str, settings: LlmSettings) -> Proposal:
+    """A valid proposal of the category; seeds give different ones.
+
+    Raises Rejected if the last attempt was no valid proposal either, InputError if there was no answer at all.
+    """
+    if settings.replay is not None:
+        return _replayed(category, seed, settings.replay)
+    number = _number(category, seed)
+    examples = demonstrations(settings.examples, category) if settings.examples else ()
+    model = Model(_model_settings(settings), number)
+    proposal = model.ask(conversation(category, number, examples), MAX_TOKENS, lambda text: proposal_in(text, category))
+    if settings.transcripts is not None:
+        _keep(model.notes, category, transcript_file(settings.transcripts, category, seed))
+    if proposal is None:
+        raise _failure(category, model.notes[-1].text)
+    return proposal
+
+
+def transcript_file(folder: Path, category: Category, seed: str) -> Path:
+    """Where the exchanges of one proposal lie."""
+    return folder / (re.sub(r"[^\w.-]+", "_", f"{category}_{seed}") + ".jsonl")
+
+
+def _replayed(category: Category, seed: str, folder: Path) -> Proposal:
+    """The proposal that a recorded model came to, by today's rules; raises as it did."""
+    path = transcript_file(folder, category, seed)
+    reason = "the transcript has no exchange for this category and seed"
+    for outcome in outcomes(path, _number(category, seed)):
+        if not isinstance(outcome, Answer):
+            reason = str(outcome)
+            continue
+        try:
+            return proposal_in(outcome.text, category)
+        except ValueError as error:
+            reason = f"{INVALID}{error}"
+    raise _failure(category, reason)
+
+
+def _number(category: Category, seed: str) -> int:
+    """The seed as the model sees it; a private seed stays private."""
+    return derived_seed(0, "proposal", category, seed)
+
+
+def _model_settings(settings: LlmSettings) -> ModelSettings:
+    if not 1 <= settings.attempts <= 10:
+        raise InputError(f"language model: attempts: expected 1 to 10, found {settings.attempts}")
+    if not 0 < settings.timeout_s <= 600:
+        raise InputError(
+            f"language model: timeout_s: expected more than 0 and at most 600, found {settings.timeout_s:g}"
+        )
+    if not 0 <= settings.temperature <= 2:
+        raise InputError(f"language model: temperature: expected 0 to 2, found {settings.temperature:g}")
+    return check_settings(
+        ModelSettings(
+            endpoint=settings.endpoint,
+            model=settings.model,
+            api_key_env=settings.api_key_env,
+            timeout_s=settings.timeout_s,
+            tries=settings.attempts,
+            max_answer_chars=MAX_ANSWER_CHARS,
+            temperature=settings.temperature,
+        )
+    )
+
+
+def _failure(category: Category, reason: str) -> Rejected | InputError:
+    if reason.startswith(INVALID):
+        wrong = textwrap.shorten(reason.removeprefix(INVALID), 300)
+        return Rejected(Stage.RULES, f"the language model never proposed a valid {category}; the last time: {wrong}")
+    return InputError(f"language model: expected a proposal for {category}, found no answer: {reason}")
+
+
+def _keep(notes: Sequence[Note], category: Category, path: Path) -> None:
+    """Writes a line of JSON for every exchange: request, answer or error, and what was wrong with the answer."""
+    lines = [_line(note.text, category) for note in notes if note.kind == EXCHANGE]
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(lines), encoding="utf-8")
+
+
+def _line(exchange: str, category: Category) -> str:
+    entry = json.loads(exchange)
+    if "answer" in entry:
+        try:
+            proposal_in(entry["answer"], category)
+        except ValueError as error:
+            entry["problems"] = str(error)
+    return json.dumps(entry, sort_keys=True, separators=(",", ":")) + "\n"

@@ -1,0 +1,139 @@
+"""Assignment: every CAV of a proposal gets a legal way of the crop, so that all its relations hold (a small CSP)."""
+
+import math
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from mdrive_sumo.core.geometry import wrap_angle
+from mdrive_sumo.generate.crops import opposite
+from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
+from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
+from mdrive_sumo.roads import RoadMap
+
+PERPENDICULAR_RAD = math.radians(40)
+"""How far from a right angle a crossing road may be."""
+MOST_TRIES = 20000
+
+
+Ways = Mapping[str, Way]
+"""By vehicle id."""
+
+
+def assign(proposal: Proposal, roads: RoadMap, rng: random.Random) -> dict[str, Way] | None:
+    """Ways by vehicle id that satisfy all constraints; None if the crop has none. Which one is up to `rng`."""
+    domains = {ego.vehicle_id: _domain(ego, roads) for ego in proposal.ego_vehicles}
+    for ways in domains.values():
+        rng.shuffle(ways)
+    tries = iter(range(MOST_TRIES))
+    return next(_search(proposal, domains, {}, tries), None)
+
+
+def _search(
+    proposal: Proposal, domains: Mapping[str, Sequence[Way]], chosen: dict[str, Way], tries: Iterator[int]
+) -> Iterator[dict[str, Way]]:
+    open_ = [name for name in domains if name not in chosen]
+    if not open_:
+        yield dict(chosen)
+        return
+    name = open_[0]
+    for way in domains[name]:
+        if next(tries, None) is None:
+            return
+        chosen[name] = way
+        if _consistent(proposal, chosen, name):
+            yield from _search(proposal, domains, chosen, tries)
+        del chosen[name]
+
+
+def _consistent(proposal: Proposal, chosen: Ways, last: str) -> bool:
+    return all(
+        RELATIONS[constraint.type](chosen[constraint.a], chosen[constraint.b])
+        for constraint in proposal.vehicle_constraints
+        if last in (constraint.a, constraint.b) and constraint.a in chosen and constraint.b in chosen
+    )
+
+
+def _domain(ego: EgoVehicle, roads: RoadMap) -> list[Way]:
+    """Ways that do what the proposal says of one vehicle, whatever the others do."""
+    plain, changing = ways_of(roads), changing_ways(roads)
+    sides = _side_entries((*plain, *changing))
+    ramps = {way.entry for way in changing} - {way.entry for way in plain}
+    pool = changing if ego.maneuver == "lane_change" else (*plain, *(way for way in changing if way.entry in ramps))
+    return [way for way in pool if _does(ego, way) and _enters(ego, way, sides)]
+
+
+def _does(ego: EgoVehicle, way: Way) -> bool:
+    if ego.maneuver == "lane_change":
+        late = ego.lane_change_phase == "after_intersection"
+        return ego.lane_change_phase == "unknown" or way.changes_late == late
+    turns = ("unknown", way.turn, "left" if way.turn == "u_turn" else way.turn)
+    return ego.maneuver in turns or bool(way.change)
+
+
+def _enters(ego: EgoVehicle, way: Way, sides: set[str]) -> bool:
+    return ego.entry_road == "unknown" or (way.entry in sides) == (ego.entry_road == "side")
+
+
+def _side_entries(ways: Sequence[Way]) -> set[str]:
+    """Minor roads: those without a way straight on, and all but the widest of those that lead to one exit."""
+    entries = {way.entry for way in ways}
+    width = {entry: max(way.entry_rank for way in ways if way.entry == entry) for entry in entries}
+    if len({way.exit for way in ways}) == 1:
+        return {entry for entry in entries if width[entry] < max(width.values())}
+    return entries - {way.entry for way in ways if way.turn == "straight"}
+
+
+def _same_approach(a: Way, b: Way) -> bool:
+    return a.entry == b.entry
+
+
+def _opposite(a: Way, b: Way) -> bool:
+    return opposite(a, b)
+
+
+def _perpendicular(side: int) -> Callable[[Way, Way], bool]:
+    def holds(a: Way, b: Way) -> bool:
+        """Who comes from b's right drives to b's left: a quarter turn counter-clockwise from b's direction."""
+        away = wrap_angle(a.entry_yaw - b.entry_yaw) - side * math.pi / 2
+        return abs(wrap_angle(away)) < PERPENDICULAR_RAD
+
+    return holds
+
+
+def _same_exit(a: Way, b: Way) -> bool:
+    return a.exit == b.exit
+
+
+def _follows(a: Way, b: Way) -> bool:
+    return a == b
+
+
+def _beside(step: int) -> Callable[[Way, Way], bool]:
+    def holds(a: Way, b: Way) -> bool:
+        return _same_approach(a, b) and a.entry_rank == b.entry_rank + step
+
+    return holds
+
+
+def _merges(a: Way, b: Way) -> bool:
+    differs = a.lanes[0] != b.lanes[0]
+    return differs and _same_exit(a, b) and a.exit_rank == b.exit_rank
+
+
+def _same_lane(a: Way, b: Way) -> bool:
+    return _same_approach(a, b) and a.entry_rank == b.entry_rank
+
+
+RELATIONS: Mapping[str, Callable[[Way, Way], bool]] = {
+    "same_approach_as": _same_approach,
+    "same_road_as": _same_approach,
+    "opposite_approach_of": _opposite,
+    "perpendicular_right_of": _perpendicular(1),
+    "perpendicular_left_of": _perpendicular(-1),
+    "same_exit_as": _same_exit,
+    "follow_route_of": _follows,
+    "left_lane_of": _beside(1),
+    "right_lane_of": _beside(-1),
+    "merges_into_lane_of": _merges,
+    "same_lane_as": _same_lane,
+}

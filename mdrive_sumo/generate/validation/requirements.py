@@ -1,0 +1,55 @@
+"""What is demanded of a scenario, by its bucket.
+
+Scenarios that were made for the benchmark are screened as the paper screens its generated ones (protocol 14.2): blind
+driving at constant speed has a near miss, and `omniscient` drives every CAV to its goal without an infraction. What was
+recorded is not chosen for its danger, and its road users were never asked to make way for ours: there the goals must be
+reached, and difficulty is only reported.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from mdrive_sumo.scoring import ScenarioResult
+
+NEAR_MISS_TTC_S = 0.9
+"""Blind driving must come closer to a collision than this (paper, CR; protocol 14.2)."""
+FULL_SCORE = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Demands:
+    """What the two drives of a scenario must show."""
+
+    difficult: bool
+    """Whether blind driving must have a near miss."""
+    full: Literal["ds", "rc"]
+    """Which score of `omniscient` must be full: driving score, or route completion alone."""
+
+
+MADE = Demands(difficult=True, full="ds")
+RECORDED = Demands(difficult=False, full="rc")
+DEMANDS: Mapping[str, Demands] = {
+    "InterDrive": MADE,
+    "Interaction": MADE,
+    "V2XPnP": RECORDED,
+    "Real2Sim": RECORDED,
+}
+"""By bucket; of any other, as of what was made."""
+
+
+def is_difficult(blind_ttc_s: float | None) -> bool:
+    """Whether blind driving has a near miss."""
+    return blind_ttc_s is not None and blind_ttc_s < NEAR_MISS_TTC_S
+
+
+def unmet(bucket: str, blind: ScenarioResult, omniscient: ScenarioResult) -> tuple[str, ...]:
+    """What the drives of a scenario lack, one sentence each."""
+    demands, problems = DEMANDS.get(bucket, MADE), list[str]()
+    if demands.difficult and not is_difficult(blind.min_ttc):
+        found = "none" if blind.min_ttc is None else f"{blind.min_ttc:.2f} s"
+        problems.append(f"not difficult: expected a blind TTC below {NEAR_MISS_TTC_S} s, found {found}")
+    if (score := getattr(omniscient, demands.full)) < FULL_SCORE:
+        name = demands.full.upper()
+        problems.append(f"not solvable: expected omniscient to reach {name} {FULL_SCORE:g}, found {score:.2f}")
+    return tuple(problems)

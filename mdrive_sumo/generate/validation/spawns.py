@@ -1,0 +1,85 @@
+"""Does everybody have room at the start? Besides what `soundness` asks before every drive: actors in CAVs.
+
+Asked of CAVs, of background vehicles that are there at once, and of actors that stand.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import shapely
+
+from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.loop import VEHICLE
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.background import Background, BackgroundVehicle
+from mdrive_sumo.scenario.checks import TOUCHING_M2, first_pose
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor, Replay, Standing, StartMotion
+
+SLACK_M = 0.1
+"""Actors that stand may overlap by so much: a log knows their places and sizes no better, and none of them moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spawn:
+    """A box that is there in frame 0."""
+
+    kind: str
+    """CAV, vehicle or actor."""
+    id: str
+    box: shapely.Polygon
+
+
+def crowded(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+    """Who starts inside whom, one sentence each."""
+    spawns = tuple(_spawns(scenario, roads))
+    for one, other in combinations(spawns, 2):
+        if (one.kind, other.kind) == ("CAV", "actor"):
+            continue  # `check_scenario` has looked
+        area = float(shapely.intersection(one.box, other.box).area) if one.box.intersects(other.box) else 0.0
+        if area > TOUCHING_M2:
+            yield f"{one.kind} {one.id} and {other.kind} {other.id} start inside each other ({area:.2f} m2 overlap)"
+    for spawn in spawns:
+        if spawn.kind == "CAV" and any(spawn.box.intersects(building) for building in roads.building_shapes):
+            yield f"CAV {spawn.id} starts inside a building"
+
+
+def _spawns(scenario: Scenario, roads: RoadMap) -> Iterator[Spawn]:
+    for ego in scenario.egos:
+        yield _spawn("CAV", ego.id, ego.start, (VEHICLE.length, VEHICLE.width))
+    for vehicle in scenario.background.vehicles:
+        if (pose := _departure(vehicle, scenario.background, roads)) is not None:
+            yield _spawn("vehicle", vehicle.id, pose, (vehicle.length, vehicle.width))
+    for actor in scenario.actors:
+        if _stands(actor):
+            yield _spawn("actor", actor.id, first_pose(actor, roads), (actor.length - SLACK_M, actor.width - SLACK_M))
+
+
+def _spawn(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> Spawn:
+    return Spawn(kind, name, shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, *size)))
+
+
+def _stands(actor: Actor) -> bool:
+    """Props, parked cars, and who waits for a trigger to set off."""
+    waits = actor.trigger is not None and isinstance(actor.action, StartMotion | None)
+    return isinstance(actor.motion, Standing) or (waits and not isinstance(actor.motion, Replay))
+
+
+def _departure(vehicle: BackgroundVehicle, background: Background, roads: RoadMap) -> Pose | None:
+    """Where a vehicle is in frame 0: on its log, else where it departs on its lane; None if it comes later."""
+    if vehicle.depart_s > 0.0:
+        return None
+    if vehicle.log and background.mode != "reactive":
+        _, x, y, yaw = vehicle.log[0]
+        return Pose(x=x, y=y, yaw=yaw)
+    lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
+    front = vehicle.depart_pos_m + (vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0)
+    return None if lane is None or front > lane.centre.length else _behind(lane, front, vehicle.length)
+
+
+def _behind(lane: Lane, front: float, length: float) -> Pose:
+    (x, y), yaw = lane.centre.at(front), lane.centre.yaw_at(front)
+    return Pose(x=x - math.cos(yaw) * length / 2, y=y - math.sin(yaw) * length / 2, yaw=yaw)

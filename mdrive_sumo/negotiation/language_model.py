@@ -1,0 +1,167 @@
+"""The language model as a negotiator uses it: with retries and a budget, and every exchange on record."""
+
+import os
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+from mdrive_sumo.contract import Note
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.negotiation.llm_endpoint import MAX_ANSWER_CHARS, Answer, ModelError, asked
+from mdrive_sumo.negotiation.transcript import Transcript, check_transcript, exchange_line
+
+EXCHANGE, FALLBACK = "llm-exchange", "llm-fallback"
+HOPELESS = ("timeout", "missing")
+"""Kinds of failure that are not tried again."""
+FIRST_PAUSE_S = 0.5
+"""Before a service that answered with an HTTP error is asked again; then twice as long."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class ModelSettings:
+    """Which model, and what it may cost one CAV in one episode."""
+
+    endpoint: str = ""
+    """Address of any service that speaks OpenAI's chat completions; unused if there is a transcript."""
+    model: str = "default"
+    api_key_env: str = ""
+    """Name of the environment variable with the key; "": no key."""
+    transcript: str = ""
+    """A .jsonl file with recorded exchanges; nothing else is asked then."""
+    timeout_s: float = 30.0
+    """For one exchange."""
+    tries: int = 3
+    """(protocol K17)"""
+    max_calls: int = 300
+    max_tokens_total: int = 400_000
+    """As far as the endpoint tells how many an exchange took."""
+    give_up_after: int = 3
+    """Requests that failed in a row, after which nothing is asked any more."""
+    max_answer_chars: int = MAX_ANSWER_CHARS
+    temperature: float = 0
+
+
+def check_settings(settings: ModelSettings) -> ModelSettings:
+    """The settings; raises InputError if they name nothing to ask."""
+    if settings.transcript:
+        check_transcript(Path(settings.transcript))
+        return settings
+    if not _is_address(settings.endpoint):
+        raise InputError(  # it is recorded as all options are, so it must not carry a key
+            "language model: option endpoint: expected the URL of an OpenAI-compatible service without user, password,"
+            f" or query, or a transcript, found {re.sub('//.*@', '//...@', settings.endpoint)!r:.60}"
+        )
+    if settings.api_key_env and not os.environ.get(settings.api_key_env):
+        raise InputError(
+            "language model: option api_key_env: expected the name of a set environment variable, found"
+            f" {settings.api_key_env!r}"
+        )
+    return settings
+
+
+class Model:
+    """One CAV's access to the model during one episode."""
+
+    def __init__(self, settings: ModelSettings, seed: int) -> None:
+        self._settings, self._seed = settings, seed
+        self._transcript = Transcript(Path(settings.transcript), seed) if settings.transcript else None
+        self._ordinal = 0
+        self._tokens = 0
+        self._failed = 0
+        self.notes: list[Note] = []
+        """What is to be kept; whoever uses the model takes it from here."""
+
+    def ask(self, conversation: list[dict[str, str]], max_tokens: int, read: Callable[[str], T]) -> T | None:
+        """What the model says, as `read` understands it (it raises ValueError if it does not).
+
+        None if there is no usable answer: the reason is noted as a fallback.
+        """
+        reason = self._spent()
+        pause = 0.0
+        for _ in range(self._settings.tries if reason is None else 0):
+            try:
+                answer = self._exchange(self._request(conversation, max_tokens), pause)
+            except ModelError as error:
+                reason = str(error)
+                if error.kind in HOPELESS:
+                    break
+                pause = 2 * pause or FIRST_PAUSE_S if error.kind == "status" else 0.0
+                continue
+            try:
+                understood = read(answer.text)
+            except ValueError as error:
+                reason = f"answer: {error}"
+                conversation = conversation + _corrected(
+                    answer.text[: self._settings.max_answer_chars // 4], str(error)
+                )
+            else:
+                self._failed = 0
+                return understood
+        self._failed += 1
+        self.notes.append(Note(FALLBACK, str(reason)))
+        return None
+
+    def _spent(self) -> str | None:
+        """Why nothing is asked any more, or None."""
+        if self._failed >= self._settings.give_up_after:
+            return f"given up: after {self._settings.give_up_after} failures in a row"
+        if self._ordinal >= self._settings.max_calls:
+            return f"budget: {self._settings.max_calls} calls"
+        if self._tokens >= self._settings.max_tokens_total:
+            return f"budget: {self._settings.max_tokens_total} tokens"
+        return None
+
+    def _request(self, conversation: list[dict[str, str]], max_tokens: int) -> dict[str, Any]:
+        return {
+            "model": self._settings.model,
+            "messages": conversation,
+            "max_tokens": max_tokens,
+            "temperature": self._settings.temperature,
+            "seed": self._seed,
+        }
+
+    def _exchange(self, request: Mapping[str, Any], pause: float) -> Answer:
+        """One exchange, noted whatever comes of it; raises ModelError. Pauses before [s] if the service was busy."""
+        if pause and self._transcript is None:
+            time.sleep(min(pause, self._settings.timeout_s / 4))
+        try:
+            answer = self._told(request)
+        except ModelError as error:
+            self._note(request, error)
+            raise
+        self._note(request, answer)
+        self._tokens += answer.tokens
+        return answer
+
+    def _told(self, request: Mapping[str, Any]) -> Answer:
+        if self._transcript is not None:
+            return self._transcript.asked(request)
+        settings = self._settings
+        limit = settings.max_answer_chars
+        return asked(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env, limit)
+
+    def _note(self, request: Mapping[str, Any], outcome: Answer | ModelError) -> None:
+        self.notes.append(Note(EXCHANGE, exchange_line(self._seed, self._ordinal, request, outcome)))
+        self._ordinal += 1
+
+
+def _corrected(answer: str, error: str) -> list[dict[str, str]]:
+    """What is added to a conversation so that the next answer is better."""
+    return [
+        {"role": "assistant", "content": answer or "(nothing)"},
+        {"role": "user", "content": f"That cannot be used: {error}. Answer again, in the form asked for."},
+    ]
+
+
+def _is_address(endpoint: str) -> bool:
+    """Whether it is a web address without user, password or query, and its port, if one is given, is one."""
+    try:
+        return bool(re.fullmatch(r"https?://[^/\s@?#]+(/[^\s@?#]*)?", endpoint)) and urlsplit(endpoint).port != 0
+    except ValueError:
+        return False

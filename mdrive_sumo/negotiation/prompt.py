@@ -1,0 +1,125 @@
+"""What the language model is asked, and what of its answers is used."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+
+from mdrive_sumo.core.geometry import wrap_angle
+from mdrive_sumo.negotiation.types import Member
+from mdrive_sumo.v2x.messages import Direction, Intention
+
+Chat = list[dict[str, str]]
+
+MAX_TEXT_BYTES = 1024
+MESSAGE_TOKENS, ACTION_TOKENS = 256, 256
+
+ACTIONS = {intention.name: intention for intention in Intention}
+_MEANT = {
+    Direction.FOLLOW: "follows its lane",
+    Direction.LEFT: "turns left",
+    Direction.RIGHT: "turns right",
+    Direction.STRAIGHT: "goes straight on at the junction",
+    Direction.CHANGE_LEFT: "changes to the lane on the left",
+    Direction.CHANGE_RIGHT: "changes to the lane on the right",
+}
+_SECTORS = ("ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right")
+_HEADINGS = ("in the same direction", "from right to left", "towards you", "from left to right")
+
+_RULES = """Traffic rules:
+- Who merges or changes lane gives way to who goes straight on.
+- Who turns left gives way to who goes straight on or turns right.
+- Who is given way to goes faster, so that both lose little time.
+- In an emergency the cars behind slow down for those in front.
+- Somebody must go: if all stop nothing is gained."""
+
+_SPEAKER = (
+    "You drive one of several connected cars whose planned ways come dangerously close to each other. Agree with the"
+    " others by short messages who goes first and who gives way. Every car can STOP, go SLOWER, KEEP its speed or go"
+    f" FASTER.\n{_RULES}\nAnswer with nothing but your message to the others: one to three sentences, in which you name"
+    " cars by their ids and say what you will do and what you ask of them."
+)
+_MAPPER = (
+    "Several connected cars have negotiated who goes first. Read their messages and say which action every car takes:"
+    f" STOP, SLOWER, KEEP or FASTER.\n{_RULES}\nAnswer with nothing but one JSON object that has every car's id as key"
+    ' and its action as value. You may add the key "consensus" with a number from 0 (they disagree) to 100 (they all'
+    " agree)."
+)
+
+
+def speakers_chat(me: Member, others: Sequence[Member], said: Sequence[tuple[str, str]], feedback: str) -> Chat:
+    """Asks for the next message of `me`; `said`: (id, text) so far, oldest first."""
+    lines = [
+        f"You are car {me.id}: {me.speed:.1f} m/s, your car {_MEANT[me.direction]} and means to {me.intention.name}.",
+        "The others:",
+        *(f"- {_seen(me, other)}" for other in others),
+        *_conversation(said),
+    ]
+    if feedback:
+        lines.append(f"What an observer says of the agreement so far: {feedback}")
+    return _chat(_SPEAKER, lines)
+
+
+def mappers_chat(members: Sequence[Member], said: Sequence[tuple[str, str]]) -> Chat:
+    """Asks for the actions that follow from the last messages."""
+    cars = [f"- car {m.id}: {m.speed:.1f} m/s, {_MEANT[m.direction]}, means to {m.intention.name}" for m in members]
+    return _chat(_MAPPER, ["The cars:", *cars, *_conversation(said)])
+
+
+def _chat(system: str, lines: Sequence[str]) -> Chat:
+    return [{"role": "system", "content": system}, {"role": "user", "content": "\n".join(lines)}]
+
+
+def _conversation(said: Sequence[tuple[str, str]]) -> list[str]:
+    if not said:
+        return ["Nobody has said anything yet."]
+    return ["Said so far:", *(f"{name}: {text}" for name, text in said)]
+
+
+def _seen(me: Member, other: Member) -> str:
+    """Another car as the driver of mine would describe it."""
+    distance = math.hypot(other.x - me.x, other.y - me.y)
+    bearing = wrap_angle(math.atan2(other.y - me.y, other.x - me.x) - me.yaw)
+    sector = _SECTORS[round(bearing / (math.pi / 4)) % 8]
+    heading = _HEADINGS[round(wrap_angle(other.yaw - me.yaw) / (math.pi / 2)) % 4]
+    return (
+        f"car {other.id}: {distance:.1f} m {sector}, moving {heading}, {other.speed:.1f} m/s,"
+        f" {_MEANT[other.direction]}, means to {other.intention.name}"
+    )
+
+
+def clean_message(text: str) -> str:
+    """A message as it may be sent: one line of valid UTF-8, short enough; raises ValueError if nothing is left."""
+    line = " ".join(text.split())
+    line = line.encode("utf-8", "replace")[: MAX_TEXT_BYTES - 64].decode("utf-8", "ignore")
+    if not line:
+        raise ValueError("the message is empty")
+    return line
+
+
+def actions_in(text: str, group: Sequence[str]) -> tuple[dict[str, Intention], float | None]:
+    """(action by id, consensus in [0, 1] if told) of a mapper's answer; raises ValueError saying what is wrong."""
+    start, end = text.find("{"), text.rfind("}")
+    if start < 0 or end < start:
+        raise ValueError("there is no JSON object in it")
+    try:
+        found = json.loads(text[start : end + 1])
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if not isinstance(found, dict):
+        raise ValueError("there is no JSON object in it")
+    told: Mapping[str, object] = found
+    agreed = None if "consensus" in group else told.get("consensus")
+    keys = set(told) - ({"consensus"} - set(group))
+    if keys != set(group):
+        raise ValueError(f"expected exactly the ids {', '.join(group)}")
+    actions = {name: _action(name, told[name]) for name in group}
+    if isinstance(agreed, int | float) and not isinstance(agreed, bool) and 0 <= agreed <= 100:
+        return actions, agreed / 100
+    return actions, None
+
+
+def _action(name: str, value: object) -> Intention:
+    action = ACTIONS.get(value.strip().upper()) if isinstance(value, str) else None
+    if action is None:
+        raise ValueError(f"car {name}: expected one of {', '.join(ACTIONS)}")
+    return action

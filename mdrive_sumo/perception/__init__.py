@@ -1,0 +1,1 @@
+"""What an agent works out from detections and received messages: fused object lists, tracks of static objects."""

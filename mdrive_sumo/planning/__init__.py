@@ -1,0 +1,1 @@
+"""Motion planning of the built-in agents: paths, predictions, right of way, space-time search, detours."""

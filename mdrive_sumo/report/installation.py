@@ -1,0 +1,142 @@
+"""What is installed here, and what is missing for which command."""
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from mdrive_sumo.agent_process.sandbox import GAPS, Layer
+from mdrive_sumo.core.text_table import text_table
+
+SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
+TIME_LIMIT_S = 30.0
+SYSTEM_LIBRARIES = "libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1"
+"""Debian packages that libsumo is linked against; desktops have them, servers and containers may not."""
+
+PACKAGES = (
+    ("numpy", "everything", ""),
+    ("pydantic", "everything", ""),
+    ("click", "everything", ""),
+    ("msgpack", "eval, verify", ""),
+    ("shapely", "eval, verify, rescore", ""),
+    ("sumolib", "eval, verify, show, view", ""),
+    ("matplotlib", "show", ""),
+    ("eclipse-sumo", "convert", "convert"),
+    ("fastapi", "serve", "server"),
+    ("sqlalchemy", "serve, admin", "server"),
+    ("pyseccomp", "serve, submit --dry-run", "server"),
+    ("distributed", "--executor dask", "dask"),
+)
+"""Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing looked for: what was found ("" = nothing), who needs it, and how to get it."""
+
+    name: str
+    found: str
+    needed_for: str
+    remedy: str = ""
+    required: bool = True
+    """Whether the core commands need it."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is there."""
+        return bool(self.found)
+
+
+def examine() -> tuple[Check, ...]:
+    """Looks at this machine; starts the simulator's library in a child, because a broken one may crash."""
+    return (
+        Check("mdrive-sumo", _version("mdrive-sumo"), "everything"),
+        _python(),
+        Check("platform", f"{platform.system()} {platform.machine()}", "everything"),
+        Check("cores", str(usable_cores()), "eval --workers auto"),
+        *(_package(*row) for row in PACKAGES),
+        _simulator(),
+        _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
+        _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
+    )
+
+
+def usable_cores() -> int:
+    """Cores that this process may use. (`suite` knows too, but needs packages that may be missing here.)"""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _python() -> Check:
+    found = platform.python_version() if sys.version_info >= (3, 11) else ""
+    return Check("python", found, "everything", "install Python 3.11 or newer")
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def _package(name: str, needed_for: str, extra: str) -> Check:
+    what = f"mdrive-sumo[{extra}]" if extra else name
+    return Check(name, _version(name), needed_for, f"pip install '{what}'", required=not extra)
+
+
+def _simulator() -> Check:
+    found, problem = "", "pip install libsumo"
+    if _version("libsumo"):
+        problem = _failure_of((sys.executable, "-c", SIMULATOR_CHECK))
+        found = "" if problem else _version("libsumo")
+        problem += f"; on Debian and Ubuntu: apt-get install {SYSTEM_LIBRARIES}"
+    return Check("libsumo", found, "eval, verify", problem)
+
+
+def _failure_of(command: Iterable[str]) -> str:
+    """Last line of what a failing command says; "" if it succeeds."""
+    try:
+        done = subprocess.run(tuple(command), capture_output=True, text=True, check=False, timeout=TIME_LIMIT_S)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    if done.returncode == 0:
+        return ""
+    return (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+
+
+def _program(name: str, needed_for: str, remedy: str) -> Check:
+    folder = Path(sys.executable).parent
+    found = shutil.which(name, path=f"{folder}{os.pathsep}{os.environ.get('PATH', '')}") or ""
+    return Check(name, found, needed_for, remedy, required=False)
+
+
+def doctor_table(checks: Iterable[Check]) -> str:
+    """The findings for the terminal, what is missing last."""
+    checks = tuple(checks)
+    rows = [(check.name, check.found or "missing", check.needed_for) for check in checks]
+    missing = [check for check in checks if not check.ok]
+    return "\n".join(
+        (
+            text_table(("what", "found", "needed for"), rows),
+            "",
+            *(f"missing for {check.needed_for}: {check.name} ({check.remedy})" for check in missing),
+            *(() if missing else ("Nothing is missing.",)),
+        )
+    )
+
+
+def sandbox_table(layers: Iterable[Layer]) -> str:
+    """The layers around a box on this machine for the terminal, then what they do not cover."""
+    rows = [(layer.name, "in force" if layer.active else "absent", layer.detail) for layer in layers]
+    return "\n".join(
+        (
+            text_table(("layer", "here", "how"), rows),
+            "",
+            "The backend bubblewrap does not protect from:",
+            *(f"  - {gap}" for gap in GAPS["bubblewrap"]),
+        )
+    )

@@ -1,0 +1,169 @@
+"""What was said, as the replay viewer carries it: every message with its fates, and the contents that it can show.
+
+Contents are as sent: a receiver under a pose error got them shifted. Rows are sorted by (type, sender, tick), because
+what one sender says changes little from one time to the next, and then packs well.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from mdrive_sumo.contract import Message
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.v2x.channel import Fate
+from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode
+
+SHOWN_EVERY_TICKS = 4
+"""Objects of CPMs and trajectories of MCMs are carried at 5 Hz at most; all else of them is carried always."""
+POINTS_EVERY = 2
+"""Of a trajectory every second point is drawn, and the last."""
+FATES = tuple(Fate)
+Tables: TypeAlias = dict[str, Int]
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A message at its place in the page."""
+
+    row: int
+    message: Message
+    content: Content | None
+    """None: of a type of the agents' own, or malformed."""
+    shown: bool
+    """Whether objects or trajectories are carried."""
+
+
+def messages_of(episode: Episode, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
+    """Header entries and integer tables (columns, rows); positions in cm from the origin [m]."""
+    sent = sorted(episode.messages, key=lambda one: (one.message.type, one.message.sender, one.message.tick))
+    stations = _stations(episode, scenario)
+    column = {station: i for i, station in enumerate(stations)}
+    types = sorted({one.message.type for one in sent})
+    rows = list(_rows([one.message for one in sent]))
+    mcms = [row for row in rows if isinstance(row.content, Mcm)]
+    terms, term_of = _terms(mcms)
+    places = {rsu.id: _cm((rsu.x, rsu.y), origin) for rsu in scenario.rsus}
+    header = {
+        "stations": stations,
+        "station_places": [places.get(station) for station in stations],
+        "types": types,
+        "fates": [str(fate) for fate in FATES],
+        "terms": terms,
+        "texts": [(row.row, row.content) for row in rows if isinstance(row.content, str)],
+    }
+    heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
+    fates = [
+        (i, column[receiver], FATES.index(fate), tick)
+        for i, one in enumerate(sent)
+        for receiver, (fate, tick) in one.fates.items()
+        if receiver in column
+    ]
+    objects, tracks = _objects(rows, origin)
+    header["tracks"] = tracks
+    return header, {
+        "messages": _table(heads, 4),
+        "fates": _table(fates, 4),
+        "cams": _table((_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9),
+        "cpms": _table((_cpm(row, row.content) for row in rows if isinstance(row.content, Cpm)), 5),
+        "cpm_objects": objects,
+        "mcms": _table((_mcm(row, term_of[row.row]) for row in mcms), 9),
+        "mcm_points": _points(mcms, origin),
+    }
+
+
+def _stations(episode: Episode, scenario: Scenario) -> list[str]:
+    """CAVs first, in the order of their columns."""
+    known = [*episode.ego_ids, *(rsu.id for rsu in scenario.rsus)]
+    return [*known, *sorted({one.message.sender for one in episode.messages} - set(known))]
+
+
+def _rows(messages: Sequence[Message]) -> Iterator[_Row]:
+    last: dict[tuple[str, str], int] = {}
+    for row, message in enumerate(messages):
+        source = message.sender, message.type
+        shown = message.tick - last.get(source, -SHOWN_EVERY_TICKS) >= SHOWN_EVERY_TICKS
+        if shown:
+            last[source] = message.tick
+        yield _Row(row, message, _decoded(message), shown)
+
+
+def _decoded(message: Message) -> Content | None:
+    try:
+        return decode(message)
+    except MessageError:
+        return None
+
+
+def _table(rows: Any, columns: int) -> Int:
+    """Rows as (columns, rows)."""
+    return np.array(list(rows), dtype=np.int64).reshape(-1, columns).T
+
+
+def _cm(xy: Any, origin: Float) -> list[int]:
+    return np.rint((np.asarray(xy) - origin) * 100).astype(np.int64).tolist()
+
+
+def _cam(row: int, cam: Cam, origin: Float) -> tuple[int, ...]:
+    """Row; x, y [cm], yaw [0.1 mrad], speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm]."""
+    moving = round(cam.speed * 100), round(cam.acceleration * 100), round(cam.yaw_rate * 1000)
+    x, y = _cm((cam.pose.x, cam.pose.y), origin)
+    return row, x, y, round(cam.pose.yaw * 10_000), *moving, round(cam.length * 100), round(cam.width * 100)
+
+
+def _cpm(row: _Row, cpm: Cpm) -> tuple[int, ...]:
+    """Row, range [dm], objects, sectors of free sight, whether its objects are carried."""
+    return row.row, round(cpm.range_m * 10), len(cpm.objects.ids), len(cpm.objects.free_m), row.shown
+
+
+def _objects(rows: Sequence[_Row], origin: Float) -> tuple[Int, list[str]]:
+    """(10, K): row, track, kind, x, y [cm], yaw [0.1 mrad], speed, length, width [cm], age [ticks]; sorted by track."""
+    names: dict[tuple[str, str], int] = {}
+    parts = [np.zeros((10, 0), dtype=np.int64)]
+    for row in rows:
+        if not (row.shown and isinstance(row.content, Cpm)):
+            continue
+        seen = row.content.objects
+        track = [names.setdefault((row.message.sender, name), len(names)) for name in seen.ids]
+        fine = np.stack((seen.x - origin[0], seen.y - origin[1], seen.yaw * 100, seen.speed, seen.length, seen.width))
+        x, y, *others = np.rint(fine * 100).astype(np.int64)
+        at = np.full(len(track), row.row)
+        parts.append(np.stack((at, np.array(track, dtype=np.int64), seen.kind, x, y, *others, row.content.age)))
+    table = np.concatenate(parts, axis=1)
+    return table[:, np.lexsort((table[0], table[1]))], [name for _, name in names]
+
+
+def _terms(mcms: Sequence[_Row]) -> tuple[list[Any], Mapping[int, int]]:
+    """All that was ever asked, answered and believed, each once; and which of it each row says."""
+    found: dict[tuple[Any, ...], int] = {}
+    term_of: dict[int, int] = {}
+    for row in mcms:
+        mcm = row.content
+        assert isinstance(mcm, Mcm), "only MCMs are asked for"
+        asked = tuple((who, what.name) for who, what in sorted(mcm.requests.items()))
+        key = asked, tuple(sorted(mcm.answers.items())), mcm.group, mcm.until_tick
+        term_of[row.row] = found.setdefault(key, len(found))
+    return list(found), term_of
+
+
+def _mcm(row: _Row, term: int) -> tuple[int, ...]:
+    """Row, speed [cm/s], yaw [0.1 mrad], intention, direction, term, interval [10 ms], points planned and desired."""
+    mcm = row.content
+    assert isinstance(mcm, Mcm), "only MCMs are asked for"
+    counts = [len(_thinned(line)) if row.shown else 0 for line in (mcm.planned, mcm.desired)]
+    said = int(mcm.intention), int(mcm.direction), term, round(mcm.interval_s * 100)
+    return row.row, round(mcm.speed * 100), round(mcm.pose.yaw * 10_000), *said, *counts
+
+
+def _points(mcms: Sequence[_Row], origin: Float) -> Int:
+    """(2, K): planned, then desired points of all MCMs [cm]."""
+    kept = [row.content for row in mcms if row.shown and isinstance(row.content, Mcm)]
+    lines = [_thinned(line) for mcm in kept for line in (mcm.planned, mcm.desired)]
+    return np.rint((np.concatenate([np.zeros((0, 2)), *lines]) - origin) * 100).astype(np.int64).T
+
+
+def _thinned(line: Float) -> Float:
+    return np.concatenate((line[:-1:POINTS_EVERY], line[-1:]))

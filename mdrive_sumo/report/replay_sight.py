@@ -1,0 +1,43 @@
+"""Who sees whom, as the replay viewer carries it: worked out anew from the recording."""
+
+import numpy as np
+
+from mdrive_sumo.contract import Objects
+from mdrive_sumo.core.geometry import Int
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.sensing.scene import Eye, Scene
+from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
+
+SIGHT_EVERY_TICKS = 4
+SIGHT_RANGE_M = 100.0
+LEAST_VISIBLE = 0.1
+"""Whoever shows less of himself counts as hidden; the same share as of the ideal detector."""
+
+
+def sight_of(episode: Episode, roads: RoadMap) -> Int:
+    """(egos, N, S) for every fourth tick: 1 where the CAV sees that road user, else 0."""
+    ticks = range(0, episode.ticks, SIGHT_EVERY_TICKS)
+    sight = np.zeros((episode.egos, len(episode.ids), len(ticks)), dtype=np.int64)
+    buildings = Buildings(roads)
+    for column, tick in enumerate(ticks):
+        present = np.flatnonzero(episode.valid[tick])
+        scene = Scene(tick, _boxes(episode, tick, present), {})
+        for row, ego in enumerate(present[present < episode.egos].tolist()):
+            boxes = scene.boxes
+            eye = Eye(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
+            sight[ego, present, column] = visible_fractions(eye, scene, buildings, SIGHT_RANGE_M) >= LEAST_VISIBLE
+    return sight
+
+
+def _boxes(episode: Episode, tick: int, present: Int) -> Objects:
+    return Objects(
+        ids=tuple(episode.ids[i] for i in present.tolist()),
+        kind=episode.kind[present],
+        x=episode.x[tick, present],
+        y=episode.y[tick, present],
+        yaw=episode.yaw[tick, present],
+        speed=episode.speed[tick, present],
+        length=episode.length[present],
+        width=episode.width[present],
+    )

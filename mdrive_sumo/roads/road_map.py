@@ -1,0 +1,258 @@
+"""RoadMap: a SUMO network as lanes in the world frame, with buildings and signs. sumolib's conventions end here."""
+
+# pyright: basic
+import gzip
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, polyline
+from mdrive_sumo.roads.network_file import (
+    NET_FILE,
+    Building,
+    NetworkFile,
+    StopSignBox,
+    net_checksum,
+    read_network_file,
+)
+
+NEARBY_M = 4.0
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A lane that cars may use. `centre` runs in driving direction."""
+
+    id: str
+    edge: str
+    index: int
+    """0 is the lane beside the kerb: the rightmost of the edge, the leftmost in networks that keep to the left."""
+    width: float
+    speed_limit: float
+    centre: Polyline
+    junction: bool
+    """Whether the lane lies inside a junction (a SUMO internal lane)."""
+    successors: tuple[str, ...]
+    """Ids of the lanes reached at the end; from a road these are junction lanes where there are any."""
+    left: str
+    """Id of the neighbour to the left in the same direction, or ""."""
+    right: str
+    lights: Mapping[str, str]
+    """Successor id -> "tls:index" of the traffic light that controls the way there."""
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest lane of M points: all (M,)."""
+
+    lane: Int
+    """Index into `RoadMap.driving`."""
+    distance: Float
+    """To the centre line [m]."""
+    yaw: Float
+    """Direction of the lane there [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoadMap:
+    """A network: lanes by id, what is beside the road, and where the files lie."""
+
+    name: str
+    folder: Path
+    lanes: Mapping[str, Lane]
+    junctions: tuple[Float, ...]
+    """Outlines (K, 2) [m] of the junction areas, for pictures."""
+    pavements: tuple[Float, ...]
+    """Outlines (K, 2) [m] of what pedestrians walk on beside the road, for pictures."""
+    crossings: tuple[tuple[Float, float], ...]
+    """Centre lines (K, 2) [m] and widths [m] of pedestrian crossings, for pictures."""
+    buildings: tuple[Building, ...]
+    stop_signs: tuple[StopSignBox, ...] | None
+    checksum: str
+
+    @property
+    def net_file(self) -> Path:
+        """The compiled net, as SUMO reads it."""
+        return self.folder / NET_FILE
+
+    @cached_property
+    def driving(self) -> tuple[Lane, ...]:
+        """All lanes, in the order that `Nearest.lane` indexes."""
+        return tuple(self.lanes.values())
+
+    @cached_property
+    def lane_width(self) -> Float:
+        """Width (L,) [m] of every lane of `driving`."""
+        return np.array([lane.width for lane in self.driving])
+
+    @cached_property
+    def in_junction(self) -> Bool:
+        """Whether each lane (L,) of `driving` lies in a junction."""
+        return np.array([lane.junction for lane in self.driving], dtype=np.bool_)
+
+    @cached_property
+    def _lines(self) -> Any:
+        return np.array([shapely.LineString(lane.centre.xy) for lane in self.driving], dtype=object)
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(self._lines)
+
+    def nearest(self, xy: Float) -> Nearest:
+        """Nearest driving lane to each of the points xy (M, 2) [m]; of equally near ones the first of `driving`."""
+        points = shapely.points(xy)
+        lane, distance = self._nearest_lanes(points)
+        station = shapely.line_locate_point(self._lines[lane], points)
+        yaw = np.empty(len(lane))
+        for i in np.unique(lane):
+            yaw[lane == i] = self.driving[i].centre.yaws_at(station[lane == i])
+        return Nearest(lane, distance, yaw)
+
+    def _nearest_lanes(self, points: Any) -> tuple[Int, Float]:
+        """Index and distance (M,) of the nearest lanes; a search nearby comes first, for `query_nearest` is dear."""
+        point, lane = self._tree.query(points, predicate="dwithin", distance=NEARBY_M)
+        if len(far := np.setdiff1d(np.arange(len(points)), point)):
+            pairs = self._tree.query_nearest(points[far])
+            point, lane = np.concatenate((point, far[pairs[0]])), np.concatenate((lane, pairs[1]))
+        distance = shapely.distance(points[point], self._lines[lane])
+        order = np.lexsort((lane, distance, point))
+        first = order[np.unique(point[order], return_index=True)[1]]
+        return lane[first].astype(np.int64), distance[first]
+
+    def lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
+        """Lanes whose centre line passes within `radius` [m] of the point, in the order of `driving`."""
+        found = self._tree.query(shapely.Point(x, y), predicate="dwithin", distance=radius)
+        return [self.driving[i] for i in sorted(found)]
+
+    @cached_property
+    def building_shapes(self) -> tuple[shapely.Polygon, ...]:
+        """The buildings' outlines."""
+        return tuple(shapely.Polygon(building.polygon) for building in self.buildings)
+
+
+def packaged_networks() -> dict[str, Path]:
+    """Networks that come with mdrive-sumo: name -> folder."""
+    root = Path(str(files("networks")))
+    return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / "network.json").is_file()}
+
+
+def network_folder(name: str, beside: Path | None = None) -> Path:
+    """Folder of a network: of `beside`/networks/NAME if it is there, else of the packaged one. Raises InputError."""
+    if beside is not None and (beside / "networks" / name / "network.json").is_file():
+        return beside / "networks" / name
+    packaged = packaged_networks()
+    if name not in packaged:
+        where = f"{beside / 'networks'} or " if beside is not None else ""
+        raise InputError(
+            f"network {name!r}: expected in {where}the packaged ones ({', '.join(packaged) or 'none'}), found nowhere"
+        )
+    return packaged[name]
+
+
+@lru_cache(maxsize=8)
+def load(folder: Path) -> RoadMap:
+    """Reads a network folder (`network.json`, `map.net.xml.gz`); raises InputError. Cached: a RoadMap never changes."""
+    about = read_network_file(folder)
+    path = folder / NET_FILE
+    try:
+        xml = gzip.decompress(path.read_bytes())
+    except (OSError, EOFError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
+    if (found := net_checksum(xml)) != about.checksum:
+        raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
+    return _road_map(folder, about, path, _keeps_left(xml))
+
+
+def _keeps_left(xml: bytes) -> bool:
+    """What sumolib does not read: whether a net was built for left-hand traffic."""
+    root = re.search(rb"<net\s[^>]*>", xml)
+    return root is not None and b' lefthand="true"' in root[0]
+
+
+def _road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
+    import sumolib  # here, because it takes 0.1 s that `--help` should not pay
+
+    net = sumolib.net.readNet(str(path), withInternal=True, withPrograms=False)
+    raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
+    cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _chain(lane) is not None}
+    foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
+    zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]
+    return RoadMap(
+        name=about.name,
+        folder=folder,
+        lanes={lane_id: _lane(lane, cars, left_hand) for lane_id, lane in sorted(cars.items())},
+        junctions=tuple(
+            _points(node.getShape())
+            for node in net.getNodes()
+            if len(node.getShape()) >= 3 and node.getType() != "dead_end"
+        ),
+        pavements=tuple(_outline(lane) for lane in foot if lane not in zebras),
+        crossings=tuple((_points(lane.getShape()), lane.getWidth()) for lane in zebras),
+        buildings=about.buildings,
+        stop_signs=about.stop_signs,
+        checksum=about.checksum,
+    )
+
+
+def _points(shape: Any) -> Float:
+    return np.array([point[:2] for point in shape])
+
+
+def _outline(lane: Any) -> Float:
+    """Outline of a pavement; where pavements meet SUMO's shape is that already."""
+    shape = _points(lane.getShape())
+    if lane.getEdge().getFunction() == "walkingarea":
+        return shape
+    strip = shapely.buffer(shapely.LineString(shape), lane.getWidth() / 2, cap_style="flat")
+    return shapely.get_coordinates(shapely.get_exterior_ring(strip))
+
+
+def _chain(lane: Any) -> Polyline | None:
+    """Centre line of a sumolib lane; None if it has no extent (SUMO makes such junction lanes of zero length)."""
+    try:
+        return polyline([point[:2] for point in lane.getShape(includeJunctions=False)])
+    except ValueError:
+        return None
+
+
+def _lane(lane: Any, cars: Mapping[str, Any], left_hand: bool) -> Lane:
+    centre = _chain(lane)
+    assert centre is not None
+    edge, index = lane.getEdge(), lane.getIndex()
+    neighbours = {other.getIndex(): other.getID() for other in edge.getLanes() if other.getID() in cars}
+    junction = edge.getFunction() == "internal"
+    leftwards = -1 if left_hand else 1
+    ways = list(_ways(lane, cars))
+    return Lane(
+        id=lane.getID(),
+        edge=edge.getID(),
+        index=index,
+        width=lane.getWidth(),
+        speed_limit=lane.getSpeed(),
+        centre=centre,
+        junction=junction,
+        successors=tuple(dict.fromkeys(way for way, _ in ways)),
+        left="" if junction else neighbours.get(index + leftwards, ""),
+        right="" if junction else neighbours.get(index - leftwards, ""),
+        lights={way: light for way, light in ways if light},
+    )
+
+
+def _ways(lane: Any, cars: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
+    """(successor lane id, traffic light "tls:index" or "") of every way out of a lane, sorted."""
+    found: list[tuple[str, str]] = []
+    for connection in lane.getOutgoing():
+        via, light = connection.getViaLaneID(), connection.getTLSID()
+        target = via if via in cars else connection.getToLane().getID()
+        if target in cars:
+            found.append((target, f"{light}:{connection.getTLLinkIndex()}" if light else ""))
+    return sorted(found)

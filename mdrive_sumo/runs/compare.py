@@ -1,0 +1,155 @@
+"""Two runs side by side: paired by scenario, differences with bootstrap confidence intervals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.scoring import Results, ScenarioResult
+
+RESAMPLES = 10_000
+CONFIDENCE = 0.95
+SEED = 0
+TIE = 0.005
+"""Driving scores closer than this are a tie: half of the last digit that tables show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean and its confidence interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """One scenario in both runs. Scores in percent."""
+
+    scenario: str
+    category: str
+    ds: tuple[float, float]
+    sr: tuple[float, float]
+
+    @property
+    def difference(self) -> float:
+        """Driving score of B minus that of A."""
+        return self.ds[1] - self.ds[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """B against A. Differences are B minus A: positive means that B is better."""
+
+    names: tuple[str, str]
+    pairs: tuple[Pair, ...]
+    """Sorted by difference, B's worst losses first."""
+    ds: Interval
+    sr: Interval
+    left_out: tuple[str, ...]
+    """Scenarios that could not be paired, each with the reason."""
+    warnings: tuple[str, ...]
+
+    def tally(self) -> tuple[int, int, int]:
+        """Scenarios that B wins, ties and loses by driving score."""
+        differences = [pair.difference for pair in self.pairs]
+        wins = sum(d > TIE for d in differences)
+        losses = sum(d < -TIE for d in differences)
+        return wins, len(differences) - wins - losses, losses
+
+
+def bootstrap(differences: Float) -> Interval:
+    """Mean of paired differences (N,), N >= 1, with its percentile bootstrap interval (Efron 1979).
+
+    Scenarios are what is drawn anew, so the interval says how the mean would vary over suites like this one.
+    Deterministic: the draws always come from the same seed.
+    """
+    draws = np.random.default_rng(SEED).integers(len(differences), size=(RESAMPLES, len(differences)))
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(differences[draws].mean(axis=1), (tail, 1 - tail))
+    return Interval(float(differences.mean()), float(low), float(high))
+
+
+def compare(a: Results, b: Results) -> Comparison:
+    """Pairs two runs by scenario id; void scenarios are left out, for they say nothing about the agents.
+
+    Raises InputError when the numbers mean different things (score mode) or no scenario is left.
+    """
+    if a.run.score_mode != b.run.score_mode:
+        raise InputError(
+            f"compare: expected runs of one score mode, found {a.run.score_mode} and {b.run.score_mode};"
+            " `mdrive-sumo rescore` brings them together"
+        )
+    first, second = ({s.id: s for s in results.scenarios} for results in (a, b))
+    common = [name for name in first if name in second and _scored(first[name], second[name])]
+    if not common:
+        raise InputError("compare: expected runs with scenarios in common that are not void, found none")
+    pairs = [_pair(first[name], second[name]) for name in common]
+    return Comparison(
+        names=(a.run.agent, b.run.agent),
+        pairs=tuple(sorted(pairs, key=lambda pair: (pair.difference, pair.scenario))),
+        ds=bootstrap(np.array([pair.difference for pair in pairs])),
+        sr=bootstrap(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
+        left_out=(
+            *(f"{name}: only in A" for name in first if name not in second),
+            *(f"{name}: only in B" for name in second if name not in first),
+            *(f"{name}: void" for name in first if name in second and name not in common),
+        ),
+        warnings=tuple(_warnings(a, b)),
+    )
+
+
+def _scored(a: ScenarioResult, b: ScenarioResult) -> bool:
+    return "void" not in (a.status, b.status)
+
+
+def _pair(a: ScenarioResult, b: ScenarioResult) -> Pair:
+    return Pair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr))
+
+
+def _warnings(a: Results, b: Results) -> list[str]:
+    compared = {
+        "suite": (a.run.suite, b.run.suite),
+        "suite checksum": (a.run.suite_checksum, b.run.suite_checksum),
+        "seed": (a.run.seed, b.run.seed),
+        "versions": (a.run.versions, b.run.versions),
+    }
+    return [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+
+
+def comparison_table(comparison: Comparison) -> str:
+    """The comparison for the terminal: what to beware of, overall, then scenario by scenario."""
+    wins, ties, losses = comparison.tally()
+    means = text_table(
+        ("B - A", "mean", "95 % from", "to"),
+        [_interval_row("DS", comparison.ds), _interval_row("SR", comparison.sr)],
+    )
+    rows = [
+        (p.scenario, p.category, *(f"{v:.2f}" for v in (*p.ds, *p.sr)), f"{p.difference:+.2f}")
+        for p in comparison.pairs
+    ]
+    header = ("scenario", "category", "DS A", "DS B", "SR A", "SR B", "DS B - A")
+    return "\n".join(
+        (
+            f"A = {comparison.names[0]}, B = {comparison.names[1]}, {len(rows)} scenarios in both",
+            *(f"warning: {warning}" for warning in comparison.warnings),
+            "",
+            means,
+            f"B is better in {wins}, as good in {ties}, worse in {losses}",
+            "",
+            text_table(header, rows),
+            *_left_out_lines(comparison.left_out),
+        )
+    )
+
+
+def _interval_row(name: str, interval: Interval) -> Sequence[str]:
+    return (name, f"{interval.mean:+.2f}", f"{interval.low:+.2f}", f"{interval.high:+.2f}")
+
+
+def _left_out_lines(left_out: Sequence[str]) -> tuple[str, ...]:
+    return ("", "left out:", *(f"  {line}" for line in left_out)) if left_out else ()

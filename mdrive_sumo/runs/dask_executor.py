@@ -1,0 +1,202 @@
+"""The Executor on a Dask cluster: its workers hand each job to a child process, whose main thread drives.
+
+A worker of Dask runs tasks in threads, but a simulation, and boxes, want a process. Whatever a job reads must be at the
+same path on every machine, and the code must be the same: workers that have another are refused. Dask unpickles what it
+is sent, so its ports are for a trusted network only.
+"""
+
+import os
+import pickle
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import lru_cache, partial
+from multiprocessing.connection import wait
+from typing import Any, Generic, TypeVar, cast
+
+from distributed import Client, Future
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.executor import Key, Waitable
+from mdrive_sumo.runs.fingerprint import code_checksum, versions
+from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure
+
+J = TypeVar("J")
+R = TypeVar("R")
+
+CONNECT_S = 15.0
+LOOK_S = 1.0
+"""How often the scheduler is asked how many workers there are, and whether it is there at all."""
+WORKERLESS_S = 60.0
+"""So long a run waits for workers to come back."""
+
+
+class ExecutorLostError(InputError):
+    """The engine is gone, with every job that was running."""
+
+
+class DaskExecutor(Generic[J, R]):
+    """See Executor. Use it as a context manager, in one thread."""
+
+    def __init__(self, function: Callable[[J], R], scheduler: str, limit_s: float) -> None:
+        """Raises InputError where no scheduler answers."""
+        self._function, self._address, self._limit_s = function, scheduler, limit_s
+        try:
+            self._client = Client(scheduler, timeout=CONNECT_S, set_as_default=False, name="mdrive-sumo")
+        except (OSError, ValueError) as error:  # TimeoutError is an OSError
+            raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers there ({error})") from None
+        self._prefix = f"mdrive-{os.urandom(4).hex()}-"  # Dask takes equal keys for equal results
+        self._running: dict[Key, Future[Any]] = {}
+        self._over: queue.SimpleQueue[tuple[Key, Any]] = queue.SimpleQueue()
+        self._reading, self._writing = os.pipe()
+        self._threads, self._looked, self._peopled = 0, -LOOK_S, time.monotonic()
+
+    def __enter__(self) -> "DaskExecutor[J, R]":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for key in tuple(self._running):
+            with suppress(ExecutorLostError):
+                self.end(key)
+        with suppress(OSError):
+            self._client.close(timeout=5)
+        os.close(self._reading)
+
+    @property
+    def free(self) -> int:
+        """See Executor."""
+        self._look()
+        return max(self._threads - len(self._running), 0)
+
+    def submit(self, key: Key, job: J) -> None:
+        """See Executor."""
+        name = self._prefix + key
+        task = self._client.submit(
+            in_child, name, self._function, job, self._limit_s, _state_of_code(), key=name, pure=False
+        )
+        self._running[key] = task
+        task.add_done_callback(partial(self._arrived, key))
+
+    def ready(
+        self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
+    ) -> list[tuple[Key, R | WorkerFailure]]:
+        """See Executor. Raises ExecutorLostError, also if there have been no workers for a while."""
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        while True:
+            left_s = LOOK_S if end is None else min(LOOK_S, max(0.0, end - time.monotonic()))
+            readable = wait([self._reading, *also], timeout=left_s)
+            found = self._collected()
+            if found or set(readable) - {self._reading} or (end is not None and time.monotonic() >= end):
+                return found
+            self._look()
+            if not self._running and end is None:
+                return []
+
+    def end(self, key: Key) -> None:
+        """See Executor."""
+        future = self._running.pop(key, None)
+        if future is None or self._client.status != "running":
+            return
+        with suppress(OSError):
+            future.cancel(force=True)
+            self._client.run(end_task, self._prefix + key, on_error="ignore")
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        if now - self._looked < LOOK_S:
+            return
+        self._looked = now
+        try:
+            if self._client.status != "running":
+                raise OSError("connection closed")
+            self._threads = sum(cast(dict[str, int], self._client.nthreads()).values())
+        except OSError as error:
+            raise self._lost(str(error)) from None
+        if self._threads:
+            self._peopled = now
+        elif now - self._peopled > WORKERLESS_S:
+            raise self._lost(f"it has had no workers for {WORKERLESS_S:g} s")
+
+    def _lost(self, why: str) -> ExecutorLostError:
+        self._running.clear()
+        return ExecutorLostError(f"the Dask scheduler at {self._address} is lost: {why}")
+
+    def _arrived(self, key: Key, future: Future[Any]) -> None:
+        """In a thread of Dask's: takes the outcome over at once, for with its worker it would be lost."""
+        try:
+            outcome = future.result(timeout=CONNECT_S) if future.status == "finished" else _failure(future)
+        except Exception as error:  # noqa: BLE001 - whatever Dask raises, the job has no result
+            outcome = WorkerFailure(FailureKind.DIED, f"Dask: {type(error).__name__}: {error}")
+        self._over.put((key, outcome))
+        with suppress(OSError):  # closed in the meantime
+            os.write(self._writing, b".")
+
+    def _collected(self) -> list[tuple[Key, R | WorkerFailure]]:
+        found: list[tuple[Key, R | WorkerFailure]] = []
+        while not self._over.empty():
+            os.read(self._reading, 1)
+            key, outcome = self._over.get()
+            if self._running.pop(key, None) is None:
+                continue  # ended
+            if outcome is None:
+                raise self._lost("its connection broke")
+            found.append((key, outcome))
+        return found
+
+
+def _failure(future: Future[Any]) -> WorkerFailure | None:
+    """None where the job was not at fault: nobody but a lost scheduler cancels what is still wanted."""
+    if future.status != "error":
+        return None
+    return WorkerFailure(FailureKind.DIED, f"Dask: {future.exception()!r:.300}")
+
+
+@lru_cache(maxsize=1)
+def _state_of_code() -> dict[str, str]:
+    return versions() | {"code": code_checksum()}
+
+
+_hands = threading.local()
+_jobs: dict[str, Hand[Any, Any]] = {}
+"""On a worker: what runs, for `end_task`."""
+
+
+def in_child(name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]) -> R | WorkerFailure:
+    """On a worker, in a thread of it: does a job in this thread's child process."""
+    here = _state_of_code()
+    if here != code:
+        differing = ", ".join(f"{key} {here.get(key)}" for key in sorted(code) if here.get(key) != code[key])
+        return WorkerFailure(FailureKind.INPUT, f"a worker of Dask: expected the same code as here, found {differing}")
+    hand = _hand(function)
+    _jobs[name] = hand
+    try:
+        hand.give(job)
+        wait([hand.pipe], timeout=limit_s)
+        outcome = hand.outcome()
+    finally:
+        _jobs.pop(name, None)
+    if outcome is None:
+        hand.end()
+        return WorkerFailure(FailureKind.HUNG, f"hung: no result within {limit_s:g} s")
+    return outcome
+
+
+def end_task(name: str) -> None:
+    """On a worker: ends that job, if it runs there."""
+    hand = _jobs.get(name)
+    if hand is not None:
+        hand.kill()
+
+
+def _hand(function: Callable[[Any], Any]) -> Hand[Any, Any]:
+    """This thread's child, kept from job to job: it ends with the thread."""
+    for_what = pickle.dumps(function)
+    kept: tuple[bytes, Hand[Any, Any]] | None = getattr(_hands, "kept", None)
+    if kept is not None and kept[0] == for_what and kept[1].usable:
+        return kept[1]
+    if kept is not None and kept[1].usable:
+        kept[1].end()
+    _hands.kept = (for_what, Hand[Any, Any](function))
+    return _hands.kept[1]

@@ -1,0 +1,128 @@
+"""`evaluate`: scenarios through worker processes into results, with a journal that survives everything."""
+
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from pydantic import ValidationError
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.scenario import Scenario, first_problem
+from mdrive_sumo.scoring import (Results, ScenarioResult, save_results, summarise, void_result)
+from mdrive_sumo.runs.result_transfer import Carried, carrying, kept
+from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.runs.executor import outcomes
+from mdrive_sumo.runs.job import run_job
+from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
+from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, cannot_write
+from mdrive_sumo.runs.preparation import TRANSCRIPTS_FOLDER, Prepared, recording
+from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, gathered
+
+RESULTS_FILE = "results.json"
+TRIES = 2
+"""A scenario without a result is tried once more, after all others; then it is void."""
+
+
+class Progress(Protocol):
+    """Who wants to know how far a run has come."""
+
+    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+        """Told once: how many scenarios there are, and the results of an earlier start that are kept."""
+        ...
+
+    def done(self, result: ScenarioResult) -> None:
+        """A scenario has its result."""
+        ...
+
+    def note(self, text: str) -> None:
+        """Something worth a line: a failed try, a dropped line of the journal."""
+        ...
+
+
+def evaluate(run: Prepared, progress: Progress) -> Results:
+    """Drives what the journal does not hold yet, and writes `results.json`.
+
+    Results of earlier starts are kept, void ones are tried again. Raises InputError and KeyboardInterrupt;
+    the journal then keeps what was finished.
+    """
+    with open_journal(run.folder, run.fingerprint, fresh=run.settings.fresh) as journal:
+        found = _kept(run, journal)
+        if journal.torn:
+            progress.note("the last line of the journal was incomplete and has been dropped")
+        progress.begin(len(run.scenarios), found)
+        todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
+        if todo:
+            with writing(run.folder):
+                run.make_folders()
+                (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
+            for result in _driven(run, todo, journal, progress):
+                journal.add_result(result.model_dump(mode="json"))
+                found[result.id] = result
+                progress.done(result)
+        whole = summarise(run.info, [found[scenario.id] for scenario in run.scenarios])
+        with writing(run.folder / RESULTS_FILE):
+            save_results(whole, run.folder / RESULTS_FILE)
+            _gather_transcripts(run)
+    return whole
+
+
+def _gather_transcripts(run: Prepared) -> None:
+    """Puts what language models said into one file, which `eval --transcript` replays."""
+    text = gathered(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
+    if text:
+        (run.folder / TRANSCRIPT_FILE).write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def writing(path: Path) -> Generator[None]:
+    """Turns a full disk or a missing permission into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(cannot_write(error, path)) from None
+
+
+def _kept(run: Prepared, journal: Journal) -> dict[str, ScenarioResult]:
+    """Results of earlier starts: not void, and with their recording if there shall be one."""
+    try:
+        entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
+    except ValidationError as error:
+        raise InputError(f"{run.folder / JOURNAL_FILE}: {first_problem(error)}; --fresh starts anew") from None
+    return {
+        entry.id: entry
+        for entry in entries
+        if entry.status == "ok" and (not run.settings.record or recording(run.folder, entry.id).is_file())
+    }
+
+
+def _driven(
+    run: Prepared, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
+) -> Generator[ScenarioResult]:
+    """A result for every scenario as they finish. Long ones start first: no worker idles at the end."""
+    jobs = [run.job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
+    workers = min(run.settings.workers, len(jobs))
+    scheduler = run.settings.scheduler
+    function = partial(carrying, run_job) if scheduler else run_job  # machines of a cluster need not share our disk
+    with engine(function, workers, run.limit_s(), scheduler) as executor:
+        for tries_left in reversed(range(TRIES)):
+            failed = jobs[:0]
+            for job, outcome in outcomes(executor, jobs):
+                if not isinstance(outcome, WorkerFailure):
+                    yield kept(job, outcome) if isinstance(outcome, Carried) else outcome
+                    continue
+                if outcome.kind is FailureKind.INPUT:
+                    raise InputError(outcome.reason)
+                journal.add_failure(job.scenario, outcome.reason)
+                progress.note(f"{job.scenario}: {outcome.reason}" + ("; tried again later" if tries_left else ""))
+                failed.append(job)
+                if not tries_left:
+                    yield void_result(todo[job.scenario], job.seed, outcome.reason)
+            jobs = failed
+
+
+def _cost(scenario: Scenario) -> int:
+    """Roughly how long an episode takes: its limit grows with the first route, a tick with the road users."""
+    road_users = 4 * len(scenario.egos) + len(scenario.background.vehicles)
+    return len(scenario.egos[0].route) * road_users

@@ -1,0 +1,92 @@
+"""The fingerprint of a run: everything that makes two runs the same run, and that their results depend on."""
+
+import hashlib
+import importlib.util
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from platform import python_version
+
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, carla_file, split_locator
+from mdrive_sumo.roads import network_folder
+from mdrive_sumo.roads.network_file import read_network_file
+from mdrive_sumo.scenario.catalog import Suite, packaged_suites
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.runs.journal import Fingerprint
+from mdrive_sumo.runs.run_config import Settings, config_text
+from mdrive_sumo.v2x.comm import comm_text
+
+PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
+
+
+def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
+    """Of an evaluation; raises InputError for a network that is not there."""
+    packaged = suite.folder == packaged_suites().get(settings.suite)
+    return {
+        "suite": settings.suite if packaged else str(suite.folder.resolve()),
+        "suite_checksum": suite.checksum(),
+        "networks": _networks_checksum(suite, scenarios),
+        "scenario": settings.scenario,
+        "agent": located(settings.agent),
+        "agent_config": config_text(settings.agent_config),
+        "agent_code": _agent_checksum(settings.agent),
+        "seed": settings.seed,
+        "score_mode": settings.score_mode,
+        "comm": comm_text(settings.comm),
+        "agent_clock": settings.clock.text,
+        "actors": settings.actors,
+        "friction": settings.friction,
+        "record": settings.record,
+        "code": code_checksum(),
+        **versions(),
+    }
+
+
+def located(agent: str) -> str:
+    """The agent as any process will find it: the path of a file is made absolute."""
+    if agent in AGENTS:
+        return agent
+    if (file := carla_file(agent)) is not None:
+        return f"{CARLA_PREFIX}{file.resolve()}"
+    place, name = split_locator(agent)
+    return f"{Path(place).resolve()}:{name}" if place.endswith(".py") else agent
+
+
+def versions() -> dict[str, str]:
+    """What results depend on."""
+    return {"python": python_version()} | {package: version(package) for package in PACKAGES}
+
+
+def _networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
+    """Over the networks in use, what is beside their roads included."""
+    digest = hashlib.sha256()
+    for name, home in sorted({(scenario.network, suite.home(scenario.id)) for scenario in scenarios}):
+        digest.update(read_network_file(network_folder(name, home)).model_dump_json().encode())
+    return "sha256:" + digest.hexdigest()
+
+
+def _agent_checksum(agent: str) -> str:
+    """Of the file in which a third-party agent's class is; "" for a built-in one, whose code is `code`."""
+    if agent in AGENTS:
+        return ""
+    if (file := carla_file(agent)) is not None:
+        return _checksum({str(file): file} if file.is_file() else {})
+    place, _ = split_locator(agent)
+    if not place.endswith(".py"):
+        spec = importlib.util.find_spec(place)
+        place = (spec.origin if spec else None) or ""
+    return _checksum({place: Path(place)} if place else {})
+
+
+def code_checksum() -> str:
+    """Of this library, so that episodes of two states of its code never mix in one run."""
+    root = Path(__file__).parents[1]
+    return _checksum({str(path.relative_to(root)): path for path in root.rglob("*.py")})
+
+
+def _checksum(files: Mapping[str, Path]) -> str:
+    digest = hashlib.sha256()
+    for name, path in sorted(files.items()):
+        digest.update(name.encode() + b"\0" + path.read_bytes())
+    return "sha256:" + digest.hexdigest()

@@ -1,0 +1,33 @@
+"""`rescored`: recordings into results, in any score mode, without a simulation."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarise
+from mdrive_sumo.runs.job import rescore
+from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.evaluate import writing
+
+
+def rescored(run: Prepared, results: Results, mode: ScoreMode) -> Results:
+    """Scores every recording anew; void ones stay void. Raises InputError, for a corrupt recording too."""
+    if not run.settings.record:
+        raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
+    scenarios = {scenario.id: scenario for scenario in run.scenarios}
+
+    def again(result: ScenarioResult) -> ScenarioResult:
+        if result.status == "void":
+            return result
+        return rescore(replace(run.job(scenarios[result.id]), score_mode=mode))
+
+    info = results.run.model_copy(update={"score_mode": str(mode)})
+    return summarise(info, [again(result) for result in results.scenarios])
+
+
+def save_rescored(run: Prepared, results: Results) -> Path:
+    """Writes RUN/results-MODE.json beside the run's own results; returns its path. Raises InputError."""
+    path = run.folder / f"results-{results.run.score_mode}.json"
+    with writing(path):
+        save_results(results, path)
+    return path

@@ -1,0 +1,65 @@
+"""A finished run, opened again: for `verify` and `rescore`."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.actors import ActorMode
+from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scoring import Results, ScoreMode, load_results
+from mdrive_sumo.runs.fingerprint import code_checksum, versions
+from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
+from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.run_config import Settings
+from mdrive_sumo.v2x.comm import comm_from
+
+
+def open_run(folder: Path, suite: str | None = None) -> tuple[Prepared, Results]:
+    """The evaluation and its results; `suite`: where the suite is now, if it has moved. Raises InputError."""
+    results = load_results(folder / RESULTS_FILE)
+    fingerprint = read_fingerprint(folder)
+    settings = _settings(folder, fingerprint)
+    loaded = load_suite(suite or settings.suite)
+    if loaded.checksum() != results.run.suite_checksum:
+        raise InputError(
+            f"suite {loaded.name}: expected the checksum of {folder}, {results.run.suite_checksum},"
+            f" found {loaded.checksum()}"
+        )
+    ids = {result.id for result in results.scenarios}
+    scenarios = tuple(scenario for scenario in loaded.scenarios if scenario.id in ids)
+    return Prepared(settings, loaded, scenarios, folder, results.run, fingerprint), results
+
+
+def changed_since(run: Prepared) -> str:
+    """What differs between the run and this installation, as far as results depend on it; "" if nothing."""
+    now = versions() | {"code": code_checksum()}
+    then = run.fingerprint
+    found = [name if name == "code" else f"{name} {then.get(name)}" for name in now if now[name] != then.get(name)]
+    return ", ".join(found)
+
+
+def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> Settings:
+    try:
+        return Settings(
+            suite=fingerprint["suite"],
+            scenario=fingerprint["scenario"],
+            agent=fingerprint["agent"],
+            agent_config=json.loads(fingerprint["agent_config"]),
+            seed=fingerprint["seed"],
+            score_mode=ScoreMode(fingerprint["score_mode"]),
+            comm=comm_from(json.loads(fingerprint["comm"])),
+            clock=clock_of(fingerprint["agent_clock"]),
+            actors=ActorMode(fingerprint["actors"]),
+            friction=Friction(fingerprint.get("friction", Friction.DRY)),
+            record=fingerprint["record"],
+            out=folder,
+        )
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{folder / JOURNAL_FILE}: expected the fingerprint of a run, found a corrupt one ({error})"
+        ) from None

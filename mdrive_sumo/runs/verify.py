@@ -1,0 +1,171 @@
+"""`verify`: executes a run again and compares the digest of every tick with the recording."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.episode import Episode, load_episode
+from mdrive_sumo.episode.quantization import from_quanta
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.state import DT, End
+from mdrive_sumo.runs.job import Job, reexecute
+from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.transcript import transcript_path
+from mdrive_sumo.v2x.channel import Fate
+
+STATE_NAMES = ("x", "y", "yaw", "speed")
+CONTROL_NAMES = ("throttle", "brake", "steer")
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A scenario to execute again, and the digest that it had: all there is without a recording."""
+
+    job: Job
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a scenario came out the same, and what the comparison found."""
+
+    scenario: str
+    identical: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first tick in which two episodes differ, and one thing that differs in it."""
+
+    tick: int
+    text: str
+
+
+def sampled(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
+    """The scenarios to verify, in the order of the suite: all that are not void, or `size` of them.
+
+    Which ones depends on the run's seed and their ids only.
+    """
+    found = [result for result in results.scenarios if result.status != "void"]
+    drawn = sorted(found, key=lambda result: derived_seed(results.run.seed, result.id, "verify"))[:size]
+    return tuple(result for result in found if result in drawn)
+
+
+def verify(run: Prepared, chosen: Sequence[ScenarioResult], workers: int) -> Iterator[Verdict]:
+    """A verdict for every chosen scenario, in the order in which they finish. Raises InputError."""
+    scenarios = {scenario.id: scenario for scenario in run.scenarios}
+    checks = [Check(run.job(scenarios[result.id]), result.digest) for result in chosen]
+    with Pool[Check, Verdict](checked, min(workers, max(len(checks), 1)), run.limit_s()) as pool:
+        for check, outcome in pool.run(checks):
+            if not isinstance(outcome, WorkerFailure):
+                yield outcome
+            elif outcome.kind is FailureKind.INPUT:
+                raise InputError(outcome.reason)
+            else:
+                yield Verdict(check.job.scenario, False, outcome.reason)
+
+
+def checked(check: Check) -> Verdict:
+    """Executes one scenario again; runs in a worker."""
+    job = replace(check.job, log_folder="", transcripts="")
+    if not job.recording:
+        again = reexecute(job)
+        same = again.digest == check.digest
+        text = f"final digest {again.digest}" + ("" if same else f", was {check.digest}") + " (no recording)"
+        return Verdict(job.scenario, same, text)
+    recorded = load_episode(Path(job.recording))
+    if recorded.digest != check.digest:
+        return Verdict(
+            job.scenario,
+            False,
+            f"the recording's digest is {recorded.digest}, that of the results {check.digest}",
+        )
+    failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
+    again = replace(job, replayed=failures, thought=recorded.thinking)
+    difference = first_difference(recorded, reexecute(_from_transcript(again, check.job.transcripts)))
+    if difference is None:
+        return Verdict(job.scenario, True, f"identical ({recorded.ticks} ticks)")
+    seconds = difference.tick * DT
+    text = f"first difference at tick {difference.tick} ({seconds:.2f} s): {difference.text}"
+    return Verdict(job.scenario, False, text)
+
+
+def _from_transcript(job: Job, folder: str) -> Job:
+    """The job with the answers of its language models taken from the run's transcript, if it has one."""
+    path = transcript_path(Path(folder), job.scenario)
+    return replace(job, agent_config={**job.agent_config, "transcript": str(path)}) if path.is_file() else job
+
+
+def first_difference(recorded: Episode, again: Episode) -> Difference | None:
+    """Where and in what `again` leaves `recorded`; None if every tick and every ending is the same."""
+    ticks = min(recorded.ticks, again.ticks)
+    differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
+    if len(differing):
+        tick = int(differing[0])
+        return Difference(tick, next(_details(recorded, again, tick), "the digest differs"))
+    if recorded.ticks != again.ticks:
+        return Difference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
+    for now, then in zip(again.endings, recorded.endings, strict=True):
+        if (now.tick, now.end) != (then.tick, then.end):
+            return Difference(
+                min(now.tick, then.tick),
+                f"{now.ego!r} ends {now.end} in tick {now.tick}, ended {then.end} in tick {then.tick}",
+            )
+    return None
+
+
+def _details(recorded: Episode, again: Episode, tick: int) -> Iterator[str]:
+    """What differs in one tick: who is there, states, controls, signals, contacts."""
+    if (heard := _arrivals(again, tick)) != (had := _arrivals(recorded, tick)):
+        yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
+    yield from _state_details(_states(recorded, tick), _states(again, tick))
+    yield from _control_details(recorded, again, tick)
+    if (lights := _changes(again, tick)) != (before := _changes(recorded, tick)):
+        yield f"traffic lights change to {lights}, changed to {before}"
+    if (touching := _contacts(again, tick)) != (touched := _contacts(recorded, tick)):
+        yield f"contacts are {touching or 'none'}, were {touched or 'none'}"
+
+
+def _state_details(then: Mapping[str, Float], now: Mapping[str, Float]) -> Iterator[str]:
+    for name in sorted({*then, *now}):
+        if name not in now or name not in then:
+            yield f"{name!r} is {'new' if name in now else 'missing'}"
+            continue
+        for i in np.flatnonzero(then[name] != now[name]):
+            yield f"{STATE_NAMES[i]} of {name!r} is {now[name][i]:.4f}, was {then[name][i]:.4f}"
+
+
+def _control_details(recorded: Episode, again: Episode, tick: int) -> Iterator[str]:
+    then, now = recorded.control_values[tick], again.control_values[tick]
+    for ego, i in np.argwhere(then != now):
+        yield f"{CONTROL_NAMES[i]} of {again.ids[ego]!r} is {now[ego, i]:.4f}, was {then[ego, i]:.4f}"
+
+
+def _states(episode: Episode, tick: int) -> dict[str, Float]:
+    """Recorded state (4,) of everyone who is there."""
+    present = np.flatnonzero(episode.valid[tick])
+    return {episode.ids[i]: from_quanta(episode.quanta[tick, i]) for i in present}
+
+
+def _changes(episode: Episode, tick: int) -> dict[str, str]:
+    return {change.light: change.state for change in episode.signals if change.tick == tick}
+
+
+def _arrivals(episode: Episode, tick: int) -> list[str]:
+    return [
+        f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
+        for sent in episode.messages
+        for receiver, fate in sent.fates.items()
+        if fate == (Fate.DELIVERED, tick)
+    ]
+
+
+def _contacts(episode: Episode, tick: int) -> list[tuple[str, str]]:
+    return [(contact.ego, contact.other) for at, contact in episode.contacts if at == tick]

@@ -1,0 +1,172 @@
+"""Hand: one worker process that does one job at a time, and may be ended at any moment.
+
+libsumo holds one simulation a process and may crash it, so every worker is a fresh interpreter ("spawn") in a
+process group of its own: Ctrl-C reaches only the parent, and a worker ends with the agents that it started. Jobs run in
+its main thread, which boxes ask for. A worker ends with the *thread* that made it: use a hand in one thread.
+"""
+
+import ctypes
+import errno
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from enum import StrEnum, auto
+from multiprocessing import current_process, get_context, parent_process
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from mdrive_sumo.core.errors import InputError, WorldError
+
+J = TypeVar("J")
+R = TypeVar("R")
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_CANNOT_WRITE = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO))
+
+
+class FailureKind(StrEnum):
+    """Why a job has no result."""
+
+    DIED = auto()
+    """The worker was killed, crashed or left."""
+    HUNG = auto()
+    """The job was ended because it took longer than the limit."""
+    RAISED = auto()
+    """The function raised an exception."""
+    INPUT = auto()
+    """The user has to mend something: an InputError, a full disk."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerFailure:
+    """A job that has no result; `reason` is one sentence."""
+
+    kind: FailureKind
+    reason: str
+
+
+class Hand(Generic[J, R]):
+    """A worker process for `function`, which is top-level and picklable."""
+
+    def __init__(self, function: Callable[[J], R]) -> None:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a core for each worker: numpy's own threads only fight
+        if current_process().daemon:  # as workers of Dask are: Python would let them have no processes of their own
+            current_process().daemon = False
+        context = get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        """To wait on: readable when there is an outcome."""
+        # A daemon: should a second Ctrl-C come before its owner holds it back, the interpreter still ends the worker.
+        self._process = context.Process(target=_serve, args=(theirs, function), name="mdrive-sumo worker", daemon=True)
+        with without_interrupts():  # the child inherits it, until it has left our process group
+            self._process.start()
+        theirs.close()
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can take another job; not after `end`."""
+        return not self.pipe.closed
+
+    def give(self, job: J) -> None:
+        """Starts a job; the one before must be over."""
+        with suppress(BrokenPipeError, ConnectionResetError):  # died idle: seen as a dead worker by `outcome`
+            self.pipe.send(job)
+
+    def outcome(self) -> R | WorkerFailure | None:
+        """Of the job, None if it still runs. After DIED the hand is ended."""
+        try:
+            return self.pipe.recv() if self.pipe.poll() else None
+        except (EOFError, OSError):  # OSError: it died while it was sending
+            self._process.join(timeout=2.0)  # so that its own exit code is seen, not that of `end`
+            self.end()
+            return WorkerFailure(FailureKind.DIED, _how_it_ended(self._process.exitcode))
+
+    def kill(self) -> None:
+        """Ends the job with its worker, also from another thread; `outcome` then says DIED."""
+        if self.usable:
+            self._kill()
+
+    def _kill(self) -> None:
+        assert self._process.pid is not None
+        with suppress(ProcessLookupError, PermissionError):  # it had not made its own group yet, or all are gone
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()
+
+    def end(self) -> None:
+        """Ends the worker, dead or alive, and the agents that it started."""
+        self.pipe.close()
+        self._kill()
+        self._process.join()
+
+
+@contextmanager
+def without_interrupts() -> Generator[None]:
+    """Holds SIGINT back until the end of the block."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def cannot_write(error: OSError, path: str | Path | None) -> str:
+    """One sentence for a full disk, a missing permission and the like."""
+    return f"{path or 'the run folder'}: cannot be written: {error.strerror}"
+
+
+def _how_it_ended(exit_code: int | None) -> str:
+    if exit_code is None or exit_code >= 0:
+        return f"the worker process ended with exit code {exit_code}"
+    return f"the worker process was ended by {signal.Signals(-exit_code).name}"
+
+
+def _serve(pipe: Connection, function: Callable[[Any], Any]) -> None:
+    """A worker's life: answers jobs until the parent closes the pipe or dies."""
+    _leave_the_terminal_to_the_parent()
+    _die_with_parent()
+    while True:
+        try:
+            job = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_answer(function, job))
+
+
+def _leave_the_terminal_to_the_parent() -> None:
+    os.setpgid(0, 0)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _die_with_parent() -> None:
+    """Asks Linux for SIGKILL when the parent dies; elsewhere the closed pipe ends a worker after its job."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    parent = parent_process()
+    if parent is not None and os.getppid() != parent.pid:  # it died before the line above
+        os._exit(1)
+
+
+def _answer(function: Callable[[Any], Any], job: Any) -> Any:
+    try:
+        return function(job)
+    except InputError as error:
+        return WorkerFailure(FailureKind.INPUT, str(error))
+    except WorldError as error:
+        return WorkerFailure(FailureKind.RAISED, str(error))
+    except OSError as error:
+        if error.errno in _CANNOT_WRITE:
+            return WorkerFailure(FailureKind.INPUT, cannot_write(error, error.filename))
+        return WorkerFailure(FailureKind.RAISED, _one_line(error))
+    except Exception as error:  # noqa: BLE001 - the border where our own failure becomes a void, with its reason
+        return WorkerFailure(FailureKind.RAISED, _one_line(error))
+
+
+def _one_line(error: Exception) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    text = " ".join(str(error).split())[:300]
+    return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {text}"

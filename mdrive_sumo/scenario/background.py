@@ -1,0 +1,80 @@
+"""SUMO's traffic in a scenario file: vehicles with routes and, where they come from a log, with its schedule."""
+
+from itertools import pairwise
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from mdrive_sumo.scenario.model import Coordinate, Identifier, Part, Seconds, Speed
+
+Mode = Literal["reactive", "replay", "hybrid"]
+
+
+class Driving(Part):
+    """How a driver follows; SUMO's defaults for passenger cars where nothing is said (Krauss model)."""
+
+    tau_s: float = Field(default=1.0, gt=0, le=10)
+    """Time headway [s]."""
+    min_gap_m: float = Field(default=2.5, ge=0, le=20)
+    accel: float = Field(default=2.6, gt=0, le=20)
+    decel: float = Field(default=4.5, gt=0, le=20)
+    """[m/s2]"""
+    sigma: float = Field(default=0.5, ge=0, le=1)
+    """Driver imperfection."""
+
+
+class Schedule(Part):
+    """What a vehicle of a log did along its route. It is desired; following and yielding come first."""
+
+    progress: tuple[tuple[Seconds, float], ...] = Field(min_length=2)
+    """Time since the start of the scenario [s], distance of the front bumper along the route [m] from where it
+    departed; both increasing, distances not strictly."""
+    lanes: tuple[tuple[float, int], ...] = ()
+    """Lane changes: from this distance [m] on it shall be on that lane (index) of its edge."""
+    leaves: bool = True
+    """Whether it left the log at the end of its schedule, and leaves here where that ends; else it goes on."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Schedule":
+        for (t0, s0), (t1, s1) in pairwise(self.progress):
+            if t1 <= t0 or s1 < s0:
+                raise ValueError(f"schedule: expected times and distances that grow, found {t1, s1} after {t0, s0}")
+        return self
+
+
+class BackgroundVehicle(Part):
+    """A vehicle driven by SUMO along `edges`."""
+
+    id: Identifier
+    depart_s: Seconds
+    edges: tuple[str, ...] = Field(min_length=1)
+    depart_lane: int = Field(default=0, ge=0)
+    depart_pos_m: float = Field(default=0.0, ge=0)
+    """Of the front bumper, along the first edge."""
+    depart_speed: Speed = 0.0
+    length: float = Field(default=5.0, gt=0, le=40)
+    width: float = Field(default=1.8, gt=0, le=10)
+    """[m]; SUMO's default passenger car."""
+    driving: Driving = Driving()
+    schedule: Schedule | None = None
+    log: tuple[tuple[Seconds, Coordinate, Coordinate, Coordinate], ...] = ()
+    """Poses of the log for modes `replay` and `hybrid`: time since the start [s], x, y [m] of the box centre, yaw."""
+
+
+class Background(Part):
+    """SUMO's traffic. Every vehicle is a passenger car of SUMO's default model unless said otherwise."""
+
+    vehicles: tuple[BackgroundVehicle, ...] = ()
+    action_step_s: float = Field(default=0.5, ge=0.05, le=1.0, multiple_of=0.05)
+    """Reaction interval of background drivers (spec/sumo_pitfalls 6.1)."""
+    mode: Mode = "reactive"
+    """`reactive`: SUMO drives. `replay`: poses of the log, whatever happens. `hybrid`: poses of the log until a CAV's
+    presence changes the situation, then SUMO drives (vehicles without a log are reactive always)."""
+
+    @model_validator(mode="after")
+    def _has_logs(self) -> "Background":
+        if self.mode == "replay":
+            for vehicle in self.vehicles:
+                if not vehicle.log:
+                    raise ValueError(f"vehicle {vehicle.id}: expected a log to replay, found none")
+        return self

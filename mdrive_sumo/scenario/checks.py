@@ -1,0 +1,158 @@
+"""Does a scenario fit its network? Asked before anything is simulated, so that a bad file gets one clear sentence."""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, box_corners
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, PositionTrigger, Replay
+from mdrive_sumo.vehicle import dynamics
+
+OFF_LANE_M = 4.0
+"""A route point further than this from all lanes of its route is off the map; a lane change needs half a lane."""
+START_GAP_M = 2.0
+OFF_MAP_M = 500.0
+"""An actor further than this from the map's lanes belongs to another map; parking places lie beside the road."""
+TOUCHING_M2 = 0.01
+LEADS_M = 0.1
+"""A path whose points are all nearer to its first leads nowhere."""
+CAR = dynamics.MKZ_2017
+
+
+def check_scenario(scenario: Scenario, roads: RoadMap) -> None:
+    """Raises InputError naming the first CAV or actor and point where scenario and network do not fit together."""
+    for ego in scenario.egos:
+        where = f"scenario {scenario.id}: ego {ego.id}"
+        _check_lanes(where, ego.lanes, roads)
+        _check_points(where, ego, roads)
+    lanes_xy = np.concatenate([lane.centre.xy for lane in roads.driving])
+    map_box = (lanes_xy.min(0), lanes_xy.max(0))
+    for actor in scenario.actors:
+        where = f"scenario {scenario.id}: actor {actor.id}"
+        if isinstance(actor.motion, AlongLanes):
+            _check_lanes(where, actor.motion.lanes, roads)
+        _check_within(where, actor, map_box)
+        _check_begin(where, actor, roads)
+        _check_room(where, actor, scenario.egos, roads)
+
+
+def _check_lanes(where: str, lanes: Sequence[str], roads: RoadMap) -> None:
+    for lane in lanes:
+        if lane not in roads.lanes:
+            raise InputError(f"{where}: expected lanes of network {roads.name}, found {lane!r}")
+    for here, there in pairwise(lanes):
+        lane = roads.lanes[here]
+        if there not in (*lane.successors, lane.left, lane.right):
+            raise InputError(f"{where}: expected a lane after or beside {here}, found {there}, which is not connected")
+
+
+def _check_points(where: str, ego: Ego, roads: RoadMap) -> None:
+    lanes = shapely.MultiLineString([roads.lanes[lane].centre.xy for lane in ego.lanes])
+    gaps = np.atleast_1d(shapely.distance(shapely.points(ego.xy), lanes))
+    worst = int(np.argmax(gaps))
+    if gaps[worst] > OFF_LANE_M:
+        x, y = ego.xy[worst]
+        raise InputError(
+            f"{where}: route point {worst} ({x:.1f}, {y:.1f}): expected within {OFF_LANE_M:g} m of its lanes,"
+            f" found {gaps[worst]:.1f} m"
+        )
+    gap = math.hypot(ego.start.x - ego.xy[0, 0], ego.start.y - ego.xy[0, 1])
+    if gap > START_GAP_M:
+        raise InputError(
+            f"{where}: start: expected within {START_GAP_M:g} m of the first route point, found {gap:.1f} m"
+        )
+
+
+def _check_within(where: str, actor: Actor, map_box: tuple[Float, Float]) -> None:
+    """Wherever an actor goes, the map is near."""
+    low, high = map_box
+    points = _points(actor)
+    beyond = np.maximum(low - points, points - high).max(1)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > OFF_MAP_M:
+        x, y = points[worst]
+        raise InputError(
+            f"{where}: ({x:.1f}, {y:.1f}): expected within {OFF_MAP_M:g} m of the map's lanes (x {low[0]:.0f} to"
+            f" {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f}), found {beyond[worst]:.0f} m beyond them"
+        )
+
+
+def _points(actor: Actor) -> Float:
+    """(N, 2) points [m] that an actor's file names: start, way, trigger."""
+    points = [(actor.start.x, actor.start.y)]
+    match actor.motion:
+        case AlongPath(points=way):
+            points += way
+        case Replay(poses=poses):
+            points += [(x, y) for _, x, y, _ in poses]
+        case _:
+            pass
+    if isinstance(actor.trigger, PositionTrigger):
+        points.append((actor.trigger.x, actor.trigger.y))
+    return np.array(points)
+
+
+def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
+    """A motion begins at the start, and leads somewhere."""
+    begin, start = (actor.start.x, actor.start.y), (actor.start.x, actor.start.y)
+    match actor.motion:
+        case AlongPath(points=way):
+            begin = way[0]
+            if max(math.dist(begin, point) for point in way) <= LEADS_M:
+                raise InputError(f"{where}: expected a path that leads somewhere, found at most {LEADS_M:g} m of it")
+        case AlongLanes(lanes=lanes):
+            centre = roads.lanes[lanes[0]].centre
+            begin = centre.at(min(max(centre.project(*start)[0], 0.0), centre.length))
+        case Replay(poses=poses):
+            begin = poses[0][1:3]
+        case _:
+            return
+    if (gap := math.dist(begin, start)) > OFF_LANE_M:
+        raise InputError(
+            f"{where}: start: expected within {OFF_LANE_M:g} m of where its motion begins, found {gap:.1f} m"
+        )
+
+
+def _check_room(where: str, actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> None:
+    for ego, area in contacts_at_start(actor, egos, roads):
+        raise InputError(f"{where}: start: expected room, found CAV {ego} there ({area:.2f} m2 overlap)")
+
+
+def contacts_at_start(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> Iterator[tuple[str, float]]:
+    """Ids of the CAVs in which an actor stands in frame 0, and the overlaps [m2]; who comes later is in none."""
+    if isinstance(actor.motion, Replay) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
+        return
+    box = _box(first_pose(actor, roads), actor.length, actor.width)
+    for ego in egos:
+        area = float(shapely.intersection(box, _box(ego.start, CAR.length, CAR.width)).area)
+        if area > TOUCHING_M2:
+            yield ego.id, area
+
+
+def first_pose(actor: Actor, roads: RoadMap) -> Pose:
+    """Where a motion begins, which may be beside the actor's `start`, heading along it."""
+    start = actor.start
+    match actor.motion:
+        case AlongPath(points=way):
+            (x, y), ahead = way[0], next((point for point in way if math.dist(point, way[0]) > LEADS_M), None)
+            return Pose(x=x, y=y, yaw=math.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
+        case AlongLanes(lanes=lanes):
+            centre = roads.lanes[lanes[0]].centre
+            yaw = centre.yaw_at(min(max(centre.project(start.x, start.y)[0], 0.0), centre.length))
+            return Pose(x=start.x, y=start.y, yaw=yaw)
+        case Replay(poses=poses):
+            _, x, y, yaw = poses[0]
+            return Pose(x=x, y=y, yaw=yaw)
+        case _:
+            return start
+
+
+def _box(pose: Pose, length: float, width: float) -> shapely.Polygon:
+    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, length, width))

@@ -1,0 +1,148 @@
+"""The scenario file: JSON checked by pydantic, unknown keys refused.
+
+Coordinates are the SUMO network's frame after its netOffset: metres, radians counter-clockwise from +x; a pose is the
+box centre.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.background import Background
+from mdrive_sumo.scenario.model import Coordinate, Identifier, Part, Point, Pose, Speed
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.weather import WeatherName
+
+FORMAT = "mdrive-sumo/scenario/1"
+
+
+class Ego(Part):
+    """One CAV: where it is at tick 0 and the route it shall drive."""
+
+    id: Identifier
+    start: Pose
+    start_speed: Speed = 0.0
+    """[m/s]; 0 as in the original, or that of a log."""
+    lanes: tuple[str, ...] = Field(min_length=1)
+    """SUMO lane ids in driving order, junction-internal lanes included; a lane change lists both lanes."""
+    route: tuple[Point, ...] = Field(min_length=2)
+    """Dense points (x, y, yaw of the assigned lane), 1 m apart; the last hop may be shorter."""
+
+    @property
+    def xy(self) -> Float:
+        """Route points (N, 2) [m]."""
+        return np.array([point[:2] for point in self.route])
+
+    @property
+    def yaw(self) -> Float:
+        """Lane direction (N,) [rad] at the route points."""
+        return np.array([point[2] for point in self.route])
+
+    @model_validator(mode="after")
+    def _evenly_spaced(self) -> "Ego":
+        hops = np.hypot(*np.diff(self.xy, axis=0).T)
+        worst = int(np.argmax(hops))
+        if hops[worst] > 1.5 or hops.min() <= 0.0:
+            raise ValueError(
+                f"route of {self.id}: expected points 1 m apart (over 0, at most 1.5 m),"
+                f" found {hops[worst]:.2f} m after point {worst} (least {hops.min():.3f} m)"
+            )
+        return self
+
+
+class RoadsideUnit(Part):
+    """A station beside the road that tells by CPM what it sees, with an objects sensor of the given profile."""
+
+    id: Identifier
+    x: Coordinate
+    y: Coordinate
+    range_m: float = Field(default=80.0, gt=0, le=300)
+    profile: str = "ideal"
+    """Error profile of its detections, see docs/sensors.md."""
+
+
+class Scenario(Part):
+    """One closed-loop episode: map, CAVs with routes, traffic, conditions."""
+
+    format: Literal["mdrive-sumo/scenario/1"] = FORMAT
+    id: Identifier
+    bucket: Identifier
+    category: Identifier
+    network: str = Field(min_length=1)
+    """Name of a network: a folder of the suite's own `networks/`, else of the packaged ones."""
+    description: str = ""
+    signals: Literal["frozen-green", "program"] = "frozen-green"
+    egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)
+    background: Background = Background()
+    actors: tuple[Actor, ...] = ()
+    """Scripted road users and props."""
+    weather: WeatherName = "default"
+    rsus: tuple[RoadsideUnit, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _unique_ids(self) -> "Scenario":
+        ids = [one.id for one in (*self.egos, *self.background.vehicles, *self.actors, *self.rsus)]
+        if len(set(ids)) < len(ids):
+            twice = sorted({i for i in ids if ids.count(i) > 1})
+            raise ValueError(f"expected every road user to have its own id, found twice: {', '.join(twice)}")
+        return self
+
+    @model_validator(mode="after")
+    def _known_vehicles(self) -> "Scenario":
+        cavs = [ego.id for ego in self.egos]
+        for actor in self.actors:
+            for name in actor.vehicles:
+                if name not in cavs:
+                    raise ValueError(f"actor {actor.id}: expected one of the CAVs {', '.join(cavs)}, found {name!r}")
+        return self
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Reads a scenario file; raises InputError with one sentence."""
+    try:
+        return Scenario.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+
+
+def save_scenario(scenario: Scenario, path: Path) -> None:
+    """Writes a scenario file, coordinates rounded to 1 mm and 0.1 mrad, one route point a line."""
+    data = scenario.model_dump(mode="json", exclude_defaults=False)
+    for ego in data["egos"]:
+        ego["start"] = {
+            "x": round(ego["start"]["x"], 3),
+            "y": round(ego["start"]["y"], 3),
+            "yaw": round(ego["start"]["yaw"], 4),
+        }
+        ego["route"] = [(round(x, 3), round(y, 3), round(yaw, 4)) for x, y, yaw in ego["route"]]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(data, separators=(",", ":")) + "\n")
+
+
+def first_problem(error: ValidationError) -> str:
+    """The first thing that is wrong with a file, as one sentence: where, expected, found."""
+    problem = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in problem["loc"]) or "the file"
+    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    found = (
+        ""
+        if problem["type"] in ("missing", "json_invalid", "value_error")
+        else f", found {shortened(problem['input'])}"
+    )
+    said = problem["msg"].removeprefix("Value error, ")  # pydantic's words before a sentence of ours
+    return f"{where}: {said}{found}{more}"
+
+
+def shortened(value: object) -> str:
+    """A value in a sentence: at most 60 characters."""
+    text = "NaN" if isinstance(value, float) and math.isnan(value) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,174 @@
+"""Scripted road users in a scenario file: who they are, how they move, what sets them going (protocol 3.3 to 3.5).
+
+Props that only stand, people on foot, cyclists, vehicles with an authored path, and whatever repeats a log. They are
+driven by `mdrive_sumo.actors`; vehicles that SUMO drives are `traffic.BackgroundVehicle`.
+"""
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.scenario.model import Coordinate, Identifier, Part, Pose, Seconds, Speed
+
+
+class Standing(Part):
+    """Stands at its start all the time."""
+
+    type: Literal["standing"] = "standing"
+
+
+class AlongPath(Part):
+    """Goes along an authored polyline, which is followed literally; the first point is the start."""
+
+    type: Literal["path"] = "path"
+    points: tuple[tuple[Coordinate, Coordinate], ...] = Field(min_length=2)
+    """x, y [m] of the box centre."""
+    speed: Speed
+    """Target speed [m/s]."""
+    start_speed: Speed = 0.0
+
+
+class AlongLanes(Part):
+    """Goes along the centre lines of lanes (a SUMO route with its junction lanes), beginning at the start."""
+
+    type: Literal["lanes"] = "lanes"
+    lanes: tuple[str, ...] = Field(min_length=1)
+    """SUMO lane ids in driving order, as in `Ego.lanes`."""
+    speed: Speed
+    start_speed: Speed = 0.0
+
+
+class Replay(Part):
+    """Repeats timed poses, linear in between; it is there from the first to the last of them."""
+
+    type: Literal["replay"] = "replay"
+    poses: tuple[tuple[Seconds, Coordinate, Coordinate, Coordinate], ...] = Field(min_length=2)
+    """Time since the start of the scenario [s], x, y [m], yaw [rad]; times strictly increasing."""
+    stays: bool = False
+    """Whether it stays where it ends, instead of leaving."""
+
+    @model_validator(mode="after")
+    def _in_time(self) -> "Replay":
+        times = [pose[0] for pose in self.poses]
+        for i, (before, after) in enumerate(pairwise(times)):
+            if after <= before:
+                raise ValueError(f"replay: expected times that increase, found {after} s after {before} s at {i + 1}")
+        return self
+
+
+Motion = Annotated[Standing | AlongPath | AlongLanes | Replay, Field(discriminator="type")]
+
+
+class DistanceTrigger(Part):
+    """When a CAV comes near: centre to centre (protocol 3.4)."""
+
+    type: Literal["distance_to_vehicle"] = "distance_to_vehicle"
+    vehicle: Identifier
+    """Id of a CAV."""
+    distance_m: float = Field(default=8.0, ge=1, le=50)
+
+
+class TimeTrigger(Part):
+    """At a time since the start."""
+
+    type: Literal["time"] = "time"
+    at_s: Seconds
+
+
+class PositionTrigger(Part):
+    """When a CAV's centre is within a circle."""
+
+    type: Literal["at_position"] = "at_position"
+    vehicle: Identifier
+    x: Coordinate
+    y: Coordinate
+    radius_m: float = Field(default=3.0, gt=0, le=50)
+
+
+Trigger = Annotated[DistanceTrigger | TimeTrigger | PositionTrigger, Field(discriminator="type")]
+
+
+class StartMotion(Part):
+    """Stands until triggered, then goes (protocol 3.4)."""
+
+    type: Literal["start_motion"] = "start_motion"
+
+
+class HardBrake(Part):
+    """When triggered, but not before it has driven for a while: full brake to a standstill, hold, resume."""
+
+    type: Literal["hard_brake"] = "hard_brake"
+    hold_s: Seconds = 2.0
+    resume_speed: Speed | None = None
+    """Target speed [m/s] after the hold; None: as before."""
+    pacing: bool = True
+    """Whether it adapts its speed before the trigger, so that the CAV meets it (protocol 3.4)."""
+    least_driven_s: Seconds = 3.0
+    least_driven_m: float = Field(default=0.0, ge=0, le=1000)
+
+
+class LaneChange(Part):
+    """When triggered, but not before it has driven for a while: 5 m straight, 25 m over to the next lane."""
+
+    type: Literal["lane_change"] = "lane_change"
+    direction: Literal["left", "right"] | None = None
+    """None: toward the lane of `target_vehicle`, else left."""
+    target_vehicle: Identifier | None = None
+    """Id of a CAV."""
+    pacing: bool = True
+    least_driven_s: Seconds = 3.0
+    least_driven_m: float = Field(default=0.0, ge=0, le=1000)
+
+
+Action = Annotated[StartMotion | HardBrake | LaneChange, Field(discriminator="type")]
+KindName = Literal["vehicle", "pedestrian", "cyclist", "static"]
+KINDS: dict[KindName, Kind] = {
+    "vehicle": Kind.VEHICLE,
+    "pedestrian": Kind.PEDESTRIAN,
+    "cyclist": Kind.CYCLIST,
+    "static": Kind.STATIC,
+}
+
+
+class Actor(Part):
+    """A scripted road user or a prop. Its kind decides what hitting it costs; a parked car is a vehicle."""
+
+    id: Identifier
+    kind: KindName
+    model: str = Field(default="", max_length=80)
+    """What it is: a name of `props.PROPS`, a CARLA blueprint, a category of a log. Says nothing about its size."""
+    length: float = Field(gt=0, le=40)
+    width: float = Field(gt=0, le=40)
+    """[m]"""
+    start: Pose
+    motion: Motion = Standing()
+    avoid_collision: bool = True
+    """Whether it stops for what is in its way. The original drops this flag; `--actors original` does too."""
+    mirrored: bool = True
+    """Whether SUMO's traffic takes notice of it. Off for what stands half in a lane and was driven around in a log."""
+    trigger: Trigger | None = None
+    action: Action | None = None
+    """What the trigger sets off; with a trigger alone it is `start_motion`."""
+
+    @model_validator(mode="after")
+    def _sensible(self) -> "Actor":
+        if self.trigger is None and self.action is not None:
+            raise ValueError(f"actor {self.id}: expected a trigger for its action {self.action.type}, found none")
+        if self.trigger is not None and isinstance(self.motion, Standing):
+            raise ValueError(f"actor {self.id}: expected a motion that its trigger sets off, found standing")
+        if isinstance(self.action, HardBrake | LaneChange) and not isinstance(self.motion, AlongPath | AlongLanes):
+            raise ValueError(
+                f"actor {self.id}: expected a path or lanes for {self.action.type}, found {self.motion.type}"
+            )
+        return self
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        """Ids of the CAVs that its trigger and action name."""
+        named = (
+            getattr(self.trigger, "vehicle", None),
+            getattr(self.action, "target_vehicle", None),
+        )
+        return tuple(name for name in named if name is not None)

@@ -1,0 +1,123 @@
+"""What a profile makes of the truth: misses, errors and false positives that last for about half a second.
+
+Everything is drawn from (seed, object id, time), never from what was drawn before, so that results depend neither on
+the order of objects nor on the ticks in which a sensor was asked.
+"""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from mdrive_sumo.contract import Objects
+from mdrive_sumo.contract.detector_profiles import FAR_M, DetectionProfile
+from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
+from mdrive_sumo.core.seeding import UNIFORMS, normals, uniforms
+from mdrive_sumo.core.state import Kind
+
+EPOCH_TICKS = 10
+"""0.5 s: something missed stays missed so long, and errors of position change within that time."""
+CELL_M = 50.0
+"""False positives are drawn for each square of the world, and stand still in it."""
+CAR_M = (4.5, 1.9)
+"""Length and width of a false positive."""
+
+
+@lru_cache(maxsize=4096)
+def _phase(seed: int, name: str) -> int:
+    """When the epochs of this object begin, so that not all things appear and vanish in the same tick."""
+    return int(uniforms(seed, "phase", name)[0] * EPOCH_TICKS)
+
+
+@lru_cache(maxsize=4096)
+def _luck(seed: int, name: str, epoch: int) -> float:
+    return uniforms(seed, "miss", name, epoch)[0]
+
+
+@lru_cache(maxsize=4096)
+def _errors(seed: int, name: str, epoch: int) -> tuple[float, ...]:
+    return normals(seed, "error", name, epoch)
+
+
+def found(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> Bool:
+    """(N,) which of the things that are detected with probability recall (N,) are detected in this tick."""
+    lucks = [_luck(seed, name, (tick + _phase(seed, name)) // EPOCH_TICKS) for name in ids]
+    return np.array(lucks, dtype=np.float64) < recall
+
+
+def blurred(profile: DetectionProfile, seed: int, tick: int, truth: Objects, at: Float) -> Objects:
+    """The objects, by true ids, with errors; `at` (2,) [m] is where they are seen from."""
+    noise = np.array([_smooth(seed, tick, name) for name in truth.ids]).reshape(-1, UNIFORMS)
+    x, y = truth.x - at[0], truth.y - at[1]
+    distance = np.hypot(x, y)
+    spread, ray = profile.spread_at(distance), np.arctan2(y, x)
+    along, across = spread * noise[:, 0], spread * noise[:, 1]
+    return Objects(
+        ids=truth.ids,
+        kind=truth.kind,
+        x=truth.x + along * np.cos(ray) - across * np.sin(ray),
+        y=truth.y + along * np.sin(ray) + across * np.cos(ray),
+        yaw=wrap_angles(truth.yaw + profile.yaw_sigma * noise[:, 2]),
+        speed=truth.speed + profile.speed_sigma * noise[:, 3],
+        length=truth.length * np.exp(profile.size_sigma * noise[:, 4]),
+        width=truth.width * np.exp(profile.size_sigma * noise[:, 5]),
+    )
+
+
+def _smooth(seed: int, tick: int, name: str) -> Float:
+    """(8,) standard normal errors that change continuously: weights of two neighbouring draws keep the variance."""
+    epoch, step = divmod(tick + _phase(seed, name), EPOCH_TICKS)
+    turn = math.pi / 2 * step / EPOCH_TICKS
+    return math.cos(turn) * np.array(_errors(seed, name, epoch)) + math.sin(turn) * np.array(
+        _errors(seed, name, epoch + 1)
+    )
+
+
+def false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
+    """Cars that are not there, within range_m of `at` (2,) [m]; each stands still for an epoch."""
+    density = profile.false_positives / (math.pi * FAR_M**2)
+    low, high = ((at - range_m) // CELL_M).astype(int), ((at + range_m) // CELL_M).astype(int)
+    rows: list[tuple[str, float, float, float]] = []
+    if density > 0.0:
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                rows += _in_cell(seed, tick, i, j, density)
+    rows = [row for row in rows if math.hypot(row[1] - at[0], row[2] - at[1]) <= range_m]
+    x, y, yaw = np.array([row[1:] for row in rows]).reshape(-1, 3).T
+    nothing = np.zeros(len(rows))
+    return Objects(
+        ids=tuple(row[0] for row in rows),
+        kind=np.full(len(rows), Kind.VEHICLE, dtype=np.uint8),
+        x=x,
+        y=y,
+        yaw=yaw,
+        speed=nothing,
+        length=nothing + CAR_M[0],
+        width=nothing + CAR_M[1],
+    )
+
+
+def _in_cell(seed: int, tick: int, i: int, j: int, density: float) -> list[tuple[str, float, float, float]]:
+    """At most one false positive a cell: its id, x, y and yaw."""
+    cell = f"{i} {j}"
+    epoch = (tick + _phase(seed, cell)) // EPOCH_TICKS
+    return _ghost(seed, cell, epoch, i, j, density)
+
+
+@lru_cache(maxsize=4096)
+def _ghost(seed: int, cell: str, epoch: int, i: int, j: int, density: float) -> list[tuple[str, float, float, float]]:
+    luck, x, y, yaw, *_ = uniforms(seed, "ghost", cell, epoch)
+    if luck >= density * CELL_M**2:
+        return []
+    return [(f"ghost {cell} {epoch}", (i + x) * CELL_M, (j + y) * CELL_M, (yaw - 0.5) * TAU)]
+
+
+def joined(first: Objects, second: Objects) -> Objects:
+    """Both one after the other, without free sight."""
+    if not second.ids:
+        return first
+    arrays = {
+        name: np.concatenate((getattr(first, name), getattr(second, name)))
+        for name in ("kind", "x", "y", "yaw", "speed", "length", "width")
+    }
+    return Objects(ids=first.ids + second.ids, **arrays)

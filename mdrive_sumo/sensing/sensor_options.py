@@ -1,0 +1,32 @@
+"""Options of sensors: what a SensorSpec may say, checked once when the sensor is built."""
+
+from collections.abc import Collection
+
+from mdrive_sumo.contract import SensorSpec
+from mdrive_sumo.core.errors import InputError
+
+
+def check_names(spec: SensorSpec, known: Collection[str]) -> None:
+    """Raises InputError for an option that this kind of sensor does not have."""
+    for name in spec.options:
+        if name not in known:
+            expected = f"one of {', '.join(sorted(known))}" if known else "no options"
+            raise InputError(f"sensor {spec.kind!r}: expected {expected}, found option {name!r}")
+
+
+def number(spec: SensorSpec, name: str, default: float, low: float, high: float) -> float:
+    """The option as a number in [low, high]; raises InputError."""
+    value = spec.options.get(name, default)
+    if isinstance(value, bool | str) or not low <= value <= high:  # NaN fails too
+        raise InputError(
+            f"sensor {spec.kind!r}: option {name!r}: expected a number in [{low:g}, {high:g}], found {value!r}"
+        )
+    return float(value)
+
+
+def choice(spec: SensorSpec, name: str, default: str, known: Collection[str]) -> str:
+    """The option as one of the known names; raises InputError."""
+    value = spec.options.get(name, default)
+    if not isinstance(value, str) or value not in known:
+        raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected one of {', '.join(known)}, found {value!r}")
+    return value

@@ -1,0 +1,195 @@
+"""The value of a message: a recorded episode executed again without some of its messages."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Bool
+from mdrive_sumo.core.state import End
+from mdrive_sumo.episode import Episode, load_episode
+from mdrive_sumo.runs.job import Job, prepared, reexecute
+from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.runs.transcript import transcript_path
+from mdrive_sumo.runs.verify import first_difference
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
+from mdrive_sumo.v2x.channel import Fate, Sent
+from mdrive_sumo.v2x.comm import Comm, comm_from, comm_text
+
+Mute = tuple[str, ...]
+"""Patterns of `Comm.mute` that are muted together; () changes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """A job whose recording is to be executed again without some messages."""
+
+    job: Job
+    mute: Mute
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What became of the episode without those messages."""
+
+    mute: Mute
+    messages: int
+    """How many the recording has that are muted."""
+    result: ScenarioResult
+    parted: int | None
+    """The first tick in which somebody is somewhere else (or how long the shorter episode lasts); None: nowhere."""
+    difference: str
+    """The first difference of any kind, what is heard included; "" if there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ablated:
+    """An episode, and what it would have been without single senders, types or messages."""
+
+    recorded: ScenarioResult
+    effects: tuple[Effect, ...]
+    """The largest change of DS first, then of minimum TTC, then the earliest parting."""
+
+
+def patterns(messages: Sequence[Sent]) -> tuple[str, ...]:
+    """Every sender and every type of message that reached somebody, each alone."""
+    reached = [sent.message for sent in messages if _reached(sent)]
+    senders, types = ({getattr(message, name) for message in reached} for name in ("sender", "type"))
+    return (*(f"{sender}/*" for sender in sorted(senders)), *(f"*/{kind}" for kind in sorted(types)))
+
+
+def each_message(messages: Sequence[Sent], kind: str) -> tuple[str, ...]:
+    """Every message of a type that reached somebody, each alone; several that one sender sent in a tick go together."""
+    reached = (sent.message for sent in messages if sent.message.type == kind and _reached(sent))
+    return tuple(dict.fromkeys(f"{message.sender}/{kind}@{message.tick}" for message in reached))
+
+
+def _reached(sent: Sent) -> bool:
+    return any(fate is Fate.DELIVERED for fate, _ in sent.fates.values())
+
+
+def ablate(run: Prepared, recorded: ScenarioResult, mutes: Sequence[str], workers: int) -> Iterator[Effect]:
+    """First the recording unchanged, then each pattern alone, as they finish. Raises InputError.
+
+    The first is to be identical (`Effect.difference` is ""): otherwise the others tell nothing, and are not driven
+    if the caller stops there.
+    """
+    scenario = next(scenario for scenario in run.scenarios if scenario.id == recorded.id)
+    job = run.job(scenario)
+    with Pool[Ablation, Effect](ablated, min(workers, max(len(mutes), 1)), run.limit_s()) as pool:
+        for wanted in ([Ablation(job, ())], [Ablation(job, (mute,)) for mute in mutes]):
+            for _, outcome in pool.run(wanted):
+                if not isinstance(outcome, WorkerFailure):
+                    yield outcome
+                elif outcome.kind is FailureKind.INPUT:
+                    raise InputError(outcome.reason)
+                else:
+                    raise InputError(f"{recorded.id}: cannot be executed again: {outcome.reason}")
+
+
+def ablated(ablation: Ablation) -> Effect:
+    """Executes one episode again, as `verify` does: failures, thinking times and transcripts are replayed."""
+    job = ablation.job
+    recorded = load_episode(Path(job.recording))
+    again = reexecute(_as_recorded(job, recorded, ablation.mute))
+    scenario, roads = prepared(job)
+    difference = first_difference(recorded, again)
+    muted = Comm(mute=ablation.mute).muted
+    return Effect(
+        mute=ablation.mute,
+        messages=sum(muted.has(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
+        result=score_episode(again, scenario, roads, ScoreMode(job.score_mode), job.seed),
+        parted=parting(recorded, again),
+        difference=f"tick {difference.tick}: {difference.text}" if difference else "",
+    )
+
+
+def ranked(recorded: ScenarioResult, effects: Sequence[Effect]) -> Ablated:
+    """The effects by their size."""
+
+    def rank(effect: Effect) -> tuple[float, float, float, Mute]:
+        was, now = (HORIZON_S if one.min_ttc is None else one.min_ttc for one in (recorded, effect.result))
+        parted = np.inf if effect.parted is None else effect.parted
+        return (-abs(effect.result.ds - recorded.ds), -abs(now - was), parted, effect.mute)
+
+    return Ablated(recorded, tuple(sorted(effects, key=rank)))
+
+
+def ttc_change(recorded: ScenarioResult, again: ScenarioResult) -> float | None:
+    """Change of minimum TTC [s]; None if either was never within the horizon."""
+    if recorded.min_ttc is None or again.min_ttc is None:
+        return None
+    return again.min_ttc - recorded.min_ttc
+
+
+def parting(recorded: Episode, again: Episode) -> int | None:
+    """The first tick in which states differ: unlike digests, what was heard does not count. None: in no tick.
+
+    Where one episode goes on alone, it is the length of the other.
+    """
+    ticks = min(recorded.ticks, again.ticks)
+    differing = np.zeros(ticks, dtype=np.bool_)
+    for name in {*recorded.ids, *again.ids}:
+        differing |= _apart(recorded, again, name, ticks)
+    found = np.flatnonzero(differing)
+    if len(found):
+        return int(found[0])
+    return None if recorded.ticks == again.ticks else ticks
+
+
+def _apart(recorded: Episode, again: Episode, name: str, ticks: int) -> Bool:
+    """Where a road user's state differs (ticks,)."""
+    if name not in recorded.ids or name not in again.ids:
+        only = recorded if name in recorded.ids else again
+        return only.valid[:ticks, only.ids.index(name)]
+    i, j = recorded.ids.index(name), again.ids.index(name)
+    here, there = recorded.valid[:ticks, i], again.valid[:ticks, j]
+    moved = (recorded.quanta[:ticks, i] != again.quanta[:ticks, j]).any(axis=1)
+    return (here != there) | (here & moved)
+
+
+def _as_recorded(job: Job, recorded: Episode, mute: Mute) -> Job:
+    failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
+    comm = comm_from(json.loads(job.comm))
+    transcript = transcript_path(Path(job.transcripts), job.scenario)
+    config = {**job.agent_config, "transcript": str(transcript)} if transcript.is_file() else job.agent_config
+    return replace(
+        job,
+        agent_config=config,
+        comm=comm_text(replace(comm, mute=(*comm.mute, *mute))),
+        log_folder="",
+        transcripts="",
+        replayed=failures,
+        thought=recorded.thinking,
+    )
+
+
+def chosen_mutes(
+    messages: Sequence[Sent], given: Sequence[str], each: str | None = None, most: int = 100
+) -> tuple[str, ...]:
+    """What to mute, each alone: `given` patterns and `each` message of a type; without either every sender and type.
+
+    Raises InputError for what does not occur, and for more than `most` runs.
+    """
+    if not messages:
+        raise InputError("ablate: expected an episode in which something is said, found no message in it")
+    for pattern in given:
+        muted = Comm(mute=(pattern,)).muted
+        if not any(muted.has(s.message.sender, s.message.type, s.message.tick) for s in messages):
+            raise InputError(f"ablate: --mute: expected a pattern that fits a message, found {pattern!r}")
+    found = (*dict.fromkeys(given), *(each_message(messages, each) if each else ()))
+    if each and len(found) == len(set(given)):
+        raise InputError(f"ablate: --each-message: expected a type of message that reached somebody, found {each!r}")
+    found = found or patterns(messages)
+    if not found:
+        raise InputError("ablate: expected an episode in which a message reached somebody, found none")
+    if len(found) > most:
+        raise InputError(
+            f"ablate: expected at most {most} runs, found {len(found)}; --max-runs {len(found)} allows them"
+        )
+    return found

@@ -1,0 +1,66 @@
+"""Captured cooperation: how much of what perfect cooperation would gain an agent gains over its channel."""
+
+from collections.abc import Mapping, Sequence
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.result_tables import Captured
+from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, categories, category_groups, overall
+from mdrive_sumo.scoring.summary import buckets
+
+LEAST_GAIN_DS = 2.0
+"""Where perfect cooperation gains less driving score than this, a share of it would be noise and is left blank."""
+
+
+def captured(agent: Results, off: Results, omniscient: Results) -> Captured:
+    """(agent - off) / (omniscient - off) on mean DS, over the scenarios that are void in none of the three runs.
+
+    off: the same agent with the channel switched off. Raises InputError for runs that do not belong together.
+    """
+    for other in (off, omniscient):
+        for name in ("suite_checksum", "score_mode"):
+            ours, theirs = getattr(agent.run, name), getattr(other.run, name)
+            if ours != theirs:
+                raise InputError(
+                    f"captured cooperation: expected runs of one {name.replace('_', ' ')}, found {ours} and {theirs}"
+                )
+    mode = ScoreMode(agent.run.score_mode)
+    return captured_of(agent.scenarios, off.scenarios, omniscient.scenarios, mode)
+
+
+def captured_of(
+    agent: Sequence[ScenarioResult],
+    off: Sequence[ScenarioResult],
+    omniscient: Sequence[ScenarioResult],
+    mode: ScoreMode,
+) -> Captured:
+    """As `captured`, of scenarios from any number of seeds. Raises InputError if they have none in common."""
+    runs = [{(s.id, s.seed): s for s in run if s.status == "ok"} for run in (agent, off, omniscient)]
+    common = [key for key in runs[0] if all(key in run for run in runs)]
+    if not common:
+        raise InputError(
+            "captured cooperation: expected scenarios that all three runs have and none is void in, found none"
+        )
+    ours, without, best = ([run[key] for key in common] for run in runs)
+
+    def groups(scenarios: Sequence[ScenarioResult]) -> Mapping[str, Means]:
+        return categories(scenarios) | category_groups(scenarios, mode)
+
+    totals = [overall(scenarios) for scenarios in (ours, without, best)]
+    return Captured(
+        bucket_mean=share(*(total.bucket_mean.ds for total in totals)),
+        scenario_mean=share(*(total.scenario_mean.ds for total in totals)),
+        buckets=_shares(buckets(ours), buckets(without), buckets(best)),
+        categories=_shares(groups(ours), groups(without), groups(best)),
+    )
+
+
+def share(agent: float, off: float, omniscient: float) -> float | None:
+    """The share of omniscient's gain [DS] that the agent gains; None if that gain is under `LEAST_GAIN_DS`."""
+    gain = omniscient - off
+    return (agent - off) / gain if gain >= LEAST_GAIN_DS else None
+
+
+def _shares(
+    agent: Mapping[str, Means], off: Mapping[str, Means], omniscient: Mapping[str, Means]
+) -> dict[str, float | None]:
+    return {name: share(agent[name].ds, off[name].ds, omniscient[name].ds) for name in agent}

@@ -1,0 +1,251 @@
+"""Occlusion certificates: when, on the way to a conflict, one is hidden from a CAV but known to somebody else.
+
+That is what perception sharing can be worth in a scenario. Two drives are looked at: blind at constant speed, where
+conflicts become collisions, and the omniscient one, where they are passed in good order. `mdrive-sumo validate SUITE
+--write` keeps the certificates beside the suite; `mdrive-sumo list scenarios` shows them and filters by them.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
+from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.catalog import Suite
+from mdrive_sumo.scenario.scenario import Scenario, first_problem
+from mdrive_sumo.sensing.observation_builder import scene_of
+from mdrive_sumo.sensing.scene import Eye
+from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
+
+CERTIFICATE_FILE = "occlusion.json"
+EVERY_TICKS = 4
+RANGE_M = 80.0
+"""How far a CAV could see."""
+LEAST_VISIBLE = 0.1
+"""Less of something than this share of its angular width counts as hidden."""
+ENCROACHMENT_S = 3.0
+"""Two road users are in conflict if they use the same place within this time."""
+CLEARANCE_M = 0.3
+"""Boxes never overlap in a recording, not even in a collision: they are grown by this for the test."""
+LEAST_S = 1.0
+"""A shorter interval is worth no message."""
+LATE_S = 4.0
+"""An interval matters if it ends less than this before the conflict: from then on braking is all that is left."""
+
+Drive = Literal["constant-speed", "omniscient"]
+DRIVES: tuple[Drive, ...] = ("constant-speed", "omniscient")
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Hidden(_Part):
+    """From start_s to end_s `actor` is hidden from `ego`, which meets it at conflict_s, but known to each of `by`."""
+
+    drive: Drive
+    ego: str
+    actor: str
+    start_s: float
+    end_s: float
+    conflict_s: float
+    by: tuple[str, ...]
+    """CAVs and RSUs that see it, and the actor itself if it is a CAV."""
+
+    @property
+    def matters(self) -> bool:
+        """Long enough to be told of, and late enough to be worth telling."""
+        return self.end_s - self.start_s >= LEAST_S and self.conflict_s - self.end_s < LATE_S
+
+
+class Certificate(_Part):
+    """All such intervals of a scenario; empty if there are none."""
+
+    scenario: str
+    hidden: tuple[Hidden, ...]
+
+    @property
+    def occluded(self) -> bool:
+        """Whether anything that matters is hidden."""
+        return any(interval.matters for interval in self.hidden)
+
+    @property
+    def longest_s(self) -> float:
+        """Length of the longest interval that matters [s]."""
+        return max((interval.end_s - interval.start_s for interval in self.hidden if interval.matters), default=0.0)
+
+    @property
+    def by_third(self) -> bool:
+        """Whether somebody besides the hidden one itself knows of anything that matters."""
+        return any(set(interval.by) - {interval.actor} for interval in self.hidden if interval.matters)
+
+
+class CertificateFile(_Part):
+    """`occlusion.json` of a suite."""
+
+    format: Literal["mdrive-sumo/occlusion/1"] = "mdrive-sumo/occlusion/1"
+    suite_checksum: str
+    certificates: tuple[Certificate, ...]
+
+    def of(self, suite: Suite) -> Mapping[str, Certificate]:
+        """By scenario; none if they were made for anything else than this very suite."""
+        return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
+
+
+def load_certificates(suite: Suite) -> Mapping[str, Certificate]:
+    """Certificates by scenario that lie beside a suite, or beside its parts; none of one that has changed since.
+
+    Raises InputError for a file that is not readable as one.
+    """
+    files = ((part, read_certificates(part.folder)) for part in suite.parts or (suite,))
+    return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
+
+
+def read_certificates(folder: Path) -> CertificateFile | None:
+    """The certificates in the folder of a suite, whatever it was when they were made; raises InputError."""
+    path = folder / CERTIFICATE_FILE
+    if not path.is_file():
+        return None
+    try:
+        return CertificateFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_problem(error)}") from None
+
+
+def save_certificates(folder: Path, content: CertificateFile) -> None:
+    """Writes `occlusion.json`, one certificate a line."""
+    lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
+    head = content.model_dump_json(include={"format", "suite_checksum"})
+    (folder / CERTIFICATE_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
+
+
+def certify(drive: Drive, episode: Episode, scenario: Scenario, roads: RoadMap) -> tuple[Hidden, ...]:
+    """The intervals of one recorded drive, by CAV and time."""
+    sights = _Sights(episode, scenario, roads)
+    found = [hidden for ego in range(episode.egos) for hidden in sights.of(drive, ego)]
+    return tuple(sorted(found, key=lambda hidden: (hidden.ego, hidden.start_s, hidden.actor)))
+
+
+@dataclass(frozen=True)
+class _Sights:
+    """Who sees whom in a recording, at every `EVERY_TICKS`-th tick (K of them)."""
+
+    episode: Episode
+    scenario: Scenario
+    roads: RoadMap
+
+    @cached_property
+    def ticks(self) -> Int:
+        return np.arange(0, self.episode.ticks, EVERY_TICKS)
+
+    @cached_property
+    def corners(self) -> Float:
+        """(K, N, 4, 2) of all boxes, grown by the clearance."""
+        e = self.episode
+        place = (e.x[self.ticks], e.y[self.ticks], e.yaw[self.ticks])
+        return boxes_corners(*place, e.length + CLEARANCE_M, e.width + CLEARANCE_M)
+
+    @cached_property
+    def centres(self) -> Float:
+        """(K, N, 2)"""
+        return np.stack((self.episode.x[self.ticks], self.episode.y[self.ticks]), axis=-1)
+
+    @cached_property
+    def radii(self) -> Float:
+        """(N,) of circles around the boxes; where they do not touch, boxes cannot."""
+        return np.hypot(self.episode.length + CLEARANCE_M, self.episode.width + CLEARANCE_M) / 2
+
+    @cached_property
+    def seen(self) -> Mapping[str, Bool]:
+        """Observer -> (K, N) whether it sees each road user; an observer that is not there sees nobody."""
+        buildings = Buildings(self.roads)
+        views = {name: np.zeros((len(self.ticks), len(self.episode.ids)), dtype=np.bool_) for name in self._observers}
+        for k, tick in enumerate(self.ticks.tolist()):
+            columns = np.flatnonzero(self.episode.valid[tick])
+            scene = scene_of(_frame(self.episode, tick, columns), self._sizes)
+            for name, eye in self._eyes(tick, columns):
+                views[name][k, columns] = visible_fractions(eye, scene, buildings, RANGE_M) >= LEAST_VISIBLE
+        return views
+
+    @property
+    def _observers(self) -> tuple[str, ...]:
+        return (*self.episode.ego_ids, *(rsu.id for rsu in self.scenario.rsus))
+
+    @property
+    def _sizes(self) -> dict[str, tuple[float, float]]:
+        e = self.episode
+        return {ego: (float(e.length[i]), float(e.width[i])) for i, ego in enumerate(e.ego_ids)}
+
+    def _eyes(self, tick: int, columns: Int) -> Iterator[tuple[str, Eye]]:
+        e = self.episode
+        for row, i in enumerate(columns[columns < e.egos].tolist()):
+            yield e.ids[i], Eye(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), row)
+        for rsu in self.scenario.rsus:
+            yield rsu.id, Eye(rsu.x, rsu.y, 0.0, None)
+
+    def of(self, drive: Drive, ego: int) -> Iterator[Hidden]:
+        """The intervals of one CAV."""
+        for actor in range(len(self.episode.ids)):
+            meeting = self._meeting(ego, actor) if actor != ego else None
+            if meeting is not None:
+                yield from self._intervals(drive, ego, actor, meeting)
+
+    def _meeting(self, ego: int, actor: int) -> int | None:
+        """Index of the first tick in which the CAV is where the actor is within `ENCROACHMENT_S`; None if never."""
+        reach = round(ENCROACHMENT_S / DT / EVERY_TICKS)
+        valid, (mine, theirs) = self.episode.valid[self.ticks], (self.centres[:, i] for i in (ego, actor))
+        room = self.radii[ego] + self.radii[actor]
+        first: int | None = None
+        for lag in range(-reach, reach + 1):
+            k = np.arange(max(0, -lag), len(self.ticks) - max(0, lag))
+            k = k[valid[k, ego] & valid[k + lag, actor] & (np.hypot(*(mine[k] - theirs[k + lag]).T) < room)]
+            met = k[boxes_overlap(self.corners[k, ego], self.corners[k + lag, actor])]
+            if len(met) and (first is None or met[0] < first):
+                first = int(met[0])
+        return first
+
+    def _intervals(self, drive: Drive, ego: int, actor: int, meeting: int) -> Iterator[Hidden]:
+        ids, valid = self.episode.ids, self.episode.valid[self.ticks][: meeting + 1]
+        near = np.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
+        hidden = valid[:, ego] & valid[:, actor] & (near < RANGE_M) & ~self.seen[ids[ego]][: meeting + 1, actor]
+        others = [name for name in self._observers if name not in (ids[ego], ids[actor])]
+        known = {name: self.seen[name][: meeting + 1, actor] for name in others}
+        if actor < self.episode.egos:
+            known[ids[actor]] = valid[:, actor]
+        told = hidden & np.any([np.zeros_like(hidden), *known.values()], axis=0)
+        for first, last in _runs(told):
+            by = tuple(name for name, sees in known.items() if sees[first : last + 1].mean() >= 0.5)
+            times = (round(float(self.ticks[i]) * DT, 2) for i in (first, last, meeting))
+            start_s, end_s, conflict_s = times
+            yield Hidden(
+                drive=drive, ego=ids[ego], actor=ids[actor], start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by
+            )
+
+
+def _runs(mask: Bool) -> Iterator[tuple[int, int]]:
+    """(first, last) index of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(((False,), mask, (False,))).astype(np.int8)))
+    for first, after in edges.reshape(-1, 2).tolist():
+        yield first, after - 1
+
+
+def _frame(episode: Episode, tick: int, columns: Int) -> Frame:
+    """A recorded frame, as far as sight needs it."""
+    e, cars, rest = episode, columns[columns < episode.egos], columns[columns >= episode.egos]
+    egos = {
+        e.ids[i]: EgoState(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), float(e.speed[tick, i]))
+        for i in cars.tolist()
+    }
+    state = (e.x[tick, rest], e.y[tick, rest], e.yaw[tick, rest], e.speed[tick, rest])
+    actors = Actors(tuple(e.ids[i] for i in rest.tolist()), e.kind[rest], *state, e.length[rest], e.width[rest])
+    return Frame(tick, egos, actors, {})

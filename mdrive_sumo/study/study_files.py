@@ -1,0 +1,152 @@
+"""The results of a channel study as files: `study.json` with all numbers, `study.md` to read."""
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.core.text_table import Row as Cells
+from mdrive_sumo.report.markdown import markdown_table
+from mdrive_sumo.report.result_tables import CAPTURED_HEADER, agent_name, captured_cell
+from mdrive_sumo.runs.compare import Interval
+from mdrive_sumo.scoring import Results
+from mdrive_sumo.study.study_summary import Line
+from mdrive_sumo.v2x.comm import described
+
+FORMAT = "mdrive-sumo/study/1"
+HEADER = ("agent", "condition", "DS", "SR", "DS - base", "SR - base", "void")
+BRIEF = ("agent", "condition", "DS", "SR", "DS - base", "void")
+GRID_TEXT = {
+    "one-at-a-time": "one factor at a time is changed, the others are the base channel's",
+    "full": "all combinations of the factors' values",
+}
+HOW_TO_READ = """\
+DS and SR are means over scenarios and seeds in percent. In brackets are 95 % bootstrap confidence intervals:
+scenarios are drawn anew, with more than one seed also the seeds within each. `DS - base` and `SR - base` are
+the differences to the same agent over the base channel, paired by scenario and seed: an interval without 0
+tells an effect. `off` is the agent with the channel switched off. Scenarios that are void with any seed are
+left out. An agent that says nothing (*) was driven over the base channel only, for no channel can change it."""
+CAPTURED = """\
+Captured cooperation is (agent - agent with the channel off) / (omniscient - agent with the channel off), on
+the scenario mean of DS; blank where perfect cooperation gains less than 2 DS."""
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What was asked for."""
+
+    suite: str
+    scenario: str
+    grid: str
+    factors: Mapping[str, Sequence[Sequence[float]]]
+    seeds: Sequence[int]
+    command: Sequence[str]
+
+
+def study_json(about: About, lines: Sequence[Line]) -> str:
+    """All numbers; a line's runs name the folders' seeds, scores, minimum TTC and what the channel counted."""
+    run = lines[0].row.results[0].run
+    page = {
+        "format": FORMAT,
+        **asdict(about),
+        "suite_checksum": run.suite_checksum,
+        "score_mode": run.score_mode,
+        "agent_clock": run.agent_clock,
+        "versions": run.versions,
+        "lines": [_line_values(line) for line in lines],
+    }
+    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+
+
+def _line_values(line: Line) -> dict[str, Any]:
+    row = line.row
+    numbers = {name: getattr(line, name) for name in ("ds", "sr", "ds_difference", "sr_difference", "captured")}
+    return {
+        "agent": row.agent,
+        "labels": row.results[0].run.labels,
+        "condition": row.condition.name,
+        "levels": dict(row.condition.levels),
+        "comm": described(row.condition.comm),
+        "reused": row.reused,
+        "void": line.void,
+        **{name: None if value is None else asdict(value) for name, value in numbers.items()},
+        "runs": [_run_values(results) for results in row.results],
+    }
+
+
+def _run_values(results: Results) -> dict[str, Any]:
+    kept = {"status", "reason", "ds", "sr", "rc", "ip", "min_ttc", "digest", "comm", "notes"}
+    return {
+        "seed": results.run.seed,
+        "overall": results.overall.model_dump(),
+        "scenarios": {scenario.id: scenario.model_dump(mode="json", include=kept) for scenario in results.scenarios},
+    }
+
+
+def study_markdown(about: About, lines: Sequence[Line], pictures: Sequence[Path]) -> str:
+    """The study as a page: what ran, how to read it, the table, the pictures that lie beside it."""
+    header, rows = table_of(lines)
+    parts = (
+        f"# {about.suite}: the channel and what it does",
+        _facts(about, lines),
+        HOW_TO_READ,
+        CAPTURED if CAPTURED_HEADER in header else "",
+        markdown_table(header, rows, left=2),
+        *(f"![{picture.stem}]({picture.name})" for picture in pictures),
+    )
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _facts(about: About, lines: Sequence[Line]) -> str:
+    run = lines[0].row.results[0].run
+    channel = ", ".join(f"{name} {value}" for name, value in described(lines[0].row.condition.comm).items())
+    facts = {
+        "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`,"
+        f" {len(lines[0].row.results[0].scenarios)} of them",
+        "seeds": ", ".join(map(str, about.seeds)),
+        "conditions": GRID_TEXT[about.grid],
+        "base channel": channel,
+        "agent clock": run.agent_clock,
+        "score mode": run.score_mode,
+        "command": f"`{shlex.join(about.command)}`",
+        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
+    }
+    return "\n".join(f"- {name}: {value}" for name, value in facts.items())
+
+
+def table_of(lines: Sequence[Line], *, brief: bool = False) -> tuple[Cells, list[Cells]]:
+    """Header and rows; `brief`: for the terminal, with intervals of DS only."""
+    header, rows = (BRIEF, [_brief(line) for line in lines]) if brief else (HEADER, [_cells(line) for line in lines])
+    if not any(line.captured for line in lines):
+        return header, rows
+    return (*header, CAPTURED_HEADER), [
+        (*row, captured_cell(line.captured.scenario_mean if line.captured else None))
+        for row, line in zip(rows, lines, strict=True)
+    ]
+
+
+def _cells(line: Line) -> Cells:
+    return (
+        agent_name(line.row.results[0]),
+        _condition(line),
+        _interval(line.ds),
+        _interval(line.sr),
+        _interval(line.ds_difference, "+"),
+        _interval(line.sr_difference, "+"),
+        str(line.void),
+    )
+
+
+def _brief(line: Line) -> Cells:
+    ds, sr = _interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
+    return (line.row.agent, _condition(line), ds, sr, _interval(line.ds_difference, "+"), str(line.void))
+
+
+def _condition(line: Line) -> str:
+    return line.row.condition.name + (" *" if line.row.reused else "")
+
+
+def _interval(value: Interval | None, sign: str = "") -> str:
+    return "" if value is None else f"{value.mean:{sign}.1f} [{value.low:{sign}.1f}, {value.high:{sign}.1f}]"

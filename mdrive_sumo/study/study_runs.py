@@ -1,0 +1,127 @@
+"""The runs of a channel study: every agent in every condition, each a run folder of its own that can be continued."""
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.runs.evaluate import Progress, evaluate
+from mdrive_sumo.runs.fingerprint import fingerprint, located
+from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
+from mdrive_sumo.study.conditions import Condition
+from mdrive_sumo.v2x.comm import described
+
+RUNS_FOLDER = "runs"
+BEST = "omniscient"
+"""The agent that stands for perfect cooperation."""
+
+
+class StudyProgress(Progress, Protocol):
+    """Who wants to know how far a study has come."""
+
+    def run(self, name: str) -> None:
+        """A run begins."""
+        ...
+
+    def spared(self, scenarios: int) -> None:
+        """So many episodes need not be driven."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What to run. `agents`: by name, prepared with the base channel and the first seed."""
+
+    agents: Mapping[str, Prepared]
+    best: Prepared | None
+    """The omniscient agent, if captured cooperation is wanted."""
+    conditions: tuple[Condition, ...]
+    """The base condition first."""
+    off: Condition | None
+    """The reference for captured cooperation."""
+    seeds: tuple[int, ...]
+    folder: Path
+
+    def episodes(self) -> int:
+        """How many there are at most."""
+        whole = [len(run.scenarios) * len(self._all()) for run in self.agents.values()]
+        reference = len(self.best.scenarios) if self.best and BEST not in self.agents else 0
+        return (sum(whole) + reference) * len(self.seeds)
+
+    def _all(self) -> tuple[Condition, ...]:
+        base, *others = self.conditions
+        return (base, *([self.off] if self.off else ()), *others)
+
+    def rows(self, progress: StudyProgress) -> Iterator["Row"]:
+        """Drives what is not finished yet. Raises InputError and KeyboardInterrupt; what is finished is kept."""
+        for name, prepared in self.agents.items():
+            yield from self._agent_rows(name, prepared, progress)
+        if self.best and BEST not in self.agents:
+            yield self._row(BEST, self.best, self.conditions[0], progress)
+
+    def _agent_rows(self, name: str, prepared: Prepared, progress: StudyProgress) -> Iterator["Row"]:
+        base, *others = self._all()
+        first = self._row(name, prepared, base, progress)
+        yield first
+        if not is_silent(first):
+            for condition in others:
+                yield self._row(name, prepared, condition, progress)
+            return
+        progress.note(f"{name} says nothing: its base runs stand for all conditions")
+        progress.spared(len(others) * len(self.seeds) * len(prepared.scenarios))
+        for condition in others:
+            yield replace(first, condition=condition, reused=True)
+
+    def _row(self, name: str, prepared: Prepared, condition: Condition, progress: StudyProgress) -> "Row":
+        results: list[Results] = []
+        for seed in self.seeds:
+            run = _cell(prepared, condition, seed, self.folder / RUNS_FOLDER)
+            progress.run(f"{name}, {condition.name}, seed {seed}")
+            results.append(evaluate(run, progress))
+        return Row(name, condition, tuple(results), reused=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One agent in one condition: a result for every seed."""
+
+    agent: str
+    condition: Condition
+    results: tuple[Results, ...]
+    reused: bool
+    """Whether these are the base condition's, because the agent says nothing."""
+
+    @property
+    def scenarios(self) -> tuple[ScenarioResult, ...]:
+        """Of all seeds."""
+        return tuple(scenario for results in self.results for scenario in results.scenarios)
+
+
+def is_silent(row: Row) -> bool:
+    """Whether nobody said anything in any scenario: no channel can make a difference. Void ones tell nothing."""
+    return all(scenario.status == "ok" and not scenario.comm for scenario in row.scenarios)
+
+
+def _cell(prepared: Prepared, condition: Condition, seed: int, folder: Path) -> Prepared:
+    """The run of one agent in one condition with one seed."""
+    settings = replace(prepared.settings, comm=condition.comm, seed=seed)
+    changed = {"comm": described(condition.comm), "seed": seed}
+    return replace(
+        prepared,
+        settings=settings,
+        folder=folder / agent_folder(settings.agent) / condition.folder / f"seed{seed}",
+        info=RunInfo.model_validate(prepared.info.model_dump() | changed),
+        fingerprint=fingerprint(settings, prepared.suite, prepared.scenarios),
+    )
+
+
+def agent_folder(agent: str) -> str:
+    """A folder's name for an agent; a third-party one gets a checksum, for two may have classes of one name."""
+    if agent in AGENTS:
+        return agent
+    checksum = hashlib.sha256(located(agent).encode()).hexdigest()[:6]
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", re.sub(r"^.*/|\.py(?=:)", "", agent)) + "-" + checksum

@@ -1,0 +1,235 @@
+"""What happens when boxes meet: they never pass through each other.
+
+A contact is a planar, perfectly plastic impulse with friction at one point. It is a surrogate of CARLA's rigid-body
+physics: no crumpling, no bouncing, no third dimension, and whatever is no CAV (background vehicles, pedestrians,
+props, walls) is immovable. Pairs that crossed within the tick are found too, so nothing tunnels (impact.py).
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.geometry import Float, wrap_angle
+from mdrive_sumo.core.state import DT, Actors, Contact, Kind
+from mdrive_sumo.vehicle.dynamics import Body, Vehicle
+from mdrive_sumo.vehicle.impact import Points, Pose, Thing, box, collided, meeting, wall
+
+PASSES = 16
+"""Most rounds of pushing apart in a tick; a car squeezed between immovable things stays squeezed."""
+JUMP = 5.0
+"""An actor that moved further in a tick [m] (100 m/s) was put there: it does not sweep what lies between."""
+MARGIN = 1.0
+"""Slack of the broad phase [m]: how far a car may be pushed in a tick and still meet only known candidates."""
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacles:
+    """Boxes that nobody can push, at the start and the end of one tick, row by row the same."""
+
+    before: Actors
+    after: Actors
+
+
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """Convex polygons that never move, made once an episode."""
+
+    pieces: tuple[Points, ...]
+    centre: Float
+    """(2, M) middle of the bounding box [m]."""
+    half: Float
+    """(2, M) half its size [m]."""
+
+
+def obstacles(before: Actors, after: Actors) -> Obstacles:
+    """The actors of two successive ticks; one that is new in this tick stands where it appeared."""
+    if before.ids is after.ids or before.ids == after.ids:
+        return Obstacles(before, after)
+    row = {actor: i for i, actor in enumerate(before.ids)}
+    stay = [(i, row[actor]) for i, actor in enumerate(after.ids) if actor in row]
+    x, y, yaw = after.x.copy(), after.y.copy(), after.yaw.copy()
+    for i, j in stay:
+        x[i], y[i], yaw[i] = before.x[j], before.y[j], before.yaw[j]
+    return Obstacles(replace(after, x=x, y=y, yaw=yaw), after)
+
+
+def walls(rings: Iterable[Float]) -> Walls:
+    """Walls around buildings whose outlines (N, 2) [m] are given; concave ones are cut into triangles."""
+    pieces = [piece for ring in rings for piece in _convex_pieces(ring)]
+    low = np.array([np.min(piece, axis=0) for piece in pieces]).reshape(-1, 2).T
+    high = np.array([np.max(piece, axis=0) for piece in pieces]).reshape(-1, 2).T
+    return Walls(tuple(pieces), (low + high) / 2, (high - low) / 2)
+
+
+def _convex_pieces(ring: Float) -> Iterator[Points]:
+    for part in shapely.get_parts(shapely.make_valid(shapely.Polygon(ring))):
+        if part.geom_type != "Polygon":
+            continue
+        convex = shapely.convex_hull(part)
+        whole = part.area >= convex.area * (1 - 1e-6)
+        for piece in (convex,) if whole else shapely.constrained_delaunay_triangles(part).geoms:
+            yield tuple((float(x), float(y)) for x, y in piece.exterior.coords[:-1])
+
+
+Key = str | int
+"""A CAV's id, an actor's index, or ~index of a piece of wall (negative)."""
+Link = tuple[str, Key]
+"""A CAV and what it may meet."""
+Axes = Float | tuple[Float, Float]
+"""Two rows (N,), along x and along y."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """Everything in one tick."""
+
+    before: Mapping[str, Body]
+    after: Mapping[str, Body]
+    vehicles: Mapping[str, Vehicle]
+    actors: Obstacles
+    walls: Walls
+
+
+def settle(
+    before: Mapping[str, Body],
+    after: Mapping[str, Body],
+    vehicles: Mapping[str, Vehicle],
+    actors: Obstacles,
+    buildings: Walls,
+) -> tuple[dict[str, Body], tuple[Contact, ...]]:
+    """Ego bodies at the end of the tick that do not overlap anything, and what they met (sorted, unique).
+
+    `before` and `after` are the bodies at the start and, as the dynamics propose, at the end of the tick. Bodies
+    closer than 1 cm are reported on every tick as long as they stay so; who counts collisions has to merge them.
+    """
+    scene = _Scene(before, after, vehicles, actors, buildings)
+    pairs = _close_pairs(scene)
+    if not pairs:
+        return dict(after), ()
+    things = {key: _thing(key, scene) for pair in pairs for key in pair}
+    untouched = dict(things)
+    met: set[Link] = set()
+    for _ in range(PASSES):
+        pushed = [_parted(pair, things, met) for pair in pairs]
+        if not any(pushed):
+            break
+    changed = {ego for ego in after if things.get(ego) is not untouched.get(ego)}
+    settled = {ego: _body(scene, ego, things[ego]) if ego in changed else body for ego, body in after.items()}
+    return settled, _contacts(met, actors.after)
+
+
+def _contacts(met: set[Link], actors: Actors) -> tuple[Contact, ...]:
+    found: set[Contact] = set()
+    for ego, other in met:
+        if isinstance(other, str):
+            found |= {Contact(ego, other, Kind.VEHICLE), Contact(other, ego, Kind.VEHICLE)}
+        elif other >= 0:
+            found.add(Contact(ego, actors.ids[other], Kind(int(actors.kind[other]))))
+        else:
+            found.add(Contact(ego, "", Kind.STATIC))
+    return tuple(sorted(found, key=lambda contact: (contact.ego, contact.other)))
+
+
+def _close_pairs(scene: _Scene) -> list[Link]:
+    """Pairs whose bounding squares may meet in this tick: CAVs in order of their ids, then actors, then walls."""
+    egos = sorted(scene.after)
+    spots = [(ego, _spot(scene, ego)) for ego in egos]
+    pairs: list[Link] = [
+        (first, second)
+        for i, (first, (x, y, reach)) in enumerate(spots)
+        for second, (u, v, other) in spots[i + 1 :]
+        if abs(u - x) < reach + other and abs(v - y) < reach + other
+    ]
+    if len(scene.actors.after):
+        centre, half = _squares(scene.actors)
+        pairs += [(ego, j) for ego, spot in spots for j in _near(spot, centre, half)]
+    if scene.walls.pieces:
+        pairs += [(ego, ~j) for ego, spot in spots for j in _near(spot, scene.walls.centre, scene.walls.half)]
+    return pairs
+
+
+def _spot(scene: _Scene, ego: str) -> Pose:
+    """Centre of a CAV and the half side of a square that holds it during the tick [m]."""
+    start, end, vehicle = scene.before[ego], scene.after[ego], scene.vehicles[ego]
+    swept = max(abs(end.x - start.x), abs(end.y - start.y))
+    return end.x, end.y, (vehicle.length + vehicle.width) / 2 + swept + MARGIN
+
+
+def _squares(actors: Obstacles) -> tuple[Axes, Axes]:
+    """Centres and half sizes [m] of squares that hold the actors during the tick."""
+    start, end = actors.before, actors.after
+    swept = np.maximum(np.abs(end.x - start.x), np.abs(end.y - start.y))
+    radius = (end.length + end.width) / 2 + swept
+    return (end.x, end.y), (radius, radius)
+
+
+def _near(spot: Pose, centre: Axes, half: Axes) -> list[int]:
+    """Which rectangles the spot's square meets."""
+    x, y, reach = spot
+    gap = np.maximum(np.abs(centre[0] - x) - half[0], np.abs(centre[1] - y) - half[1])
+    return (gap < reach).nonzero()[0].tolist()
+
+
+def _thing(key: Key, scene: _Scene) -> Thing:
+    if isinstance(key, str):
+        return _ego(scene.before[key], scene.after[key], scene.vehicles[key])
+    return _actor(scene.actors, key) if key >= 0 else wall(scene.walls.pieces[~key])
+
+
+def _ego(before: Body, after: Body, vehicle: Vehicle) -> Thing:
+    sin, cos = math.sin(after.yaw), math.cos(after.yaw)
+    return replace(
+        box((before.x, before.y, before.yaw), (after.x, after.y, after.yaw), vehicle.length, vehicle.width),
+        velocity=(cos * after.vx - sin * after.vy, sin * after.vx + cos * after.vy),
+        yaw_rate=after.yaw_rate,
+        per_mass=1 / vehicle.mass,
+        per_inertia=1 / vehicle.yaw_inertia,
+    )
+
+
+def _actor(actors: Obstacles, row: int) -> Thing:
+    end = actors.after
+    x1, y1, yaw1 = _pose(end, row)
+    x0, y0, yaw0 = _pose(actors.before, row)
+    if max(abs(x1 - x0), abs(y1 - y0)) > JUMP:
+        x0, y0, yaw0 = x1, y1, yaw1
+    return replace(
+        box((x0, y0, yaw0), (x1, y1, yaw1), float(end.length[row]), float(end.width[row])),
+        velocity=((x1 - x0) / DT, (y1 - y0) / DT),
+        yaw_rate=wrap_angle(yaw1 - yaw0) / DT,
+    )
+
+
+def _pose(actors: Actors, row: int) -> Pose:
+    return float(actors.x[row]), float(actors.y[row]), float(actors.yaw[row])
+
+
+def _parted(pair: Link, things: dict[Key, Thing], met: set[Link]) -> bool:
+    """Whether a pair had to be pushed apart; notes in `met` that it was in contact."""
+    first, second = things[pair[0]], things[pair[1]]
+    met_now = meeting(first, second)
+    if met_now is None:
+        return False
+    met.add(pair)
+    if met_now.depth == 0.0:
+        return False
+    things[pair[0]], things[pair[1]] = collided(first, second, met_now)
+    return True
+
+
+def _body(scene: _Scene, ego: str, thing: Thing) -> Body:
+    body = scene.after[ego]
+    sin, cos = math.sin(body.yaw), math.cos(body.yaw)
+    vx = cos * thing.velocity[0] + sin * thing.velocity[1]
+    return replace(
+        body,
+        x=thing.centre[0],
+        y=thing.centre[1],
+        vx=vx,
+        vy=cos * thing.velocity[1] - sin * thing.velocity[0],
+        yaw_rate=thing.yaw_rate,
+        acceleration=(vx - scene.before[ego].vx) / DT,
+    )

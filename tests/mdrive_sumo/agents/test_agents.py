@@ -1,0 +1,170 @@
+"""The built-in agents behind the wheel: closed loop on small roads."""
+
+import math
+import re
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from testing.agents_driving import Box, all_arrived, crossing_route, drive, field
+
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract import LABELS, MAX_PLAN_POINTS, SensorSpec
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.core.state import End
+from mdrive_sumo.roads.network_file import StopSignBox
+
+NEEDED: Mapping[str, Mapping[str, str]] = {"colmdriver": {"endpoint": "http://127.0.0.1:9/v1"}}
+"""Options without which an agent cannot be made."""
+STRAIGHT = crossing_route("straight", 0)
+EASTBOUND_BEHIND = STRAIGHT - (5.0, 0.0)
+"""Bumper to bumper: 5 m behind a car of 4.90 m."""
+
+CASES: Mapping[str, Mapping[str, Float]] = {
+    "straight across": {"0": STRAIGHT, "1": crossing_route("straight", 1)},
+    "left across oncoming": {"0": STRAIGHT, "1": crossing_route("left", 2)},
+    "right merges": {"0": STRAIGHT, "1": crossing_route("right", 1)},
+    "queue": {"0": EASTBOUND_BEHIND, "1": STRAIGHT, "2": crossing_route("straight", 3)},
+    "four lefts": {str(arm): crossing_route("left", arm) for arm in range(4)},
+}
+EIGHT: Mapping[str, Float] = {
+    **{str(arm): crossing_route("straight", arm) for arm in range(4)},
+    **{str(4 + arm): crossing_route("left", arm, run_up_m=36.0) for arm in range(4)},
+}
+
+
+@pytest.mark.parametrize("name", sorted(AGENTS))
+def test_agents_describe_themselves(name: str) -> None:
+    agent = AGENTS[name](NEEDED.get(name, {}))
+    assert agent.label in LABELS
+    assert (type(agent).__doc__ or "").strip().splitlines()[0].endswith(".") or ":" in (type(agent).__doc__ or "")
+    assert (agent.label == "privileged") == any(s.kind == "privileged" for s in agent.sensors())
+
+
+@pytest.mark.parametrize("name", sorted(AGENTS))
+def test_unknown_options_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match=f"agent {re.escape(name)}: expected options among .*found 'sped'"):
+        AGENTS[name]({"sped": 3.0})
+
+
+@pytest.mark.parametrize("value", [0.5, 31.0, "fast", True, math.nan])
+def test_unusable_values_are_refused(value: float | str | bool) -> None:
+    with pytest.raises(InputError, match=r"agent idm: option speed: expected a number in \[1, 30\], found"):
+        AGENTS["idm"]({"speed": value})
+
+
+def test_options_may_be_text() -> None:
+    AGENTS["idm"]({"speed": "5.5"})
+
+
+def test_stationary_stands_until_it_is_blocked() -> None:
+    episode = drive("stationary", {"0": STRAIGHT})
+    assert episode.ending("0").end is End.BLOCKED
+    assert np.all(episode.x[:, 0] == episode.x[0, 0])
+
+
+def test_constant_speed_holds_its_speed_and_arrives() -> None:
+    episode = drive("constant-speed", {"0": STRAIGHT})
+    speeds = episode.speed[: episode.ending("0").tick, 0]
+    assert all_arrived(episode)
+    assert speeds[100:].min() == pytest.approx(8.0, abs=0.1)
+    assert speeds.max() == pytest.approx(8.0, abs=0.3)
+
+
+def test_constant_speed_is_blind() -> None:
+    episode = drive("constant-speed", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
+    assert any(contact.other == "b0" for _, contact in episode.contacts)
+
+
+@pytest.mark.parametrize("agent", ["constant-speed", "idm", "omniscient"])
+@pytest.mark.parametrize("turn", ["left", "right", "straight"])
+def test_everyone_who_moves_stays_on_the_route(agent: str, turn: str) -> None:
+    xy = crossing_route(turn, 0)
+    episode = drive(agent, {"0": xy})
+    last = episode.ending("0").tick
+    offset = [abs(Polyline(xy).project(x, y)[1]) for x, y in zip(episode.x[:last, 0], episode.y[:last, 0], strict=True)]
+    assert all_arrived(episode)
+    assert max(offset) < 0.75  # half of what is free beside a 2 m car on a 3.5 m lane
+
+
+def test_idm_stops_behind_a_standing_car() -> None:
+    episode = drive("idm", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
+    gap = (0.0 - 4.5 / 2) - (episode.x[-2, 0] + 4.9 / 2)
+    assert not episode.contacts
+    assert episode.ending("0").end is End.BLOCKED
+    assert 1.0 < gap < 3.5
+
+
+def test_idm_follows_a_slow_car() -> None:
+    episode = drive("idm", {"0": STRAIGHT}, [Box(-25.0, -1.75, 0.0, 3.0)])
+    late = slice(200, episode.ending("0").tick)
+    assert not episode.contacts
+    assert np.all(np.abs(episode.speed[late, 0] - 3.0) < 0.3)
+
+
+@pytest.mark.parametrize("name", ["straight across", "left across oncoming", "right merges", "queue"])
+def test_idm_yields_where_the_blind_collide(name: str) -> None:
+    assert drive("constant-speed", CASES[name]).contacts
+    episode = drive("idm", CASES[name])
+    assert not episode.contacts
+    assert all_arrived(episode)
+
+
+@pytest.mark.parametrize("agent", ["idm", "omniscient"])
+def test_stop_signs_are_obeyed(agent: str) -> None:
+    sign = StopSignBox(id="s", lane="r_0", line_pos_m=90.0, length_m=4.0)
+    episode = drive(agent, {"0": STRAIGHT}, roads=field(sign))
+    inside = (episode.x[:, 0] > -14.0) & (episode.x[:, 0] < -10.0)
+    assert all_arrived(episode)
+    assert np.abs(episode.speed[inside, 0]).min() < 0.1
+    assert drive(agent, {"0": STRAIGHT}).ticks < episode.ticks - 20
+
+
+def test_idm_waits_at_a_red_light() -> None:
+    episode = drive("idm", {"0": STRAIGHT}, roads=field(light="L:0"), red_until=300)
+    assert episode.x[299, 0] == pytest.approx(-3.0, abs=1.0)
+    assert episode.x[:300, 0].max() < 0.0
+    assert all_arrived(episode)
+
+
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_omniscient_meets_nobody_and_everyone_arrives(name: str) -> None:
+    episode = drive("omniscient", CASES[name])
+    assert not episode.contacts
+    assert all_arrived(episode)
+
+
+@pytest.mark.slow
+def test_omniscient_solves_a_crowded_crossing() -> None:
+    assert drive("constant-speed", EIGHT).contacts
+    episode = drive("omniscient", EIGHT)
+    assert not episode.contacts
+    assert all_arrived(episode)
+
+
+def test_omniscient_is_reproducible() -> None:
+    first, again = (drive("omniscient", CASES["four lefts"]) for _ in range(2))
+    assert np.array_equal(first.digests, again.digests)
+
+
+def test_omniscient_lets_background_traffic_pass() -> None:
+    # At its own pace it would be at the crossing lane (x = 0) after 7 s; so would the other car.
+    crossing = Box(0.0, -45.0, math.pi / 2, 6.5)
+    assert drive("constant-speed", {"0": STRAIGHT}, [crossing]).contacts
+    episode = drive("omniscient", {"0": STRAIGHT}, [crossing])
+    assert not episode.contacts
+    assert all_arrived(episode)
+
+
+def test_omniscient_waits_for_a_car_that_stands_in_its_way() -> None:
+    episode = drive("omniscient", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
+    assert not episode.contacts
+    assert episode.ending("0").end is not End.ARRIVED
+
+
+def test_omniscient_is_called_privileged_and_publishes_long_plans() -> None:
+    agent = AGENTS["omniscient"]({})
+    assert agent.sensors() == (SensorSpec("privileged"),)
+    episode = drive("omniscient", CASES["straight across"])
+    assert all(1 <= len(record.points) <= MAX_PLAN_POINTS for record in episode.plans)

@@ -1,0 +1,272 @@
+"""The baselines of the cooperation issue behind the wheel: what they ask for, say, know and reach."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from testing.agents_driving import Box, BoxWorld, crossing_route, ego, field
+from testing.planning import briefing, own, seen, things
+
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract import Message, Objects, Observation, OwnState
+from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import End
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.loop.agent_driver import LocalDriver
+from mdrive_sumo.negotiation import Parley
+from mdrive_sumo.perception.fusion import Fusion
+from mdrive_sumo.planning.space_time_planner import Barrier, Planner
+from mdrive_sumo.roads.network_file import Building
+from mdrive_sumo.runs.job import Job, prepared, reexecute
+from mdrive_sumo.scenario.catalog import packaged_suites
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import ScoreMode, score_episode
+from mdrive_sumo.v2x.comm import PRESETS, Comm, Link, comm_text
+from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, Pose, decode, encode
+
+TOWN, MINOR_ROAD = "i07_ins_ss_town", "i13_ins_sl_minor_road"
+SWAPS = ("attfuse", "disconet", "fcooper", "cobevt")
+DRIVING = ("single", "sharing", "colmdriver-rule", "sharing+negotiation")
+TALKING: Mapping[str, frozenset[str]] = {
+    "single": frozenset(),
+    "sharing": frozenset((CAM, CPM)),
+    "colmdriver-rule": frozenset((MCM,)),
+    "sharing+negotiation": frozenset((CAM, CPM, MCM)),
+    "perception-swap:attfuse": frozenset((CAM, CPM)),
+}
+
+
+def job(scenario: str, agent: str, comm: str = "{}", seed: int = 0, **options: float | str) -> Job:
+    """One of the packaged suite's scenarios."""
+    return Job(str(packaged_suites()["interdrive"]), scenario, agent, options, seed, "mdrive", comm=comm)
+
+
+@lru_cache
+def driven(scenario: str, agent: str) -> Episode:
+    """With a faultless channel."""
+    return reexecute(job(scenario, agent))
+
+
+@pytest.mark.parametrize("scenario", [TOWN, MINOR_ROAD])
+@pytest.mark.parametrize("agent", DRIVING)
+def test_baselines_arrive_unharmed(agent: str, scenario: str) -> None:
+    episode = driven(scenario, agent)
+    assert {ending.end for ending in episode.endings} == {End.ARRIVED}
+    assert episode.notes == ()
+    result = score_episode(episode, *prepared(job(scenario, agent)), ScoreMode.MDRIVE, 0)
+    assert (result.sr, result.ds) == (100.0, 100.0)
+
+
+@pytest.mark.parametrize("name", SWAPS)
+def test_perception_swaps_arrive(name: str) -> None:
+    """Not unharmed: their hazard rule looks straight ahead only and knows no stop signs."""
+    episode = driven(TOWN, f"perception-swap:{name}")
+    assert {ending.end for ending in episode.endings} == {End.ARRIVED}
+    assert episode.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("agent", "label"),
+    [("single", "single"), ("sharing", "sharing"), ("colmdriver-rule", "negotiation"), ("colmdriver", "negotiation"),
+     ("sharing+negotiation", "negotiation"), *((f"perception-swap:{name}", "sharing") for name in SWAPS)],
+)  # fmt: skip
+def test_labels(agent: str, label: str) -> None:
+    options = {"endpoint": "http://127.0.0.1:9/v1"} if agent == "colmdriver" else {}
+    assert AGENTS[agent](options).label == label
+
+
+@pytest.mark.parametrize("agent", DRIVING)
+def test_sensors_are_what_the_options_say(agent: str) -> None:
+    (plain,) = AGENTS[agent]({}).sensors()
+    (chosen,) = AGENTS[agent]({"range": 35.0, "detector": IDEAL}).sensors()
+    assert (plain.kind, plain.range_m, plain.options["profile"]) == ("objects", 80.0, LIDAR_SINGLE)
+    assert (chosen.range_m, chosen.options["profile"]) == (35.0, IDEAL)
+    assert plain.options["free_space"] is agent.startswith("sharing")
+
+
+@pytest.mark.parametrize("name", SWAPS)
+def test_perception_swaps_differ_in_their_detector_only(name: str) -> None:
+    (spec,) = AGENTS[f"perception-swap:{name}"]({}).sensors()
+    assert (spec.kind, spec.range_m, dict(spec.options)) == ("objects", 80.0, {"profile": name})
+
+
+@pytest.mark.parametrize(
+    ("agent", "options", "words"),
+    [
+        *((agent, {"speed": 1.9}, "option speed: expected a number in [2, 10], found 1.9") for agent in DRIVING),
+        *((agent, {"speed": 10.1}, "option speed: expected a number in [2, 10], found 10.1") for agent in DRIVING),
+        *((agent, {"range": 4.0}, "option range: expected a number in [5, 200], found 4") for agent in DRIVING),
+        *((agent, {"range": True}, "option range: expected a number in [5, 200], found True") for agent in DRIVING),
+        *((agent, {"detector": "eyes"}, "option detector: expected one of lidar-single, ideal") for agent in DRIVING),
+        ("colmdriver-rule", {"compat_ego0": 2}, "option compat_ego0: expected a number in [0, 1], found 2"),
+        ("sharing", {"compat_ego0": 1}, "expected options among (detector, range, speed), found 'compat_ego0'"),
+        ("perception-swap:cobevt", {"range": 50.0}, "expected options among (none), found 'range'"),
+        ("colmdriver", {"endpoint": "http://127.0.0.1:9/v1", "speed": 1.0}, "option speed: expected a number in"),
+    ],
+)
+def test_unusable_options_are_refused_in_one_sentence(agent: str, options: dict[str, float | str], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        AGENTS[agent](options)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(f"agent {agent}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_language_model_needs_an_endpoint() -> None:
+    with pytest.raises(InputError, match="option endpoint: expected the URL"):
+        AGENTS["colmdriver"]({})
+
+
+def test_the_compatible_rule_can_be_asked_for() -> None:
+    for value in (0, 1, "1"):
+        assert AGENTS["colmdriver-rule"]({"compat_ego0": value}).label == "negotiation"
+
+
+@pytest.mark.parametrize("agent", sorted(TALKING))
+def test_what_is_sent(agent: str) -> None:
+    episode = driven(TOWN, agent)
+    sent = {(s.message.sender, s.message.type) for s in episode.messages}
+    assert sent == {(name, kind) for name in episode.ego_ids for kind in TALKING[agent]}
+    for sender, kind in sent:
+        ticks = [s.message.tick for s in episode.messages if (s.message.sender, s.message.type) == (sender, kind)]
+        assert set(np.diff(ticks)) == {4 if kind == MCM else 2}  # every planning step, and 10 Hz
+        assert ticks[0] <= 1
+
+
+def test_cams_tell_the_truth_about_their_sender() -> None:
+    episode = driven(TOWN, "sharing")
+    for sent in episode.messages[:40]:
+        said, column = decode(sent.message), episode.ids.index(sent.message.sender)
+        assert not isinstance(said, str)
+        assert (said.pose.x, said.pose.y) == pytest.approx(
+            (episode.x[sent.message.tick, column], episode.y[sent.message.tick, column]), abs=0.02
+        )
+        assert said.pose.tick == sent.message.tick
+
+
+@pytest.mark.parametrize("agent", ["sharing+negotiation", "perception-swap:fcooper"])
+def test_two_runs_over_a_bad_channel_are_equal(agent: str) -> None:
+    bad = comm_text(Comm(link=Link(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6)))
+    one, other = (reexecute(job(TOWN, agent, comm=bad)) for _ in range(2))
+    assert one.digest == other.digest
+    assert one.digest != driven(TOWN, agent).digest
+    assert one.digest != reexecute(job(TOWN, agent, comm=bad, seed=1)).digest
+
+
+def plan_of(agent: str, objects: Objects, *messages: Message) -> Float:
+    """The first plan of a car that stands at the origin and goes east, (50, 2)."""
+    driver = AGENTS[agent]({})
+    driver.start(briefing())
+    plan = driver.act(seen(1, own(speed=6.0), objects, messages)).plan
+    assert plan is not None
+    return plan.points
+
+
+@pytest.mark.parametrize("agent", ["sharing", "sharing+negotiation"])
+def test_who_shares_plans_around_what_others_see(agent: str) -> None:
+    told = encode(Cpm(Pose(30.0, 20.0, 0.0, 0), 80.0, things((35.0, 0.0, 0.0, 0.0)), np.zeros(1, dtype=np.uint8)))
+    free = plan_of(agent, things())
+    assert free[-1, 0] > 60.0
+    assert plan_of(agent, things(), replace(told, sender="b"))[-1, 0] < 35.0
+    assert plan_of("single", things(), replace(told, sender="b")) == pytest.approx(free)
+
+
+@pytest.mark.parametrize("agent", DRIVING)
+def test_all_wait_for_a_slow_one_from_the_right_and_leave_him_room_to_turn(agent: str) -> None:
+    plan = plan_of(agent, things((20.0, -5.0, math.pi / 2, 1.0)))
+    assert plan[24, 0] < 20.0 - 12.0  # after 5 s; without room for his turn it would be at 15 m
+
+
+@pytest.mark.parametrize("agent", ["colmdriver-rule", "sharing+negotiation"])
+def test_who_negotiates_believes_what_was_announced(agent: str) -> None:
+    """One from the right would go first; but he has said that he stops."""
+    right = things((20.0, -13.0, math.pi / 2, 6.0))
+    stopping = np.tile((20.0, -11.0), (50, 1))
+    said = Mcm(Pose(20.0, -13.0, math.pi / 2, 0), 6.0, Intention.STOP, Direction.FOLLOW, 0.2, stopping)
+    free = plan_of(agent, things())
+    assert np.abs(plan_of(agent, right) - free).max() > 1.0
+    assert plan_of(agent, right, replace(encode(said), sender="b")) == pytest.approx(free)
+
+
+def test_who_negotiates_by_rule_stops_where_that_was_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def agreed(self: Parley, seen: Observation, planner: Planner) -> list[Barrier]:
+        return [Barrier(20.0)]
+
+    monkeypatch.setattr(Parley, "barriers", agreed)
+    assert 15.0 < plan_of("colmdriver-rule", things())[-1, 0] < 20.0
+    assert plan_of("sharing+negotiation", things())[-1, 0] > 60.0  # passes behind others, as planned
+
+
+def test_pose_errors_do_not_upset_who_shares() -> None:
+    """Cars that are taken for each other for a while once had the same name, which nobody could stand."""
+    episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=comm_text(PRESETS["paper-pose"])))
+    assert [(ending.end, ending.text) for ending in episode.endings] == [(End.ARRIVED, "")] * episode.egos
+
+
+HIDDEN = Box(1.75, -34.0, math.pi / 2, 4.0)
+"""A blind car that comes from the south, behind the house for whoever comes from the west."""
+HOUSE = Building(id="house", polygon=((-30.0, -45.0), (-4.0, -45.0), (-4.0, -5.0), (-30.0, -5.0)))
+
+
+class Watched(LocalDriver):
+    """Keeps what its agent sees."""
+
+    seen: list[Observation]
+
+    def __init__(self, agent: str) -> None:
+        super().__init__(AGENTS[agent]({"detector": "ideal"}))
+        self.seen = []
+
+    def ask(self, seen: Observation) -> None:
+        self.seen.append(seen)
+        super().ask(seen)
+
+
+def past_the_house(agent: str) -> tuple[Episode, dict[str, Watched]]:
+    """ "0" comes from the west; "1" from the east, and sees the south arm."""
+    egos = (ego("0", crossing_route("straight", 0)), ego("1", crossing_route("straight", 2)))
+    scenario = Scenario(id="field", bucket="Test", category="test", network="field", egos=egos)
+    drivers = {one.id: Watched(agent) for one in egos}
+    roads = replace(field(), buildings=(HOUSE,))
+    return run_episode(Setting(scenario, roads, seed=0), BoxWorld([HIDDEN]), drivers), drivers
+
+
+def knows(objects: Objects | None, x: float, y: float) -> bool:
+    assert objects is not None
+    return bool((np.hypot(objects.x - x, objects.y - y) < 1.0).any())
+
+
+def hidden_ticks(seen: Sequence[Observation]) -> list[int]:
+    """When the own sensors do not see the blind car."""
+    return [s.tick for s in seen if not knows(s.objects, HIDDEN.x, HIDDEN.y + HIDDEN.speed * s.tick * 0.05)]
+
+
+def test_who_drives_alone_does_not_know_what_a_house_hides() -> None:
+    _, drivers = past_the_house("single")
+    assert set(range(40)) <= set(hidden_ticks(drivers["0"].seen))
+    assert hidden_ticks(drivers["1"].seen)[:1] != [0]
+    assert all(not one.messages for one in drivers["0"].seen)
+
+
+def test_who_shares_knows_what_a_house_hides(monkeypatch: pytest.MonkeyPatch) -> None:
+    known: dict[tuple[int, int], Objects] = {}
+    fuse = Fusion.fused
+
+    def fused(self: Fusion, tick: int, own: OwnState, seen: Objects) -> Objects:
+        known[id(self), tick] = fuse(self, tick, own, seen)
+        return known[id(self), tick]
+
+    monkeypatch.setattr(Fusion, "fused", fused)
+    _, drivers = past_the_house("sharing")
+    first = next(iter(known))[0]  # "0" is asked first
+    hidden = {tick for tick in hidden_ticks(drivers["0"].seen) if 4 <= tick < 40}
+    asked = [tick for one, tick in known if one == first and tick in hidden]
+    assert len(asked) >= 5
+    for tick in asked:
+        assert knows(known[first, tick], HIDDEN.x, HIDDEN.y + HIDDEN.speed * tick * 0.05)

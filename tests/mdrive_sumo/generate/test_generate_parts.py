@@ -1,0 +1,118 @@
+"""Parts of the generator that need no simulation: ways, crops, assignment, duplicates, selection, suites of parts."""
+
+import math
+import random
+from pathlib import Path
+
+import pytest
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate.category import CATEGORIES, Category, Topology
+from mdrive_sumo.generate.crops import crops_for, offer_of
+from mdrive_sumo.generate.duplicates import DUPLICATE, distance, duplicate_of
+from mdrive_sumo.generate.lane_routes import changing_ways, ways_of
+from mdrive_sumo.generate.pipeline import built
+from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.route_assignment import RELATIONS, assign
+from mdrive_sumo.generate.search import by_template
+from mdrive_sumo.generate.selection import selected
+from mdrive_sumo.generate.spawn import blind_distance, blind_time
+from mdrive_sumo.generate.template_proposer import propose
+from mdrive_sumo.roads import load, packaged_networks
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
+
+TOPOLOGIES = {
+    "avenue": Topology.CORRIDOR,
+    "country_road": Topology.TWO_LANE_CORRIDOR,
+    "freeway": Topology.HIGHWAY,
+    "lane_drop": Topology.HIGHWAY,
+    "market_crossing": Topology.INTERSECTION,
+    "roundabout": Topology.ROUNDABOUT,
+    "side_street": Topology.T_JUNCTION,
+}
+
+
+def made(category: Category, seed: str) -> Scenario:
+    return built(Recipe(id=f"s{seed}", seed=seed, proposal=by_template(category, seed)))
+
+
+@pytest.mark.parametrize("name", sorted(TOPOLOGIES))
+def test_topologies_are_found_from_the_network(name: str) -> None:
+    assert offer_of(load(packaged_networks()[name])).topology is TOPOLOGIES[name]
+
+
+@pytest.mark.parametrize("name", ["large_roundabout", "market_crossing", "expressway"])
+def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
+    roads = load(packaged_networks()[name])
+    for way in (*ways_of(roads), *changing_ways(roads)):
+        for i, (here, there) in enumerate(zip(way.lanes, way.lanes[1:], strict=False)):
+            lane = roads.lanes[here]
+            beside = there in (lane.left, lane.right)
+            assert beside == (i == way.change_at)
+            assert beside or there in lane.successors
+        assert not roads.lanes[way.lanes[-1]].successors
+
+
+def test_assignments_keep_every_relation() -> None:
+    for category in (Category.DEADLOCK, Category.ROUNDABOUT, Category.UNPROTECTED_LEFT):
+        proposal = propose(category, random.Random(3))
+        ways = next(w for roads in crops_for(proposal) if (w := assign(proposal, roads, random.Random(1))) is not None)
+        for constraint in proposal.vehicle_constraints:
+            assert RELATIONS[constraint.type](ways[constraint.a], ways[constraint.b])
+
+
+def test_a_crop_without_the_topology_is_refused() -> None:
+    proposal = propose(Category.ROUNDABOUT, random.Random(0))
+    with pytest.raises(InputError, match="networks: expected one with the topology roundabout, found none among 1"):
+        crops_for(proposal, ["avenue"])
+
+
+def test_time_and_distance_of_blind_driving_are_inverse() -> None:
+    for metres in (0.5, 5.0, 12.8, 40.0, 90.0):
+        assert math.isclose(blind_distance(blind_time(metres)), metres)
+
+
+def test_a_scenario_is_its_own_duplicate_and_others_are_not() -> None:
+    one, other = made(Category.DEADLOCK, "a"), made(Category.CROSSWALK, "b")
+    assert distance(one, one.model_copy(update={"id": "twin"})) == 0.0
+    assert duplicate_of(one, [other, one]) is one
+    assert distance(one, other) > DUPLICATE
+    assert distance(one, other) == distance(other, one)
+    assert duplicate_of(one, [other]) is None
+
+
+def test_the_same_recipe_makes_the_same_bytes() -> None:
+    assert made(Category.CONSTRUCTION, "x").model_dump_json() == made(Category.CONSTRUCTION, "x").model_dump_json()
+    assert made(Category.CONSTRUCTION, "x").model_dump_json() != made(Category.CONSTRUCTION, "y").model_dump_json()
+
+
+def test_the_selection_comes_nearer_to_the_paper_than_the_pool() -> None:
+    pool = [made(Category.DEADLOCK, str(seed)) for seed in range(14)]
+    figures = CATEGORIES[Category.DEADLOCK].paper
+    assert figures is not None
+
+    def off(scenarios: list[Scenario]) -> float:
+        egos = [ego for scenario in scenarios for ego in scenario.egos]
+        route = sum(map(route_length, egos)) / len(egos)
+        heading = sum(map(heading_change_deg, egos)) / len(egos)
+        return abs(route / figures.route_m - 1) + abs(heading / figures.heading_change_deg - 1)
+
+    kept = selected(pool, figures, 5, random.Random(0))
+    assert len({scenario.id for scenario in kept}) == 5
+    assert off(list(kept)) < off(pool)
+
+
+def test_a_suite_of_parts_has_their_scenarios(tmp_path: Path) -> None:
+    first, second = made(Category.DEADLOCK, "1"), made(Category.DEADLOCK, "2")
+    for name, scenario in (("one", first), ("two", second)):
+        save_suite(Suite(SuiteFile(name=name, title=name), tmp_path / name, (scenario,)))
+    (tmp_path / "both").mkdir()
+    about = SuiteFile(name="both", title="both", parts=("one", "two"))
+    (tmp_path / "both" / "suite.json").write_text(about.model_dump_json())
+    assert [scenario.id for scenario in load_suite(str(tmp_path / "both")).scenarios] == ["s1", "s2"]
+    twice = about.model_copy(update={"parts": ("one", "one")})
+    (tmp_path / "both" / "suite.json").write_text(twice.model_dump_json())
+    with pytest.raises(InputError, match="expected every scenario id once in its parts, found 's1' twice"):
+        load_suite(str(tmp_path / "both"))

@@ -1,0 +1,144 @@
+"""What agents say to each other in the loop, and what their thinking costs."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road, straight_scenario
+
+from mdrive_sumo.contract import Message, Note, Observation, Reply
+from mdrive_sumo.core.clock import Clock, clock_of
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.loop.agent_driver import LocalDriver
+from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
+from mdrive_sumo.v2x.channel import Fate
+from mdrive_sumo.v2x.comm import PRESETS, Comm, Link
+from mdrive_sumo.v2x.messages import Cpm, decode
+
+TWO = straight_scenario(straight_ego("0", x=50, length=30), straight_ego("1", x=10, length=30))
+QUIET = pedals(throttle=0.5)
+
+
+def drive(agents: dict[str, Says], scenario: Scenario = TWO, **setting: object) -> Episode:
+    made = Setting(scenario, straight_road(), seed=0, **setting)  # type: ignore[arg-type]
+    return run_episode(made, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in agents.items()})
+
+
+def saying(text: Callable[[int], str]) -> Callable[[Observation], Reply]:
+    return lambda seen: replace(QUIET, messages=(Message("text", text(seen.tick).encode()),))
+
+
+def pair(text: Callable[[int], str] = str) -> tuple[Says, Says]:
+    return Says(saying(text)), Says(lambda seen: QUIET)
+
+
+@pytest.mark.parametrize(("latency", "age"), [(0, 1), (1, 1), (6, 6)])
+def test_a_message_is_heard_after_exactly_its_latency_and_never_in_its_own_tick(latency: int, age: int) -> None:
+    speaker, listener = pair()
+    drive({"0": speaker, "1": listener}, comm=Comm(link=Link(latency_ticks=latency)))
+    heard = [(seen.tick, m.tick, m.sender, m.payload) for seen in listener.seen for m in seen.messages]
+    assert heard
+    assert all(now - then == age and sender == "0" for now, then, sender, _ in heard)
+    assert all(payload == str(then).encode() for _, then, _, payload in heard)
+    assert [then for _, then, _, _ in heard] == list(range(len(heard)))
+    assert all(not seen.messages for seen in speaker.seen)
+
+
+def test_what_arrives_is_part_of_the_digest() -> None:
+    one, other = (drive(dict(zip("01", pair(text), strict=True))) for text in (str, lambda tick: f"{tick}."))
+    assert np.array_equal(one.quanta, other.quanta)
+    assert (one.digests[0] == other.digests[0]).all()  # nothing has arrived yet
+    assert (one.digests[1] != other.digests[1]).any()
+    unheard = [drive(dict(zip("01", pair(text), strict=True)), comm=PRESETS["off"]) for text in (str, repr)]
+    assert unheard[0].digest == unheard[1].digest
+
+
+def test_the_recording_tells_what_was_said_and_what_became_of_it() -> None:
+    episode = drive(dict(zip("01", pair(), strict=True)))
+    assert {sent.message.sender for sent in episode.messages} == {"0"}
+    assert episode.messages[0].fates == {"1": (Fate.DELIVERED, 1)}
+    assert [sent.message.tick for sent in episode.messages] == list(range(len(episode.messages)))
+
+
+def test_whoever_has_ended_hears_and_says_nothing() -> None:
+    speaker, listener = pair()
+    scenario = straight_scenario(straight_ego("0", x=50, length=60), straight_ego("1", x=10, length=10))
+    episode = drive({"0": speaker, "1": listener}, scenario)
+    end = episode.ending("1").tick
+    assert max(seen.tick for seen in listener.seen) == end - 1
+    late = [sent for sent in episode.messages if sent.message.tick >= end]
+    assert late
+    assert all(Fate.DELIVERED not in {fate for fate, _ in sent.fates.values()} for sent in late)
+
+
+def test_a_road_side_unit_tells_what_it_sees() -> None:
+    listener = Says(lambda seen: QUIET)
+    scenario = TWO.model_copy(update={"rsus": (RoadsideUnit(id="rsu", x=60.0, y=10.0, range_m=30.0),)})
+    drive({"0": Says(lambda seen: QUIET), "1": listener}, scenario)
+    (message,) = next(seen.messages for seen in listener.seen if seen.messages)
+    told = decode(message)
+    assert isinstance(told, Cpm)
+    assert (message.sender, told.roadside) == ("rsu", True)
+    assert told.objects.x == pytest.approx([50.0], abs=0.02)
+    assert len(told.objects.free_m)
+
+
+def test_notes_are_kept_and_nobody_hears_them() -> None:
+    noting = Says(lambda seen: replace(QUIET, notes=(Note("why", "because"),) if seen.tick == 3 else ()))
+    episode = drive({"0": noting, "1": Says(lambda seen: QUIET)})
+    assert [(n.tick, n.ego, n.note) for n in episode.notes] == [(3, "0", Note("why", "because"))]
+    assert episode.digest == drive({ego: Says(lambda seen: QUIET) for ego in "01"}).digest
+
+
+def test_while_an_agent_thinks_its_last_control_is_applied_again_and_it_is_not_asked() -> None:
+    thinker = Says(lambda seen: pedals(throttle=0.1 * (1 + seen.tick // 4 % 2)))
+    episode = drive({"0": thinker, "1": Says(lambda seen: QUIET)}, clock=clock_of("fixed:200"))
+    assert [seen.tick for seen in thinker.seen[:4]] == [0, 4, 8, 12]
+    pedal = episode.control_values[:16, 0]
+    assert pedal[:4, 1] == pytest.approx(1.0)  # before its first answer a CAV stands
+    assert pedal[4:16, 0] == pytest.approx([0.1] * 4 + [0.2] * 4 + [0.1] * 4)
+
+
+def test_who_thinks_speaks_when_it_has_thought_and_loses_no_message() -> None:
+    speaker, listener = Says(saying(str)), Says(lambda seen: QUIET)
+    drive({"0": speaker, "1": listener}, clock=clock_of("fixed:100"))
+    heard = [(seen.tick, m.tick, m.payload) for seen in listener.seen for m in seen.messages]
+    assert [(m, payload) for _, m, payload in heard[:3]] == [(2, b"0"), (4, b"2"), (6, b"4")]
+    assert all(now % 2 == 0 for now, _, _ in heard)
+
+
+class Slow(LocalDriver):
+    """An agent that takes so long for every answer that its clock shows 0.12 s."""
+
+    @property
+    def thought_s(self) -> float:
+        return 0.12
+
+    @thought_s.setter
+    def thought_s(self, value: float) -> None:
+        pass
+
+
+def test_measured_thinking_is_recorded_and_can_be_repeated() -> None:
+    def run(driver: type[LocalDriver], **setting: object) -> Episode:
+        made = Setting(TWO, straight_road(), seed=0, clock=Clock("measured"), **setting)  # type: ignore[arg-type]
+        return run_episode(made, EmptyWorld(), {ego: driver(Says(lambda seen: QUIET)) for ego in "01"})
+
+    measured = run(Slow)
+    assert {one.ticks for one in measured.thinking} == {2}
+    assert run(LocalDriver, thought=measured.thinking).digest == measured.digest
+    assert run(LocalDriver).digest != measured.digest
+
+
+@pytest.mark.parametrize("text", ["", "fast", "fixed", "fixed:", "fixed:-50", "fixed:30", "fixed:1e3", "measured:5"])
+def test_an_unknown_clock_gets_one_sentence(text: str) -> None:
+    with pytest.raises(InputError, match="agent clock: expected ideal, measured, or fixed:MS"):
+        clock_of(text)
+
+
+@pytest.mark.parametrize("text", ["ideal", "measured", "fixed:0", "fixed:300"])
+def test_a_clock_is_written_as_it_is_read(text: str) -> None:
+    assert clock_of(text).text == text

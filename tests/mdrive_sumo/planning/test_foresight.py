@@ -1,0 +1,157 @@
+"""What a careful driver who knows no intentions expects of the others."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from testing.planning import LENGTH, briefing, own, straight, things
+
+from mdrive_sumo.contract import Objects, OwnState
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import DT, Kind
+from mdrive_sumo.planning.interaction_prediction import BOLD_S, PATIENCE_S, Foresight
+from mdrive_sumo.planning.motion_prediction import TIMES, Motion, giving_way
+from mdrive_sumo.planning.space_time_planner import CHECK_TICKS, Barrier, Planner
+
+RIGHT, LEFT = math.pi / 2, -math.pi / 2
+"""Directions of those who come from my right, and from my left."""
+
+
+def expected(
+    state: OwnState, *rows: Sequence[float], route: Float | None = None, kind: Kind = Kind.VEHICLE
+) -> tuple[list[Motion], list[Barrier]]:
+    """The first look of a driver on the straight way."""
+    return Driver(route).looks(state, things(*rows, kind=kind))
+
+
+class Driver:
+    """Looks five times a second."""
+
+    def __init__(self, route: Float | None = None, seed: int = 1) -> None:
+        self.planner = Planner(briefing(route), 0.0, 8.0)
+        self.foresight = Foresight(briefing(route, seed=seed), 8.0)
+        self.tick = 0
+
+    def looks(self, state: OwnState, objects: Objects) -> tuple[list[Motion], list[Barrier]]:
+        self.planner.follow(self.tick, state)
+        self.tick += CHECK_TICKS
+        return self.foresight.outlook(state, objects, self.planner)
+
+
+def test_who_comes_from_the_right_goes_first_and_from_the_left_does_not() -> None:
+    moving = own(speed=8.0)
+    (right,), waits = expected(moving, (20.0, -20.0, RIGHT, 8.0))
+    assert len(waits) == 1
+    assert right.poses[-1, 1] > 5.0  # and is expected to go on
+    (left,), none = expected(moving, (20.0, 20.0, LEFT, 8.0))
+    assert none == []
+    assert left.stands
+    assert left.poses[-1, 1] == pytest.approx(20.0 - giving_way(8.0)[-1])  # he brakes for me
+
+
+def test_who_is_there_first_goes_first_wherever_he_comes_from() -> None:
+    assert len(expected(own(speed=8.0), (20.0, 12.0, LEFT, 8.0))[1]) == 1
+    assert expected(own(speed=8.0), (20.0, -36.0, RIGHT, 8.0))[1] == []
+
+
+def test_the_barrier_leaves_room_and_opens_when_he_has_passed() -> None:
+    _, (wait,) = expected(own(speed=4.0), (20.0, -8.0, RIGHT, 5.0))
+    assert 8.0 < wait.s < 20.0 - LENGTH / 2 - 0.9
+    assert 2.0 < wait.until_s < 5.0
+
+
+def test_who_cannot_stop_any_more_is_not_told_to() -> None:
+    close = (20.0, -6.0, RIGHT, 8.0)
+    motions, waits = expected(own(x=12.0, speed=8.0), close)
+    assert (len(motions), waits) == (1, [])
+    assert len(expected(own(x=12.0, speed=3.0), close)[1]) == 1
+
+
+def turning_left() -> Float:
+    """10 m east, then a quarter circle of 8 m to the left and on."""
+    angles = np.linspace(0.0, math.pi / 2, 14)[1:]
+    bend = np.column_stack((10.0 + 8.0 * np.sin(angles), 8.0 - 8.0 * np.cos(angles)))
+    return np.vstack((straight(10.0), bend, np.column_stack((np.full(20, 18.0), 8.0 + np.arange(1.0, 21.0)))))
+
+
+def test_who_turns_lets_the_oncoming_one_go_who_does_not() -> None:
+    oncoming = (28.0, 3.5, math.pi, 5.0)
+    motions, waits = expected(own(speed=5.0), oncoming, route=turning_left())
+    assert len(motions) == len(waits) == 1
+    assert not motions[0].stands
+    assert expected(own(speed=5.0), oncoming) == ([], [])  # straight on he is in nobody's way
+
+
+def test_who_follows_me_is_ignored() -> None:
+    assert expected(own(x=30.0, speed=4.0), (22.0, 0.0, 0.0, 8.0)) == ([], [])
+    assert expected(own(x=30.0, speed=4.0), (29.0, 3.0, -0.15, 8.0)) == ([], [])  # beside me, coming into my way
+    assert len(expected(own(x=30.0, speed=4.0), (34.0, 3.0, -0.15, 8.0))[0]) == 1  # that one is ahead
+
+
+def test_who_comes_to_where_i_am_already_is_ignored() -> None:
+    assert expected(own(x=30.0), (30.0, -8.0, RIGHT, 5.0)) == ([], [])
+
+
+def test_who_leads_may_brake_at_any_time_and_follows_the_way() -> None:
+    (leader,), waits = expected(own(speed=8.0), (15.0, 0.0, 0.0, 6.0))
+    assert waits == []
+    assert leader.stands
+    assert leader.poses[-1, 0] == pytest.approx(15.0 + giving_way(6.0)[-1], abs=0.1)
+    (turner,), _ = expected(own(speed=3.0), (10.0, 0.0, 0.0, 8.0), route=turning_left())
+    assert turner.poses[-1, 1] > 0.5  # along my bend, not straight on
+
+
+def test_what_stands_on_the_way_stays_there() -> None:
+    (box,), waits = expected(own(speed=8.0), (25.0, 0.5, 1.0, 0.0), kind=Kind.STATIC)
+    assert waits == []
+    assert box.stands
+    assert np.ptp(box.poses, axis=0) == pytest.approx(0.0)
+    assert box.poses[0] == pytest.approx((25.0, 0.5, 1.0))
+
+
+def test_who_merges_before_me_may_hesitate() -> None:
+    (merging,), waits = expected(own(speed=8.0), (12.0, -3.5, 0.35, 8.0))
+    assert waits == []
+    assert len(merging.poses) < len(TIMES)
+    assert np.all(np.diff(np.asarray(merging.length)) >= 0)
+    assert np.asarray(merging.length)[-1] > LENGTH + 3.0
+
+
+@pytest.mark.parametrize(("side", "waits"), [(1.0, 0), (-1.0, 1)])
+def test_when_two_stand_who_would_meet_head_on_the_one_further_west_goes(side: float, waits: int) -> None:
+    """The same place twice, the second time turned by half a circle."""
+    driver, yaw = Driver(side * straight(60.0)), math.radians(0 if side > 0 else 180)
+    driver.planner = Planner(briefing(side * straight(60.0)), yaw, 8.0)
+    askew = things((side * 34.0, side * 3.0, yaw + math.radians(198), 0.0))
+    assert len(driver.looks(own(side * 8.0, 0.0, yaw), askew)[1]) == waits
+
+
+def test_who_stands_from_the_right_of_a_standing_one_goes_first() -> None:
+    assert len(expected(own(x=10.0), (20.0, -4.0, RIGHT, 0.0))[1]) == 1
+    assert expected(own(x=10.0), (20.0, 4.0, LEFT, 0.0))[1] == []
+
+
+def test_who_gave_way_does_not_change_his_mind_at_once() -> None:
+    driver = Driver()
+    assert driver.looks(own(speed=8.0), things((20.0, -18.0, RIGHT, 8.0)))[1]
+    slightly_later = things((20.0, -25.0, RIGHT, 8.0))
+    assert driver.looks(own(speed=8.0), slightly_later)[1]
+    assert not Driver().looks(own(speed=8.0), slightly_later)[1]
+
+
+def test_patience_ends_is_drawn_from_the_seed_and_comes_back() -> None:
+    waiting = things((20.0, -4.0, RIGHT, 0.0))
+
+    def held(seed: int) -> list[bool]:
+        driver = Driver(seed=seed)
+        return [bool(driver.looks(own(x=10.0), waiting)[1]) for _ in range(70)]
+
+    step_s = CHECK_TICKS * DT
+    found = {seed: held(seed) for seed in range(6)}
+    patience = {seed: by_time.index(False) * step_s for seed, by_time in found.items()}
+    assert all(PATIENCE_S[0] <= value <= PATIENCE_S[1] + 2 * step_s for value in patience.values())
+    assert len(set(patience.values())) > 1
+    assert found[3] == held(3)
+    first = found[0].index(False)
+    assert found[0][first:].index(True) * step_s == pytest.approx(BOLD_S, abs=2 * step_s)

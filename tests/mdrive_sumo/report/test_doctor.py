@@ -1,0 +1,65 @@
+"""What `doctor` finds and says."""
+
+import sys
+
+import pytest
+from click.testing import CliRunner, Result
+
+from mdrive_sumo.agent_process.sandbox import Layer
+from mdrive_sumo.cli import doctor as cli_doctor
+from mdrive_sumo.cli.doctor import NEEDED_LAYERS, command
+from mdrive_sumo.report import installation
+
+
+def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
+    checks = {check.name: check for check in installation.examine()}
+    assert [name for name, check in checks.items() if check.required and not check.ok] == []
+    assert checks["libsumo"].found == "1.28.0"
+    assert checks["cores"].found == str(installation.usable_cores())
+
+
+def test_what_is_missing_is_named_with_its_command_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
+    table = installation.doctor_table(installation.examine())
+    assert "missing for convert: no-such-package (pip install 'mdrive-sumo[convert]')" in table
+
+
+def test_a_broken_simulator_is_found_without_breaking_the_doctor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "SIMULATOR_CHECK", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    result = CliRunner().invoke(command)
+    assert result.exit_code == 1
+    assert "missing for eval, verify: libsumo (exit code -11; on Debian" in result.output
+
+
+def test_a_missing_extra_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
+    assert CliRunner().invoke(command).exit_code == 0
+
+
+def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the installed script: `.venv/bin/mdrive-sumo` without an activated environment."""
+    monkeypatch.setenv("PATH", "/nowhere")
+    found = {check.name: check.found for check in installation.examine()}["netconvert"]
+    if not found:
+        pytest.skip("needs netconvert")
+    assert found.startswith(sys.prefix)
+
+
+def of_sandbox(monkeypatch: pytest.MonkeyPatch, *absent: str) -> Result:
+    names = (*NEEDED_LAYERS, "uid", "cgroup", "gvisor")
+    found = tuple(Layer(name, name not in absent, f"how {name}") for name in names)
+    monkeypatch.setattr(cli_doctor, "layers", lambda: found)
+    return CliRunner().invoke(command, ["--sandbox"])
+
+
+def test_the_sandbox_is_shown_with_its_layers_and_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = of_sandbox(monkeypatch, "gvisor", "cgroup", "uid")
+    assert result.exit_code == 0
+    assert "seccomp     in force  how seccomp\n" in result.output
+    assert "cgroup      absent    how cgroup\n" in result.output
+    assert "does not protect from:\n  - faults of the kernel" in result.output
+
+
+@pytest.mark.parametrize("layer", NEEDED_LAYERS)
+def test_without_a_layer_that_every_box_needs_there_is_no_sandbox(monkeypatch: pytest.MonkeyPatch, layer: str) -> None:
+    assert of_sandbox(monkeypatch, layer).exit_code == 1

@@ -1,0 +1,105 @@
+"""Tables for the terminal and the Markdown report."""
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.report.markdown import report_markdown
+from mdrive_sumo.report.result_tables import infraction_counts, outcome_counts, summary_table
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarise
+
+
+def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, float]) -> dict[str, Any]:
+    marks = [{"kind": kind, "tick": 9, "x": 0, "y": 0, "factor": factor, "other": ""} for kind, factor in infractions]
+    return {"id": name, "outcome": outcome, "reason": reason, "ds": 0, "rc": 0, "ip": 1, "infractions": marks}
+
+
+def scenario(name: str, bucket: str, category: str, ds: float, *egos: dict[str, Any]) -> ScenarioResult:
+    facts = {"id": name, "bucket": bucket, "category": category, "seed": 0, "status": "ok", "reason": ""}
+    scores = {"ds": ds, "sr": ds, "rc": ds, "ip": 0.5, "min_ttc": 0.81, "digest": "ab", "ticks": 600}
+    return ScenarioResult.model_validate(facts | scores | {"egos": egos})
+
+
+@pytest.fixture
+def results() -> Results:
+    info = RunInfo(
+        agent="omniscient",
+        labels=("single", "privileged"),
+        suite="demo",
+        suite_checksum="sha256:00",
+        seed=7,
+        score_mode="mdrive",
+        versions={"libsumo": "1.28.0", "mdrive-sumo": "0.1.0"},
+        command=("mdrive-sumo", "eval", "--scenario", "r*"),
+    )
+    void = scenario("r3", "V2XPnP", "log", 0.0).model_copy(update={"status": "void", "reason": "a <b> | worker\ndied"})
+    clean, hit = ego("0", "arrived"), ego("1", "arrived", "", ("collision-vehicle", 0.6), ("blocked", 1.0))
+    return summarise(
+        info,
+        (
+            scenario("r1", "InterDrive", "ins_c", 100.0, clean, hit),
+            scenario("r2", "InterDrive", "ins_sl", 50.0, ego("0", "agent-failed", "crashed")),
+            void,
+        ),
+    )
+
+
+def test_text_table_aligns_names_left_and_numbers_right() -> None:
+    assert text_table(("name", "n"), (("a", "1"), ("longer", "10"))).splitlines() == [
+        "name     n",
+        "----------",
+        "a        1",
+        "longer  10",
+    ]
+
+
+def test_a_table_without_rows_is_a_header() -> None:
+    assert text_table(("name", "n"), ()) == "name  n\n-------"
+
+
+def test_summary_has_buckets_and_both_means(results: Results) -> None:
+    """InterDrive (100 + 50) / 2 = 75, V2XPnP 0: bucket mean 37.5, scenario mean 150 / 3 = 50."""
+    lines = [line.split() for line in summary_table(results).splitlines()]
+    assert ["InterDrive", "2", "75.00", "75.00", "75.00", "0.500"] in lines
+    assert ["bucket", "mean", "2", "37.50", "37.50", "37.50", "0.500"] in lines
+    assert ["scenario", "mean", "3", "50.00", "50.00", "50.00", "0.500"] in lines
+
+
+def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Results) -> None:
+    text = summary_table(results)
+    assert "suite demo, agent omniscient [single, privileged], seed 7, score mode mdrive" in text
+    assert "outcomes     arrived 2, agent-failed (crashed) 1" in text
+    assert "infractions  collision-vehicle 1\n" in text
+    assert "void         1" in text
+    assert "  r3: a <b> | worker died" in text.splitlines()
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_marks_without_a_cost_are_no_infractions(results: Results) -> None:
+    assert infraction_counts(results) == {"collision-vehicle": 1}
+    assert sum(outcome_counts(results).values()) == 3
+
+
+def test_report_has_every_scenario_and_category(results: Results) -> None:
+    report = report_markdown(results)
+    assert "| r1 | ins_c | 100.00 | 100.00 | 100.00 | 0.500 | 0.81 | 600 | 0 arrived, 1 arrived |" in report
+    assert "| ins_sl | 1 | 50.00 | 50.00 | 50.00 | 0.500 | 50.00 |" in report
+    assert "| LM | 1 | 100.00 | 100.00 | 100.00 | 0.500 | 100.00 |" in report
+    assert "`mdrive-sumo eval --scenario 'r*'`" in report
+    assert "libsumo 1.28.0, mdrive-sumo 0.1.0" in report
+
+
+def test_report_cannot_be_broken_by_texts_from_files(results: Results) -> None:
+    report = report_markdown(results)
+    assert "- void: r3: a &lt;b> \\| worker died" in report
+    tables = [line for line in report.splitlines() if line.startswith("|")]
+    assert all(line.endswith(" |") for line in tables)
+
+
+def test_every_row_of_a_report_table_has_as_many_cells_as_its_header(results: Results) -> None:
+    lines = report_markdown(results).splitlines()
+    for above, below in pairwise(lines):
+        if above.startswith("|") and below.startswith("|"):
+            assert above.replace("\\|", "").count("|") == below.replace("\\|", "").count("|")

@@ -1,0 +1,110 @@
+"""Paired comparison of two runs."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.compare import bootstrap, compare, comparison_table
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarise
+
+
+def scenario(name: str, ds: float, sr: float = 0.0, status: str = "ok") -> ScenarioResult:
+    return ScenarioResult.model_validate(
+        {
+            "id": name,
+            "bucket": "InterDrive",
+            "category": "ins_c",
+            "seed": 0,
+            "status": status,
+            "reason": "",
+            "ds": ds,
+            "sr": sr,
+            "rc": ds,
+            "ip": 1.0,
+            "min_ttc": None,
+            "digest": "",
+            "ticks": 1,
+            "egos": [],
+        }
+    )
+
+
+def run(*scenarios: ScenarioResult, **facts: object) -> Results:
+    about = {
+        "agent": "idm",
+        "suite": "interdrive",
+        "suite_checksum": "sha256:0",
+        "seed": 0,
+        "score_mode": "mdrive",
+        "versions": {"libsumo": "1.28.0"},
+    }
+    return summarise(RunInfo.model_validate(about | facts), scenarios)
+
+
+def test_differences_are_b_minus_a_and_sorted_by_loss() -> None:
+    a = run(scenario("r1", 50.0), scenario("r2", 80.0, 50.0), scenario("r3", 100.0, 100.0))
+    b = run(scenario("r3", 100.0, 100.0), scenario("r2", 60.0), scenario("r1", 100.0, 100.0), agent="omniscient")
+    found = compare(a, b)
+    assert [(p.scenario, p.difference) for p in found.pairs] == [("r2", -20.0), ("r3", 0.0), ("r1", 50.0)]
+    assert found.ds.mean == pytest.approx(10.0)
+    assert found.sr.mean == pytest.approx(50 / 3)
+    assert found.tally() == (1, 1, 1)
+    assert found.warnings == ()
+
+
+def test_interval_of_two_equally_likely_values_is_the_binomial_one() -> None:
+    """The mean of 100 draws of 0 or 1 has standard deviation 0.05: 95 % lie within 1.96 of it."""
+    found = bootstrap(np.array([0.0, 1.0] * 50))
+    assert found.mean == 0.5
+    assert found.low == pytest.approx(0.5 - 1.96 * 0.05, abs=0.011)
+    assert found.high == pytest.approx(0.5 + 1.96 * 0.05, abs=0.011)
+
+
+@given(st.lists(st.floats(-100, 100), min_size=1, max_size=20))
+def test_interval_is_deterministic_and_within_the_differences(values: list[float]) -> None:
+    differences = np.array(values)
+    found = bootstrap(differences)
+    assert found == bootstrap(differences)
+    slack = 1e-9
+    assert min(values) - slack <= found.low <= found.high <= max(values) + slack
+
+
+def test_no_difference_has_an_interval_of_no_width() -> None:
+    found = compare(run(scenario("r1", 50.0)), run(scenario("r1", 50.0)))
+    assert (found.ds.mean, found.ds.low, found.ds.high) == (0.0, 0.0, 0.0)
+
+
+def test_what_cannot_be_paired_is_listed() -> None:
+    a = run(scenario("r1", 1.0), scenario("r2", 1.0), scenario("r3", 0.0, status="void"))
+    b = run(scenario("r1", 1.0), scenario("r3", 90.0), scenario("r4", 1.0))
+    found = compare(a, b)
+    assert [p.scenario for p in found.pairs] == ["r1"]
+    assert found.left_out == ("r2: only in A", "r4: only in B", "r3: void")
+    assert "r4: only in B" in comparison_table(found)
+
+
+@pytest.mark.parametrize("fact", [{"seed": 1}, {"suite_checksum": "sha256:1"}, {"versions": {"libsumo": "2"}}])
+def test_different_circumstances_are_a_warning(fact: dict[str, object]) -> None:
+    found = compare(run(scenario("r1", 1.0)), run(scenario("r1", 2.0), **fact))
+    assert len(found.warnings) == 1
+    assert found.warnings[0] in comparison_table(found)
+
+
+def test_different_score_modes_are_refused() -> None:
+    with pytest.raises(InputError, match="score mode, found mdrive and interdrive_fixed"):
+        compare(run(scenario("r1", 1.0)), run(scenario("r1", 1.0), score_mode="interdrive_fixed"))
+
+
+def test_runs_without_a_common_scenario_are_refused() -> None:
+    with pytest.raises(InputError, match="in common"):
+        compare(run(scenario("r1", 1.0)), run(scenario("r2", 1.0)))
+
+
+def test_table_shows_every_scenario_and_both_means() -> None:
+    a, b = run(scenario("r1", 50.0)), run(scenario("r1", 75.5), agent="omniscient")
+    table = comparison_table(compare(a, b))
+    assert "A = idm, B = omniscient, 1 scenarios in both" in table
+    assert "r1        ins_c     50.00  75.50  0.00  0.00    +25.50" in table
+    assert max(map(len, table.splitlines())) <= 100

@@ -1,0 +1,125 @@
+"""The worker pool: whatever happens to a worker, every job ends with a result or a reason."""
+
+from testing.paths import TESTS
+import os
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+
+from testing import processes
+import pytest
+from testing.processes import alive, written
+
+from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure, available_cores
+
+wait_for = partial(processes.wait_for, limit_s=60.0)
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(TESTS))
+    from testing import pool_fakes
+
+    return pool_fakes
+
+
+def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0, folder: str = "") -> list:
+    tasks = [fakes.Task(f"{i}", deed, folder) for i, deed in enumerate(deeds)]
+    with Pool(fakes.perform, workers, limit_s) as pool:
+        found = {task.name: outcome for task, outcome in pool.run(tasks)}
+    return [found[task.name] for task in tasks]
+
+
+def test_one_worker_serves_all_jobs(fakes: ModuleType) -> None:
+    names, pids = zip(*(answer.split() for answer in run(fakes, "answer", "answer", "answer")), strict=True)
+    assert names == ("0", "1", "2")
+    assert len(set(pids)) == 1
+    assert pids[0] != str(os.getpid())
+
+
+def test_two_workers_share_the_jobs(fakes: ModuleType) -> None:
+    answers = run(fakes, "nap", "nap", "nap", "nap", workers=2)
+    assert len({answer.split()[1] for answer in answers}) == 2
+
+
+@pytest.mark.parametrize(
+    ("deed", "kind", "reason"),
+    [
+        ("kill", FailureKind.DIED, "the worker process was ended by SIGKILL"),
+        ("segfault", FailureKind.DIED, "the worker process was ended by SIGSEGV"),
+        ("leave", FailureKind.DIED, "the worker process ended with exit code 7"),
+        ("raise", FailureKind.RAISED, "ZeroDivisionError in pool_fakes.py:"),
+        ("input", FailureKind.INPUT, "the map: expected a road, found the sea"),
+        ("world", FailureKind.RAISED, "SUMO lost the road"),
+        ("full", FailureKind.INPUT, "the run folder: cannot be written: No space left on device"),
+    ],
+)
+def test_a_failed_job_has_a_reason_and_the_next_one_a_result(
+    fakes: ModuleType, deed: str, kind: FailureKind, reason: str
+) -> None:
+    failure, answer = run(fakes, deed, "answer")
+    assert isinstance(failure, WorkerFailure)
+    assert failure.kind is kind
+    assert failure.reason.startswith(reason)
+    assert "\n" not in failure.reason
+    assert answer.startswith("1 ")
+
+
+def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_path: Path) -> None:
+    failure, answer = run(fakes, "hang with child", "answer", limit_s=8.0, folder=str(tmp_path))
+    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 8 s")
+    assert answer.startswith("1 ")
+    child = int((tmp_path / "child").read_text())
+    wait_for(lambda: not alive(child))
+
+
+def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=15.0)
+    assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
+
+
+def test_workers_ignore_sigint(fakes: ModuleType) -> None:
+    assert run(fakes, "interrupt self")[0].startswith("0 ")
+
+
+def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) -> None:
+    tasks = [fakes.Task("quick"), fakes.Task("slow", "hang", str(tmp_path))]
+    started = tmp_path / "slow.started"
+    with Pool(fakes.perform, 2, 60.0) as pool:
+        next(pool.run(tasks))
+        wait_for(lambda: written(started))
+    assert not alive(int(started.read_text()))
+
+
+PARENT = """
+import sys
+sys.path.insert(0, {here!r})
+import pool_fakes
+from mdrive_sumo.runs.process_pool import Pool
+if __name__ == "__main__":
+    with Pool(pool_fakes.perform, 1, 600.0) as pool:
+        list(pool.run([pool_fakes.Task("x", "hang", {folder!r})]))
+"""
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_worker_dies_with_its_parent(tmp_path: Path, sign: signal.Signals) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(here=str(TESTS), folder=str(tmp_path)))
+    started = tmp_path / "x.started"
+    with subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL) as parent:
+        wait_for(lambda: written(started))
+        parent.send_signal(sign)
+    wait_for(lambda: not alive(int(started.read_text())))
+
+
+def test_available_cores_respects_the_affinity() -> None:
+    before = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(before)})
+        assert available_cores() == 1
+    finally:
+        os.sched_setaffinity(0, before)

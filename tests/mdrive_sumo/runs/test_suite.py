@@ -1,0 +1,259 @@
+"""`evaluate` with a stand-in for the simulation: order, resume, retries, voids, settings."""
+
+from testing.paths import TESTS
+import json
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.evaluate import evaluate
+from mdrive_sumo.runs.preparation import prepare
+from mdrive_sumo.runs.run_config import Settings, default_folder, load_agent_config
+from mdrive_sumo.scoring import Results, ScenarioResult, load_results
+
+
+
+class Notes:
+    """A Progress that remembers."""
+
+    def __init__(self) -> None:
+        self.kept: tuple[str, ...] = ()
+        self.finished: list[str] = []
+        self.notes: list[str] = []
+
+    def begin(self, total: int, kept: dict[str, ScenarioResult]) -> None:
+        self.kept = tuple(kept)
+
+    def done(self, result: ScenarioResult) -> None:
+        self.finished.append(result.id)
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(TESTS))
+    from testing import suite_fakes
+
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.run_job", suite_fakes.drive)
+    return suite_fakes
+
+
+def run(tmp_path: Path, progress: Notes | None = None, **options: object) -> Results:
+    settings = Settings(**{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options})
+    return evaluate(prepare(settings), progress or Notes())
+
+
+def calls(tmp_path: Path) -> list[str]:
+    return (tmp_path / "run" / "calls").read_text().split()
+
+
+def test_results_are_in_the_order_of_the_suite_and_on_disk(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "nap", "answer", "answer")
+    results = run(tmp_path, workers=2)
+    assert [(s.id, s.ds) for s in results.scenarios] == [("s0", 0.0), ("s1", 10.0), ("s2", 20.0)]
+    assert results.overall.scenario_mean.ds == pytest.approx(10.0)
+    assert load_results(tmp_path / "run" / "results.json") == results
+    assert results.run.labels == ("single",)
+    assert results.run.versions.keys() == {"python", "mdrive-sumo", "libsumo", "numpy"}
+
+
+def test_one_worker_or_two_interrupted_or_not_the_same_bytes(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "kill first time", "answer", "answer")
+    run(tmp_path, workers=1)
+    first = (tmp_path / "run" / "results.json").read_bytes()
+    run(tmp_path, workers=2, fresh=True)
+    assert (tmp_path / "run" / "results.json").read_bytes() == first
+    journal = tmp_path / "run" / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-200])
+    run(tmp_path, workers=2)
+    assert (tmp_path / "run" / "results.json").read_bytes() == first
+
+
+def test_a_complete_run_is_not_run_again(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "answer")
+    first, again = run(tmp_path), Notes()
+    assert run(tmp_path, again) == first
+    assert (again.kept, again.finished) == (("s0", "s1"), [])
+    assert calls(tmp_path) == ["s0", "s1"]
+    run(tmp_path, again, fresh=True)
+    assert again.finished == ["s0", "s1"]
+
+
+def test_a_lost_recording_is_made_again(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "answer")
+    run(tmp_path)
+    (tmp_path / "run" / "episodes" / "s1.npz").unlink()
+    again = Notes()
+    run(tmp_path, again)
+    assert again.finished == ["s1"]
+
+
+def test_a_killed_worker_costs_one_try(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "kill first time", "answer")
+    progress = Notes()
+    results = run(tmp_path, progress)
+    assert results.void == 0
+    assert calls(tmp_path) == ["s0", "s1", "s0"]
+    assert progress.notes == ["s0: the worker process was ended by SIGKILL; tried again later"]
+
+
+@pytest.mark.parametrize(
+    ("deed", "reason"),
+    [
+        ("segfault", "the worker process was ended by SIGSEGV"),
+        ("world", "SUMO lost the road"),
+        ("raise", "ZeroDivisionError in pool_fakes.py"),
+    ],
+)
+def test_two_failed_tries_make_a_void_that_counts_as_zero(
+    fakes: ModuleType, tmp_path: Path, deed: str, reason: str
+) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", deed, "answer")
+    results = run(tmp_path)
+    assert [s.status for s in results.scenarios] == ["ok", "void", "ok"]
+    assert results.scenarios[1].reason.startswith(reason)
+    assert results.void == 1
+    assert results.overall.scenario_mean.ds == pytest.approx(20.0 / 3)
+    assert calls(tmp_path).count("s1") == 2
+
+
+def test_the_same_command_tries_voids_again(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "kill")
+    run(tmp_path)
+    again = Notes()
+    run(tmp_path, again)
+    assert (again.kept, again.finished) == (("s0",), ["s1"])
+
+
+def test_a_hung_episode_becomes_void(fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mdrive_sumo.runs.preparation.SIMULATION_LIMIT_S", 1.0)
+    fakes.make_suite(tmp_path / "suite", "hang")
+    assert run(tmp_path).scenarios[0].reason == "hung: no result within 1 s"
+
+
+def test_bad_input_found_by_a_worker_ends_the_run(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "input", "answer")
+    with pytest.raises(InputError, match="expected a road, found the sea"):
+        run(tmp_path)
+    assert not (tmp_path / "run" / "results.json").exists()
+
+
+def test_another_command_does_not_continue_the_run(fakes: ModuleType, tmp_path: Path) -> None:
+    suite = fakes.make_suite(tmp_path / "suite", "answer")
+    run(tmp_path)
+    with pytest.raises(InputError, match=r"another seed 0 \(now 1\)"):
+        run(tmp_path, seed=1)
+    fakes.make_suite(suite.folder, "nap")
+    with pytest.raises(InputError, match="another suite_checksum"):
+        run(tmp_path)
+
+
+def test_old_results_do_not_outlive_a_fresh_start(fakes: ModuleType, tmp_path: Path) -> None:
+    suite = fakes.make_suite(tmp_path / "suite", "answer")
+    run(tmp_path)
+    fakes.make_suite(suite.folder, "input")
+    with pytest.raises(InputError):
+        run(tmp_path, fresh=True)
+    assert not (tmp_path / "run" / "results.json").exists()
+
+
+def test_a_glob_chooses_scenarios(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "answer", "answer")
+    assert [s.id for s in run(tmp_path, scenario="s[02]").scenarios] == ["s0", "s2"]
+
+
+AGENT = """
+class Driver:
+    label = "sharing"
+    def __init__(self, config):
+        assert config == {"speed": 3}
+    def sensors(self):
+        from mdrive_sumo.contract import SensorSpec
+        return (SensorSpec("privileged"),)
+    def start(self, briefing): ...
+    def act(self, seen): ...
+"""
+
+
+def test_an_agent_from_a_file_is_labelled_and_part_of_the_fingerprint(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer")
+    (tmp_path / "mine.py").write_text(AGENT)
+    options = {"agent": f"{tmp_path}/mine.py:Driver", "agent_config": {"speed": 3}}
+    assert run(tmp_path, **options).run.labels == ("sharing", "privileged")
+    (tmp_path / "mine.py").write_text(AGENT + "# changed\n")
+    with pytest.raises(InputError, match="another agent_code"):
+        run(tmp_path, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"agent": "nobody"}, "agent 'nobody': expected .*stationary.*found neither"),
+        ({"agent": "perception-swap:nobody"}, "agent 'perception-swap:nobody': expected .*perception-swap:cobevt"),
+        ({"agent": "no_such_module:Agent"}, "no_such_module"),
+        ({"agent": "missing.py:Agent"}, "missing.py: expected a Python file, found none"),
+        ({"agent": "stationary", "agent_config": {"no": 1}}, "no"),
+        ({"scenario": "nothing*"}, "expected a scenario id or category like 'nothing\\*', found none"),
+        ({"suite": "nowhere"}, "suite 'nowhere': expected a folder or one of"),
+    ],
+)
+def test_bad_settings_are_one_sentence(
+    fakes: ModuleType, tmp_path: Path, options: dict[str, object], sentence: str
+) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer")
+    with pytest.raises(InputError, match=sentence) as caught:
+        run(tmp_path, **options)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_network_is_found_before_any_work(fakes: ModuleType, tmp_path: Path) -> None:
+    suite = fakes.make_suite(tmp_path / "suite", "answer")
+    (suite.folder / "networks" / "flat" / "map.net.xml.gz").unlink()
+    with pytest.raises(InputError, match="cannot be read as a gzipped SUMO network"):
+        run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{", "expected JSON, found none"),
+        ("[1]", "expected a JSON object, found a list"),
+        ('{"a": [1]}', r"a: expected a finite number, a string or a boolean, found \[1\]"),
+        ('{"a": NaN}', "a: expected a finite number"),
+        ('{"a": null}', "a: expected a finite number"),
+    ],
+)
+def test_a_bad_agent_config_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "config.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        load_agent_config(path)
+
+
+def test_a_good_agent_config(tmp_path: Path) -> None:
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"speed": 8, "polite": True, "name": "x"}))
+    assert load_agent_config(path) == {"speed": 8, "polite": True, "name": "x"}
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        load_agent_config(tmp_path / "missing.json")
+
+
+def test_different_commands_get_different_folders() -> None:
+    settings = (
+        Settings(),
+        Settings(seed=1),
+        Settings(agent="omniscient"),
+        Settings(agent="a/b.py:Mine"),
+        Settings(agent_config={"speed": 3}),
+        Settings(scenario="ins_c*"),
+        Settings(record=False),
+    )
+    folders = [str(default_folder(s, "interdrive")) for s in settings]
+    assert len(set(folders)) == len(folders)
+    assert folders[0] == "runs/interdrive-idm-seed0"
+    assert folders[3] == "runs/interdrive-b_Mine-seed0"

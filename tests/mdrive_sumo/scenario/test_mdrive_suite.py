@@ -1,0 +1,51 @@
+"""The built-in suites of the whole benchmark: what is packaged is what the README says, and can be made again."""
+
+import gzip
+from collections import Counter
+
+import pytest
+
+from mdrive_sumo.generate.generated_suite import changed_by_rebuild, recipes_of
+from mdrive_sumo.generate.validation import suite_problems
+from mdrive_sumo.roads import packaged_networks
+from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
+from mdrive_sumo.study.occlusion_certificate import load_certificates
+
+PACKED_LIMIT = 25 * 2**20
+"""Bytes of the wheel."""
+
+
+def test_the_benchmark_has_the_papers_buckets() -> None:
+    suite = load_suite("mdrive")
+    assert Counter(scenario.bucket for scenario in suite.scenarios) == {
+        "InterDrive": 46,
+        "Interaction": 112,
+        "V2XPnP": 67,
+    }
+    assert [part.name for part in suite.parts] == ["interdrive", "interaction", "v2xpnp"]
+
+
+def test_the_benchmark_is_as_the_papers_tables_say_and_as_it_was_sealed() -> None:
+    """Means, categories, weather, certificates, checksums, recipes; the drives are `make validate`'s."""
+    assert suite_problems(load_suite("mdrive"), ()) == ()
+
+
+def test_every_recipe_makes_its_scenario_again() -> None:
+    recipes = recipes_of("interaction")
+    assert len(recipes) == 112
+    assert list(changed_by_rebuild(recipes)) == []
+
+
+def test_what_is_packaged_fits_into_the_wheel() -> None:
+    folders = (*packaged_suites().values(), *packaged_networks().values())
+    files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
+    assert sum(len(gzip.compress(path.read_bytes(), 6)) for path in files) < PACKED_LIMIT
+
+
+@pytest.mark.parametrize("name", ["pre-crash", "crosswalk"])
+def test_hidden_conflicts_of_a_category(name: str) -> None:
+    """At least 80 % of pre-crash and all crosswalk scenarios have an occlusion certificate."""
+    suite = load_suite("interaction")
+    certificates = load_certificates(suite)
+    hidden = [certificates[s.id].occluded for s in suite.scenarios if s.category == name]
+    assert sum(hidden) >= (0.8 if name == "pre-crash" else 1.0) * len(hidden) > 0

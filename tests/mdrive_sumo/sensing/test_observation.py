@@ -1,0 +1,40 @@
+"""The briefing: what an agent is told of its route."""
+
+import numpy as np
+import pytest
+
+from mdrive_sumo.contract import Briefing
+from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.sensing.briefing_builder import briefing
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
+
+SUITE = load_suite("interdrive")
+
+
+def brief(scenario: str, ego: int) -> Briefing:
+    found = next(s for s in SUITE.scenarios if s.id.startswith(scenario))
+    return briefing(found.egos[ego], load(network_folder(found.network)), facts(MKZ_2017), 7, 30.0)
+
+
+def test_the_route_is_told_with_lane_width_speed_limit_and_length() -> None:
+    told = brief("i03", 0)
+    assert told.route_xy.shape == (len(told.route_s), 2)
+    assert told.route_s[-1] == pytest.approx(np.hypot(*np.diff(told.route_xy, axis=0).T).sum())
+    assert ((told.route_lane_width > 2.5) & (told.route_lane_width < 4.0)).all()
+    assert told.route_speed_limit[0] == 13.89
+    assert (told.route_speed_limit > 3.0).all()
+    assert (told.seed, told.time_limit_s, told.vehicle.length) == (7, 30.0, 4.9)
+
+
+def test_lights_and_stop_signs_lie_on_the_route_of_whom_they_concern() -> None:
+    lit = brief("i03", 0)
+    assert len(lit.traffic_lights) == 1
+    assert 0.0 < lit.traffic_lights[0].s < lit.route_s[-1]
+    assert lit.stop_signs == ()
+    told = [brief("i19", ego) for ego in (0, 1)]
+    assert all(light == () for light in (one.traffic_lights for one in told))
+    signs = [one.stop_signs for one in told]
+    assert sum(map(len, signs)) >= 1
+    assert all(0.0 < sign.s < one.route_s[-1] for one in told for sign in one.stop_signs)
+    assert () in signs  # the main road has none

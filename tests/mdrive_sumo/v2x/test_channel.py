@@ -1,0 +1,263 @@
+"""The channel: who hears what and when, and that chance depends on names and ticks only."""
+
+import math
+import statistics
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdrive_sumo.contract import Message
+from mdrive_sumo.v2x.channel import Channel, Fate, Place, Sent, counted
+from mdrive_sumo.v2x.comm import Comm, Link
+from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, Pose, decode, encode
+
+NEAR: Mapping[str, Place] = {"a": (0.0, 0.0), "b": (30.0, 40.0), "c": (0.0, 200.0)}
+Box = dict[str, tuple[Message, ...]]
+
+
+def text(words: str) -> Message:
+    return encode(words)
+
+
+def cam(tick: int = 0) -> Message:
+    return encode(Cam(Pose(10.0, 20.0, 0.5, tick), 5.0, 0.0, 0.0, 4.9, 2.0))
+
+
+def run(
+    comm: Comm,
+    said: Mapping[int, Mapping[str, tuple[Message, ...]]],
+    ticks: int,
+    places: Mapping[str, Place] = NEAR,
+    seed: int = 1,
+) -> tuple[list[Box], Channel]:
+    """What every tick delivers."""
+    channel, boxes = Channel(comm, seed), []
+    for tick in range(ticks):
+        boxes.append(channel.deliver(tick, tuple(places)))
+        channel.post(tick, said.get(tick, {}), places)
+    return boxes, channel
+
+
+def fates(sent: Iterable[Sent]) -> list[dict[str, Fate]]:
+    return [{receiver: fate for receiver, (fate, _) in one.fates.items()} for one in sent]
+
+
+@pytest.mark.parametrize(("latency", "arrival"), [(0, 1), (1, 1), (2, 2), (6, 6)])
+def test_a_message_arrives_after_its_latency_and_never_in_its_own_tick(latency: int, arrival: int) -> None:
+    boxes, channel = run(Comm(link=Link(latency_ticks=latency)), {3: {"a": (text("hi"),)}}, 12)
+    expected = Message("text", b"hi", "a", 3)
+    assert [tick for tick, box in enumerate(boxes) if box["b"]] == [3 + arrival]
+    assert boxes[3 + arrival] == {"a": (), "b": (expected,), "c": (expected,)}
+    assert channel.log() == (Sent(expected, {"b": (Fate.DELIVERED, 3 + arrival), "c": (Fate.DELIVERED, 3 + arrival)}),)
+
+
+def test_nobody_can_pose_as_another() -> None:
+    boxes, _ = run(Comm(), {0: {"a": (Message("text", b"", "b", 99),)}}, 2)
+    assert boxes[1]["c"] == (Message("text", b"", "a", 0),)
+
+
+def test_messages_arrive_in_order_of_sending_whatever_the_latency() -> None:
+    comm = Comm(link=Link(latency_ticks=3), by_type={"cam": Link(latency_ticks=1)})
+    said = {
+        0: {"b": (text("1"), text("2")), "a": (text("0"),)},
+        2: {"a": (cam(),)},
+    }
+    boxes, _ = run(comm, said, 5)
+    assert [message.payload for message in boxes[3]["c"]] == [b"0", b"1", b"2", cam().payload]
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 9)), max_size=12), st.integers(0, 4))
+def test_without_loss_everything_arrives_once_and_in_order(what: list[tuple[str, int]], latency: int) -> None:
+    said: dict[int, dict[str, tuple[Message, ...]]] = {}
+    for i, (sender, tick) in enumerate(what):
+        said.setdefault(tick, {}).setdefault(sender, ())
+        said[tick][sender] += (text(f"{i}"),)
+    boxes, channel = run(Comm(link=Link(latency_ticks=latency)), said, 16)
+    for receiver in NEAR:
+        heard = [message for box in boxes for message in box[receiver]]
+        posted = [one.message for one in channel.log() if one.message.sender != receiver]
+        assert heard == posted  # the log is in order of ticks, senders, messages
+
+
+def test_who_is_out_of_range_hears_nothing() -> None:
+    boxes, channel = run(Comm(link=Link(range_m=50.0)), {0: {"a": (text("x"),)}}, 2)
+    assert (len(boxes[1]["b"]), len(boxes[1]["c"])) == (1, 0)  # b is at exactly 50 m
+    assert fates(channel.log()) == [{"c": Fate.OUT_OF_RANGE, "b": Fate.DELIVERED}]
+
+
+def test_range_is_that_of_the_moment_of_sending() -> None:
+    channel = Channel(Comm(link=Link(range_m=100.0, latency_ticks=2)), 1)
+    channel.post(0, {"a": (text("x"),)}, {"a": (0.0, 0.0), "b": (99.0, 0.0)})
+    assert channel.deliver(1, ("a", "b"))["b"] == ()
+    channel.post(1, {}, {"a": (0.0, 0.0), "b": (999.0, 0.0)})
+    assert len(channel.deliver(2, ("a", "b"))["b"]) == 1
+
+
+def test_road_side_units_send_but_do_not_hear() -> None:
+    places = {**NEAR, "rsu": (0.0, 10.0)}
+    channel = Channel(Comm(), 1)
+    channel.post(0, {"rsu": (text("from the side"),), "a": (text("x"),)}, places, receivers=tuple(NEAR))
+    assert {name: len(box) for name, box in channel.deliver(1, tuple(NEAR)).items()} == {"a": 1, "b": 2, "c": 2}
+    assert all("rsu" not in one.fates for one in channel.log())
+
+
+def test_who_has_ended_gets_nothing() -> None:
+    channel = Channel(Comm(link=Link(latency_ticks=2)), 1)
+    channel.post(0, {"a": (text("x"),)}, NEAR)
+    channel.deliver(1, ("a", "b", "c"))
+    assert set(channel.deliver(2, ("a", "b"))) == {"a", "b"}
+    assert channel.log()[0].fates == {"b": (Fate.DELIVERED, 2), "c": (Fate.GONE, 2)}
+
+
+def test_messages_in_flight_have_no_fate_yet() -> None:
+    _, channel = run(Comm(link=Link(latency_ticks=9)), {0: {"a": (text("x"),)}}, 5)
+    assert fates(channel.log()) == [{}]
+
+
+def test_a_channel_that_is_off_delivers_nothing() -> None:
+    boxes, channel = run(Comm(on=False), {0: {"a": (text("x"),)}}, 5)
+    assert not any(any(box.values()) for box in boxes)
+    assert fates(channel.log()) == [{"b": Fate.OFF, "c": Fate.OFF}]
+
+
+def test_malformed_messages_reach_nobody() -> None:
+    said = {0: {"a": (Message("cam", b"\1"), Message("own", b"\xff" * 65536), Message("own", b"\xff"), cam())}}
+    _, channel = run(Comm(), said, 2)
+    bad, good = {"b": Fate.MALFORMED, "c": Fate.MALFORMED}, {"b": Fate.DELIVERED, "c": Fate.DELIVERED}
+    assert fates(channel.log()) == [bad, bad, good, good]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "muted"),
+    [
+        ("a/text", {"a text 0", "a text 1"}),
+        ("*/text@1", {"a text 1", "b text 1"}),
+        ("a/*@0", {"a text 0", "a cam 0"}),
+        ("*/*", {f"{who} {what} {tick}" for who in "ab" for what in ("text", "cam") for tick in (0, 1)}),
+        ("b/cam@001", {"b cam 1"}),
+        ("c/*", set[str]()),
+    ],
+)
+def test_muted_messages_reach_nobody(pattern: str, muted: set[str]) -> None:
+    said = {tick: {who: (text("x"), cam()) for who in "ab"} for tick in (0, 1)}
+    _, channel = run(Comm(mute=(pattern,)), said, 3)
+    silent = {
+        f"{one.message.sender} {one.message.type} {one.message.tick}"
+        for one in channel.log()
+        if {fate for fate, _ in one.fates.values()} == {Fate.MUTED}
+    }
+    assert silent == muted
+    assert all(fate in (Fate.MUTED, Fate.DELIVERED) for one in fates(channel.log()) for fate in one.values())
+
+
+def test_the_budget_is_for_any_second() -> None:
+    comm = Comm(budget_bytes_s=250, header_bytes=20)
+    said = {tick: {"a": (text("x" * 80),)} for tick in (0, 5, 10, 19, 20, 24, 25)}  # 100 bytes each
+    _, channel = run(comm, said, 40)
+    sent = [one.message.tick for one in channel.log() if one.fates["b"][0] is Fate.DELIVERED]
+    assert sent == [0, 5, 20, 25]  # 10 and 19 are beyond it; at 20 that of 0 is a second ago
+
+
+def test_small_messages_still_fit_where_large_ones_do_not() -> None:
+    _, channel = run(Comm(budget_bytes_s=100), {0: {"a": (text("x" * 80), text("x" * 21), text("x" * 20))}}, 3)
+    assert [one.fates["b"][0] for one in channel.log()] == [Fate.DELIVERED, Fate.OVER_BUDGET, Fate.DELIVERED]
+
+
+def test_every_station_has_a_budget_of_its_own_and_muted_messages_cost_nothing() -> None:
+    said = {0: {"a": (cam(), text("x" * 90)), "b": (text("x" * 90),)}}
+    _, channel = run(Comm(budget_bytes_s=100, mute=("*/cam",)), said, 3)
+    assert [one.fates["c"][0] for one in channel.log()] == [Fate.MUTED, Fate.DELIVERED, Fate.DELIVERED]
+
+
+LOSSY = Comm(link=Link(loss=0.3))
+CHATTER = {tick: {"a": (text("x"), text("y")), "b": (text("z"),)} for tick in range(2000)}
+
+
+def lost(channel: Channel, sender: str, receiver: str, payload: bytes) -> list[bool]:
+    """By tick; what is still in flight is not lost."""
+    log = [one for one in channel.log() if (one.message.sender, one.message.payload) == (sender, payload)]
+    return [receiver in one.fates and one.fates[receiver][0] is Fate.LOST for one in log]
+
+
+def test_loss_has_the_given_probability_and_is_independent() -> None:
+    _, channel = run(LOSSY, CHATTER, 2000)
+    rows = [lost(channel, *of) for of in (("a", "b", b"x"), ("a", "c", b"x"), ("a", "b", b"y"), ("b", "c", b"z"))]
+    # Four standard deviations of 2000 draws, of the mean and of correlations.
+    assert all(abs(statistics.mean(row) - 0.3) < 4 * math.sqrt(0.3 * 0.7 / 2000) for row in rows)
+    correlations = np.corrcoef(np.array([*rows, [*rows[0][1:], rows[0][0]]], dtype=float))
+    assert np.abs(correlations - np.eye(5)).max() < 4 / math.sqrt(2000)
+
+
+def test_luck_depends_on_names_ticks_and_seed_only() -> None:
+    _, all_of_them = run(LOSSY, CHATTER, 300)
+    pair = {name: NEAR[name] for name in "ab"}
+    _, two_of_them = run(LOSSY, {tick: {"a": (text("x"),)} for tick in range(7, 300)}, 300, pair)
+    _, other_seed = run(LOSSY, CHATTER, 300, seed=2)
+    alone = lost(two_of_them, "a", "b", b"x")
+    assert alone == lost(all_of_them, "a", "b", b"x")[7:]
+    assert alone != lost(other_seed, "a", "b", b"x")[7:]
+
+
+@pytest.mark.parametrize(("loss", "arrived"), [(0.0, 50), (1.0, 0)])
+def test_no_loss_and_full_loss_are_exact(loss: float, arrived: int) -> None:
+    boxes, _ = run(Comm(link=Link(loss=loss)), {tick: {"a": (text("x"),)} for tick in range(50)}, 51)
+    assert sum(len(box["b"]) for box in boxes) == arrived
+
+
+def test_types_have_links_of_their_own() -> None:
+    comm = Comm(link=Link(loss=1.0), by_type={"cam": Link(latency_ticks=4)})
+    boxes, _ = run(comm, {0: {"a": (text("x"), cam(), Message("own", b""))}}, 6)
+    assert [tick for tick, box in enumerate(boxes) if box["b"]] == [4]
+    assert [message.type for message in boxes[4]["b"]] == ["cam"]
+
+
+def errors(comm: Comm, ticks: int, receiver: str = "b", sender: str = "a") -> np.ndarray:
+    """(N, 3) x, y [m] and yaw [deg] by which each CAM's pose is wrong."""
+    boxes, _ = run(comm, {tick: {sender: (cam(tick),)} for tick in range(ticks)}, ticks + 1)
+    heard = [decode(message) for box in boxes for message in box[receiver]]
+    rows = [(c.pose.x - 10.0, c.pose.y - 20.0, math.degrees(c.pose.yaw - 0.5)) for c in heard if isinstance(c, Cam)]
+    return np.array(rows)
+
+
+def test_pose_errors_have_the_given_deviations_and_are_independent() -> None:
+    found = errors(Comm(link=Link(pose_error_m=0.6, pose_error_deg=0.8)), 3000)
+    assert found.shape == (3000, 3)
+    deviations = np.array((0.6, 0.6, 0.8))
+    assert (np.abs(found.mean(axis=0)) < 4 * deviations / math.sqrt(3000)).all()
+    assert np.allclose(found.std(axis=0), deviations, rtol=4 / math.sqrt(6000))
+    assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 4 / math.sqrt(3000)
+
+
+def test_pose_errors_of_an_episode_stay_the_same_for_a_pair() -> None:
+    comm = Comm(link=Link(pose_error_m=0.6, pose_error_deg=0.6, pose_error_per="episode"))
+    found = errors(comm, 20)
+    assert np.ptp(found, axis=0).max() == 0.0 and np.abs(found).min() > 0
+    for other in (errors(comm, 20, "c"), errors(comm, 20, "c", "b")):
+        assert not np.allclose(found[0], other[0], atol=0.02)
+
+
+def test_a_pose_error_moves_what_is_told_but_no_text_and_not_the_log() -> None:
+    planned = np.array([[20.0, 20.0], [30.0, 20.0]])
+    plan = encode(Mcm(Pose(10.0, 20.0, 0.0, 0), 5.0, Intention.KEEP, Direction.FOLLOW, 0.2, planned))
+    comm = Comm(link=Link(pose_error_m=2.0, pose_error_deg=0.0))
+    boxes, channel = run(comm, {0: {"a": (plan, text("I am at (10, 20)"))}}, 2)
+    (moved, spoken), others = boxes[1]["b"], boxes[1]["c"]
+    read = decode(moved)
+    assert isinstance(read, Mcm) and (moved.sender, moved.tick) == ("a", 0)
+    shift = np.array((read.pose.x - 10.0, read.pose.y - 20.0))
+    assert np.abs(shift).min() > 0.01
+    assert np.allclose(read.planned, planned + shift, atol=0.011)
+    assert spoken.payload == b"I am at (10, 20)"
+    assert others[0].payload != moved.payload  # another receiver, another error
+    assert channel.log()[0].message.payload == plan.payload
+
+
+def test_what_is_counted() -> None:
+    said = {0: {"a": (text("four"), Message("cam", b"")), "b": (text("xx"),)}}
+    _, channel = run(Comm(link=Link(range_m=100.0)), said, 2)
+    everything = {"sent": 3, "bytes": 6, "delivered": 2, "lost": 0, "out-of-range": 2, "gone": 0}
+    assert counted(channel.log()) == everything | {"muted": 0, "over-budget": 0, "malformed": 2, "off": 0}
+    assert counted(()) == {}

@@ -1,0 +1,253 @@
+"""Settings of the channel: what is refused, how they are written and read, presets, and the options of commands."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdrive_sumo.cli import main
+from mdrive_sumo.cli.comm import channel_of, comm_of, comm_options
+from mdrive_sumo.core.clock import Clock
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.v2x.comm import PER, PRESETS, Comm, Link, comm_from, comm_text, described
+from mdrive_sumo.v2x.messages import TYPES
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"latency_ticks": -1}, "latency_ticks: expected a whole number"),
+        ({"latency_ticks": 1.5}, "latency_ticks"),
+        ({"latency_ticks": 10_001}, "10000"),
+        ({"loss": -0.1}, r"loss: expected a probability in \[0, 1\], found -0.1"),
+        ({"loss": 1.1}, "loss"),
+        ({"loss": math.nan}, "loss"),
+        ({"range_m": 0.0}, "range_m: expected a distance above 0 m"),
+        ({"range_m": math.nan}, "range_m"),
+        ({"pose_error_m": -1.0}, "pose_error_m: expected a finite standard deviation"),
+        ({"pose_error_m": math.inf}, "pose_error_m"),
+        ({"pose_error_deg": math.nan}, "pose_error_deg"),
+        ({"pose_error_per": "tick"}, "one of message, episode"),
+    ],
+)
+def test_unusable_links_are_refused(wrong: dict[str, Any], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        Link(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"budget_bytes_s": 0.0}, "budget_bytes_s: expected a number of bytes above 0"),
+        ({"budget_bytes_s": math.nan}, "budget_bytes_s"),
+        ({"header_bytes": -1}, "header_bytes"),
+        ({"header_bytes": 65536}, "header_bytes"),
+        ({"on": 1}, "on: expected true or false"),
+        ({"by_type": {"denm": Link()}}, "unknown type of message 'denm', expected one of cam, cpm, mcm, text"),
+        *(
+            ({"mute": (pattern,)}, "mute: expected SENDER/TYPE")
+            for pattern in ("", "a", "a/", "/cam", "a/b/c", "a/b@x")
+        ),
+        ({"mute": ("a/cam@1.5",)}, "mute"),
+        ({"mute": ("two words/cam",)}, "mute"),
+    ],
+)
+def test_unusable_channels_are_refused(wrong: dict[str, Any], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        Comm(**wrong)
+
+
+positive = st.floats(0.001, 1e6) | st.just(math.inf)
+links = st.builds(
+    Link,
+    st.integers(0, 10_000),
+    st.floats(0, 1),
+    positive,
+    st.floats(0, 10),
+    st.floats(0, 10),
+    st.sampled_from(PER),
+)
+patterns = st.sampled_from(["*/*", "cav_1/cam", "*/text@7", "rsu-2/*@*", "a.b/my_type@12"])
+comms = st.builds(
+    Comm,
+    preset=st.sampled_from(list(PRESETS)),
+    on=st.booleans(),
+    link=links,
+    by_type=st.dictionaries(st.sampled_from(TYPES), links).map(MappingProxyType),
+    budget_bytes_s=positive,
+    header_bytes=st.integers(0, 65535),
+    mute=st.lists(patterns, max_size=3).map(tuple),
+)
+
+
+@given(comms)
+def test_described_and_comm_from_are_inverses(comm: Comm) -> None:
+    told = described(comm)
+    assert comm_from(told) == comm
+    assert all(type(value) in (str, int, float, bool) and value != math.inf for value in told.values())
+    assert comm_from(json.loads(comm_text(comm))) == comm
+    assert comm_text(comm_from(json.loads(comm_text(comm)))) == comm_text(comm)
+
+
+def test_numbers_may_come_back_as_whole_or_as_floating() -> None:
+    assert comm_from({"latency_ticks": 6.0, "loss": 1}).link == Link(latency_ticks=6, loss=1.0)
+
+
+def test_what_is_left_out_is_ideal() -> None:
+    assert comm_from({}) == Comm() == PRESETS["ideal"]
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ({"delay": 1}, "unknown option 'delay'"),
+        ({"cam.budget_bytes_s": 1}, "unknown option 'cam.budget_bytes_s'"),
+        ({".loss": 0.5}, "unknown option '.loss'"),
+        ({"denm.loss": 0.5}, "unknown type of message 'denm'"),
+        ({"preset": "perfect"}, "unknown preset 'perfect'"),
+        ({"preset": 3}, "preset: expected a text"),
+        ({"on": "yes"}, "on: expected true or false"),
+        ({"latency_ticks": 1.5}, "latency_ticks: expected a whole number"),
+        ({"latency_ticks": True}, "latency_ticks: expected a whole number"),
+        ({"loss": "0.1"}, "loss: expected a finite number"),
+        ({"range_m": math.inf}, "range_m: expected a finite number"),
+        ({"range_m": -5}, "range_m: expected a distance"),
+        ({"mute": "nonsense"}, "mute"),
+    ],
+)
+def test_unusable_values_are_refused(values: Mapping[str, Any], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        comm_from(values)
+
+
+def test_presets_carry_their_own_names() -> None:
+    assert {name: comm.preset for name, comm in PRESETS.items()} == {name: name for name in PRESETS}
+    assert set(PRESETS) == {"ideal", "off", "paper-latency", "paper-pose", "realistic"}
+
+
+def test_presets_of_the_paper_have_its_figures() -> None:
+    assert PRESETS["paper-latency"].link == Link(latency_ticks=6)  # 300 ms
+    assert PRESETS["paper-pose"].link == Link(pose_error_m=0.6, pose_error_deg=0.6)
+
+
+def test_the_realistic_preset_has_the_figures_of_its_sources() -> None:
+    realistic = PRESETS["realistic"]
+    assert realistic.link == Link(latency_ticks=2, loss=0.1, range_m=150.0)
+    assert realistic.budget_bytes_s == 0.03 * 6e6 / 8
+    assert realistic.header_bytes == 38 + 40 + 4 + 95 + 30
+
+
+def test_options_override_the_preset() -> None:
+    comm = comm_of("realistic", comm_loss="0", comm_budget="inf", comm_mute=("*/text",))
+    expected = Link(latency_ticks=2, range_m=150.0)
+    assert comm == replace(PRESETS["realistic"], link=expected, budget_bytes_s=math.inf, mute=("*/text",))
+
+
+def test_nothing_given_is_the_preset() -> None:
+    assert all(comm_of(name, comm_loss=None, pose_error=None) == comm for name, comm in PRESETS.items())
+
+
+@pytest.mark.parametrize(
+    ("options", "everywhere", "of_types"),
+    [
+        ({"comm_latency": "6"}, Link(6), {}),
+        ({"comm_latency": "cpm=6,mcm=2"}, Link(), {"cpm": Link(6), "mcm": Link(2)}),
+        ({"comm_latency": "6,text=20"}, Link(6), {"text": Link(20)}),
+        ({"comm_latency": "6 , text = 20"}, Link(6), {"text": Link(20)}),
+        ({"comm_loss": "0.1,cam=0"}, Link(loss=0.1), {"cam": Link()}),
+        ({"comm_range": "200,cpm=70,cam=inf"}, Link(range_m=200), {"cpm": Link(range_m=70), "cam": Link()}),
+        ({"pose_error": "0.6,0.5"}, Link(pose_error_m=0.6, pose_error_deg=0.5), {}),
+        ({"pose_error": "0.6,0,episode"}, Link(pose_error_m=0.6, pose_error_per="episode"), {}),
+        (
+            {"pose_error": "0.6,0.6,cam=0,0,cpm=1,2,episode"},
+            Link(pose_error_m=0.6, pose_error_deg=0.6),
+            {"cam": Link(), "cpm": Link(pose_error_m=1, pose_error_deg=2, pose_error_per="episode")},
+        ),
+        # Options of a type and of all types meet: whoever says it of all types leaves the others' own values.
+        ({"comm_latency": "cpm=6", "comm_loss": "0.5"}, Link(loss=0.5), {"cpm": Link(6, 0.5)}),
+        ({"comm_loss": "0.5", "comm_latency": "cpm=6"}, Link(loss=0.5), {"cpm": Link(6, 0.5)}),
+    ],
+)
+def test_values_for_all_types_and_for_some(
+    options: dict[str, Any], everywhere: Link, of_types: dict[str, Link]
+) -> None:
+    comm = comm_of(**options)
+    assert (comm.link, dict(comm.by_type)) == (everywhere, of_types)
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"comm": "perfect"}, "--comm: unknown preset 'perfect', expected one of ideal, off"),
+        ({"comm_latency": "-1"}, "--comm-latency -1: expected a whole number of ticks, found '-1'"),
+        ({"comm_latency": "1.5"}, "--comm-latency 1.5: expected a whole number"),
+        ({"comm_latency": "99999"}, "latency_ticks: expected a whole number of ticks from 0 to 10000"),
+        ({"comm_latency": ""}, "expected a whole number"),
+        ({"comm_latency": "6,7"}, "expected a whole number"),
+        ({"comm_latency": "cam=6,cam=7"}, "each type of cam, cpm, mcm, text at most once, found 'cam'"),
+        ({"comm_latency": "denm=6"}, "found 'denm'"),
+        ({"comm_latency": "=6"}, "found ''"),
+        ({"comm_loss": "1.5"}, r"--comm-loss 1.5: loss: expected a probability in \[0, 1\]"),
+        ({"comm_loss": "nan"}, "loss: expected a probability"),
+        ({"comm_loss": "some"}, "expected a number, found 'some'"),
+        ({"comm_loss": "0.1,0.2"}, "expected one number"),
+        ({"comm_range": "0"}, "--comm-range 0: range_m: expected a distance above 0 m"),
+        ({"comm_budget": "-5"}, "--comm-budget -5: budget_bytes_s: expected"),
+        ({"comm_budget": "cam=5"}, "expected a number, found 'cam=5'"),
+        ({"pose_error": "0.6"}, "expected POS_M,ROT_DEG or POS_M,ROT_DEG,episode"),
+        ({"pose_error": "0.6,0.6,day"}, "expected POS_M,ROT_DEG"),
+        ({"pose_error": "-1,0"}, "pose_error_m: expected a finite standard deviation"),
+        ({"comm_mute": ("cam",)}, "mute: expected SENDER/TYPE"),
+    ],
+)
+def test_unusable_options_are_refused_in_one_sentence(options: dict[str, Any], why: str) -> None:
+    with pytest.raises(InputError, match=why) as caught:
+        comm_of(**options)
+    assert "\n" not in str(caught.value)
+
+
+def parsed(*arguments: str) -> tuple[Any, ...]:
+    """What a command with these options makes of its command line; what it leaves for others comes last."""
+    found: list[tuple[Any, ...]] = []
+
+    @click.command()
+    @comm_options
+    @click.option("--other", default=3)
+    def command(**options: Any) -> None:
+        found.append((*channel_of(options), options))
+
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return found[0]
+
+
+def test_a_command_takes_its_channel_and_its_clock_out_of_its_options() -> None:
+    assert parsed() == (Comm(), Clock(), {"other": 3})
+    mutes = ("--comm-mute", "a/cam", "--comm-mute", "*/text@7")
+    comm, clock, _ = parsed("--comm", "paper-latency", "--pose-error", "0.6,0.6", "--agent-clock", "fixed:100", *mutes)
+    assert comm.link == Link(latency_ticks=6, pose_error_m=0.6, pose_error_deg=0.6)
+    assert (comm.preset, comm.mute, clock) == ("paper-latency", ("a/cam", "*/text@7"), Clock("fixed", 2))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--comm", "perfect"),
+        ("--comm-loss", "2"),
+        ("--comm-mute", "cam"),
+        ("--agent-clock", "sometimes"),
+        ("--agent-clock", "fixed:30"),
+    ],
+)
+def test_eval_ends_with_one_sentence_and_exit_code_2(arguments: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(main, ["eval", *arguments])
+    assert result.exit_code == 2
+    assert result.output.startswith("Error: ") and result.output.count("\n") == 1

@@ -1,0 +1,55 @@
+"""The sending half of perception sharing."""
+
+import numpy as np
+import pytest
+from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
+
+from mdrive_sumo.contract import Message, Objects
+from mdrive_sumo.v2x.awareness import Station
+from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, REACH_M, Cam, Cpm, decode
+
+
+def sent(tick: int, objects: Objects, station: Station | None = None) -> tuple[Message, ...]:
+    return (station or Station(briefing(), 80.0)).messages(seen(tick, own(1.0, 2.0, 0.5, 6.0), objects))
+
+
+def told(objects: Objects) -> Cpm:
+    content = decode(sent(7, objects)[1])
+    assert isinstance(content, Cpm)
+    return content
+
+
+def test_it_tells_of_itself_and_of_what_it_sees() -> None:
+    first, second = sent(7, things((20.0, 3.0, 0.2, 4.0), (30.0, 0.0, 0.0, 0.0)))
+    assert (first.type, second.type) == (CAM, CPM)
+    cam, cpm = decode(first), decode(second)
+    assert isinstance(cam, Cam)
+    assert (cam.pose.x, cam.pose.y, cam.pose.tick) == (pytest.approx(1.0), pytest.approx(2.0), 7)
+    assert (cam.speed, cam.length, cam.width) == (pytest.approx(6.0), pytest.approx(LENGTH), pytest.approx(WIDTH))
+    assert isinstance(cpm, Cpm)
+    assert cpm.range_m == pytest.approx(80.0)
+    assert cpm.objects.x == pytest.approx([20.0, 30.0], abs=0.011)
+    assert cpm.objects.ids == ("t00000000", "t00000001")
+    assert cpm.age.tolist() == [0, 0]
+
+
+def test_it_says_how_old_its_detections_are() -> None:
+    content = decode(sent(7, things((20.0, 3.0, 0.2, 4.0)), Station(briefing(), 80.0, latency_ticks=2))[1])
+    assert isinstance(content, Cpm)
+    assert content.age.tolist() == [2]
+
+
+def test_ten_times_a_second_whoever_asks_how_often() -> None:
+    station = Station(briefing(), 80.0)
+    assert [tick for tick in range(8) if sent(tick, things(), station)] == [0, 2, 4, 6]
+    station = Station(briefing(), 80.0)
+    asked = (0, 3, 4, 5, 6, 9, 10)  # a measured agent clock leaves out ticks
+    assert [tick for tick in asked if sent(tick, things(), station)] == [0, 3, 4, 6, 9, 10]
+
+
+def test_what_a_message_cannot_carry_is_left_out_the_nearest_stay() -> None:
+    assert told(things((20.0, 0, 0, 0), (1.0 + REACH_M, 2.0, 0, 0))).objects.ids == ("t00000000",)
+    many = things(*((0.2 * i, 5.0, 0.0, 0.0) for i in range(MAX_OBJECTS + 20)))
+    objects = told(many).objects
+    assert len(objects.ids) == MAX_OBJECTS
+    assert objects.x == pytest.approx(np.arange(MAX_OBJECTS) * 0.2, abs=0.011)

@@ -1,0 +1,283 @@
+"""Boxes never pass through each other; impulses obey mechanics. Shapely is the independent judge of overlap."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mdrive_sumo.contract import Control
+from mdrive_sumo.core.geometry import Float, box_corners
+from mdrive_sumo.core.state import DT, Actors, Contact, Kind, no_actors
+from mdrive_sumo.vehicle.contact import obstacles, settle, walls
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, Body, Vehicle, step
+
+NOBODY = obstacles(no_actors(), no_actors())
+NOTHING = walls([])
+LIGHT = Vehicle(mass=1000.0, yaw_inertia=2000.0)
+
+
+def actors(*boxes: tuple[str, float, float, float], size: tuple[float, float] = (4.5, 1.8)) -> Actors:
+    ids = tuple(box[0] for box in boxes)
+    x, y, yaw = (np.array([box[k] for box in boxes], dtype=float) for k in (1, 2, 3))
+    n = len(boxes)
+    kind = np.full(n, Kind.VEHICLE, dtype=np.uint8)
+    return Actors(ids, kind, x, y, yaw, np.zeros(n), np.full(n, size[0]), np.full(n, size[1]))
+
+
+def outline(body: Body, vehicle: Vehicle = MKZ_2017) -> shapely.Polygon:
+    return shapely.Polygon(box_corners(body.x, body.y, body.yaw, vehicle.length, vehicle.width))
+
+
+def depth(first: shapely.Polygon, second: shapely.Polygon) -> float:
+    """How thick the overlap of two convex shapes is [m]: width of the intersection's rotated rectangle."""
+    common = first.intersection(second)
+    if common.area < 1e-9:
+        return 0.0
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(common))
+    return float(np.hypot(*np.diff(corners, axis=0).T).min())
+
+
+def coasted(body: Body) -> Body:
+    """The body one tick later with nothing acting on it."""
+    sin, cos = math.sin(body.yaw), math.cos(body.yaw)
+    vx, vy = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy
+    yaw = body.yaw + body.yaw_rate * DT
+    sin, cos = math.sin(yaw), math.cos(yaw)
+    return replace(
+        body, x=body.x + vx * DT, y=body.y + vy * DT, yaw=yaw, vx=cos * vx + sin * vy, vy=cos * vy - sin * vx
+    )
+
+
+def momentum(body: Body, vehicle: Vehicle) -> Float:
+    sin, cos = math.sin(body.yaw), math.cos(body.yaw)
+    return vehicle.mass * np.array((cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy))
+
+
+def energy(body: Body, vehicle: Vehicle) -> float:
+    return 0.5 * (vehicle.mass * (body.vx**2 + body.vy**2) + vehicle.yaw_inertia * body.yaw_rate**2)
+
+
+def pair(first: Body, second: Body) -> tuple[dict[str, Body], tuple[Contact, ...], dict[str, Body]]:
+    before = {"a": first, "b": second}
+    after = {ego: coasted(body) for ego, body in before.items()}
+    cars = {"a": MKZ_2017, "b": LIGHT}
+    settled, met = settle(before, after, cars, NOBODY, NOTHING)
+    return settled, met, after
+
+
+speeds = st.floats(-5.0, 40.0)
+angles = st.floats(-math.pi, math.pi)
+bodies = st.builds(
+    Body,
+    x=st.floats(-6.0, 6.0),
+    y=st.floats(-6.0, 6.0),
+    yaw=angles,
+    vx=speeds,
+    vy=st.floats(-3.0, 3.0),
+    yaw_rate=st.floats(-2.0, 2.0),
+)
+centred = st.builds(Body, x=st.just(0.0), y=st.just(0.0), yaw=angles, vx=speeds, yaw_rate=st.floats(-2.0, 2.0))
+
+
+def apart(*shapes: shapely.Polygon) -> bool:
+    return all(a.distance(b) > 0.0 for i, a in enumerate(shapes) for b in shapes[i + 1 :])
+
+
+@settings(max_examples=300, deadline=None)
+@given(centred, bodies)
+def test_two_cavs_end_apart_and_mechanics_holds(first: Body, second: Body) -> None:
+    if not apart(outline(first), outline(second, LIGHT)):
+        return
+    settled, met, after = pair(first, second)
+    assert depth(outline(settled["a"]), outline(settled["b"], LIGHT)) < 0.01
+    cars = {"a": MKZ_2017, "b": LIGHT}
+    now = sum(momentum(settled[ego], cars[ego]) for ego in cars)
+    then = sum(momentum(after[ego], cars[ego]) for ego in cars)
+    assert now == pytest.approx(then, abs=1e-6 * 1e5)
+    assert sum(energy(settled[ego], cars[ego]) for ego in cars) <= (
+        sum(energy(after[ego], cars[ego]) for ego in cars) * (1 + 1e-12)
+    )
+    if depth(outline(after["a"]), outline(after["b"], LIGHT)) > 0.005:
+        assert met == (Contact("a", "b", Kind.VEHICLE), Contact("b", "a", Kind.VEHICLE))
+
+
+@settings(max_examples=300, deadline=None)
+@given(centred, st.floats(-6, 6), st.floats(-6, 6), angles, st.floats(-2, 2), st.floats(-2, 2))
+def test_a_cav_never_enters_an_actor(ego: Body, x: float, y: float, yaw: float, dx: float, dy: float) -> None:
+    start, end = actors(("v", x, y, yaw)), actors(("v", x + dx, y + dy, yaw))
+    shapes = [shapely.Polygon(box_corners(a.x[0], a.y[0], a.yaw[0], 4.5, 1.8)) for a in (start, end)]
+    if not apart(outline(ego), shapes[0]):
+        return
+    proposed = coasted(ego)
+    settled, met = settle({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, obstacles(start, end), NOTHING)
+    assert depth(outline(settled["e"]), shapes[1]) < 0.01
+    if depth(outline(proposed), shapes[1]) > 0.005:
+        assert met == (Contact("e", "v", Kind.VEHICLE),)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (Body(0, 0, 0, vx=40.0), Body(5.5, 0, math.pi, vx=40.0)),  # head-on, 4 m in the tick
+        (Body(0, 0, 0, vx=40.0), Body(4.0, -1.2, math.pi / 2, vx=0.0)),  # T-bone
+        (Body(0, 0, 0, vx=40.0), Body(5.2, 0.5, 0.0, vx=1.0)),  # rear-end
+        (Body(0, 0, 0, vx=0.0, vy=60.0), Body(0.0, 2.3, 0.0, vy=-60.0)),  # sideways, 6 m: through each other
+    ],
+)
+def test_nothing_tunnels(first: Body, second: Body) -> None:
+    settled, met, _ = pair(first, second)
+    assert len(met) == 2
+    towards = np.array((second.x - first.x, second.y - first.y))
+    gap = np.array((settled["b"].x - settled["a"].x, settled["b"].y - settled["a"].y))
+    assert towards @ gap > 0.0  # same side as before
+    assert depth(outline(settled["a"]), outline(settled["b"], LIGHT)) < 0.01
+
+
+def test_a_central_crash_is_perfectly_plastic() -> None:
+    settled, _, _ = pair(Body(0, 0, 0, vx=20.0), Body(5.0, 0, 0, vx=0.0))
+    common = 20.0 * MKZ_2017.mass / (MKZ_2017.mass + LIGHT.mass)
+    assert settled["a"].vx == pytest.approx(common)
+    assert settled["b"].vx == pytest.approx(common)
+    assert settled["a"].acceleration == pytest.approx((common - 20.0) / DT)
+
+
+def spin(body: Body, vehicle: Vehicle, at: Body) -> float:
+    """Angular momentum about the world's origin of a body that moves as `body`, placed at `at`."""
+    px, py = momentum(body, vehicle)
+    return vehicle.yaw_inertia * body.yaw_rate + at.x * float(py) - at.y * float(px)
+
+
+def test_an_eccentric_crash_keeps_angular_momentum_and_spins_both() -> None:
+    settled, _, after = pair(Body(0, 0, 0, vx=20.0), Body(5.2, 1.2, math.pi, vx=10.0))
+    cars = {"a": MKZ_2017, "b": LIGHT}
+    now = sum(spin(settled[ego], cars[ego], settled[ego]) for ego in cars)
+    then = sum(spin(after[ego], cars[ego], settled[ego]) for ego in cars)
+    assert now == pytest.approx(then)
+    assert min(abs(settled[ego].yaw_rate) for ego in cars) > 0.3
+
+
+def test_an_immovable_actor_stops_or_carries_the_car() -> None:
+    parked = obstacles(actors(("v", 5.0, 0, 0)), actors(("v", 5.0, 0, 0)))
+    body = Body(0, 0, 0, vx=20.0)
+    settled, met = settle({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
+    assert settled["e"].vx == pytest.approx(0.0, abs=1e-9)
+    assert settled["e"].x == pytest.approx(5.0 - 4.5 / 2 - 4.9 / 2)
+    assert met == (Contact("e", "v", Kind.VEHICLE),)
+    body, moving = Body(0, 0, 0), obstacles(actors(("v", -4.8, 0, 0)), actors(("v", -4.3, 0, 0)))
+    settled, met = settle({"e": body}, {"e": body}, {"e": MKZ_2017}, moving, NOTHING)
+    assert settled["e"].vx == pytest.approx(0.5 / DT)
+    assert met == (Contact("e", "v", Kind.VEHICLE),)
+
+
+def test_resting_against_something_is_contact_on_every_tick() -> None:
+    for gap, touching in ((0.0, True), (0.009, True), (0.011, False)):
+        parked = obstacles(actors(("v", 4.7 + gap, 0, 0)), actors(("v", 4.7 + gap, 0, 0)))
+        body = Body(0, 0, 0)
+        settled, met = settle({"e": body}, {"e": body}, {"e": MKZ_2017}, parked, NOTHING)
+        assert settled == {"e": body}
+        assert bool(met) is touching
+
+
+def test_sliding_along_does_not_snag() -> None:
+    """A car that brushes past a parked one keeps going: the neighbour's corner is no obstacle."""
+    parked = obstacles(actors(("v", 12.0, 1.9, 0)), actors(("v", 12.0, 1.9, 0)))
+    body = Body(0, 0.0, 0, vx=10.0)  # the sides touch: 1.0 + 0.9 m
+    for _ in range(60):
+        settled, _ = settle({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
+        body = settled["e"]
+    assert (body.x, body.vx) == (pytest.approx(30.0), pytest.approx(10.0))
+
+
+def test_friction_slows_what_scrapes_along() -> None:
+    wall = walls([np.array(((-50, 1.2), (50, 1.2), (50, 2), (-50, 2)))])
+    body = Body(0, 0, 0.0, vx=10.0, vy=8.0)
+    settled, met = settle({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, NOBODY, wall)
+    assert met == (Contact("e", "", Kind.STATIC),)
+    assert settled["e"].vy == pytest.approx(0.0, abs=1e-9)
+    assert settled["e"].vx == pytest.approx(10.0 - 0.5 * 8.0)  # Coulomb: 0.5 of the normal impulse
+
+
+L_SHAPE = np.array(((0.0, 0.0), (20.0, 0.0), (20.0, 8.0), (8.0, 8.0), (8.0, 20.0), (0.0, 20.0)))
+
+
+def test_walls_cover_exactly_the_building() -> None:
+    pieces = walls([L_SHAPE, L_SHAPE[:4] + 50.0])
+    whole = shapely.union_all([shapely.Polygon(piece) for piece in pieces.pieces])
+    expected = shapely.union_all([shapely.Polygon(L_SHAPE), shapely.Polygon(L_SHAPE[:4] + 50.0)])
+    assert whole.symmetric_difference(expected).area == pytest.approx(0.0, abs=1e-9)
+    for i, piece in enumerate(pieces.pieces):
+        polygon = shapely.Polygon(piece)
+        assert polygon.area == pytest.approx(polygon.convex_hull.area)
+        low, high = pieces.centre[:, i] - pieces.half[:, i], pieces.centre[:, i] + pieces.half[:, i]
+        assert (*low, *high) == pytest.approx(polygon.bounds)
+
+
+@settings(max_examples=200, deadline=None)
+@given(bodies)
+def test_a_cav_never_enters_a_building(ego: Body) -> None:
+    ego = replace(ego, x=ego.x + 10.0, y=ego.y + 10.0)
+    building = shapely.Polygon(L_SHAPE)
+    if outline(ego).intersects(building):
+        return
+    proposed = coasted(ego)
+    settled, met = settle({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, NOBODY, walls([L_SHAPE]))
+    assert outline(settled["e"]).intersection(building).area < 0.01
+    if outline(proposed).intersection(building).area > 0.01:
+        assert met == (Contact("e", "", Kind.STATIC),)
+
+
+def test_actors_are_matched_by_id_and_newcomers_do_not_sweep() -> None:
+    before = actors(("a", 0, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
+    after = actors(("b", 11, 0, 0), ("far", 90, 50, 0), ("new", 5, 5, 0))
+    moved = obstacles(before, after)
+    assert moved.before.x.tolist() == [10.0, 0.0, 5.0]  # b moved, new stands
+    assert moved.after.x.tolist() == [11.0, 90.0, 5.0]
+    body = Body(45.0, 50.0, 0.0)  # far was put there: it did not sweep what lies between
+    assert settle({"e": body}, {"e": body}, {"e": MKZ_2017}, moved, NOTHING) == ({"e": body}, ())
+    same = actors(("a", 1, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
+    assert obstacles(before, same).before is before
+
+
+def test_order_of_egos_does_not_matter() -> None:
+    rows = {f"e{i}": Body(4.8 * i, 0.1 * i, 0, vx=10.0 - 6 * i) for i in range(4)}
+    cars = dict.fromkeys(rows, MKZ_2017)
+    after = {ego: coasted(body) for ego, body in rows.items()}
+    forward = settle(rows, after, cars, NOBODY, NOTHING)
+    backward = settle(rows, dict(reversed(after.items())), cars, NOBODY, NOTHING)
+    assert forward == (backward[0], backward[1])
+    assert list(forward[1]) == sorted(forward[1], key=lambda c: (c.ego, c.other))
+
+
+ARENA = [
+    np.array(((-20.0, -20.0), (20.0, -20.0), (20.0, -19.0), (-20.0, -19.0))),
+    np.array(((-20.0, 19.0), (20.0, 19.0), (20.0, 20.0), (-20.0, 20.0))),
+    np.array(((-20.0, -20.0), (-19.0, -20.0), (-19.0, 20.0), (-20.0, 20.0))),
+    np.array(((19.0, -20.0), (20.0, -20.0), (20.0, 20.0), (19.0, 20.0))),
+    np.array(((-3.0, -3.0), (3.0, -3.0), (3.0, -1.0), (-1.0, -1.0), (-1.0, 3.0), (-3.0, 3.0))),
+]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_bumper_cars_stay_in_the_arena(seed: int) -> None:
+    """Four cars with random pedals for 30 s: they never overlap each other or a wall, nor leave."""
+    rng = np.random.default_rng(seed)
+    arena = walls(ARENA)
+    bodies = {f"e{i}": Body(10 * math.cos(i * 1.57), 10 * math.sin(i * 1.57), rng.uniform(-3, 3)) for i in range(4)}
+    cars, seen = dict.fromkeys(bodies, MKZ_2017), 0
+    orders = {ego: Control(1, 0, 0) for ego in bodies}
+    for tick in range(600):
+        if tick % 20 == 0:
+            orders = {ego: Control(rng.uniform(), float(rng.uniform() < 0.1), rng.uniform(-1, 1)) for ego in bodies}
+        proposed = {ego: step(body, orders[ego], MKZ_2017) for ego, body in bodies.items()}
+        bodies, met = settle(bodies, proposed, cars, NOBODY, arena)
+        seen += bool(met)
+        shapes = [outline(body) for body in bodies.values()]
+        for i, shape in enumerate(shapes):
+            assert max(map(abs, shape.bounds)) < 19.01
+            assert all(depth(shape, other) < 0.01 for other in shapes[i + 1 :])
+            assert all(depth(shape, shapely.Polygon(piece)) < 0.01 for piece in arena.pieces)
+    assert seen > 100

@@ -1,0 +1,147 @@
+"""The documents tell the truth: every command is described, links lead somewhere, the example runs."""
+
+import json
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from testing.paths import ROOT
+
+from mdrive_sumo.cli import COMMANDS
+from mdrive_sumo.cli.schema import SCHEMAS
+from mdrive_sumo.contract import (
+    STANDSTILL,
+    Briefing,
+    Objects,
+    Observation,
+    OwnState,
+    VehicleFacts,
+    check_reply,
+)
+from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath
+from mdrive_sumo.vehicle.control import CONTROLLERS
+
+PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")})
+README = (ROOT / "README.md").read_text()
+
+
+def test_every_command_is_in_the_readme() -> None:
+    described = set(re.findall(r"^\| `mdrive-sumo ([a-z][a-z-]*)", README, re.MULTILINE))
+    plugged = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["mdrive_sumo.commands"]
+    assert {*COMMANDS, *plugged} == described
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_to_files_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text())
+    assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_make_targets_that_are_named_exist(page: Path) -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    named = set(re.findall(r"(?:`| {4})make ([a-z-]+)", page.read_text()))
+    assert named <= targets
+
+
+@pytest.mark.parametrize(("rooms", "lowest"), [("rooms", "core"), ("server", "clock")])
+def test_order_of_rooms_in_contributing_is_the_one_that_is_checked(rooms: str, lowest: str) -> None:
+    contract = (ROOT / "pyproject.toml").read_text().partition(f'id = "{rooms}"')[2].partition("[[")[0]
+    checked = [set(re.findall(r"\w+", layer)) for layer in re.findall(r'^    "(.*)",$', contract, re.MULTILINE)]
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    told = re.search(rf"^    {lowest}\b.*?cli$", text, re.MULTILINE | re.DOTALL)
+    assert told is not None
+    assert [set(re.findall(r"\w+", layer)) for layer in told.group().split("<")] == checked[::-1]
+
+
+@pytest.mark.parametrize("name", ["README.md", "Makefile", "docker/Dockerfile"])
+def test_system_libraries_are_the_same_everywhere(name: str) -> None:
+    assert SYSTEM_LIBRARIES in (ROOT / name).read_text()
+
+
+@pytest.mark.parametrize("what", SCHEMAS)
+def test_committed_schemas_are_those_of_the_code(what: str) -> None:
+    """After a change on purpose: `make schemas`."""
+    assert json.loads((ROOT / "docs" / "schemas" / f"{what}.json").read_text()) == SCHEMAS[what]()
+
+
+def test_scenario_schema_tells_what_attributes_mean() -> None:
+    path = SCHEMAS["scenario"]()["$defs"]["AlongPath"]["properties"]
+    assert (path["points"]["description"], path["speed"]["description"]) == (
+        "x, y [m] of the box centre.",
+        "Target speed [m/s].",
+    )
+
+
+def test_example_of_a_scripted_road_user_is_one() -> None:
+    found = re.search(r"```json\n(.*?)```", (ROOT / "docs" / "actors.md").read_text(), re.DOTALL)
+    assert found is not None
+    actor = Actor.model_validate_json(found.group(1))
+    assert isinstance(actor.motion, AlongPath)
+    assert actor.vehicles == ("0",)
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    """The README's agent, saved as a newcomer would."""
+    found = re.search(r"```python\n(.*?)```", README, re.DOTALL)
+    assert found is not None
+    path = tmp_path / "my_agent.py"
+    path.write_text(found.group(1))
+    return path
+
+
+def straight_road() -> Briefing:
+    """A route of 50 m along +x."""
+    s = np.arange(51.0)
+    car = VehicleFacts(4.9, 2.0, 2.8, 1.4, 1800.0, 0.6, 50.0, 3.0, 8.0)
+    return Briefing(
+        ego_id="0",
+        seed=0,
+        tick_s=0.05,
+        time_limit_s=48.0,
+        vehicle=car,
+        route_xy=np.column_stack((s, np.zeros(51))),
+        route_yaw=np.zeros(51),
+        route_s=s,
+        route_lane_width=np.full(51, 3.5),
+        route_speed_limit=np.full(51, 13.9),
+    )
+
+
+def seen_with_obstacle_at(x: float) -> Observation:
+    """The agent stands at the origin, a car stands on its route."""
+    one = np.array([1.0])
+    car = Objects(("a",), np.zeros(1, dtype=np.uint8), x * one, 0 * one, 0 * one, 0 * one, 4.9 * one, 2 * one)
+    return Observation(tick=0, own=OwnState(0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0), objects=car)
+
+
+def test_readme_agent_answers_with_a_plan_and_stops_for_an_obstacle(example: Path) -> None:
+    agent = runpy.run_path(str(example))["Careful"]({"speed": 5.0})
+    agent.start(straight_road())
+    free = check_reply(agent.act(seen_with_obstacle_at(20.0)), frozenset(CONTROLLERS))
+    assert free.plan is not None
+    assert free.plan.points[-1] == pytest.approx([10.0, 0.0])  # 10 points of 0.2 s at 5 m/s
+    assert agent.act(seen_with_obstacle_at(8.0)).control == STANDSTILL
+
+
+@pytest.mark.slow
+def test_readme_agent_drives_the_built_in_suite(example: Path, tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text('{"speed": 6.0}')
+    scenario = load_suite("interdrive").scenarios[0].id
+    main = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()")
+    command = (*main, "eval", "--scenario", scenario, "--out", "run")
+    agent = ("--agent", f"{example.name}:Careful", "--agent-config", "config.json")
+    done = subprocess.run((*command, *agent), cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    results = json.loads((tmp_path / "run" / "results.json").read_text())
+    outcomes = {ego["outcome"] for scenario in results["scenarios"] for ego in scenario["egos"]}
+    assert "agent-failed" not in outcomes
+    assert results["overall"]["scenario_mean"]["rc"] > 50

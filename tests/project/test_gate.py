@@ -1,0 +1,62 @@
+"""The gate fails where pytest alone would let pass (tests/conftest.py)."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from testing.paths import TESTS
+
+OURS = [
+    TESTS / "conftest.py",
+    *(TESTS / "testing" / name for name in ("__init__.py", "paths.py", "shared_material.py")),
+]
+
+
+def session(folder: Path, body: str, *options: str, strict: bool = False) -> subprocess.CompletedProcess[str]:
+    """Runs one test file under our conftest, two folders below `folder`: there is no ../shared/data."""
+    tests = folder / "repository" / "tests"
+    (tests / "testing").mkdir(parents=True, exist_ok=True)
+    for file in OURS:
+        shutil.copy(file, tests / file.relative_to(TESTS))
+    (tests / "test_it.py").write_text(f"import pytest\nimport numpy as np\n\n\n{body}\n")
+    command = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options, str(tests))
+    environment = {"MDRIVE_STRICT_SKIPS": "1"} if strict else {}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+
+@pytest.mark.parametrize(
+    ("reason", "strict", "code"),
+    [
+        ("needs ../shared/data", True, 0),
+        ("needs Chromium", False, 0),
+        ("needs Chromium", True, 1),
+        ("needs root", True, 0),
+        ("no time", False, 1),
+    ],
+)
+def test_a_skip_needs_an_accepted_reason(tmp_path: Path, reason: str, strict: bool, code: int) -> None:
+    ended = session(tmp_path, f"def test_it(): pytest.skip({reason!r})", strict=strict)
+    assert ended.returncode == code, ended.stdout
+    assert ("SKIPPED WITHOUT AN ACCEPTED REASON" in ended.stdout) == bool(code)
+
+
+def test_data_that_is_there_may_not_be_skipped(tmp_path: Path) -> None:
+    (tmp_path / "shared" / "data").mkdir(parents=True)
+    assert session(tmp_path, "def test_it(): pytest.skip('needs ../shared/data')", strict=True).returncode == 1
+
+
+def test_a_whole_module_is_no_way_around(tmp_path: Path) -> None:
+    (tmp_path / "repository" / "tests").mkdir(parents=True)
+    (tmp_path / "repository" / "tests" / "test_other.py").write_text("def test_other(): pass")
+    assert session(tmp_path, "pytest.skip('no time', allow_module_level=True)").returncode == 1
+
+
+@pytest.mark.slow
+def test_a_last_test_that_breaks_its_worker_fails_the_session(tmp_path: Path) -> None:
+    """A numpy number in a report breaks a worker of pytest-xdist, which alone would say "1 passed" and exit 0."""
+    body = "def test_first(): pass\n\n\ndef test_last(record_property):\n"
+    body += "    __import__('time').sleep(1.0)\n    record_property('x', np.float64(1))"
+    ended = session(tmp_path, body, "-n", "2")
+    assert (ended.returncode, "a worker was lost" in ended.stdout) == (1, True)

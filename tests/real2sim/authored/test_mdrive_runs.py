@@ -1,0 +1,81 @@
+"""MDrive directories through the commands: converted, driven, and what happened on the road."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from testing.map_faults import lane, lanes_map
+from testing.mdrive_directory import Directory, xml
+from testing.shared_material import SHARED_DATA, needs_data
+
+from mdrive_sumo.cli import main
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.episode.episode import Episode
+from mdrive_sumo.episode.episode_file import load_episode
+from real2sim.readers.carla_frame import UCLA
+from real2sim.writers.v2xpnp_map import write_vector_map
+
+
+def convert(*arguments: object) -> str:
+    answer = CliRunner().invoke(main, ["convert", "mdrive", *map(str, arguments)], catch_exceptions=False)
+    assert answer.exit_code == 0, answer.output
+    return answer.output
+
+
+def driven(suite: Path, agent: str, out: Path) -> dict[str, Episode]:
+    """The recordings of all scenarios, of which none is void."""
+    arguments = ["eval", "--suite", str(suite), "--agent", agent, "--out", str(out), "--workers", "1"]
+    answer = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    assert answer.exit_code == 0, answer.output
+    assert json.loads((out / "results.json").read_text())["void"] == 0
+    return {path.stem: load_episode(path) for path in sorted((out / "episodes").glob("*.npz"))}
+
+
+def way(episode: Episode, name: str) -> Float:
+    """Positions (T, 2) [m] of a road user."""
+    row = episode.ids.index(name)
+    return np.column_stack((episode.x[:, row], episode.y[:, row]))
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Directory:
+    return Directory(tmp_path)
+
+
+def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path: Path) -> None:
+    """The map is a pickle whose lanes tell no direction; the logged car and a pedestrian are where the log has them."""
+    west = lane("0_1", UCLA.xy(np.array([(x, 0.0) for x in range(200, -1, -1)])), directed=False)
+    write_vector_map(lanes_map(west), tmp_path / "map.pkl")
+    for name, x in (("x_vehicle_1_0.xml", 5), ("x_vehicle_2_1.xml", 25)):
+        (directory.folder / name).write_text(xml([(x, 0, 0), (60, 0, 0)]))
+    log = [(60 + t, 0.3, 0, t / 10) for t in range(100)]
+    directory.add("npc", "a.xml", xml(log, control_mode="replay"), name="a")
+    directory.add("walker", "b.xml", xml([(100, 6, 0, t / 10) for t in range(100)]), name="b")
+    convert(directory.write(), "--map", tmp_path / "map.pkl", "--out", tmp_path / "out")
+    (episode,) = driven(tmp_path / "out", "idm", tmp_path / "run").values()
+    assert [ending.end for ending in episode.endings] == ["arrived", "arrived"]
+    assert way(episode, "a")[40] == pytest.approx((60 + 20 + UCLA.x, UCLA.y - 0.3), abs=0.02)
+    assert way(episode, "b")[40] == pytest.approx((100 + UCLA.x, UCLA.y - 6), abs=0.02)
+
+
+@needs_data
+@pytest.mark.slow
+def test_the_real_directories_run(tmp_path: Path) -> None:
+    convert(SHARED_DATA / "mdrive" / "interaction", "--towns", SHARED_DATA / "carla_towns", "--out", tmp_path / "out")
+    episodes = driven(tmp_path / "out", "idm", tmp_path / "run")
+    assert len(episodes) == 4
+    crosswalk, precrash = episodes["Pedestrian_Crosswalk_8"], episodes["precrash_L"]
+    walked = {name: float(np.hypot(*np.ptp(way(crosswalk, name), axis=0))) for name in ("entity_1", "entity_2")}
+    assert walked["entity_1"] == 0, "the file's CAV 0 never comes near enough"
+    assert walked["entity_2"] > 5
+    assert float(np.ptp(way(precrash, "npc_brake")[:, 1])) > 5
+    zone = episodes["Construction_Zone_10"]
+    assert {name for name in zone.ids if name.startswith("entity")} == {
+        "entity_1_1",
+        "entity_1_2",
+        "entity_1_3",
+        "entity_2_1",
+        "entity_2_2",
+    }

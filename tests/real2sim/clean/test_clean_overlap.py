@@ -1,0 +1,77 @@
+"""Things that appear inside others begin later, shrink, or go: each with an entry in the report."""
+
+from dataclasses import replace
+
+import numpy as np
+from testing.log_truth import DT, made
+
+from mdrive_sumo.core.geometry import Float
+from real2sim.clean import clean
+from real2sim.clean.overlap import apart
+from real2sim.clean.report import Change, Reason
+from real2sim.hdmap import HdMap
+from real2sim.recording import Category, Recording, Track, View
+from real2sim.tracks.boxes import contacts
+from real2sim.tracks.reconstruct import reconstruct
+
+T = np.arange(60) * DT
+HERE = np.zeros(60)
+
+
+def car(number: int, x: Float, y: float = 0.0, category: Category = Category.CAR) -> Track:
+    return made(number, category, (x, HERE + y, HERE.copy()))
+
+
+def late(track: Track, frame: int) -> Track:
+    valid = np.arange(60) >= frame
+    columns = {name: np.where(valid, getattr(track, name), np.nan) for name in ("x", "y", "yaw", "length", "width")}
+    return replace(track, valid=valid, **columns)
+
+
+def settled(*tracks: Track, cavs: tuple[str, ...] = ()) -> tuple[tuple[Track, ...], tuple[Change, ...]]:
+    kept, changes = apart(tracks, cavs, DT)
+    assert contacts(reconstruct(kept, DT), 0.1).spawn_overlaps == ()
+    return kept, changes
+
+
+def test_things_apart_are_left_alone() -> None:
+    tracks = (car(0, 8 * T), car(1, 8 * T + 6.0), replace(car(2, HERE, 3.0), parked=True))
+    assert settled(*tracks) == (tracks, ())
+
+
+def test_a_track_that_is_badly_seen_at_first_begins_later() -> None:
+    second = late(car(1, 8 * T + np.clip(3.0 + 6.0 * (T - 2.2), 3.0, 9.0)), 20)
+    (_, kept), changes = settled(car(0, 8 * T), second)
+    assert {(change.reason, change.track) for change in changes} == {(Reason.OVERLAP, second.id)}
+    assert kept.frames[0] == 20 + sum(change.frames for change in changes)
+    assert 22 < kept.frames[0] <= 33
+
+
+def test_boxes_a_little_too_large_become_smaller() -> None:
+    parked = [replace(car(n, HERE + 4.3 * n), parked=True) for n in (0, 1)]
+    kept, (change,) = settled(*parked)
+    assert change.reason is Reason.OVERLAP
+    assert "95%" in change.detail
+    assert np.allclose([track.length[0] for track in kept], 0.95 * 4.6)
+
+
+def test_what_lies_inside_another_goes_with_a_reason() -> None:
+    ghost = late(car(1, 8 * T + 1.5, 0.3), 10)
+    (kept,), (change,) = settled(car(0, 8 * T), ghost)
+    assert kept.id == "100"
+    assert (change.reason, change.track, change.frames) == (Reason.INSIDE, ghost.id, 50)
+
+
+def test_a_connected_vehicle_stays_whoever_came_first() -> None:
+    cav = late(car(1, 8 * T + 1.5, 0.3), 10)
+    (kept,), (change,) = settled(car(0, 8 * T), cav, cavs=(cav.id,))
+    assert kept.id == cav.id
+    assert change.track == "100"
+
+
+def test_cleaning_tells_of_it_and_lists_what_is_lost() -> None:
+    walker = made(1, Category.PEDESTRIAN, (8 * T + 0.5, HERE, HERE))
+    view = View("log", (car(0, 8 * T), walker))
+    cleaned = clean(Recording("made", "made", DT, 60, (view,), HdMap()))
+    assert [track.id for track in cleaned.tracks] == ["100"]
+    assert cleaned.report.lost == {"101": "overlaps 100 in 60 of 60 frames: left out"}

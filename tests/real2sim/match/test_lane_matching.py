@@ -1,0 +1,295 @@
+"""Tracks on lanes: manoeuvres on drawn roads, noise, what stands off the road, and the search against brute force."""
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from testing.map_faults import drive, lane, lanes_map
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.roads import RoadMap, load, packaged_networks, route_along
+from real2sim.hdmap import HdMap
+from real2sim.match import CHANGE_M, DETOUR_M, Match, best_chain, emission, match, transition
+from real2sim.match.index import lane_index
+from real2sim.network import build_network
+
+EAST = np.column_stack((np.arange(0.0, 201.0, 5.0), np.zeros(41)))
+
+
+def moved(line: Float, x: float, y: float) -> Float:
+    return line + np.array((x, y))
+
+
+def arc(x: float, y: float, radius: float, begin: float, end: float) -> Float:
+    """Points on a circle between two angles [deg]."""
+    angle = np.radians(np.linspace(begin, end, 12))
+    return np.column_stack((x + radius * np.cos(angle), y + radius * np.sin(angle)))
+
+
+def roads_of(folder: Path, hd_map: HdMap) -> RoadMap:
+    build_network(hd_map, [], folder / "net", "test")
+    return load(folder / "net")
+
+
+def drivable(roads: RoadMap, route: tuple[str, ...]) -> bool:
+    return all(
+        b in (*roads.lanes[a].successors, roads.lanes[a].left, roads.lanes[a].right)
+        for a, b in itertools.pairwise(route)
+    )
+
+
+def checked(track: Float, roads: RoadMap, worst_offset: float = 0.2) -> Match:
+    """The match of a track that must be matched throughout."""
+    found = match(track, roads)
+    assert (found.reason, found.off_road, found.breaks) == ("", False, ())
+    assert drivable(roads, found.route)
+    assert set(found.lane) <= set(found.route)
+    assert np.abs(found.offset).max() <= worst_offset
+    return found
+
+
+# --- manoeuvres ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Town:
+    roads: RoadMap
+    tracks: dict[str, Float]
+
+
+@pytest.fixture(scope="module")
+def roundabout(tmp_path_factory: pytest.TempPathFactory) -> Town:
+    """A ring in four quarters, an entry from the west, an exit to the east."""
+    ring = {k: arc(0.0, 0.0, 20.0, 180.0 + 90 * k, 270.0 + 90 * k) for k in range(4)}
+    quarters = [lane(f"q{k}", ring[k], (f"q{(k + 1) % 4}",)) for k in range(4)]
+    entry = np.array([(-60.0, 20.0), (-40.0, 18.0), (-26.0, 12.0), (-21.0, 5.0), (-20.0, 0.0)])
+    exit_ = np.array([(20.0, 0.0), (21.0, 5.0), (26.0, 12.0), (40.0, 18.0), (60.0, 20.0)])
+    hd_map = lanes_map(*quarters, lane("in", entry, ("q0",)), lane("out", exit_))
+    half = np.concatenate((entry, ring[0][1:], ring[1][1:], exit_[1:]))
+    turn = np.concatenate((entry, *(ring[k % 4][1:] for k in range(6)), exit_[1:]))
+    return Town(roads_of(tmp_path_factory.mktemp("ring"), hd_map), {"half": drive(half), "twice": drive(turn)})
+
+
+@pytest.mark.parametrize(("name", "quarters"), [("half", 2), ("twice", 6)])
+def test_a_roundabout_is_driven_quarter_by_quarter(name: str, quarters: int, roundabout: Town) -> None:
+    found = checked(roundabout.tracks[name], roundabout.roads)
+    edges = [roundabout.roads.lanes[id_].edge for id_ in found.route if not roundabout.roads.lanes[id_].junction]
+    assert edges == ["ein", *(f"eq{k % 4}" for k in range(quarters)), "eout"]
+
+
+def ways_without_lane_change(roads: RoadMap, start: str) -> dict[str, tuple[str, ...]]:
+    """Chains of successors from a lane to all lanes outside junctions."""
+    found: dict[str, tuple[str, ...]] = {}
+    open_: list[tuple[str, ...]] = [(start,)]
+    while open_:
+        path = open_.pop()
+        for there in roads.lanes[path[-1]].successors:
+            if there not in path:
+                open_.append((*path, there))
+        if len(path) > 1 and not roads.lanes[path[-1]].junction:
+            found[path[-1]] = path
+    return found
+
+
+LEAST_M = 11.0
+"""Of the first and last lane: 5 m at their outer ends are not driven."""
+SINGLE_ROADS = {"avenue", "country_road", "crescent", "village_street"}
+
+
+@pytest.mark.parametrize("name", sorted({*packaged_networks()} - SINGLE_ROADS))
+def test_every_way_through_the_packaged_networks_is_found_in_noise(name: str) -> None:
+    roads = load(packaged_networks()[name])
+    rng = np.random.default_rng(0)
+    starts = [one.id for one in roads.driving if not one.junction and one.successors and one.centre.length > LEAST_M]
+    driven = 0
+    for start, goal in itertools.permutations([*starts, *(one.id for one in roads.driving if not one.successors)], 2):
+        path = ways_without_lane_change(roads, start).get(goal)
+        if path is None or roads.lanes[goal].centre.length < LEAST_M:
+            continue
+        dense = route_along(roads, path, 5.0, roads.lanes[goal].centre.length - 5.0)
+        track = drive(dense.xy)
+        track[:, :2] += rng.normal(0.0, 0.15, (len(track), 2))
+        found = match(track, roads)
+        assert (found.route, found.reason) == (path, "")
+        driven += 1
+    assert driven >= (3 if name == "lane_drop" else 5)
+
+
+def test_lane_changes_are_seen_where_they_happen(tmp_path: Path) -> None:
+    roads = roads_of(tmp_path, lanes_map(*(lane(f"l{k}", moved(EAST, 0.0, 3.5 * k)) for k in range(3))))
+    s = np.linspace(0.0, 200.0, 201)
+    y = 3.5 / (1 + np.exp(-(s - 60) / 4)) + 3.5 / (1 + np.exp(-(s - 140) / 4))
+    found = checked(drive(np.column_stack((s, y))), roads, worst_offset=1.8)
+    assert found.route == ("el0_0", "el0_1", "el0_2")
+    changes = [k for k in range(1, len(found.lane)) if found.lane[k] != found.lane[k - 1]]
+    assert [float(found.s[k]) for k in changes] == pytest.approx([60.0, 140.0], abs=2.0)
+
+
+def test_drifting_within_a_lane_is_no_lane_change(tmp_path: Path) -> None:
+    roads = roads_of(tmp_path, lanes_map(lane("l0", EAST), lane("l1", moved(EAST, 0.0, 3.5))))
+    s = np.linspace(0.0, 200.0, 201)
+    found = checked(drive(np.column_stack((s, 1.9 * np.exp(-(((s - 100) / 12) ** 2))))), roads, worst_offset=2.0)
+    assert found.route == ("el0_0",)
+
+
+def test_a_merge_is_followed_from_the_ramp(tmp_path: Path) -> None:
+    ramp = np.column_stack((np.linspace(0.0, 100.0, 30), -15.0 * (1 - np.linspace(0.0, 1.0, 30)) ** 2))
+    hd_map = lanes_map(
+        lane("main", EAST[:21], ("on",)), lane("ramp", ramp, ("on",)), lane("on", moved(EAST[:21], 100.0, 0.0))
+    )
+    roads = roads_of(tmp_path, hd_map)
+    found = checked(drive(np.concatenate((ramp, moved(EAST[:21], 100.0, 0.0)))[np.r_[:30, 31:51]]), roads)
+    edges = [roads.lanes[id_].edge for id_ in found.route if not roads.lanes[id_].junction]
+    assert edges == ["eramp", "eon"]
+
+
+@pytest.mark.parametrize(("goal", "end"), [("left", 15.0), ("right", -15.0)])
+def test_at_a_fork_the_whole_track_decides(goal: str, end: float, tmp_path: Path) -> None:
+    """Both ways begin alike; the nearest lane alone could not tell them apart."""
+    ways = {
+        name: np.column_stack((EAST[:21, 0] + 100.0, y * np.linspace(0.0, 1.0, 21) ** 3))
+        for name, y in (("left", 15.0), ("right", -15.0))
+    }
+    roads = roads_of(
+        tmp_path, lanes_map(lane("in", EAST[:21], ("left", "right")), *(lane(k, v) for k, v in ways.items()))
+    )
+    line = np.concatenate((EAST[:20], ways[goal]))
+    track = drive(line)
+    track[:, 1] += 0.3 * np.sin(np.arange(len(track)))
+    found = match(track, roads)
+    assert found.lane[-1] == f"e{goal}_0"
+    assert {id_ for id_ in found.lane if not roads.lanes[id_].junction} == {"ein_0", f"e{goal}_0"}
+
+
+def test_gaps_are_bridged_and_unseen_frames_have_no_lane(roundabout: Town) -> None:
+    track = roundabout.tracks["half"].copy()
+    track[40:60] = np.nan
+    found = match(track, roundabout.roads)
+    assert found.reason == ""
+    assert found.route == match(roundabout.tracks["half"], roundabout.roads).route
+    assert found.lane[39] and found.lane[60] and not any(found.lane[40:60])
+    assert np.isnan(found.s[40:60]).all()
+
+
+def test_the_offset_is_signed(tmp_path: Path) -> None:
+    roads = roads_of(tmp_path, lanes_map(lane("a", EAST)))
+    assert match(drive(moved(EAST, 0.0, 0.7)), roads).offset == pytest.approx(0.7)
+    assert match(drive(moved(EAST, 0.0, -0.7)), roads).offset == pytest.approx(-0.7)
+
+
+# --- off the road, standing, and without a way --------------------------------------------------------------------
+
+
+def standing(x: float, y: float, yaw: float = 0.0) -> Float:
+    wobble = np.random.default_rng(0).normal(0.0, 0.05, (50, 2))
+    return np.column_stack((np.array((x, y)) + wobble, np.full(50, yaw)))
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
+    return roads_of(
+        tmp_path_factory.mktemp("street"), lanes_map(lane("east", EAST), lane("west", (moved(EAST, 0.0, 3.5))[::-1]))
+    )
+
+
+@pytest.mark.parametrize(
+    ("track", "reason"),
+    [
+        pytest.param(standing(50.0, -2.2), "parked beside the road, 2.2 m from the nearest centre line", id="kerb"),
+        pytest.param(standing(50.0, -30.0), "parked off the road: 100% of frames over 4 m from any lane", id="far"),
+        pytest.param(
+            drive(moved(EAST, 0.0, -30.0)), "drives off the road: 100% of frames over 4 m from any lane", id="field"
+        ),
+        pytest.param(
+            standing(50.0, 1.0, np.pi / 2),
+            "parked across or against the lanes: in 100% of frames none within 4 m runs its way",
+            id="across",
+        ),
+        pytest.param(np.full((5, 3), np.nan), "never seen", id="unseen"),
+    ],
+)
+def test_what_is_off_the_road_stays_there(track: Float, reason: str, street: RoadMap) -> None:
+    found = match(track, street)
+    assert (found.off_road, found.reason, found.route) == (True, reason, ())
+    assert set(found.lane) == {""}
+    assert np.isnan(found.offset).all()
+
+
+def test_a_queue_stands_in_its_lane(street: RoadMap) -> None:
+    assert checked(standing(50.0, 0.4), street, worst_offset=0.6).route == ("eeast_0",)
+    assert checked(standing(50.0, 3.5, np.pi), street).route == ("ewest_0",)
+
+
+def test_a_wrong_way_driver_is_not_on_the_lane(street: RoadMap) -> None:
+    assert match(drive(EAST[::-1] - (0.0, 1.0)), street).lane[50] in ("", "ewest_0")
+
+
+def test_one_frame_is_enough(street: RoadMap) -> None:
+    assert match(np.array([[50.0, 0.1, 0.0]]), street).lane == ("eeast_0",)
+
+
+def test_out_of_a_driveway_the_route_begins_on_the_road(street: RoadMap) -> None:
+    turn = np.concatenate(([(60.0, -25.0)], arc(68.0, -8.0, 8.0, 180.0, 90.0), EAST[15:]))
+    found = match(drive(turn), street)
+    assert (found.off_road, found.reason, found.route) == (False, "", ("eeast_0",))
+    assert found.lane[0] == ""
+
+
+def test_where_no_way_leads_on_the_match_says_so(tmp_path: Path) -> None:
+    roads = roads_of(tmp_path, lanes_map(lane("a", EAST), lane("b", moved(EAST, 250.0, 0.0))))
+    found = match(drive(np.concatenate((EAST, moved(EAST, 250.0, 0.0)))), roads)
+    assert found.reason == "no way from lane ea_0 to lane eb_0"
+    assert not found.off_road
+    assert len(found.breaks) == 1
+    assert found.lane[found.breaks[0]] == "eb_0"
+    assert found.route in (("ea_0",), ("eb_0",))
+
+
+# --- the search ---------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
+    """Against every combination of candidates of a few key frames."""
+    roads = load(packaged_networks()["town_crossing"])
+    rng = np.random.default_rng(seed)
+    index = lane_index(roads)
+    ways = [one for one in roads.driving if one.junction]
+    through = ways[int(rng.integers(len(ways)))].centre
+    xy = np.array([through.at(s) for s in np.linspace(-6.0, through.length + 6.0, 4)]) + rng.normal(0, 1.0, (4, 2))
+    yaw = np.array([through.yaw_at(s) for s in np.linspace(0.0, through.length, 4)])
+    near = index.near(xy, yaw, 3.0)
+    keys = [int(k) for k in np.unique(near.point)]
+    rows, hops = best_chain(index, near, keys, xy)
+
+    def cost(chain: tuple[int, ...]) -> float:
+        total = float(emission(near.d[list(chain)], near.turn[list(chain)]).sum())
+        for a, b in itertools.pairwise(chain):
+            driven = float(np.hypot(*np.diff(xy[near.point[a] : near.point[b] + 1], axis=0).T).sum())
+            start, goal = (roads.driving[near.lane[row]].id for row in (a, b))
+            hop = index.hops(start, driven + DETOUR_M, CHANGE_M).get(goal)
+            along = 0.0 if hop is None else hop.length + float(near.s[b] - near.s[a])
+            total += 60.0 if hop is None else min(transition(along, driven, hop.changes), 60.0)
+        return total
+
+    layers = [np.flatnonzero(near.point == key).tolist() for key in keys]
+    assert cost(tuple(rows)) == pytest.approx(min(cost(chain) for chain in itertools.product(*layers)))
+    assert len(hops) == len(rows) - 1
+
+
+def test_hops_are_the_shortest_ways() -> None:
+    roads = load(packaged_networks()["boulevard"])
+    index = lane_index(roads)
+    start = next(one.id for one in roads.driving if not one.junction and one.left and one.successors)
+    for goal, hop in index.hops(start, 400.0, CHANGE_M).items():
+        assert (hop.lanes[0], hop.lanes[-1]) == (start, goal)
+        steps = list(itertools.pairwise(hop.lanes))
+        ahead = [roads.lanes[a].centre.length for a, b in steps if b in roads.lanes[a].successors]
+        assert hop.length == pytest.approx(sum(ahead))
+        assert hop.changes == len(steps) - len(ahead)
+    assert {goal: hop.length for goal, hop in index.hops(start, 1.0, CHANGE_M).items()}[start] == 0.0

@@ -1,0 +1,91 @@
+"""Known scenes written as V2XPnP, converted by the command, and driven."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from testing.busy_log import WAYS, make_busy_log
+from testing.round_trip import as_truth
+
+from mdrive_sumo.cli import main
+from mdrive_sumo.core.state import End
+from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.runs.job import Job, reexecute
+from mdrive_sumo.scenario.catalog import load_suite
+from real2sim.pipeline.build import Wish, build_log
+from real2sim.readers.v2xpnp import read_v2xpnp
+from real2sim.recording import Recording
+from real2sim.scene import Scene
+from real2sim.writers.noise import Noise
+from real2sim.writers.v2xpnp import write_v2xpnp
+from real2sim.writers.v2xpnp_map import write_vector_map
+from tests.real2sim.network.test_netbuild_real import READ
+from tests.real2sim.writers.test_round_trip import real
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The busy log, converted without a wish."""
+    folder = tmp_path_factory.mktemp("busy")
+    log, vector_map = make_busy_log(folder)
+    done = CliRunner().invoke(
+        main, ["convert", "v2xpnp", str(log), "--map", str(vector_map), "--out", str(folder / "s")]
+    )
+    assert done.exit_code == 0, done.output
+    return folder / "s"
+
+
+def test_a_drive_in_sumo_becomes_a_suite_that_meets_every_target(suite: Path) -> None:
+    quality = json.loads((suite / "busy" / "quality.json").read_text())
+    assert quality["misses"] == []
+    assert quality["passed"] is True
+    assert quality["fidelity"]["moving_vehicles"] > 55
+    assert quality["closeness"]["order_share"] >= 0.9
+
+
+def test_its_cavs_stations_and_people_are_those_of_the_drive(suite: Path) -> None:
+    (scenario,) = load_suite(str(suite)).scenarios
+    assert [(rsu.id, rsu.x, rsu.y) for rsu in scenario.rsus] == [("rsu1", 14.0, 16.0), ("rsu2", -14.0, -16.0)]
+    assert sum(actor.kind == "pedestrian" for actor in scenario.actors) >= 10
+    original = load(network_folder("boulevard"))
+    assert len(scenario.egos) == len(WAYS)
+    for ego, (first, _) in zip(scenario.egos, WAYS, strict=True):
+        x, y = original.lanes[first].centre.at(30.0)
+        assert (
+            np.hypot(ego.start.x - x, ego.start.y - y) < 1.5
+        )  # its lidar's place: the box centre is learnt from others
+        assert ego.start_speed == pytest.approx(5.0, abs=1.5)
+
+
+def test_it_runs(suite: Path) -> None:
+    episode = reexecute(Job(str(suite), "busy", "idm", {}, 0, "mdrive"))
+    assert [ending.end for ending in episode.endings] == [End.ARRIVED] * 2
+    assert episode.ticks > 100
+    assert len(episode.ids) > 70
+
+
+def scene(name: str, recording: Recording) -> Scene:
+    return Scene(name, recording.source, "V2XPnP", "real2sim", recording.map, recording)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", READ)
+def test_a_real_log_converts_as_well_through_the_format(name: str, shared_data: Path, tmp_path: Path) -> None:
+    """Against the conversion of the same scene as it is: sizes, headings, occlusion and the bare map cost little."""
+    truth = as_truth(real(name))
+    whole = replace(truth, views=(truth.views[0],))
+    direct = build_log(scene(name, whole), tmp_path / "direct", Wish()).quality
+    write_v2xpnp(truth, tmp_path / name, Noise(), 0)
+    write_vector_map(truth.map, tmp_path / "map.pkl")
+    back = build_log(scene(name, read_v2xpnp(tmp_path / name, tmp_path / "map.pkl")), tmp_path / "back", Wish()).quality
+    assert back.network.left_hand is direct.network.left_hand
+    assert back.network.links_dropped == ()
+    assert back.fidelity.duplicates == ()
+    assert back.fidelity.teleports == 0
+    assert back.fidelity.error_median is not None
+    assert back.fidelity.error_median < 0.15
+    assert back.fidelity.moving_passed_share >= direct.fidelity.moving_passed_share - 0.1
+    assert back.closeness.median_at_5s is None or back.closeness.median_at_5s <= 3.0

@@ -1,0 +1,235 @@
+"""Results of single scenarios, their recordings, replays and logs; and the process that makes what takes long."""
+
+import fcntl
+import os
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import httpx
+import pytest
+from testing.api_app import API, Server, listening, problem
+from testing.processes import wait_for
+from testing.store_samples import LEASE, S, summary
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.job import Job, run_job
+from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
+from server import places
+from server.api import replay
+from server.api.app import REPLAYS
+from server.api.aside import ProcessAside
+from server.api.problems import ProblemError
+from server.store import jobs, submissions
+from server.store.jobs import JobOutcome
+from server.words import Reason, Verdict
+
+EGO = {
+    "id": "cav-1", "outcome": "agent-failed", "reason": "timeout: 10 s", "ds": 20.0, "rc": 20.0, "ip": 1.0,
+    "infractions": [{"kind": "collision-vehicle", "tick": 7, "x": 1.5, "y": 2.5, "factor": 0.6, "other": "bg-3"}],
+}  # fmt: skip
+RESULT = {"ds": 20.0, "sr": 0.0, "rc": 20.0, "ip": 1.0, "bucket": "interdrive", "category": "merge", "egos": [EGO]}
+OUTCOME = JobOutcome(Verdict.AGENT_FAILED, RESULT, Reason.TIMEOUT, {"cpu_s": 1.5})
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Server:
+    return Server(tmp_path)
+
+
+def finished(server: Server, phase: str = "dev", with_files: bool = True) -> str:
+    """A submission of red, driven; with the files that the evaluation writes."""
+    mine = server.send(phase=phase).json()["id"]
+    with server.store.write() as session:
+        while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
+            assert jobs.finish(session, job.id, "worker", job.attempt, OUTCOME, server.now_us + S)
+        assert submissions.finish_if_complete(session, mine, lambda _: summary(20.0), server.now_us + S)
+    if with_files:
+        place = (server.settings, mine, "merge", 0)
+        places.folder(server.settings, mine, 0).mkdir(parents=True)
+        places.recording(*place).write_bytes(b"npz")
+        places.replay(*place).write_text("<html>replay</html>")
+        places.log(*place, "cav-1").write_bytes(b"hello \xff")
+    return mine
+
+
+def test_every_scenario_with_its_verdict(server: Server) -> None:
+    mine = finished(server)
+    first, second = server.get(f"/submissions/{mine}/scenarios", "red")["items"]
+    assert (first["scenario"], second["scenario"]) == ("left-turn", "merge")
+    assert (second["verdict"], second["reason"], second["ds"], second["category"]) == (
+        "agent-failed", "timeout", 20.0, "merge",
+    )  # fmt: skip
+    assert second["egos"][0]["infractions"][0]["x"] == 1.5 and second["usage"] == {"cpu_s": 1.5}
+    assert (second["recording"], second["logs"], second["failure"]) == (True, ["cav-1"], None)
+    assert (first["recording"], first["logs"]) == (False, [])
+
+
+def test_others_see_results_on_leaderboards_but_no_logs(server: Server) -> None:
+    mine = finished(server)
+    assert server.get(f"/submissions/{mine}/scenarios")["items"][1]["logs"] == []
+    assert server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/recording").content == b"npz"
+    problem(server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/logs/cav-1"), 401)
+    problem(server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/logs/cav-1", "blue"), 404)
+    server.ask("PUT", f"/submissions/{mine}/shown", "red", json={"shown": False})
+    for what in ("", "/merge/0/recording", "/merge/0/replay"):
+        problem(server.ask("GET", f"/submissions/{mine}/scenarios{what}", "blue"), 404, mine)
+
+
+def test_files_of_a_scenario(server: Server) -> None:
+    mine = finished(server)
+    one = f"/submissions/{mine}/scenarios/merge/0"
+    answer = server.ask("GET", f"{one}/recording", "red")
+    assert 'filename="merge-0.npz"' in answer.headers["content-disposition"]
+    answer = server.ask("GET", f"{one}/replay", "red")
+    assert answer.text == "<html>replay</html>" and answer.headers["content-type"].startswith("text/html")
+    assert answer.headers["content-security-policy"].startswith("sandbox")
+    answer = server.ask("GET", f"{one}/logs/cav-1", "red")
+    assert answer.content == b"hello \xff" and answer.headers["content-type"] == "text/plain; charset=utf-8"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    for path, word in (
+        ("left-turn/0/recording", "recording"), ("left-turn/0/replay", "recording"), ("merge/0/logs/cav-9", "log"),
+        ("nope/0/recording", "'nope'"), ("merge/1/replay", "seed 1"),
+    ):  # fmt: skip
+        problem(server.ask("GET", f"/submissions/{mine}/scenarios/{path}", "red"), 404, word)
+    for path in ("%2e%2e/0/recording", "merge/-1/recording", "merge/9999999999999999999999/recording"):
+        assert server.ask("GET", f"/submissions/{mine}/scenarios/{path}", "red").status_code in (404, 422)
+
+
+def test_a_replay_is_made_once(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = finished(server)
+    page = places.replay(server.settings, mine, "merge", 0)
+    page.unlink()
+    orders: list[replay.Order] = []
+
+    def make(order: replay.Order) -> None:
+        orders.append(order)
+        order.page.write_text("made")
+
+    monkeypatch.setattr(replay, "make", make)
+    for _ in range(2):
+        assert server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/replay").text == "made"
+    assert [(order.suite, order.scenario, order.result["ds"]) for order in orders] == [("interdrive", "merge", 20.0)]
+
+
+def locked(order: replay.Order) -> None:
+    """A painter that takes as long as somebody holds the recording; in another process."""
+    with order.recording.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+    part = order.page.with_suffix(".part")
+    part.write_text("made")
+    part.replace(order.page)  # it may be being read
+
+
+def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = finished(server)
+    places.replay(server.settings, mine, "merge", 0).unlink()
+    monkeypatch.setattr(replay, "make", locked)
+    painter = ProcessAside(REPLAYS)
+    server.app.state.tools = replace(server.app.state.tools, painter=painter)
+    one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
+    number = 45  # more than there are threads for all requests
+    with (
+        places.recording(server.settings, mine, "merge", 0).open("rb") as held,
+        listening(server) as address,
+        closing(painter),
+        ThreadPoolExecutor(number) as pool,
+    ):
+        fcntl.flock(held, fcntl.LOCK_EX)
+        asked = [pool.submit(httpx.get, address + one, timeout=120) for _ in range(number)]
+        answers = [done.result() for done in islice(as_completed(asked), number - REPLAYS)]
+        assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
+        assert not all(each.done() for each in asked)
+        fcntl.flock(held, fcntl.LOCK_UN)
+        assert Counter(each.result().status_code for each in asked) == {200: REPLAYS, 503: number - REPLAYS}
+    assert all("too many" in problem(each, 503)["detail"] and each.headers["retry-after"] for each in answers)
+
+
+def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("made")
+    replay.make(replay.Order("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
+    assert page.read_text() == "made"
+
+
+@pytest.mark.slow
+def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
+    scenario = load_suite("interdrive").scenarios[0].id
+    recording, page = tmp_path / "episode.npz", tmp_path / "page.html"
+    job = Job(
+        str(packaged_suites()["interdrive"]), scenario, "idm", {}, seed=0, score_mode="mdrive",
+        recording=str(recording),
+    )  # fmt: skip
+    aside = ProcessAside(1)
+    try:
+        result = aside.call(120.0, run_job, job)
+        aside.call(60.0, replay.make, replay.Order("interdrive", scenario, result.model_dump(), recording, page))
+    finally:
+        aside.close()
+    text = page.read_text("utf-8")
+    assert f"<title>{scenario}" in text and len(text) > 50_000 and not list(tmp_path.glob("*.part"))
+
+
+def test_of_hidden_phases_only_admins_see_scenarios(server: Server) -> None:
+    mine = finished(server, "test")
+    for path in ("", "/merge/0/recording", "/merge/0/replay", "/merge/0/logs/cav-1"):
+        problem(server.ask("GET", f"/submissions/{mine}/scenarios{path}", "red"), 403, "hidden")
+    assert len(server.get(f"/submissions/{mine}/scenarios", "admin")["items"]) == 2
+
+
+def test_failures_of_ours_are_told_to_admins(server: Server) -> None:
+    mine = server.send().json()["id"]
+    with server.store.write() as session:
+        job = jobs.claim(session, "worker", LEASE, server.now_us)
+        assert job is not None and jobs.give_back(session, job.id, "worker", 1, "libsumo fell", server.now_us)
+    assert server.get(f"/submissions/{mine}/scenarios", "admin")["items"][0]["failure"] == "libsumo fell"
+    assert "libsumo" not in str(server.get(f"/submissions/{mine}/scenarios", "red"))
+
+
+def refuse() -> None:
+    raise InputError("archive: expected better")
+
+
+def test_a_process_of_its_own_answers_and_raises() -> None:
+    aside = ProcessAside(1)
+    try:
+        assert aside.call(60.0, os.getpid) != os.getpid()
+        assert aside.call(60.0, os.getpid) == aside.call(60.0, os.getpid), "it stays"
+        with pytest.raises(InputError, match="expected better"):
+            aside.call(60.0, refuse)
+        with pytest.raises(FileNotFoundError):
+            aside.call(60.0, os.stat, "/nowhere")
+        before = aside.call(60.0, os.getpid)
+        with pytest.raises(ProblemError, match=r"longer than 0\.1 s"):
+            aside.call(0.1, time.sleep, 60)
+        with pytest.raises(ProblemError, match="process ended"):
+            aside.call(60.0, os._exit, 1)
+        assert aside.call(60.0, os.getpid) != before
+        with pytest.raises(ProcessLookupError):
+            os.kill(before, 0)
+    finally:
+        aside.close()
+
+
+def test_a_process_of_its_own_ends_at_once_with_all_who_wait(tmp_path: Path) -> None:
+    aside, begun = ProcessAside(5), tmp_path / "begun"
+    with ThreadPoolExecutor(5) as pool:
+        asked = [pool.submit(aside.call, 600.0, noted_sleep, begun) for _ in range(5)]
+        wait_for(begun.exists, 60.0)
+        aside.close()
+        for each in asked:
+            with pytest.raises(ProblemError):
+                each.result(timeout=60)
+    assert begun.read_text() == "x", "nobody after the first had a turn"
+    with pytest.raises(ProblemError, match="the server ends"):
+        aside.call(60.0, os.getpid)
+
+
+def noted_sleep(begun: Path) -> None:
+    with begun.open("a") as file:
+        file.write("x")
+    time.sleep(600)

@@ -1,0 +1,138 @@
+"""What keeps answers quick: boards are made before anybody asks, and in another process; uploads wait for no page."""
+
+import asyncio
+import time
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+from sqlalchemy.orm import Session
+from testing.api_app import CLOSED, HIDDEN, Server, TestClient
+from testing.store_samples import NOON, PHASE
+from testing.web_page import driven
+
+from server import web
+from server.api import boards, create_app, reader
+from server.api.problems import ProblemError
+from server.api.reader import ReaderAside, ReaderHere
+from server.settings import Settings
+from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
+
+MANY = [boards.Which("dev", None, f"bucket {number}", None) for number in range(20)]
+
+
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """Gets an entry with every look at the database for changes."""
+    seen: list[object] = []
+    last = audit.last
+    monkeypatch.setattr(audit, "last", lambda *words: seen.append(words) or last(*words))
+    return seen
+
+
+def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    server = Server(tmp_path)
+    found, seen = boards.Boards(ReaderHere(server.store)), looks(monkeypatch)
+
+    async def asked(now_us: int) -> int:
+        """How many looks that takes."""
+        seen.clear()
+        await asyncio.gather(*(found.board(which, now_us + number) for number, which in enumerate(MANY)))
+        return len(seen)
+
+    assert asyncio.run(asked(NOON)) == 20, "each is made"
+    assert asyncio.run(asked(NOON + 2 * boards.STALE_US)) == 1
+    server.send()
+    assert asyncio.run(asked(NOON + 4 * boards.STALE_US)) == 1, "what is only queued is on no board"
+    driven(server, "red", 50.0)
+    assert asyncio.run(asked(NOON + 6 * boards.STALE_US)) == 20, "each is made anew"
+    found.close()
+    with pytest.raises(RuntimeError, match="shutdown"):
+        asyncio.run(found.board(boards.Which("dev", None, None, None), NOON))
+
+
+def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the start, and again after a change; those of phases that are over are not."""
+    server = Server(tmp_path)
+    web.mount(server.app)
+    driven(server, "red", 50.0)
+    monkeypatch.setattr(boards, "KEEPING_S", 0.01)
+    made: list[str] = []
+
+    async def note(which: boards.Which, _: int) -> None:
+        made.append(which.phase)
+
+    server.app.state.tools.boards.also(note)
+    with TestClient(server.app) as client:
+        assert set(made) == {PHASE.id, HIDDEN.id} and CLOSED.id not in made
+        with patch.object(reader, "looked", side_effect=AssertionError("a request made a board")):
+            for path in ("/api/v1/leaderboards/dev", "/?phase=dev", "/?phase=test", "/?phase=dev&track=negotiation"):
+                assert client.get(path).status_code == 200
+        driven(server, "blue", 60.0)
+        server.now_us += boards.FRESH_US
+        end = time.monotonic() + 60
+        while "blue" not in client.get("/api/v1/leaderboards/dev").text:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+
+def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> None:
+    server = Server(tmp_path)
+    found = boards.Boards(ReaderHere(server.store))
+    which = boards.Which("dev", None, None, None)
+
+    async def asked() -> None:
+        before = await found.board(which, NOON)
+        with patch.object(reader, "looked", side_effect=StoreUnavailable("it went away")):
+            await found.make_all(lambda: NOON + 2 * boards.FRESH_US)
+            assert await found.board(which, NOON + 2 * boards.FRESH_US) == before
+            with pytest.raises(StoreUnavailable):
+                await found.board(which, NOON + 2 * boards.STALE_US)
+
+    asyncio.run(asked())
+
+
+def all_phases(session: Session) -> list[str]:
+    return [phase.id for phase in phases.every(session)]
+
+
+def no_such_team(session: Session) -> None:
+    teams.get(session, "nobody")
+
+
+def too_long(session: Session) -> None:
+    time.sleep(60)
+
+
+def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answers, says that nothing changed, passes refusals on, and is begun anew where it hangs."""
+    url = f"sqlite:///{tmp_path / 'a.sqlite'}"
+    store = Store(url)
+    store.migrate()
+    apart = ReaderAside(url)
+    try:
+        stamp, found = apart.look(all_phases, None)
+        assert (stamp, found) == ("", [])
+        with store.write() as session:
+            phases.put(session, [PHASE], NOON)
+        changed, found = apart.look(all_phases, stamp)
+        assert changed != stamp and found == [PHASE.id]
+        assert apart.look(all_phases, changed) == (changed, None)
+        with pytest.raises(NotFound, match="'nobody'"):
+            apart.look(no_such_team, None)
+        monkeypatch.setattr(reader, "LOOK_S", 0.2)
+        with pytest.raises(ProblemError, match="took longer than"):
+            apart.look(too_long, None)
+        monkeypatch.undo()
+        assert apart.look(all_phases, None) == (changed, [PHASE.id])
+    finally:
+        apart.close()
+        store.close()
+    lost = ReaderAside(f"sqlite:///{tmp_path / 'none' / 'a.sqlite'}")
+    with pytest.raises(StoreUnavailable):
+        lost.look(all_phases, None)
+    lost.close()
+
+
+def test_a_replay_page_keeps_no_upload_waiting(tmp_path: Path) -> None:
+    tools = create_app(Settings(data=tmp_path)).state.tools
+    assert tools.painter is not tools.aside

@@ -1,0 +1,219 @@
+"""Driven anew: spot checks, and what another version of the evaluator has begun."""
+
+import json
+import os
+import shutil
+from collections.abc import Generator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from testing import databases, evaluation_fakes
+from testing.evaluation_bench import Bench, S
+from testing.evaluation_fakes import fake, read, scored, submitted
+from testing.paths import TESTS
+from testing.suite_fakes import make_suite
+
+from server import environments
+from server.evaluation import spot
+from server.evaluation.dispatcher import OtherEvaluatorError
+from server.evaluation.renewal import renewed
+from server.evaluation.task import Driven, JobTask
+from server.store import audit, events, submissions
+from server.store.jobs import JobOutcome
+from server.store.models import AuditEntry
+from server.words import JobState, Reason, State, Verdict
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Generator[Bench]:
+    found = Bench(tmp_path, databases.emptied("sqlite"))
+    yield found
+    found.stop.close()
+
+
+def test_another_evaluator_s_job_is_refused_until_the_server_renews_it(bench: Bench) -> None:
+    submission = bench.begin("nap", "nap")
+    bench.steps(1)
+    with bench.store.write() as session:
+        submissions.get(session, submission).evaluator = {"code": "older"}
+    with pytest.raises(OtherEvaluatorError, match="restart the server"):
+        bench.steps(1)
+    assert [job.state for job in bench.rows()] == [JobState.DONE, JobState.QUEUED]
+    assert renewed(bench.store, bench.settings, bench.now_us) == 1
+    assert renewed(bench.store, bench.settings, bench.now_us) == 0
+    assert [(job.state, job.result) for job in bench.rows()] == [(JobState.QUEUED, None)] * 2
+    bench.steps(3)
+    assert read(bench.store, submission).state == State.DONE
+    with bench.store.read() as session:
+        assert audit.verify(session).broken is None
+
+
+def test_what_cannot_be_driven_any_more_is_our_failure_and_stops_nobody(bench: Bench) -> None:
+    submission = bench.begin("nap")
+    (bench.folder / "suite" / "suite.json").unlink()
+    assert renewed(bench.store, bench.settings, bench.now_us) == 0
+    found = read(bench.store, submission)
+    assert (found.state, found.counts) == (State.FAILED_OURS, False)
+
+
+@pytest.mark.parametrize("deeds", [["nap"], ["nap", "nap", "nap"]], ids=["one-fewer", "one-more"])
+def test_what_is_renewed_has_the_jobs_of_the_suite_as_it_is_now(bench: Bench, deeds: list[str]) -> None:
+    submission = bench.begin("nap", "nap")
+    bench.steps(1)
+    shutil.rmtree(bench.folder / "suite")
+    make_suite(bench.folder / "suite", *deeds)
+    assert renewed(bench.store, bench.settings, bench.now_us) == 1
+    expected = [(f"s{i}", JobState.QUEUED, 1) for i in range(len(deeds))]
+    assert [(job.scenario, job.state, job.attempt) for job in bench.rows()] == expected
+    bench.dispatcher = bench.another("two")
+    bench.steps(4)
+    done = read(bench.store, submission)
+    assert (done.state, done.summary and done.summary["overall"]["scenarios"]) == (State.DONE, len(deeds))
+
+
+def test_another_content_of_an_environment_is_another_evaluator(bench: Bench) -> None:
+    submission = bench.begin("nap", "nap")
+    about = bench.settings.environments / "python3.11-numpy" / environments.ABOUT_FILE
+    about.parent.mkdir(parents=True)
+    seen = [read(bench.store, submission).evaluator["environment"]]
+    for packages, image in ([["numpy==1"], ""], [["numpy==2"], ""], [["numpy==2"], "newer"]):
+        bench.steps(1)
+        about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": packages, "image": image}))
+        with pytest.raises(OtherEvaluatorError, match="environment"):
+            bench.steps(1)
+        assert renewed(bench.store, bench.settings, bench.now_us) == 1
+        seen.append(read(bench.store, submission).evaluator["environment"])
+    assert len(set(seen)) == 4
+    bench.steps(3)
+    about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": [], "image": ""}))
+    assert list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+
+
+def test_failures_under_an_older_version_are_forgiven(bench: Bench) -> None:
+    submission = bench.begin("raise")
+    bench.steps(2, pause_us=S)
+    assert bench.rows()[0].failures == 2
+    with bench.store.write() as session:
+        submissions.get(session, submission).evaluator = {"code": "older"}
+    renewed(bench.store, bench.settings, bench.now_us)
+    [job] = bench.rows()
+    assert (job.state, job.failures, job.failure) == (JobState.QUEUED, 0, "")
+    assert job.attempt == 2  # never counted anew: a late result of the older version must not fit
+
+
+def test_a_late_result_of_an_older_version_is_dropped(bench: Bench) -> None:
+    submission = bench.begin("nap")
+    bench.executor.stuck = {"s0"}
+    bench.steps(1)
+    with bench.store.write() as session:
+        submissions.get(session, submission).evaluator = {"code": "older"}
+    renewed(bench.store, bench.settings, bench.now_us)
+    bench.executor.stuck, bench.executor.slots = set(), 0
+    bench.steps(1)
+    assert bench.calls() == 1
+    assert [(job.state, job.result) for job in bench.rows()] == [(JobState.QUEUED, None)]
+    assert not (bench.settings.recordings / submission).exists()
+
+
+def test_a_spot_check_compares_and_tells_only_the_audit_log(bench: Bench) -> None:
+    submission = bench.begin("nap", "agent fails")
+    bench.with_spot_checks()
+    bench.steps(2)
+    with bench.store.read() as session:
+        told = len(events.since(session, submission))
+    bench.steps(2)
+    [found] = bench.spot_checks()
+    assert found["same"] is True
+    assert bench.calls() == 3
+    with bench.store.read() as session:
+        assert len(events.since(session, submission)) == told
+        [job] = spot.sample(session, submission, "any")
+    assert job.scenario == "s0"  # the other's agent failed
+    assert job.attempt == 1
+
+
+@pytest.mark.parametrize("change", ["digest", "reason"])
+def test_a_result_that_does_not_repeat_itself_is_told(
+    bench: Bench, change: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench.begin("nap")
+    bench.with_spot_checks()
+    bench.steps(1)
+    then = bench.rows()[0].result
+
+    def otherwise(task: JobTask) -> Driven:
+        if change == "digest":
+            return JobOutcome(Verdict.OK, scored("s7").model_dump(mode="json"))
+        return JobOutcome(Verdict.AGENT_FAILED, scored("s0", failed=True).model_dump(mode="json"), Reason.TIMEOUT)
+
+    bench.executor.function = otherwise
+    bench.steps(2)
+    [found] = bench.spot_checks()
+    text = {"digest": "digest 0000000000000007, was 0000000000000000", "reason": "its agent failed this time: timeout"}
+    assert (found["same"], found["text"]) == (False, text[change])
+    assert text[change] in caplog.text
+    assert bench.rows()[0].result == then  # what was scored stays
+
+
+def test_spot_checks_do_not_wait_for_an_empty_queue(bench: Bench) -> None:
+    bench.begin("nap")
+    bench.with_spot_checks()
+    for _ in range(5):
+        submitted(bench.store, bench.settings, bench.now_us)
+        bench.now_us += S
+        bench.steps(1)
+    assert JobState.QUEUED in {job.state for job in bench.rows()}
+    assert len(bench.spot_checks()) >= 2
+
+
+def test_the_share_of_spot_checks_is_that_of_the_submissions() -> None:
+    heads = [os.urandom(32).hex() for _ in range(4000)]
+    assert not any(spot.is_drawn(one, 0.0) for one in heads)
+    assert all(spot.is_drawn(one, 1.0) for one in heads)
+    assert 0.07 < np.mean([spot.is_drawn(one, 0.1) for one in heads]) < 0.13
+
+
+def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Bench) -> None:
+    """What a team is told with its upload must not tell it whether to cancel and send again."""
+    bench.begin("nap")
+    work = bench.settings.work.model_copy(update={"spot_check": 0.5})
+    bench.settings = bench.settings.model_copy(update={"work": work})
+    bench.dispatcher = bench.another("one")
+    for _ in range(24):
+        submitted(bench.store, bench.settings, bench.now_us)
+        bench.now_us += S
+    bench.steps(60)
+    with bench.store.read() as session:
+        ends = {e.data["submission"]: e.hash for e in session.query(AuditEntry) if e.deed == "submission-done"}
+    expected = {submission for submission, hash_ in ends.items() if spot.is_drawn(hash_, 0.5)}
+    assert len(ends) == 25
+    assert {one["submission"] for one in bench.spot_checks()} == expected
+
+
+def test_which_scenarios_are_sampled_does_not_follow_from_the_submission(bench: Bench) -> None:
+    submission = bench.begin(*["nap"] * 6)
+    bench.steps(7)
+    with bench.store.read() as session:
+        drawn = [spot.sample(session, submission, str(i))[0].scenario for i in range(40)]
+        assert drawn == [spot.sample(session, submission, str(i))[0].scenario for i in range(40)]
+    assert len(set(drawn)) > 1
+
+
+def test_verify_drives_again_in_a_process(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(TESTS))
+    submission = bench.begin("nap", "nap")
+    bench.steps(3)
+    found = list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, evaluation_fakes.fake))
+    assert [(check.submission, check.same) for check in found] == [(submission, True)]
+    with bench.store.read() as session:
+        assert spot.finished(session, 5) == [submission]
+
+
+def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    submission = bench.begin("nap")
+    bench.steps(1)
+    with bench.store.write() as session:
+        submissions.get(session, submission).evaluator = {"code": "older"}
+    assert list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+    assert "driven by another version" in caplog.text

@@ -1,0 +1,197 @@
+"""`run_submission_job` with real boxes and a real simulation: verdicts, files, usage, what each track lets through."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+from testing.archive_samples import packed
+from testing.dask_cluster import cluster
+from testing.sandbox_runs import needs_bubblewrap
+
+from mdrive_sumo.agent_process.sandbox import check_layers
+from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.episode import load_episode
+from mdrive_sumo.runs.executor import outcomes
+from mdrive_sumo.runs.job import Job, run_job
+from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.v2x.channel import Fate
+from mdrive_sumo.v2x.comm import comm_text
+from server import environments
+from server.evaluation.run import run_submission_job
+from server.evaluation.task import JobTask, Rejection
+from server.settings import Limits, Sandbox
+from server.store.jobs import JobOutcome
+from server.tracks import COMM
+from server.words import Reason, Track, Verdict
+
+SCENARIO, OTHER = "i07_ins_ss_town", "i01_ins_c_main_street_right"
+pytestmark = [
+    pytest.mark.slow,
+    needs_bubblewrap,
+]
+
+DRIVER = """
+from mdrive_sumo.contract import Control, Message, Reply, SensorSpec
+from mdrive_sumo.v2x.messages import Cam, Pose, encode
+
+class Agent:
+    label = "negotiation"
+    def __init__(self, config):
+        print("config", sorted(config))
+    def sensors(self):
+        return (SensorSpec({sensor!r}),)
+    def start(self, briefing):
+        self.briefing = briefing
+    def act(self, seen):
+        if seen.tick == {dies}:
+            raise ValueError("no more")
+        messages = () if seen.tick % 10 else {messages}
+        return Reply(control=Control(0.5, 0.0, 0.0), messages=messages)
+"""
+
+
+def team(sensor: str = "objects", dies: int = -1, messages: str = "()", **files: str) -> bytes:
+    """An archive of one agent."""
+    source = DRIVER.format(sensor=sensor, dies=dies, messages=messages)
+    told: Mapping[str, str] = {"agents.py": source, "model_env.yaml": "environment: python3.11-numpy\n"} | files
+    return packed({name: text.encode() for name, text in told.items()})
+
+
+def task(data: Path, archive: bytes, **changed: Any) -> JobTask:
+    """As the dispatcher makes it, with the environment of this Python."""
+    sha = sha256(archive).hexdigest()
+    (data / "archives").mkdir(exist_ok=True)
+    (data / "archives" / f"{sha}.zip").write_bytes(archive)
+    about = data / "environments" / "python3.11-numpy"
+    about.mkdir(parents=True, exist_ok=True)
+    (about / "environment.json").write_text(json.dumps(asdict(environments.here()), default=str))
+    made = JobTask(
+        1,
+        1,
+        "ab" * 16,
+        sha,
+        "python3.11-numpy",
+        Track.SINGLE,
+        "interdrive",
+        SCENARIO,
+        0,
+        True,
+        data,
+        Sandbox(required=()),
+        Limits(),
+    )
+    return replace(made, **changed)
+
+
+def driven(wanted: JobTask) -> JobOutcome:
+    found = run_submission_job(wanted)
+    assert isinstance(found, JobOutcome), found
+    return found
+
+
+def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Path) -> None:
+    wanted = task(tmp_path, team())
+    outcome = driven(wanted)
+    assert outcome.verdict is Verdict.OK
+    again = Job(
+        suite_folder=str(Path(environments.__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"),
+        scenario=SCENARIO,
+        agent=f"{wanted.unpacked / 'agent' / 'agents.py'}:Agent",
+        agent_config={},
+        seed=0,
+        score_mode="mdrive",
+        comm=comm_text(COMM[Track.SINGLE]),
+    )
+    assert outcome.result == run_job(again).model_dump(mode="json")
+    used = outcome.usage
+    assert used is not None
+    assert used["layers"] == list(check_layers(())) != []
+    assert {box["backend"] for box in used["boxes"].values()} == {"bubblewrap"}
+    assert sum(used["latency"]["counts"]) == sum(box["answers"] for box in used["boxes"].values()) > 100
+    assert len(used["latency"]["counts"]) == len(used["latency"]["ends_ms"]) + 1
+    assert used["peak_memory_bytes"] > 2**20
+    assert 0 < used["cpu_s"] < 600
+    assert sorted(path.name for path in wanted.stage.iterdir()) == sorted(
+        [f"{SCENARIO}.npz", *(f"{SCENARIO}.{cav}.log" for cav in used["boxes"])]
+    )
+    assert (wanted.stage / f"{SCENARIO}.0.log").read_text() == "config []\n"
+    assert load_episode(wanted.stage / f"{SCENARIO}.npz").digest == outcome.result["digest"]
+
+
+def test_an_agent_that_fails_is_scored_and_of_hidden_phases_no_file_is_left(tmp_path: Path) -> None:
+    outcome = driven(task(tmp_path, team(dies=5), public=False))
+    assert (outcome.verdict, outcome.reason) == (Verdict.AGENT_FAILED, Reason.CRASHED)
+    assert outcome.result is not None
+    assert outcome.usage is not None
+    assert outcome.usage["boxes"]["0"]["answers"] == 5
+    assert list((tmp_path / "stage").iterdir()) == []
+    assert not (tmp_path / "recordings").exists()
+
+
+def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
+    found = run_submission_job(task(tmp_path, team(sensor="privileged")))
+    assert isinstance(found, Rejection)
+    assert found.why.startswith("sensor 'privileged': expected sensors that a car can have")
+    found = run_submission_job(task(tmp_path, team(), track=Track.JOINT))
+    assert found == Rejection(
+        "track joint: expected one agent for all CAVs (get_entry_point) in agents.py, found an agent for each CAV"
+    )
+    found = run_submission_job(task(tmp_path, b"no zip"))
+    assert isinstance(found, Rejection)
+    assert found.why.startswith("archive: ")
+
+
+@pytest.mark.parametrize(
+    ("track", "arrives"),
+    [(Track.SINGLE, set()), (Track.SHARING, {"cam"}), (Track.NEGOTIATION, {"cam", "text", "own"})],
+)
+def test_a_track_decides_what_arrives(tmp_path: Path, track: Track, arrives: set[str]) -> None:
+    cam = "encode(Cam(Pose(seen.own.x, seen.own.y, seen.own.yaw, seen.tick), 1.0, 0.0, 0.0, 4.5, 2.0))"
+    said = f'({cam}, Message("text", b"after you"), Message("own", b"x"))'
+    wanted = task(tmp_path, team(messages=said), track=track)
+    outcome = driven(wanted)
+    assert outcome.verdict is Verdict.OK, outcome.result
+    fates: Counter[tuple[str, bool]] = Counter()
+    for sent in load_episode(wanted.stage / f"{SCENARIO}.npz").messages:
+        fates.update((sent.message.type, fate == Fate.DELIVERED) for fate, _ in sent.fates.values())
+    assert {kind for kind, _ in fates} == {"cam", "text", "own"}
+    assert {kind for kind, delivered in fates if delivered} == arrives
+
+
+def test_an_agent_finds_no_packages_but_its_environment_s(tmp_path: Path) -> None:
+    told = "import sys\nprint(sys.flags.no_site, [path for path in sys.path if path.endswith('-packages')])\n"
+    source = told + DRIVER.format(sensor="objects", dies=0, messages="()")
+    wanted = task(tmp_path, team(**{"agents.py": source}), scenario=OTHER)
+    driven(wanted)
+    assert (wanted.stage / f"{OTHER}.0.log").read_text().startswith("1 []\n")
+
+
+def test_what_happens_to_an_archive_on_our_disk_is_not_the_team_s_fault(tmp_path: Path) -> None:
+    wanted = task(tmp_path, team())
+    wanted.archive.write_bytes(b"PK")
+    with pytest.raises(WorldError, match=r"\.zip: expected the bytes that the team sent, found others$"):
+        run_submission_job(wanted)
+    wanted.archive.unlink()
+    with pytest.raises(FileNotFoundError):
+        run_submission_job(wanted)
+    assert not wanted.unpacked.exists()
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.full
+def test_a_cluster_drives_boxes_as_this_machine_does(tmp_path: Path) -> None:
+    local = task(tmp_path, team(), scenario=OTHER)
+    elsewhere = replace(local, job=2)
+    (tmp_path / "dask").mkdir()
+    with cluster(tmp_path / "dask", workers=1) as own, engine(run_submission_job, 1, 300.0, own.address) as dask:
+        [(_, there)] = outcomes(dask, [elsewhere])
+    assert isinstance(there, JobOutcome), there
+    here = driven(local)
+    assert here.result == there.result
+    recorded = [(one.stage / f"{OTHER}.npz").read_bytes() for one in (local, elsewhere)]
+    assert recorded[0] == recorded[1]

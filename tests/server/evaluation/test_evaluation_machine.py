@@ -1,0 +1,107 @@
+"""Whether this machine may evaluate, and what starts the workers on it."""
+
+import errno
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from testing import databases, evaluation_fakes, processes
+
+from mdrive_sumo.agent_process import sandbox
+from mdrive_sumo.core.errors import InputError
+from server.environments import ABOUT_FILE
+from server.evaluation.machine import check_machine
+from server.evaluation.supervisor import Supervisor
+from server.settings import WARM_UP, PhaseSettings, Sandbox, Settings, Work, load
+
+
+@pytest.mark.parametrize("backend", ["none", "gvsior"])
+def test_no_server_drives_foreign_code_without_a_box(backend: str) -> None:
+    with pytest.raises(InputError, match=r"sandbox\.backend: .*'bubblewrap' or 'gvisor'"):
+        load(None, {"MDRIVE_SANDBOX__BACKEND": backend})
+
+
+def test_a_machine_is_asked_for_boxes_of_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(InputError, match=r"found no seccomp .*the backend gvisor needs the program runsc"):
+        check_machine(Settings(sandbox=Sandbox(backend="gvisor", required=("seccomp",))))
+
+
+def hidden(suite: str, **changed: Any) -> PhaseSettings:
+    """A phase of this suite."""
+    return WARM_UP.model_copy(update={"id": "test", "suite": suite, "public": False} | changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        ({"data": Path("/usr/src/app/data")}, "data: "),
+        ({"data": Path("/lib/mdrive")}, "data: "),  # a link to /usr/lib
+        ({"database": "sqlite:////usr/share/challenge.sqlite"}, "database: "),
+        ({"phases": (hidden("/usr/src/app/suite"),)}, "phase test: suite: "),
+        ({"work": Work(scheduler="tcp://127.0.0.1:1"), "data": Path("/usr/src/app/data")}, "data: "),
+    ],
+)
+def test_what_is_secret_lies_where_no_box_looks(tmp_path: Path, changed: dict[str, Any], what: str) -> None:
+    found = Settings(data=tmp_path, sandbox=Sandbox(required=())).model_copy(update=changed)
+    with pytest.raises(InputError, match=rf"^{what}expected a place that no box sees, .*every agent can read /usr"):
+        check_machine(found)
+
+
+def test_a_link_in_an_image_shows_nothing_of_the_host(tmp_path: Path) -> None:
+    """It is made anew in the box, and leads into the image there."""
+    (tmp_path / "image" / "usr").mkdir(parents=True)
+    (tmp_path / "image" / "srv").symlink_to(tmp_path)
+    assert sandbox.shown(tmp_path / "image") == {tmp_path / "image" / "usr"}
+
+
+def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path) -> None:
+    shown = (hidden("/usr/src/app/suite", public=True, id="open"), hidden("interdrive"))
+    found = Settings(data=tmp_path / "image" / "srv" / "data", sandbox=Sandbox(required=()), phases=shown)
+    check_machine(found)
+    (tmp_path / "image" / "usr").mkdir(parents=True)
+    about = found.environments / "python3.11-numpy" / ABOUT_FILE
+    about.parent.mkdir(parents=True)
+    image = {"python": "/opt/agent/bin/python", "rootfs": str(tmp_path / "image"), "packages": []}
+    about.write_text(json.dumps(image))
+    with pytest.raises(InputError, match=r"^data: expected a place that no box sees, .*image/srv$"):
+        check_machine(found)
+
+
+def test_a_service_does_not_start_with_what_is_no_address(tmp_path: Path) -> None:
+    found = evaluation_fakes.settings(tmp_path)
+    found = found.model_copy(update={"work": found.work.model_copy(update={"scheduler": "here"})})
+    with pytest.raises(InputError, match=r"^--scheduler: expected tcp://HOST:PORT of a Dask scheduler, found 'here'"):
+        Supervisor(databases.emptied("sqlite"), found).start()
+
+
+def test_a_worker_that_cannot_be_started_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    refusals = [OSError(errno.EAGAIN, "Resource temporarily unavailable"), OSError(errno.ENOMEM, "no memory")]
+    popen = subprocess.Popen
+
+    def sometimes(*args: Any, **options: Any) -> Any:
+        if refusals:
+            raise refusals.pop()
+        return popen(*args, **options)
+
+    monkeypatch.setattr(subprocess, "Popen", sometimes)
+    monkeypatch.setattr("server.evaluation.supervisor.LONGEST_PAUSE_S", 0.01)
+    monkeypatch.setattr("server.evaluation.supervisor.check_machine", lambda _: None)
+    command = (sys.executable, "-c", "import sys; sys.stdin.read()")
+    service = Supervisor(databases.emptied("sqlite"), evaluation_fakes.settings(tmp_path, processes=1), command)
+    service.start()
+    try:
+        processes.wait_for(lambda: len(service.pids) == 1, limit_s=120.0)
+    finally:
+        service.stop()
+    assert caplog.text.count("a worker cannot be started") == 2
+
+
+def test_a_machine_that_lacks_a_layer_is_told_and_what_to_do() -> None:
+    with pytest.raises(InputError, match=r"expected layers among .*found walls\. .*MDRIVE_SANDBOX__REQUIRED="):
+        check_machine(Settings(sandbox=Sandbox(required=("walls",))))

@@ -1,0 +1,221 @@
+"""Dry runs give the server's verdicts, in the server's boxes; environments are built by pip and found again."""
+
+import sys
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from testing.archive_samples import GOOD, packed, written
+from testing.participant_fakes import Run, command_line
+from testing.sandbox_runs import needs_bubblewrap
+
+from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agent_process.sandbox import BoxLimits, Layer
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import End
+from mdrive_sumo.runs.agent_spec import Declaration, box_plan
+from mdrive_sumo.runs.job import Job
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
+from mdrive_sumo.v2x.comm import comm_text
+from server import environments
+from server.archive import ArchiveLimits, checked
+from server.entrant import Entrant, verdict_of
+from server.environments import Environment, Recipe, build, environment
+from server.participant import dry_run
+from server.participant.dry_run import as_on_the_server, told
+from server.participant.packing import team
+from server.settings import Settings
+from server.tracks import COMM
+from server.words import Reason, Track, Verdict
+
+boxed = needs_bubblewrap
+HERE = Environment("x", Path(sys.executable), Path("/site"), ())
+HOSTILE = """
+import os, time
+from mdrive_sumo.contract import STANDSTILL, Reply, SensorSpec
+
+class Agent:
+    label = "single"
+    def __init__(self, config): pass
+    def sensors(self): return ({sensors})
+    def start(self, briefing): self.me = briefing.ego_id
+    def act(self, seen):
+        if seen.tick == 3 and self.me == "0":
+            {deed}
+        return Reply(control=STANDSTILL)
+"""
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    monkeypatch.chdir(tmp_path)
+    return command_line(monkeypatch)
+
+
+def result(**reasons: str) -> ScenarioResult:
+    """Of CAVs by id; those with a reason failed."""
+    egos = tuple(
+        EgoResult(
+            id=name, outcome=End.AGENT_FAILED if why else End.ARRIVED, reason=why, ds=1, rc=1, ip=1, infractions=()
+        )
+        for name, why in reasons.items()
+    )
+    scenario = load_suite("interdrive").scenarios[0]
+    return void_result(scenario, 0, "x").model_copy(update={"status": "ok", "egos": egos})
+
+
+def test_verdicts() -> None:
+    assert verdict_of(result(a="", b="")) == (Verdict.OK, None)
+    assert verdict_of(result(a="", b="timeout: no answer")) == (Verdict.AGENT_FAILED, Reason.TIMEOUT)
+    assert verdict_of(result(a="invalid: NaN", b="crashed: x")) == (Verdict.AGENT_FAILED, Reason.INVALID)
+    assert verdict_of(result(a="").model_copy(update={"status": "void"})) == (Verdict.FAILED_OURS, None)
+    assert told(result(a="crashed: ValueError: x")).startswith("agent-failed (crashed): i01_")
+
+
+def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
+    with team(written(tmp_path, packed(GOOD))) as found:
+        entrant = as_on_the_server(found, HERE)
+    sandbox = Settings().sandbox
+    assert entrant.box == sandbox.box_limits()
+    assert (entrant.limits.tick_s, entrant.limits.reply_bytes) == (sandbox.tick_s, sandbox.reply_bytes)
+    job = entrant.job(tmp_path, "i01", 7)
+    plan = box_plan(job.box)
+    assert (job.agent, job.seed, plan.folder) == ("/agent/agents.py:Agent", 7, str(found.folder))
+    assert (plan.backend, plan.python, plan.site) == ("bubblewrap", sys.executable, "/site")
+
+
+def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
+    manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    small = Entrant(manifest, tmp_path, HERE, BoxLimits(memory_bytes=1), Limits())
+    torch = replace(small, manifest=replace(manifest, environment="python3.11-torch-cpu"))
+    needed = environments.RECIPES["python3.11-torch-cpu"].memory_bytes
+    assert small.plan().limits["memory_bytes"] == environments.RECIPES["python3.11-numpy"].memory_bytes
+    assert torch.plan().limits["memory_bytes"] == needed
+    assert replace(torch, box=BoxLimits(memory_bytes=2 * needed)).plan().limits["memory_bytes"] == 2 * needed
+
+
+def test_unknown_environments_are_told_the_known() -> None:
+    with pytest.raises(InputError, match=r"one of python3.11-numpy, python3.11-torch-cpu, found 'x'"):
+        environment("x", Path())
+
+
+def wheel(folder: Path, name: str) -> None:
+    """A package with one module that is empty."""
+    about = f"{name}-1.0.dist-info"
+    with zipfile.ZipFile(folder / f"{name}-1.0-py3-none-any.whl", "w") as made:
+        made.writestr(f"{name}.py", "")
+        made.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        made.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nGenerator: us\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        made.writestr(f"{about}/RECORD", "")
+
+
+@pytest.mark.slow
+def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wheel(tmp_path, "tiny")
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    recipes = {"mine": Recipe("mine", python, ("tiny==1.0",), 1), "none": Recipe("none", python, ("absent==1.0",), 1)}
+    monkeypatch.setattr(environments, "RECIPES", recipes)
+    offline = ("--no-index", "--find-links", str(tmp_path))
+    built = build("mine", tmp_path / "envs", offline)
+    assert environment("mine", tmp_path / "envs") == built
+    assert (built.site / "tiny.py").is_file()
+    assert "tiny==1.0" in built.packages
+    with pytest.raises(InputError, match="already built"):
+        build("mine", tmp_path / "envs", offline)
+    with pytest.raises(InputError, match=r"-m pip .* failed: .*absent"):
+        build("none", tmp_path / "envs", offline)
+    with pytest.raises(InputError, match="not built in"):
+        environment("none", tmp_path / "envs")
+
+
+@pytest.mark.parametrize("active", [False, True])
+def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, active: bool) -> None:
+    names = (*Settings().sandbox.required, "gvisor")
+    here = tuple(Layer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
+    monkeypatch.setattr(dry_run, "layers", lambda: here)
+    monkeypatch.setattr(dry_run, "ask", lambda _: Declaration("single", ()))
+    monkeypatch.setattr(dry_run, "driven", lambda *_: [])
+    run("init-agent", "mine")
+    said = run("submit", "mine", "--dry-run")
+    assert said.exit_code == 0, said.output
+    note = "note: boxes here lack what a server's have by default: uid (why uid); cgroup (why cgroup)\n"
+    assert said.output.count("boxes here lack") == said.output.count(note) == (0 if active else 1)
+
+
+@boxed
+@pytest.mark.slow
+def test_a_sample_drives_in_its_box(run: Run, tmp_path: Path) -> None:
+    run("init-agent", "mine", "--style", "joint")
+    found = run("submit", "mine", "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
+    assert found.exit_code == 0, found.output
+    assert "label        joint: track joint" in found.output
+    assert "track        joint" in found.output
+    assert "ok: i13_ins_sl_minor_road  DS" in found.output
+    assert "1 scenario: DS" in found.output
+    assert (tmp_path / "out" / "episodes" / "i13_ins_sl_minor_road.npz").is_file()
+
+
+@boxed
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("deed", "verdict"),
+    [
+        ("os._exit(3)", "agent-failed (crashed): i13_ins_sl_minor_road"),
+        ("raise SystemExit", "agent-failed (crashed): i13_ins_sl_minor_road"),
+        ("return Reply()", "agent-failed (invalid): i13_ins_sl_minor_road"),
+        ("time.sleep(60)", "agent-failed (timeout): i13_ins_sl_minor_road"),
+    ],
+)
+def test_verdicts_of_hostile_agents(run: Run, tmp_path: Path, deed: str, verdict: str) -> None:
+    agents = HOSTILE.format(sensors="", deed=deed).encode()
+    archive = written(tmp_path, packed(dict(GOOD) | {"agents.py": agents}))
+    found = run("submit", archive, "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
+    assert found.exit_code == 0, found.output
+    assert verdict in found.output
+
+
+@boxed
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["privileged", "rgb"])
+def test_what_is_asked_for_only_while_driving_is_rejected(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """An agent that behaves when it is asked, and not later: here a file tells it, elsewhere the clock may."""
+    later = f'SensorSpec("{kind}") if os.path.exists("/agent/src/later") else SensorSpec("gnss"),'
+    agents = HOSTILE.format(sensors=later, deed="pass").encode()
+    archive = written(tmp_path, packed(dict(GOOD) | {"agents.py": agents, "src/x.py": b""}))
+    ask = dry_run.ask
+
+    def asked(entrant: Entrant) -> Declaration:
+        found = ask(entrant)
+        (entrant.folder / "src" / "later").touch()
+        return found
+
+    monkeypatch.setattr(dry_run, "ask", asked)
+    found = run("submit", archive, "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
+    assert found.exit_code == 2, found.output
+    assert "rejected: i13_ins_sl_minor_road: " in found.output
+
+
+def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked: list[str] = []
+
+    class Idle:
+        def __init__(self, *_: object) -> None: ...
+        def __enter__(self) -> "Idle":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+        def run(self, jobs: list[Job]) -> list[object]:
+            asked.extend(job.comm for job in jobs)
+            return []
+
+    monkeypatch.setattr(dry_run, "Pool", type("P", (), {"__class_getitem__": classmethod(lambda cls, _: Idle)}))
+    manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    course = dry_run.Course("interdrive", "i13*", 0, 1, tmp_path / "out")
+    for track in Track:
+        assert list(dry_run.driven(Entrant(manifest, tmp_path, HERE), track, course)) == []
+    assert asked == [comm_text(COMM[track]) for track in Track]

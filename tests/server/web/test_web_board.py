@@ -1,0 +1,186 @@
+"""The pages of leaderboards: ranks, filters, order, and what is kept of them."""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from testing import databases
+from testing.api_app import HIDDEN, Server
+from testing.store_samples import NOON
+from testing.web_page import PAPER, Visit, driven, first_table, links
+
+from server.api.schemas import Figures
+from server.clock import DAY_US
+from server.store import phases, teams, tokens
+from server.web import templating
+from server.words import Scope
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Server:
+    return Server(tmp_path)
+
+
+def test_an_empty_board_says_what_to_do(server: Server) -> None:
+    page = Visit(server).get("/?phase=dev")
+    assert "Nobody stands here yet. How to take part says how" in page.words and "/how" in links(page)
+    assert "The phase takes no submissions now" in Visit(server).get("/?phase=past").words
+    assert "with this filter" in Visit(server).get("/?phase=dev&track=joint").words
+
+
+def test_a_server_without_phases_says_so(server: Server) -> None:
+    with server.store.write() as session:
+        for phase in phases.every(session):
+            session.delete(phase)
+    assert "There is no phase yet" in Visit(server).get("/").words
+    assert "There is no phase yet" in Visit(server).get("/how").words
+    assert Visit(server).client.get("/leaderboard.csv").status_code == 404
+
+
+def test_the_board_that_is_shown_without_a_wish(server: Server) -> None:
+    """Of the open phases the one that opened last."""
+    later = [HIDDEN.__class__("soon", "Soon", "interdrive", True, NOON + DAY_US, NOON + 9 * DAY_US, 1, 1, 1)]
+    with server.store.write() as session:
+        phases.put(session, later, NOON)
+    visit = Visit(server)
+    assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Test open"]
+    server.now_us += DAY_US
+    assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Soon open"]
+
+
+def test_ranks_figures_intervals_and_links(server: Server) -> None:
+    low, high = driven(server, "red", 41.25), driven(server, "blue", 80.0, name="planner")
+    page = Visit(server).get("/?phase=dev")
+    assert first_table(page) == ["blue", "red"]
+    assert "80.0 [75.0, 85.0]" in page.words and "planner" in page.words and "2026" not in page.words
+    assert {f"/submissions/{low}", f"/submissions/{high}"} <= set(links(page)) and f"/teams/{server.red}" in links(page)
+    assert [each.attributes["aria-label"] for each in page.all("svg", role="img")] == [
+        "DS of one submission: 80.0", "DS of one submission: 41.2",
+    ]  # fmt: skip
+    driven(server, "red", 60.0)
+    spark = Visit(server).get("/?phase=dev").all("svg", role="img")[1]
+    assert spark.attributes["aria-label"] == "DS of 2 submissions, the first 41.2, the last 60.0"
+
+
+def test_published_rows_stand_apart(server: Server) -> None:
+    driven(server, "red", 41.0)
+    page = Visit(server).get("/?phase=dev")
+    assert [each.text for each in page.all("th", scope="row", class_="words")] == ["red", *PAPER]
+    assert len(page.all("table")) == 2 and "CARLA, for comparison only" in page.words
+    assert len(Visit(server).get("/?phase=dev&part=category:merge").all("table")) == 1
+
+
+@pytest.mark.parametrize("backend", databases.BACKENDS)
+def test_filters(tmp_path: Path, backend: str) -> None:
+    server = Server(tmp_path, store=databases.emptied(backend))
+    driven(server, "red", 41.0)
+    driven(server, "blue", 80.0, track="negotiation")
+    visit = Visit(server)
+    assert first_table(visit.get("/?phase=dev&track=negotiation&part="))[:1] == ["blue"]
+    assert first_table(visit.get("/?phase=dev&part=bucket:InterDrive")) == ["red", "blue"]
+    page = visit.get("/?phase=dev&bucket=InterDrive")
+    assert [each.attributes["value"] for each in page.all("option", selected="")] == ["bucket:InterDrive"]
+    assert "category:merge" in [each.attributes["value"] for each in page.all("option")]
+    assert "ranked apart" in visit.get("/?phase=dev&track=joint").words
+    for query, words in (
+        ("phase=nope", "expected one of dev, past, test"), ("track=x", "track: expected one of single-agent"),
+        ("part=bucket:nope", "bucket: expected one of InterDrive"), ("category=x", "category: expected one of merge"),
+        ("sort=x", "sort: expected one of rank"),
+    ):  # fmt: skip
+        assert words in visit.get(f"/?{'' if 'phase' in query else 'phase=dev&'}{query}", 404).words
+    assert "found both" in visit.get("/?phase=dev&bucket=InterDrive&category=merge", 422).words
+    for part in ("nope:InterDrive", "bucket", "bucket:"):
+        assert "part: expected bucket:NAME" in visit.get(f"/?phase=dev&part={part}", 422).words
+    for number in ("0", "x", "-1", "²", "9" * 30, "000000001" + "9" * 5000):
+        assert "page: expected a number" in visit.get(f"/?phase=dev&page={number}", 422).words
+
+
+@pytest.mark.parametrize(
+    ("sort", "order"),
+    [
+        ("rank", ["blue", "red", "green"]),
+        ("rank&turned=1", ["red", "blue", "green"]),  # who has no rank stands last either way
+        ("team", ["blue", "green", "red"]),
+        ("team&turned=1", ["red", "green", "blue"]),
+        ("method", ["red", "green", "blue"]),
+        ("ds", ["green", "blue", "red"]),
+        ("sr", ["red", "blue", "green"]),
+        ("date", ["blue", "red", "green"]),
+    ],
+)
+def test_order(server: Server, sort: str, order: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    with server.store.write() as session:
+        server.tokens["green"] = tokens.issue(session, teams.create(session, "green", NOON), Scope.SUBMIT, NOON)
+
+    def older(*_: object) -> dict[str, str]:
+        return {"version": "0"}
+
+    with monkeypatch.context() as patched:
+        patched.setattr("testing.api_app.FakeSuites.evaluator", older)
+        driven(server, "green", 90.0, name="b")
+    driven(server, "red", 41.0, name="A")
+    driven(server, "blue", 80.0, name="c")
+    page = Visit(server).get(f"/?phase=dev&sort={sort}")
+    assert first_table(page) == order
+    assert "cannot be compared" in page.words
+    falling = (sort.partition("&")[0] in ("ds", "sr", "date")) != ("turned" in sort)
+    sorted_by = [each for each in page.all("th", scope="col") if "aria-sort" in each.attributes]
+    assert [each.attributes["aria-sort"] for each in sorted_by] == ["descending" if falling else "ascending"]
+    again = page.all("a", id=f"sort-{sort.partition('&')[0]}")[0].attributes["href"]
+    assert ("turned=1" in again) is ("turned=1" not in sort), "the same column again turns it round"
+
+
+def test_a_long_board_has_pages(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    driven(server, "red", 41.0)
+    driven(server, "blue", 80.0)
+    monkeypatch.setattr("server.web.board.ROWS", 1)
+    page = Visit(server).get("/?phase=dev&sort=team")
+    assert first_table(page) == ["blue"] and "Page 1 of 2" in page.words
+    following = page.all("a", id="page-next")[0].attributes["href"]
+    page = Visit(server).get(following)
+    assert first_table(page) == ["red"] and not page.all("a", id="page-next") and page.all("a", id="page-previous")
+    assert first_table(Visit(server).get("/?phase=dev&page=99")) == ["red"]
+
+
+def test_htmx_gets_the_board_alone(server: Server) -> None:
+    driven(server, "red", 41.0)
+    answer = Visit(server).client.get("/?phase=dev", headers={"HX-Request": "true"})
+    assert answer.text.startswith('<div id="board"') and "<html" not in answer.text and "red" in answer.text
+    assert "HX-Request" in answer.headers["vary"]
+    whole = Visit(server).client.get("/?phase=dev").text
+    assert answer.text.strip() in whole
+
+
+def test_a_kept_page_shows_who_is_logged_in_to_them_only(server: Server) -> None:
+    driven(server, "red", 41.0)
+    for who, word in (("red", "Log out"), ("", "Log in"), ("admin", "Admin"), ("blue", "blue")):
+        page = Visit(server, who).get("/?phase=dev")
+        assert word in page.all("nav", aria_label="Pages")[0].text
+        assert "/admin" not in links(page) or who == "admin"
+    assert Visit(server, "red").client.get("/").headers["cache-control"] == "no-store"
+    assert Visit(server).client.get("/").headers["cache-control"] == "no-cache"
+
+
+def test_the_board_for_other_programs(server: Server) -> None:
+    with server.store.write() as session:
+        server.tokens["sheet"] = tokens.issue(session, teams.create(session, "=1+1", NOON), Scope.SUBMIT, NOON)
+    driven(server, "sheet", 41.0, name="-2")
+    page = Visit(server).get("/?phase=dev&track=single-agent&bucket=InterDrive&sort=sr")
+    (as_csv,) = links(page, "/leaderboard.csv")
+    (as_json,) = links(page, "/api/v1/leaderboards/")
+    answer = Visit(server).client.get(as_csv)
+    rows = list(csv.DictReader(io.StringIO(answer.text)))
+    assert answer.headers["content-type"] == "text/csv; charset=utf-8"
+    assert answer.headers["cache-control"] == "no-cache"
+    assert (rows[0]["rank"], rows[0]["team"], rows[0]["method"], rows[0]["ds"]) == ("1", "'=1+1", "'-2", "58.0")
+    assert [(row["published"], row["rank"]) for row in rows] == [("False", "1"), *[("True", "")] * 4]
+    told = server.client.get(as_json).json()
+    assert (told["track"], told["bucket"], told["rows"][0]["figures"]["ds"]) == ("single-agent", "InterDrive", 58.0)
+
+
+def test_one_scenario_has_no_interval() -> None:
+    for scenarios, shown in ((2, "[75.0, 85.0]"), (1, "")):
+        figures = Figures(ds=80.0, ds_low=75.0, ds_high=85.0, scenarios=scenarios)
+        assert templating.interval(figures, "ds") == shown and templating.interval(figures, "sr") == ""

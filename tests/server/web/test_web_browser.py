@@ -1,0 +1,199 @@
+"""The pages in a real browser, over a real server: a team registers, submits, watches, looks at the replay, is ranked.
+
+Then every page: nothing fetched elsewhere, nothing wider than a phone, legible in light and dark, every control named.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from testing import web_story
+from testing.evaluation_real import wait_for
+from testing.paths import TESTS
+from testing.sandbox_runs import needs_bubblewrap
+from testing.web_story import Story, Watch
+
+from server.store import Store, teams, tokens
+from server.words import Scope
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(1200),
+    needs_bubblewrap,
+    pytest.mark.skipif(web_story.CHROMIUM is None, reason="needs Chromium"),
+]
+DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+SENT = """() => {
+  window.sent = [];
+  const note = () => window.sent.push(document.getElementById("sent").value);
+  document.querySelector("form.submit").addEventListener("htmx:xhr:progress", note);
+}"""
+CONTRAST = (TESTS / "testing" / "web_contrast.js").read_text("utf-8")
+
+
+class World:
+    """A server, a browser, and what happened in it."""
+
+    def __init__(self, browser: Any, home: str, folder: Path) -> None:
+        self.browser, self.seen, self.folder = browser, Watch(home), folder
+        context = browser.new_context(viewport=DESK)
+        self.archive = web_story.sample(folder)
+        self.story: Story = web_story.told(context, self.seen, self.archive)
+        context.close()
+        store = Store(f"sqlite:///{folder / 'data' / 'challenge.sqlite'}")
+        with store.write() as session:
+            self.admin = tokens.issue(session, None, Scope.ADMIN, 1)
+            self.team = teams.get(session, "The red team").id
+        store.close()
+
+    def tab(self, token: str = "", **options: Any) -> Any:
+        """A new window, logged in with a token, which is watched."""
+        context = self.browser.new_context(**{"viewport": DESK} | options)
+        if token:
+            context.add_cookies([{"name": "mdrive_token", "value": token, "url": self.seen.home}])
+        return self.seen.over(context)
+
+    def pages(self) -> list[tuple[str, str]]:
+        """Every page and who may see it."""
+        mine = self.story.submission
+        one = f"{mine}/scenarios/{web_story.SCENARIOS[0]}/0"
+        team = ("/", f"/teams/{self.team}", "/how", "/login", "/register", "/submit", mine, one, "/nowhere")
+        return [(path, self.story.token) for path in team] + [
+            (path, self.admin) for path in ("/admin", "/admin/machine", "/admin/teams", mine)
+        ]
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Chromium")
+    folder = tmp_path_factory.mktemp("challenge")
+    with (
+        web_story.served(folder) as home,
+        playwright.sync_playwright() as started,
+        web_story.chromium(started) as browser,
+    ):
+        yield World(browser, home, folder)
+
+
+def test_a_team_registers_submits_by_keyboard_watches_it_finish_and_is_ranked(world: World) -> None:
+    story = world.story
+    assert story.states[0] in ("queued", "running") and story.states[-1] == "done"
+    assert story.driven and all(text.endswith(" of 2 scenarios driven") for text in story.driven)
+    assert story.said[-1] == "this submission is done"
+    assert 0 < float(story.ds) <= 100
+    assert story.painted > web_story.DRAWN  # a blank canvas has one colour
+    assert story.row.startswith(f"1 The red team {story.ds} [") and "] Sample " in story.row
+    assert world.seen.trouble == []
+    assert world.seen.strangers == []
+
+
+def test_a_refusal_stands_beside_the_form_with_its_file_still_chosen(world: World, tmp_path: Path) -> None:
+    tab = world.tab(world.story.token)
+    tab.goto(f"{world.seen.home}/submit")
+    bad = tmp_path / "bad.zip"
+    bad.write_bytes(b"no zip" * 1_000_000)
+    tab.set_input_files("#archive", bad)
+    tab.evaluate(SENT)
+    tab.fill("#name", "Other")
+    tab.check("#track-joint")
+    tab.click("#send")
+    tab.wait_for_selector("#refusal .problem")
+    assert "archive: " in tab.inner_text("#refusal")
+    assert tab.input_value("#name") == "Other" and tab.is_checked("#track-joint")
+    assert tab.evaluate("document.getElementById('archive').files[0].name") == "bad.zip"
+    assert tab.is_hidden("#sending") and tab.is_enabled("#send")
+    sent = tab.evaluate("window.sent")
+    assert sent == sorted(sent) and sent[-1] == 100
+    tab.evaluate("document.getElementById('archive').dataset.most = 10")
+    tab.set_input_files("#archive", world.archive)
+    said = tab.evaluate("document.getElementById('archive').validationMessage")
+    assert said == f"expected at most 10 bytes, found {world.archive.stat().st_size}"
+    tab.context.close()
+    # Chromium itself notes that an answer was 422; nothing else may have gone wrong.
+    assert [text for text in world.seen.trouble if "status of 422" not in text] == []
+    world.seen.trouble.clear()
+
+
+def test_the_form_works_without_scripts(world: World) -> None:
+    tab = world.tab(world.story.token, java_script_enabled=False)
+    tab.goto(f"{world.seen.home}/submit")
+    tab.set_input_files("#archive", world.archive)
+    tab.fill("#name", "The same again")
+    tab.check("#track-joint")
+    tab.click("#send")
+    assert "track joint: expected one agent for all CAVs" in tab.inner_text("#refusal")
+    tab.set_input_files("#archive", world.archive)
+    tab.check("#track-negotiation")
+    tab.click("#send")  # the same archive in the same track: answered with the finished result
+    assert tab.url == world.seen.home + world.story.submission
+    tab.context.close()
+    world.seen.trouble.clear()
+
+
+def test_a_replay_that_has_no_room_at_first_is_drawn_as_soon_as_it_has(world: World) -> None:
+    """As in a frame of a page that is not laid out yet, which is what phones show."""
+    tab = world.tab()
+    tab.goto(f"{world.seen.home}{world.story.submission}")
+    tab.evaluate(
+        """(path) => {
+          const frame = document.createElement("iframe");
+          Object.assign(frame, { src: path, hidden: true, id: "late", width: 360, height: 640 });
+          document.querySelector("main").prepend(frame);
+        }""",
+        f"{world.story.submission}/scenarios/{web_story.SCENARIOS[0]}/0/replay",
+    )
+    frame = tab.wait_for_selector("#late", state="attached").content_frame()
+    frame.wait_for_load_state()
+    tab.wait_for_timeout(500)
+    tab.evaluate("document.getElementById('late').hidden = false")
+    wait_for(lambda: frame.evaluate("window.viewer !== undefined"))  # waiting in the page is forbidden by its policy
+    wait_for(lambda: web_story.colours(frame) > web_story.DRAWN)
+    tab.context.close()
+    assert world.seen.trouble == []
+
+
+def test_scenarios_are_filtered_in_place(world: World) -> None:
+    tab = world.tab()
+    tab.goto(world.seen.home + world.story.submission)
+    tab.evaluate("window.notReloaded = true")
+    assert tab.locator("#scenarios tbody tr").count() == 2
+    tab.click("#scenarios thead >> text=DS")
+    tab.wait_for_selector("#scenarios th[aria-sort=ascending] >> text=DS")
+    assert "sort=ds" in tab.url and tab.evaluate("window.notReloaded")
+    tab.context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_page_is_legible_named_and_no_wider_than_a_phone(world: World, scheme: str) -> None:
+    world.seen.trouble.clear()
+    found: list[str] = []
+    for path, token in world.pages():
+        tab = world.tab(token, color_scheme=scheme, viewport=PHONE)
+        tab.goto(world.seen.home + path)
+        wide = tab.evaluate("document.documentElement.scrollWidth")
+        found += [f"{path}: {wide} px wide"] if wide > PHONE["width"] else []
+        tab.evaluate("for (const each of document.querySelectorAll('details')) each.open = true")
+        pale = tab.evaluate(CONTRAST)
+        assert pale["looked"] > 5
+        found += [f"{path}: {each}" for each in pale["below"]]
+        found += [f"{path}: without a name: {each}" for each in nameless(tab)]
+        tab.context.close()
+    assert found == []
+    assert [text for text in world.seen.trouble if "status of 404" not in text] == []
+    assert world.seen.strangers == []
+
+
+def nameless(tab: Any) -> list[str]:
+    """What can have the focus but has no name for a screen reader, as Chromium's own accessibility tree says."""
+    session = tab.context.new_cdp_session(tab)
+    nodes = session.send("Accessibility.getFullAXTree")["nodes"]
+    bad: list[str] = []
+    for node in nodes:
+        focusable = any(each["name"] == "focusable" and each["value"]["value"] for each in node.get("properties", ()))
+        role = node.get("role", {}).get("value", "")
+        if focusable and not node["ignored"] and role not in ("RootWebArea", "main", "generic"):
+            name = node.get("name", {}).get("value", "").strip()
+            bad += [] if name else [role]
+    named = ":is([aria-label], [aria-labelledby], pre)"  # text that scrolls is its own name
+    return bad + tab.evaluate(f"[...document.querySelectorAll('[tabindex=\"0\"]:not({named})')].map((e) => e.tagName)")

@@ -1,0 +1,65 @@
+"""Real logs, fitted: what the tests of fit and closeness run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.roads import RoadMap, load
+from mdrive_sumo.scenario.background import Mode
+from mdrive_sumo.scenario.scenario import Scenario
+from real2sim.clean import clean
+from real2sim.fit import Fitted, choose_cavs, fit
+from real2sim.match import match
+from real2sim.network import build_network
+from real2sim.readers.interaction import read_interaction
+from real2sim.recording import Recording, Track
+from real2sim.tracks.reconstruct import reconstruct
+from tests.real2sim.network.test_netbuild_real import LOGS, READ
+
+NAMES = (*(name for name in READ if name != "interaction"), "interaction-0", "interaction-60")
+"""Logs by name; of the long INTERACTION recording windows of 20 s, by the second in which they begin."""
+
+
+@dataclass(frozen=True)
+class FittedLog:
+    fitted: Fitted
+    scenario: Scenario
+    roads: RoadMap
+    tracks: tuple[Track, ...]
+    dt_s: float
+
+
+def recording(name: str) -> Recording:
+    if not name.startswith("interaction"):
+        return READ[name]()
+    begin = float(name.split("-")[1])
+    folder = LOGS / "interaction"
+    return read_interaction(folder, folder / "DR_USA_Intersection_EP0.osm", window=(begin, begin + 20.0))
+
+
+def fitted_log(name: str, folder: Path, mode: Mode = "reactive") -> FittedLog:
+    """A real log as a scenario on its network in `folder`."""
+    source = recording(name)
+    cleaned = clean(source)
+    poses = {one.id: np.column_stack((one.x, one.y, one.yaw)) for one in cleaned.tracks if vehicle(one)}
+    build_network(source.map, list(poses.values()), folder / name, name, source.dt_s)
+    roads, tracks = load(folder / name), reconstruct(cleaned.tracks, source.dt_s)
+    matches = {one.id: match(np.column_stack((one.x, one.y, one.yaw)), roads) for one in tracks if vehicle(one)}
+    cavs = choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
+    fitted = fit(tracks, matches, roads, cavs, mode, source.dt_s)
+    scenario = Scenario(
+        id=name,
+        bucket="Test",
+        category="test",
+        network=name,
+        egos=fitted.egos,
+        background=fitted.background,
+        actors=fitted.actors,
+    )
+    return FittedLog(fitted, scenario, roads, tracks, source.dt_s)
+
+
+def vehicle(track: Track) -> bool:
+    return track.category.kind is Kind.VEHICLE

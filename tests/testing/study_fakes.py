@@ -1,0 +1,64 @@
+"""A stand-in for `run_job` whose score depends on the channel as a study should find it. No tests in here."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from mdrive_sumo import cli
+from mdrive_sumo.runs import evaluate
+from mdrive_sumo.runs.job import Job
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scoring import ScenarioResult, void_result
+from mdrive_sumo.v2x.comm import comm_from
+from testing.pool_fakes import Task, perform
+
+
+def drive(job: Job) -> ScenarioResult:
+    """Omniscient has DS 90, idm 30 and says nothing; all others have 70 less latency, 40 x loss and 10 x pose error.
+
+    Without a channel they have 30; the second seed adds 1. The deed in the scenario's description is done first.
+    """
+    folder = Path(job.suite_folder)
+    with (folder / "calls").open("a") as calls:
+        calls.write(f"{job.agent} {job.comm} {job.seed} {job.scenario}\n")
+    scenario = next(s for s in load_suite(job.suite_folder).scenarios if s.id == job.scenario)
+    perform(Task(job.scenario, scenario.description, str(folder)))
+    comm = comm_from(json.loads(job.comm))
+    link = comm.link
+    talking = 70.0 - link.latency_ticks - 40.0 * link.loss - 10.0 * link.pose_error_m if comm.on else 30.0
+    score = {"omniscient": 90.0, "idm": 30.0}.get(job.agent, talking) + job.seed
+    said = {} if job.agent in ("omniscient", "idm") else {"sent": 1, "bytes": 4}
+    if job.recording:
+        Path(job.recording).write_text("recorded")
+    return void_result(scenario, job.seed, "").model_copy(
+        update={"status": "ok", "ds": score, "sr": score / 2, "rc": score, "ip": 1.0, "ticks": 1, "comm": said}
+    )
+
+
+class Inline:
+    """An executor without processes; made as `engine` makes one."""
+
+    free = 1
+
+    def __init__(self, function: Callable[[Job], ScenarioResult], *_: object) -> None:
+        self._function = function
+        self._done: list[tuple[str, ScenarioResult]] = []
+
+    def __enter__(self) -> "Inline":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def submit(self, key: str, job: Job) -> None:
+        self._done.append((key, self._function(job)))
+
+    def ready(self) -> list[tuple[str, ScenarioResult]]:
+        done, self._done = self._done, []
+        return done
+
+
+def main() -> None:
+    """The command line with `drive` in place of the simulation."""
+    evaluate.run_job = drive
+    cli.main()

@@ -1,0 +1,126 @@
+"""Writes the built-in `interdrive` suite from its recipe: `python -m tools.build_interdrive_suite`.
+
+The recipe (`scenarios/interdrive/recipe.toml`) says for every CAV which lanes it takes, as steps joined by ">":
+
+    "west_in_2 -45 > west_in_1 -40 > south_out_1 20"
+
+The first step is the start and the last one the goal: lane and arc length of the box centre [m]. A step between them is
+a lane on the way; its number, if it has one, is the arc length at which the lane change into it begins. Numbers below
+zero count from the lane's end. What lies between two steps is found by routing.
+"""
+
+import sys
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.roads import RoadMap, Route, drivable_path, load, network_folder, route_along
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite, sealed
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+
+RECIPE_FILE = "recipe.toml"
+BUCKET = "InterDrive"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A lane on a CAV's way, and an arc length [m] on it (below zero: from its end) or None."""
+
+    lane: str
+    s: float | None
+
+
+def steps(text: str) -> tuple[Step, ...]:
+    """Parses "lane s > lane > lane s"; raises InputError."""
+    found: list[Step] = []
+    for part in text.split(">"):
+        words = part.split()
+        try:
+            lane, *number = words
+            found.append(Step(lane, float(number[0]) if number else None))
+        except ValueError:
+            raise InputError(f"recipe: expected steps 'lane [arc length]', found {part.strip()!r}") from None
+    if len(found) < 2 or found[0].s is None or found[-1].s is None:
+        raise InputError(f"recipe: expected an arc length for start and goal, found {text!r}")
+    return tuple(found)
+
+
+def route_of(roads: RoadMap, way: Sequence[Step]) -> Route:
+    """The dense route through the steps; raises InputError where there is none."""
+    _check_lanes(roads, way)
+    lanes = [way[0].lane]
+    change_at: dict[int, float] = {}
+    for step in way[1:]:
+        here = roads.lanes[lanes[-1]]
+        if step.lane in (here.left, here.right):
+            if step.s is not None and step is not way[-1]:
+                change_at[len(lanes) - 1] = _from_start(roads, Step(here.id, step.s))
+            lanes.append(step.lane)
+        elif step.lane != here.id:
+            lanes.extend(drivable_path(roads, here.id, step.lane)[1:])
+    return route_along(roads, lanes, _from_start(roads, way[0]), _from_start(roads, way[-1]), change_at)
+
+
+def _check_lanes(roads: RoadMap, way: Sequence[Step]) -> None:
+    for step in way:
+        if step.lane not in roads.lanes:
+            raise InputError(f"recipe: expected a car lane of network {roads.name}, found {step.lane!r}")
+
+
+def _from_start(roads: RoadMap, step: Step) -> float:
+    s = step.s or 0.0
+    return s + roads.lanes[step.lane].centre.length if s < 0 else s
+
+
+def ego(roads: RoadMap, name: str, text: str) -> Ego:
+    """A CAV from its line of the recipe, at rest on the first point of its route."""
+    route = route_of(roads, steps(text))
+    xy, yaw = route.xy.tolist(), route.yaw.tolist()
+    points = tuple((round(x, 3), round(y, 3), round(a, 4)) for (x, y), a in zip(xy, yaw, strict=True))
+    x, y, angle = points[0]
+    return Ego(id=name, start=Pose(x=x, y=y, yaw=angle), lanes=route.lanes, route=points)
+
+
+def scenario(entry: dict[str, Any]) -> Scenario:
+    """A scenario from its table of the recipe; raises InputError."""
+    roads = load(network_folder(entry["network"]))
+    try:
+        egos = tuple(ego(roads, str(i), text) for i, text in enumerate(entry["cavs"]))
+    except InputError as error:
+        raise InputError(f"{entry['id']}: {error}") from None
+    return Scenario(
+        id=entry["id"],
+        bucket=BUCKET,
+        category=entry["category"],
+        network=entry["network"],
+        description=entry["description"],
+        egos=egos,
+    )
+
+
+def interdrive(folder: Path) -> Suite:
+    """The suite that the recipe in `folder` describes."""
+    recipe = tomllib.loads((folder / RECIPE_FILE).read_text())
+    return Suite(SuiteFile(**recipe["suite"]), folder, tuple(scenario(entry) for entry in recipe["scenario"]))
+
+
+def write(folder: Path) -> Suite:
+    """Writes and seals `suite.json` and every `scenario.json` of the recipe in `folder`."""
+    save_suite(interdrive(folder))
+    suite = sealed(load_suite(str(folder)))  # as it is read: files are rounded
+    save_suite(suite)
+    return suite
+
+
+def main() -> None:
+    """Writes the suite of the package."""
+    folder = Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"
+    sys.stdout.write(f"{folder}: {len(write(folder).scenarios)} scenarios\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Which of the converted recordings make up the bucket: those whose means are nearest to the paper's table."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
+
+PAPER = np.array((45.68, 60.92, 83.88))
+"""Means of the bucket in the paper's table: route [m] and heading change [deg] of a CAV, background actors."""
+ROUNDS = 200
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A converted recording and what counts of it."""
+
+    id: str
+    group: str
+    """Map and number of CAVs; of every group so many are chosen as are asked for."""
+    sums: tuple[float, float, float]
+    """Route lengths [m] and heading changes [deg] summed over the CAVs, background actors."""
+    cavs: int
+
+
+def candidate(scenario: Scenario, group: str) -> Candidate:
+    """What counts of a scenario."""
+    lengths, turns = (sum(map(f, scenario.egos)) for f in (route_length, heading_change_deg))
+    actors = len(scenario.background.vehicles) + len(scenario.actors)
+    return Candidate(scenario.id, group, (lengths, turns, float(actors)), len(scenario.egos))
+
+
+def means(chosen: Sequence[Candidate]) -> Float:
+    """In the order of `PAPER`; lengths and turns over all CAVs, actors over the scenarios."""
+    sums = np.array([one.sums for one in chosen]).sum(axis=0)
+    cavs = sum(one.cavs for one in chosen)
+    return sums / (cavs, cavs, len(chosen))
+
+
+def choose(candidates: Sequence[Candidate], wanted: Mapping[str, int]) -> tuple[Candidate, ...]:
+    """The first of every group, then the best exchange for another of its group until none is better."""
+    chosen = [
+        one
+        for group, count in wanted.items()
+        for one in [other for other in candidates if other.group == group][:count]
+    ]
+    for _ in range(ROUNDS):
+        swaps = [
+            (_distance([*chosen[:i], other, *chosen[i + 1 :]]), i, other)
+            for i, one in enumerate(chosen)
+            for other in candidates
+            if other.group == one.group and other not in chosen
+        ]
+        if not swaps:
+            break
+        best, i, other = min(swaps, key=lambda swap: swap[:2])
+        if best >= _distance(chosen) - 1e-9:
+            break
+        chosen[i] = other
+    return tuple(sorted(chosen, key=lambda one: one.id))
+
+
+def _distance(chosen: Sequence[Candidate]) -> float:
+    return float(np.square(means(chosen) / PAPER - 1.0).sum())

@@ -1,0 +1,90 @@
+"""Where people walk, wait, ride and park on the two maps of the synthetic recordings, measured from their lanes.
+
+Both networks have the same cross-section on every road: lanes for cars, 2.2 m to park on, a pavement of 2.5 m.
+"""
+
+import gzip
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.roads import Lane, RoadMap
+
+PARKING_M, PAVEMENT_M = 2.2, 2.5
+"""Widths of the recipes (`networks/city_crossing`, `networks/city_corridor`)."""
+RIDE_M = 0.6
+"""How far from the lane's edge cyclists ride in the empty parking strip."""
+Place = tuple[float, float, float]
+"""x, y [m], yaw [rad]"""
+
+
+@dataclass(frozen=True)
+class Zebra:
+    """A pedestrian crossing: its ends, and when lights let people go."""
+
+    line: Float
+    """(2, 2) [m], from kerb to kerb."""
+    green: tuple[tuple[float, float], ...]
+    """Intervals [s] within `cycle_s`; () where there are no lights."""
+    cycle_s: float
+
+
+def kerb_lanes(roads: RoadMap) -> list[Lane]:
+    """The rightmost lane for cars of every road."""
+    return [lane for lane in roads.driving if not lane.junction and not lane.right]
+
+
+def beside(lane: Lane, s: float, right_m: float) -> Place:
+    """Pose to the right of a lane's centre, at arc length s [m]."""
+    (x, y), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
+    return round(x + right_m * float(np.sin(yaw)), 3), round(y - right_m * float(np.cos(yaw)), 3), round(float(yaw), 4)
+
+
+def parking(lane: Lane, s: float) -> Place:
+    """In the middle of the parking strip."""
+    return beside(lane, s, lane.width / 2 + PARKING_M / 2)
+
+
+def cycling(lane: Lane, s: float) -> Place:
+    """In the parking strip, near the lane."""
+    return beside(lane, s, lane.width / 2 + RIDE_M)
+
+
+def walking(lane: Lane, s: float, aside: float) -> Place:
+    """On the pavement, `aside` from -1 (at the kerb) to 1 (at the houses)."""
+    return beside(lane, s, lane.width / 2 + PARKING_M + PAVEMENT_M / 2 * (1 + 0.8 * aside))
+
+
+def zebras(roads: RoadMap) -> list[Zebra]:
+    """The crossings of a network with their green times, from its net file; in the order of `RoadMap.crossings`."""
+    net = ET.fromstring(gzip.decompress(roads.net_file.read_bytes()))
+    lights = {
+        way.attrib["to"]: (way.attrib["tl"], int(way.attrib["linkIndex"]))
+        for way in net.iter("connection")
+        if "tl" in way.attrib
+    }
+    names = [edge.attrib["id"] for edge in net.iter("edge") if edge.get("function") == "crossing"]
+    return [_zebra(net, line, lights.get(name)) for name, (line, _) in zip(names, roads.crossings, strict=True)]
+
+
+def _zebra(net: ET.Element, line: Float, light: tuple[str, int] | None) -> Zebra:
+    ends = line[[0, -1]]
+    if light is None:
+        return Zebra(ends, (), 0.0)
+    phases = list(_phases(net, light[0]))
+    green = tuple((begin, end) for begin, end, state in phases if state[light[1]] in "Gg")
+    return Zebra(ends, green, phases[-1][1])
+
+
+def _phases(net: ET.Element, light: str) -> Iterator[tuple[float, float, str]]:
+    """Begin and end [s] and state of every phase."""
+    now = 0.0
+    for program in net.iter("tlLogic"):
+        if program.attrib["id"] == light:
+            for phase in program.iter("phase"):
+                end = now + float(phase.attrib["duration"])
+                yield now, end, phase.attrib["state"]
+                now = end
