@@ -17,8 +17,8 @@ from mdrive_sumo.agent_process.agent_connection import Limits as LineLimits
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import first_problem
-from server.store.keep import Policy
 from server.store.phases import NewPhase
+from server.store.retention import Policy
 
 PREFIX = "MDRIVE_"
 FOREIGN = ("MDRIVE_STRICT_SKIPS", "MDRIVE_SETTINGS", "MDRIVE_TOKEN", "MDRIVE_SERVER")

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.v2x.comm import PRESETS, Comm, Link
 from mdrive_sumo.v2x.content import CAM, CPM
-from server.words import Track
+from server.enums import Track
 
 _LOST = Link(loss=1.0)
 _SHARED = MappingProxyType({CAM: Link(), CPM: Link()})

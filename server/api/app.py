@@ -10,21 +10,21 @@ from starlette.concurrency import run_in_threadpool
 from mdrive_sumo import __version__
 from server import clock
 from server.api import problems
-from server.api.aside import Aside, ProcessAside
-from server.api.boards import Boards
-from server.api.bodies import BodiesMiddleware
-from server.api.context import Tools
-from server.api.description import described
-from server.api.headers import HeadersMiddleware
-from server.api.reader import ReaderAside, ReaderHere
+from server.api.database_reader import ReaderAside, ReaderHere
+from server.api.dependencies import Tools
+from server.api.leaderboard_cache import Boards
+from server.api.openapi import described
+from server.api.request_bodies import BodiesMiddleware
+from server.api.response_headers import HeadersMiddleware
 from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
+from server.api.subprocess_runner import Aside, ProcessAside
 from server.api.upload import Uploads
 from server.archive import ArchiveLimits
+from server.phase_suites import LoadedSuites, Suites
 from server.settings import Settings
 from server.store import Store
 from server.store.phases import every as every_phase
 from server.store.phases import put as put_phases
-from server.suites import LoadedSuites, Suites
 
 API = "/api/v1"
 UPLOADS = (f"{API}/submissions", "/submit")

@@ -7,9 +7,9 @@ from sqlalchemy import func, select
 
 from server.api.problems import ProblemError
 from server.clock import DAY_US, day_start_us, utc
+from server.enums import Scope
 from server.settings import Registration
-from server.store import OverLimit, Store, models, teams, tokens
-from server.words import Scope
+from server.store import OverLimit, Store, tables, teams, tokens
 
 _ACTOR = "visitor"
 
@@ -17,7 +17,7 @@ _ACTOR = "visitor"
 class Registered(NamedTuple):
     """A new team."""
 
-    team: models.Team
+    team: tables.Team
     token: str
     """Its text, which nobody sees again."""
 
@@ -28,7 +28,7 @@ def register(store: Store, settings: Registration, name: str, now_us: int) -> Re
         sentence = "teams are made by those who run this server: ask them for one, and for its token"
         raise ProblemError(HTTPStatus.FORBIDDEN, "closed", sentence)
     with store.write() as session:
-        today = select(func.count()).select_from(models.Team).where(models.Team.created_us >= day_start_us(now_us))
+        today = select(func.count()).select_from(tables.Team).where(tables.Team.created_us >= day_start_us(now_us))
         if (session.scalar(today) or 0) >= settings.per_day:
             tomorrow = day_start_us(now_us) + DAY_US
             sentence = f"all {settings.per_day} teams of today are made; the next one can be made at {utc(tomorrow)}"

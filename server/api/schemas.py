@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from server.words import JobState, Scope, State, Track
+from server.enums import JobState, Scope, State, Track
 
 
 def moment(at_us: int) -> datetime:

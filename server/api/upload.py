@@ -17,9 +17,9 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from mdrive_sumo.core.errors import InputError
-from server.api.at_once import AtOnce
+from server.api.concurrency_limit import AtOnce
 from server.api.problems import ProblemError
-from server.store.refusals import new_id
+from server.store.errors import new_id
 
 FILE_FIELD = "archive"
 UPLOAD_S = 900.0

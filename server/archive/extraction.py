@@ -6,9 +6,9 @@ from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
 from server.archive import layout
-from server.archive.container import contents, translated
+from server.archive.errors import ArchiveRefused
 from server.archive.manifest import Manifest, sha256
-from server.archive.refusal import ArchiveRefused
+from server.archive.zip_reader import contents, translated
 
 FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 FILE_MODE, FOLDER_MODE = 0o644, 0o755

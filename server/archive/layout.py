@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from typing import Literal
 
-from server.archive.refusal import ArchiveRefused
+from server.archive.errors import ArchiveRefused
 
 AGENTS = "agents.py"
 MAX_AGENTS_BYTES = 1024 * 1024

@@ -6,10 +6,10 @@ from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
 from server.archive import layout, model_env
-from server.archive.container import contents, opened
+from server.archive.errors import ArchiveRefused
 from server.archive.limits import ArchiveLimits
-from server.archive.refusal import ArchiveRefused
-from server.words import Track
+from server.archive.zip_reader import contents, opened
+from server.enums import Track
 
 INSIDE = "/agent"
 """Where a box sees the unpacked archive."""

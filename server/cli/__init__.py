@@ -1,6 +1,6 @@
 """`mdrive-sumo serve` and `mdrive-sumo admin`."""
 
-from server.cli.administration import admin
-from server.cli.serving import application, serve
+from server.cli.admin_commands import admin
+from server.cli.serve_command import application, serve
 
 __all__ = ["admin", "application", "serve"]

@@ -17,16 +17,16 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.worker_process import WorkerFailure, cannot_write
 from server.clock import now_us
-from server.evaluation import spot
-from server.evaluation.stop import Stop
+from server.enums import JobState, Verdict
+from server.evaluation import spot_checks
+from server.evaluation.job_task import Driven, JobTask, Rejection, task_of
+from server.evaluation.stop_request import Stop
 from server.evaluation.summary import summarise
-from server.evaluation.task import Driven, JobTask, Rejection, task_of
+from server.phase_suites import Suites
 from server.settings import Settings
 from server.store import Store, StoreUnavailable, audit, jobs, phases, submissions, workers
 from server.store.jobs import JobOutcome
-from server.store.models import Job
-from server.suites import Suites
-from server.words import JobState, Verdict
+from server.store.tables import Job
 
 LOG = logging.getLogger("mdrive.worker")
 SECOND_US = 1_000_000
@@ -202,7 +202,7 @@ class Dispatcher:
 
     def _settle(self, key: str, outcome: Driven | WorkerFailure) -> None:
         if key.startswith(SPOT):
-            spot.note(self._store, int(key.removeprefix(SPOT)), outcome, self._clock())
+            spot_checks.note(self._store, int(key.removeprefix(SPOT)), outcome, self._clock())
             return
         if key not in self._held:
             return
@@ -236,8 +236,8 @@ class Dispatcher:
 
     def _draw(self, session: Session, submission: str) -> None:
         draw = audit.head(session)
-        if spot.is_drawn(draw, self._settings.work.spot_check):
-            self._spots.extend(job.id for job in spot.sample(session, submission, draw))
+        if spot_checks.is_drawn(draw, self._settings.work.spot_check):
+            self._spots.extend(job.id for job in spot_checks.sample(session, submission, draw))
 
     def _reject(self, task: JobTask, rejection: Rejection) -> None:
         now = self._clock()
@@ -256,7 +256,7 @@ class Dispatcher:
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
 
     def _begin_spot(self) -> None:
-        task = spot.task(self._store, self._spots[0], self._settings)
+        task = spot_checks.task(self._store, self._spots[0], self._settings)
         self._spots.popleft()
         self._executor.submit(f"{SPOT}{task.job}", task)
 

@@ -9,8 +9,8 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.runs.compare import CONFIDENCE, RESAMPLES, SEED
 from mdrive_sumo.scoring import Means, ScenarioResult, buckets, categories, overall
-from server.store.models import Job
-from server.store.scores import Figures, Summary
+from server.store.standings import Figures, Summary
+from server.store.tables import Job
 
 NAMES = ("ds", "sr")
 """What has an interval; scenarios are drawn anew (those of each bucket apart), a scenario's seeds stay together."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from sqlalchemy import select
 
 from server.clock import now_us
-from server.evaluation.machine import check_machine
-from server.evaluation.renewal import renewed
-from server.evaluation.unpacking import tidy
+from server.evaluation.archive_cache import tidy
+from server.evaluation.machine_check import check_machine
+from server.evaluation.requeue import renewed
 from server.settings import Settings
-from server.store import Store, StoreUnavailable, keep, quota
-from server.store.models import Submission
+from server.store import Store, StoreUnavailable, quota, retention
+from server.store.tables import Submission
 
 LOG = logging.getLogger("mdrive.supervisor")
 COMMAND = (sys.executable, "-P", "-m", "server.evaluation.worker")
@@ -124,10 +124,10 @@ class Supervisor:
         """By the policy of the settings; whatever fails is tried again in an hour."""
         try:
             with self._store.read() as session:
-                kept = keep.kept(session, self._settings.keep.policy(), self._clock())
+                kept = retention.kept(session, self._settings.keep.policy(), self._clock())
                 unfinished = select(Submission.archive_sha256).where(Submission.state.in_(quota.UNFINISHED))
                 needed = set(session.scalars(unfinished))
-            keep.collect(kept, self._settings.data, self._clock())
+            retention.collect(kept, self._settings.data, self._clock())
             tidy(self._settings.data, needed)
         except (StoreUnavailable, OSError) as error:
             LOG.warning("nothing was cleared up: %s", error)

@@ -19,14 +19,14 @@ from mdrive_sumo.runs.make_executor import engine
 from mdrive_sumo.runs.preparation import SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.machine import check_machine
-from server.evaluation.run import run_submission_job
-from server.evaluation.stop import Stop
-from server.evaluation.task import Driven, JobTask
+from server.evaluation.job_task import Driven, JobTask
+from server.evaluation.machine_check import check_machine
+from server.evaluation.stop_request import Stop
+from server.evaluation.submission_job import run_submission_job
+from server.phase_suites import LoadedSuites
 from server.settings import Settings
 from server.store import Store, StoreUnavailable, phases
-from server.store.refusals import new_id
-from server.suites import LoadedSuites
+from server.store.errors import new_id
 
 LOG = logging.getLogger("mdrive.worker")
 NICE = 5

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, cast
 import httpx
 
 from mdrive_sumo.core.errors import InputError
-from server.words import Track
+from server.enums import Track
 
 API = "/api/v1"
 TRIES = 3

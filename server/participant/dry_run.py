@@ -16,12 +16,12 @@ from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.summary import means
 from mdrive_sumo.v2x.comm import comm_text
-from server.entrant import TRACKS, Entrant, verdict_of
+from server.enums import State, Track, Verdict
 from server.environments import Environment
-from server.participant.checking import ask, declared, described
-from server.participant.packing import Team
+from server.participant.check import ask, declared, described
+from server.participant.packaging import Team
+from server.submitted_agent import TRACKS, Entrant, verdict_of
 from server.tracks import COMM
-from server.words import State, Track, Verdict
 
 if TYPE_CHECKING:
     from server.settings import Sandbox

@@ -12,7 +12,7 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.store.models import AuditEntry
+from server.store.tables import AuditEntry
 
 _BEGIN = ""
 

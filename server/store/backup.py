@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
 from server.store.engine import Store, StoreUnavailable
-from server.store.models import AuditEntry, Base, Phase, Worker
+from server.store.tables import AuditEntry, Base, Phase, Worker
 
 _CHUNK = 500
 _BY_ITSELF: Mapping[str, ColumnElement[bool]] = {

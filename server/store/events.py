@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from server.store.models import Event
+from server.store.tables import Event
 
 
 def add(session: Session, submission: str, kind: str, data: dict[str, Any], now_us: int) -> None:

@@ -10,11 +10,11 @@ from typing import Any
 from sqlalchemy import ColumnElement, Select, and_, exists, func, select, update
 from sqlalchemy.orm import Session, aliased
 
+from server.enums import JobState, Reason, State, Verdict
 from server.store import events, submissions
-from server.store.models import Job, Phase, Submission
+from server.store.errors import NotFound
 from server.store.quota import UNFINISHED
-from server.store.refusals import NotFound
-from server.words import JobState, Reason, State, Verdict
+from server.store.tables import Job, Phase, Submission
 
 MOST_FAILURES = 3
 """Attempts that may end by our fault; with the last the submission fails."""

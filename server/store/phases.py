@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 
 from server.clock import utc
 from server.store import audit
-from server.store.models import Phase
-from server.store.refusals import NotFound, NotNow
+from server.store.errors import NotFound, NotNow
+from server.store.tables import Phase
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.store.models import Job, Standing, Submission, Team
+from server.enums import JobState, State, Track
+from server.store.errors import NotFound
 from server.store.quota import UNFINISHED
-from server.store.refusals import NotFound
-from server.store.scores import OVERALL, Figures, slice_of
-from server.words import JobState, State, Track
+from server.store.standings import OVERALL, Figures, slice_of
+from server.store.tables import Job, Standing, Submission, Team
 
 DECENTRALISED = (Track.SINGLE, Track.SHARING, Track.NEGOTIATION)
 _RECENT_JOBS = 100

@@ -6,9 +6,9 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from server.clock import DAY_US, day_start_us, utc
-from server.store.models import Phase, Submission
-from server.store.refusals import OverLimit
-from server.words import State
+from server.enums import State
+from server.store.errors import OverLimit
+from server.store.tables import Phase, Submission
 
 UNFINISHED = (State.QUEUED.value, State.RUNNING.value)
 _ASK_AGAIN_US = 60_000_000

@@ -12,13 +12,13 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
-from server.store import audit, events, phases, quota, scores
-from server.store.models import Job, Phase, Submission, Team
-from server.store.refusals import NotFound, NotNow, checked_text, new_id
-from server.words import JobState, State, Track
+from server.enums import JobState, State, Track
+from server.store import audit, events, phases, quota, standings
+from server.store.errors import NotFound, NotNow, checked_text, new_id
+from server.store.tables import Job, Phase, Submission, Team
 
 UNFINISHED_JOBS = (JobState.QUEUED.value, JobState.RUNNING.value)
-Summarise = Callable[[Sequence[Job]], scores.Summary]
+Summarise = Callable[[Sequence[Job]], standings.Summary]
 """From the finished jobs, ordered by scenario and seed."""
 
 
@@ -151,9 +151,9 @@ def finish_if_complete(session: Session, submission_id: str, summarise: Summaris
     jobs = select(Job).where(Job.submission == submission_id).order_by(Job.scenario, Job.seed)
     summary = summarise(session.scalars(jobs).all())
     submission.summary = dict(summary)
-    submission.ds = scores.ds_of(summary["overall"])
+    submission.ds = standings.ds_of(summary["overall"])
     _enter(session, submission, State.DONE, now_us)
-    scores.rank(session, submission)
+    standings.rank(session, submission)
     audit.add(session, "server", "submission-done", _audited(submission) | {"ds": submission.ds}, now_us)
     return True
 
@@ -183,14 +183,14 @@ def disqualify(session: Session, submission_id: str, why: str, now_us: int, acto
     """By an admin, in any state; `why` is shown. It stays known, so that the same archive gets the same answer."""
     submission = get(session, submission_id)
     _stop(session, submission, State.DISQUALIFIED, checked_text(why, "reason", 500), now_us, actor)
-    scores.rank(session, submission)
+    standings.rank(session, submission)
 
 
 def show(session: Session, submission_id: str, shown: bool, now_us: int, actor: str = "admin") -> None:
     """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
     submission = get(session, submission_id)
     submission.shown = shown
-    scores.rank(session, submission)
+    standings.rank(session, submission)
     audit.add(session, actor, "submission-shown", {"submission": submission.id, "shown": shown}, now_us)
 
 

@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
-from server.store.models import Team
-from server.store.refusals import NotFound, checked_text, new_id
+from server.store.errors import NotFound, checked_text, new_id
+from server.store.tables import Team
 
 _ID = re.compile(r"[0-9a-f]{32}", re.IGNORECASE)
 

@@ -8,10 +8,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from server.enums import Scope
 from server.store import audit
-from server.store.models import Team, Token
-from server.store.refusals import NotFound, new_id
-from server.words import Scope
+from server.store.errors import NotFound, new_id
+from server.store.tables import Team, Token
 
 PREFIX = "mdrive_"
 """So that a secret scanner finds a token someone committed."""

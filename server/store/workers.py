@@ -7,7 +7,7 @@ from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo import __version__
-from server.store.models import Worker
+from server.store.tables import Worker
 
 FORGOTTEN_US = 3_600_000_000
 """So long one that went silent is still listed."""

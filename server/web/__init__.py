@@ -4,16 +4,37 @@ from functools import partial
 
 from fastapi import APIRouter, Depends, FastAPI
 
-from server.web import admin, assets, board, entry, errors, how, scenarios, submission, submitting, team
-from server.web.visitors import same_site
+from server.web import (
+    admin_pages,
+    error_page,
+    guide_page,
+    leaderboard_page,
+    login_pages,
+    scenario_page,
+    static_files,
+    submission_page,
+    submit_page,
+    team_page,
+)
+from server.web.visitor import same_site
 
 
 def mount(app: FastAPI) -> None:
     """Adds the pages to an application of `server.api.create_app`; outside /api its errors are pages, too."""
-    app.state.error_page = errors.page_of
-    app.state.tools.boards.also(partial(board.make, app.state.tools))
+    app.state.error_page = error_page.page_of
+    app.state.tools.boards.also(partial(leaderboard_page.make, app.state.tools))
     pages = APIRouter(include_in_schema=False, dependencies=[Depends(same_site)])
-    for part in (assets, board, entry, how, submitting, submission, scenarios, team, admin):
+    for part in (
+        static_files,
+        leaderboard_page,
+        login_pages,
+        guide_page,
+        submit_page,
+        submission_page,
+        scenario_page,
+        team_page,
+        admin_pages,
+    ):
         pages.include_router(part.router)
     app.include_router(pages)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from server.words import Reason, State, Verdict
+from server.enums import Reason, State, Verdict
 
 STATES: Mapping[State, str] = {
     State.QUEUED: "It waits for its turn.",

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from server.words import Track
+from server.enums import Track
 
 TRACKS: Mapping[Track, tuple[str, str]] = {
     Track.SINGLE: ("Single agent", "each vehicle for itself, without messages"),

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from server.api.schemas import Figures
 from server.clock import utc
-from server.web.assets import address
+from server.web.static_files import address
 
 POLICY = "; ".join(
     (

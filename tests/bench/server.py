@@ -30,9 +30,9 @@ from testing.processes import wait_for  # noqa: E402
 from testing.store_samples import PHASE, with_teams  # noqa: E402
 
 from server.clock import now_us  # noqa: E402
+from server.enums import JobState, Scope  # noqa: E402
 from server.settings import Settings, Work  # noqa: E402
 from server.store import Store, queries, teams, tokens  # noqa: E402
-from server.words import JobState, Scope  # noqa: E402
 
 BOARDS = {"leaderboards": f"/api/v1/leaderboards/{PHASE.id}?", "leaderboard pages": f"/?phase={PHASE.id}"}
 UPLOADS, UPLOAD_BYTES, CLIENTS, REQUESTS = 5, 50_000_000, 50, 40

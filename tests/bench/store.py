@@ -19,9 +19,9 @@ from sqlalchemy import insert  # noqa: E402
 from testing import databases  # noqa: E402
 from testing.store_samples import GOOD, LEASE, NEW, NOON, PHASE, with_teams  # noqa: E402
 
-from server.store import Store, jobs, queries, scores, submissions  # noqa: E402
-from server.store.models import Job, Submission  # noqa: E402
-from server.words import State, Track  # noqa: E402
+from server.enums import State, Track  # noqa: E402
+from server.store import Store, jobs, queries, standings, submissions  # noqa: E402
+from server.store.tables import Job, Submission  # noqa: E402
 
 SUBMISSIONS, TEAMS, CALLS, QUEUED = 10_000, 200, 300, 20
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
@@ -45,7 +45,7 @@ def filled(store: Store, teams: list[str], draw: random.Random, queued: int = QU
             session.execute(insert(Job), waiting_jobs)
         last = {(row["team"], row["track"]): row["id"] for row in rows}
         for id_ in last.values():
-            scores.rank(session, submissions.get(session, id_))
+            standings.rank(session, submissions.get(session, id_))
 
 
 def submission(number: int, team: str, track: Track, draw: random.Random, done: bool) -> dict[str, Any]:

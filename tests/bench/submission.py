@@ -22,13 +22,13 @@ from testing.archive_samples import packed  # noqa: E402
 
 from server import environments  # noqa: E402
 from server.clock import DAY_US, now_us  # noqa: E402
+from server.enums import Track  # noqa: E402
 from server.evaluation.supervisor import Supervisor  # noqa: E402
+from server.phase_suites import LoadedSuites  # noqa: E402
 from server.settings import Settings, Work  # noqa: E402
 from server.store import Store, phases, submissions, teams  # noqa: E402
-from server.store.models import Job  # noqa: E402
 from server.store.quota import UNFINISHED  # noqa: E402
-from server.suites import LoadedSuites  # noqa: E402
-from server.words import Track  # noqa: E402
+from server.store.tables import Job  # noqa: E402
 
 SAMPLE = Path(environments.__file__).parent / "samples" / "agent"
 ENVIRONMENT = "python3.11-numpy"

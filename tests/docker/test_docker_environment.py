@@ -14,8 +14,8 @@ from mdrive_sumo.core.errors import InputError
 from server import environments
 from server.archive import ArchiveLimits, checked
 from server.cli import admin
-from server.entrant import Entrant
 from server.environments import Environment, Recipe, environment, import_image
+from server.submitted_agent import Entrant
 
 PYTHON = "/usr/bin/python3"
 HOST = Path("/")

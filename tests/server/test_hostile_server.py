@@ -25,10 +25,10 @@ from mdrive_sumo.agent_process.sandbox import layers
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 from mdrive_sumo.runs.fingerprint import code_checksum
+from server.enums import FEWEST
 from server.settings import Sandbox
 from server.store import Store
-from server.store.models import AuditEntry, Job
-from server.words import FEWEST
+from server.store.tables import AuditEntry, Job
 from tests.server.archive.test_archive import BAD
 
 LOG = logging.getLogger(__name__)

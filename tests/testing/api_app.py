@@ -14,11 +14,11 @@ from httpx import Response
 
 from server.api import create_app
 from server.clock import DAY_US
+from server.enums import Scope
 from server.environments import ABOUT_FILE
 from server.settings import Limits, Settings
 from server.store import Store, phases, teams, tokens
 from server.store.phases import NewPhase
-from server.words import Scope
 from testing import archive_samples, databases
 from testing.store_samples import JOBS, NOON, PHASE
 

@@ -22,7 +22,7 @@ import psycopg
 import pytest
 
 from server.store import Store
-from server.store.models import Base
+from server.store.tables import Base
 
 BACKENDS = ("sqlite", "postgresql")
 NOBODY = 65534

@@ -8,12 +8,12 @@ from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.runs.executor import Waitable
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop import Stop
-from server.evaluation.task import Driven, JobTask
+from server.evaluation.job_task import Driven, JobTask
+from server.evaluation.stop_request import Stop
+from server.phase_suites import LoadedSuites
 from server.settings import Settings
 from server.store import Store
-from server.store.models import AuditEntry, Job
-from server.suites import LoadedSuites
+from server.store.tables import AuditEntry, Job
 from testing.evaluation_fakes import LEASE_S, challenge, fake, submitted
 
 S = 1_000_000

@@ -14,16 +14,16 @@ from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
-from server import suites
+from server import phase_suites
 from server.clock import DAY_US, now_us
+from server.enums import Reason, Track, Verdict
 from server.evaluation import worker
-from server.evaluation.task import Driven, JobTask, Rejection
+from server.evaluation.job_task import Driven, JobTask, Rejection
+from server.phase_suites import LoadedSuites
 from server.settings import Sandbox, Settings, Work
 from server.store import Store, jobs, phases, submissions, teams
 from server.store.jobs import JobOutcome
-from server.store.models import Submission
-from server.suites import LoadedSuites
-from server.words import Reason, Track, Verdict
+from server.store.tables import Submission
 from testing.suite_fakes import make_suite
 
 FASTER = 20
@@ -132,6 +132,6 @@ def scored(scenario: str, bucket: str = "Tiny", failed: bool = False) -> Scenari
 if __name__ == "__main__":
     from testing import evaluation_fakes  # so that the worker's own child finds `fake` by that name
 
-    suites.code_checksum = steady
+    phase_suites.code_checksum = steady
     jobs.MOST_FAILURES = 1000  # one job may be killed more often here than ever elsewhere
     sys.exit(worker.main(evaluation_fakes.fake, evaluation_fakes.fast_clock))

@@ -15,13 +15,13 @@ from unittest.mock import patch
 
 import pytest
 
+from server.enums import JobState, State
 from server.evaluation import supervisor
 from server.evaluation.summary import summarise
 from server.evaluation.supervisor import Supervisor
 from server.settings import Settings
 from server.store import Store, StoreUnavailable, audit
-from server.store.models import AuditEntry, Event, Job
-from server.words import JobState, State
+from server.store.tables import AuditEntry, Event, Job
 from testing import processes
 from testing.evaluation_fakes import fast_clock, read, scored, steady
 from testing.paths import TESTS
@@ -33,7 +33,7 @@ COMMAND = (sys.executable, "-m", "testing.evaluation_fakes")
 @pytest.fixture(autouse=True)
 def steady_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each test of a module that imports it; the workers' programs do it themselves."""
-    monkeypatch.setattr("server.suites.code_checksum", steady)
+    monkeypatch.setattr("server.phase_suites.code_checksum", steady)
     monkeypatch.setenv("PYTHONPATH", str(TESTS))  # what `COMMAND` imports
 
 

@@ -18,8 +18,8 @@ from hostile.teams import MARKER
 
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from server import environments
+from server.enums import FEWEST, Scope
 from server.store import Store, teams, tokens
-from server.words import FEWEST, Scope
 
 PATIENCE_S = 600.0
 """For everything together; it takes a tenth of it."""

@@ -16,9 +16,9 @@ from click.testing import CliRunner, Result
 from mdrive_sumo import cli
 
 COMMANDS = {
-    "init-agent": "server.participant.beginning:init_agent",
-    "check": "server.participant.checking:check",
-    "submit": "server.participant.submitting:submit",
+    "init-agent": "server.participant.init_agent:init_agent",
+    "check": "server.participant.check:check",
+    "submit": "server.participant.submit:submit",
 }
 Run = Callable[..., Result]
 

@@ -8,10 +8,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server.clock import DAY_US
+from server.enums import Track, Verdict
 from server.store import Store, jobs, phases, submissions, teams
-from server.store.models import Job, Submission
-from server.store.scores import Summary
-from server.words import Track, Verdict
+from server.store.standings import Summary
+from server.store.tables import Job, Submission
 
 S = 1_000_000
 LEASE = 60 * S

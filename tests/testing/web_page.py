@@ -9,12 +9,12 @@ from typing import Any
 from httpx import Response
 
 from server import web
-from server.api.boards import STALE_US
+from server.api.leaderboard_cache import STALE_US
+from server.enums import Verdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 from server.web.templating import POLICY
-from server.web.visitors import COOKIE
-from server.words import Verdict
+from server.web.visitor import COOKIE
 from testing.api_app import Server, TestClient, another_zip
 from testing.store_samples import LEASE, S
 

@@ -15,9 +15,9 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from mdrive_sumo.scenario.catalog import load_suite
-from server.participant.packing import packed
+from server.enums import Scope
+from server.participant.packaging import packed
 from server.store import Store, tokens
-from server.words import Scope
 from testing import web_story
 from testing.web_story import Story, Watch
 

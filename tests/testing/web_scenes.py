@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from server import places
+from server import paths
+from server.enums import Reason, Verdict
 from server.store import jobs, submissions
-from server.store.scores import Summary
-from server.words import Reason, Verdict
+from server.store.standings import Summary
 from testing.api_app import Server
 from testing.store_samples import LEASE, NOON, S
 
@@ -61,7 +61,7 @@ def finish(server: Server, submission: str) -> None:
 def files(server: Server, submission: str, scenario: str = "left-turn", text: str = "a log") -> None:
     """A recording, its replay and a log, as a worker leaves them."""
     place = (server.settings, submission, scenario, 0)
-    places.recording(*place).parent.mkdir(parents=True, exist_ok=True)
-    places.recording(*place).write_bytes(b"recorded")
-    places.replay(*place).write_text("<p>replayed</p>")
-    places.log(*place, "0").write_text(text)
+    paths.recording(*place).parent.mkdir(parents=True, exist_ok=True)
+    paths.recording(*place).write_bytes(b"recorded")
+    paths.replay(*place).write_text("<p>replayed</p>")
+    paths.log(*place, "0").write_text(text)

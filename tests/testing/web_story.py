@@ -14,7 +14,7 @@ from typing import Any
 
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from server import environments
-from server.participant.packing import packed
+from server.participant.packaging import packed
 from testing.processes import wait_for
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -13,9 +13,9 @@ from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
-from server.api import schemas, views
-from server.api.at_once import AtOnce
-from server.api.context import Caller, Somebody, Tools, ToolsOf
+from server.api import schemas, submission_views
+from server.api.concurrency_limit import AtOnce
+from server.api.dependencies import Caller, Somebody, Tools, ToolsOf
 from server.api.problems import documented
 from server.store import StoreUnavailable, events
 from server.store.quota import UNFINISHED
@@ -101,10 +101,10 @@ async def _stream(using: Tools, caller: Caller, submission: str, news: News) -> 
 
 def _news(using: Tools, caller: Caller, submission_id: str, after: int) -> News:
     with using.store.read() as session:
-        submission = views.own(session, caller, submission_id)
-        phase = views.phase_of(session, submission)
+        submission = submission_views.own(session, caller, submission_id)
+        phase = submission_views.phase_of(session, submission)
         found = events.since(session, submission_id, after, PAGE)
-        told = [(event.id, event.kind, views.event(phase, event.kind, event.data)) for event in found]
+        told = [(event.id, event.kind, submission_views.event(phase, event.kind, event.data)) for event in found]
         return News(
             told=[(number, kind, data) for number, kind, data in told if data is not None],
             last=found[-1].id if found else after,

@@ -5,10 +5,10 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, gen
 
 from mdrive_sumo import __version__
 from server.api import schemas
-from server.api.context import Admin, Now, ToolsOf, Watcher
+from server.api.dependencies import Admin, Now, ToolsOf, Watcher
 from server.api.problems import documented
+from server.enums import JobState, State
 from server.store import audit, queries, workers
-from server.words import JobState, State
 
 router = APIRouter(tags=["operations"])
 _TEXT = {"content": {"text/plain": {"schema": {"type": "string"}}}}

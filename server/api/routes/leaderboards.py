@@ -4,12 +4,12 @@ from fastapi import APIRouter, Response
 
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas
-from server.api.boards import Which
-from server.api.context import Now, ToolsOf
+from server.api.dependencies import Now, ToolsOf
+from server.api.leaderboard_cache import Which
 from server.api.problems import documented
 from server.api.schemas import moment
+from server.enums import State, Track
 from server.store import NotFound, phases, queries, teams
-from server.words import State, Track
 
 router = APIRouter(tags=["leaderboards"])
 

@@ -5,10 +5,10 @@ from pathlib import Path
 from fastapi import APIRouter
 
 from server.api import schemas
-from server.api.context import Member, Now, ToolsOf
+from server.api.dependencies import Member, Now, ToolsOf
 from server.api.problems import documented
 from server.api.schemas import moment
-from server.store import models, phases, quota
+from server.store import phases, quota, tables
 
 router = APIRouter(tags=["phases"])
 
@@ -35,7 +35,7 @@ def show_quota(phase: schemas.PhaseId, caller: Member, using: ToolsOf, at_us: No
         return schemas.Quota(today=used.today, in_parallel=used.in_parallel, in_total=used.in_total)
 
 
-def _shown(phase: models.Phase, at_us: int) -> schemas.Phase:
+def _shown(phase: tables.Phase, at_us: int) -> schemas.Phase:
     """Not where the suite lies: that is a path of this machine, and the name of a hidden one says too much."""
     return schemas.Phase(
         id=phase.id,

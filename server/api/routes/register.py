@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from server.api import registration, schemas
-from server.api.context import Now, ToolsOf
+from server.api.dependencies import Now, ToolsOf
 from server.api.problems import documented
 from server.api.routes.teams import team
 

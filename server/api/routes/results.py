@@ -9,13 +9,13 @@ from fastapi.responses import FileResponse
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from server import places
-from server.api import replay, schemas, views
-from server.api.context import Anyone, Caller, Somebody, Tools, ToolsOf
+from server import paths
+from server.api import replay_page, schemas, submission_views
+from server.api.dependencies import Anyone, Caller, Somebody, Tools, ToolsOf
 from server.api.problems import Hidden, ProblemError, documented
+from server.enums import JobState
 from server.settings import Settings
-from server.store import NotFound, models
-from server.words import JobState
+from server.store import NotFound, tables
 
 router = APIRouter(tags=["results"])
 REPLAY_S = 60.0
@@ -28,9 +28,9 @@ _ONE = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 def list_scenarios(submission: schemas.Id, caller: Anyone, using: ToolsOf) -> schemas.Scenarios:
     """Results, verdicts and what the agents used, by scenario and seed."""
     with using.store.read() as session:
-        own = views.may_see_all(caller, _open(session, caller, submission))
-        jobs = select(models.Job).where(models.Job.submission == submission)
-        found = session.scalars(jobs.order_by(models.Job.scenario, models.Job.seed)).all()
+        own = submission_views.may_see_all(caller, _open(session, caller, submission))
+        jobs = select(tables.Job).where(tables.Job.submission == submission)
+        found = session.scalars(jobs.order_by(tables.Job.scenario, tables.Job.seed)).all()
         admin = caller is not None and caller.is_admin
         return schemas.Scenarios(items=[_shown(using.settings, job, own, admin) for job in found])
 
@@ -46,7 +46,7 @@ def fetch_recording(
     """The episode, as `mdrive-sumo` writes and reads it."""
     with using.store.read() as session:
         _job(session, caller, submission, scenario, seed)
-    path = _there(places.recording(using.settings, submission, scenario, seed), "recording")
+    path = _there(paths.recording(using.settings, submission, scenario, seed), "recording")
     return FileResponse(path, media_type="application/octet-stream", filename=f"{scenario}-{seed}.npz", headers=_APART)
 
 
@@ -64,11 +64,11 @@ def fetch_replay(
     """
     with using.store.read() as session:
         job = _job(session, caller, submission, scenario, seed)
-        suite = views.phase_of(session, _submission(session, submission)).suite
-    page = places.replay(using.settings, submission, scenario, seed)
+        suite = submission_views.phase_of(session, _submission(session, submission)).suite
+    page = paths.replay(using.settings, submission, scenario, seed)
     if not page.is_file():
-        recording = _there(places.recording(using.settings, submission, scenario, seed), "recording")
-        _made(using, replay.Order(suite, scenario, job.result or {}, recording, page))
+        recording = _there(paths.recording(using.settings, submission, scenario, seed), "recording")
+        _made(using, replay_page.Order(suite, scenario, job.result or {}, recording, page))
     return FileResponse(page, media_type="text/html", headers=_APART)
 
 
@@ -87,39 +87,39 @@ def fetch_log(
 ) -> FileResponse:
     """The end of what the agent of a CAV wrote (`all` for a joint agent); for its team and admins."""
     with using.store.read() as session:
-        views.own(session, caller, submission)
+        submission_views.own(session, caller, submission)
         _job(session, caller, submission, scenario, seed)
-    path = _there(places.log(using.settings, submission, scenario, seed, cav), "log")
+    path = _there(paths.log(using.settings, submission, scenario, seed, cav), "log")
     return FileResponse(path, media_type="text/plain; charset=utf-8", headers=_APART)
 
 
-def _open(session: Session, caller: Caller | None, submission_id: str) -> models.Submission:
+def _open(session: Session, caller: Caller | None, submission_id: str) -> tables.Submission:
     """One of whose scenarios the caller may see. Raises NotFound and Hidden."""
-    submission = views.found(session, caller, submission_id)
-    if not views.phase_of(session, submission).public and not (caller is not None and caller.is_admin):
+    submission = submission_views.found(session, caller, submission_id)
+    if not submission_views.phase_of(session, submission).public and not (caller is not None and caller.is_admin):
         raise Hidden
     return submission
 
 
-def _job(session: Session, caller: Caller | None, submission: str, scenario: str, seed: int) -> models.Job:
+def _job(session: Session, caller: Caller | None, submission: str, scenario: str, seed: int) -> tables.Job:
     """One result that the caller may see. Raises NotFound and Hidden."""
     _open(session, caller, submission)
-    wanted = select(models.Job).where(
-        models.Job.submission == submission, models.Job.scenario == scenario, models.Job.seed == seed
+    wanted = select(tables.Job).where(
+        tables.Job.submission == submission, tables.Job.scenario == scenario, tables.Job.seed == seed
     )
     if (job := session.scalar(wanted)) is None:
         raise NotFound(f"scenario: this submission has no {scenario!r} with seed {seed}")
     return job
 
 
-def _submission(session: Session, submission_id: str) -> models.Submission:
-    found = session.get(models.Submission, submission_id)
+def _submission(session: Session, submission_id: str) -> tables.Submission:
+    found = session.get(tables.Submission, submission_id)
     assert found is not None
     return found
 
 
-def _made(using: Tools, order: replay.Order) -> None:
-    using.painter.call(REPLAY_S, replay.make, order)
+def _made(using: Tools, order: replay_page.Order) -> None:
+    using.painter.call(REPLAY_S, replay_page.make, order)
 
 
 def _there(path: Path, what: str) -> Path:
@@ -129,9 +129,9 @@ def _there(path: Path, what: str) -> Path:
     return path
 
 
-def _shown(settings: Settings, job: models.Job, own: bool, admin: bool) -> schemas.Scenario:
+def _shown(settings: Settings, job: tables.Job, own: bool, admin: bool) -> schemas.Scenario:
     result: dict[str, Any] = job.result or {}
-    names = [ego["id"] for ego in result.get("egos", ())] + [places.ALL]
+    names = [ego["id"] for ego in result.get("egos", ())] + [paths.ALL]
     place = (settings, job.submission, job.scenario, job.seed)
     return schemas.Scenario(
         scenario=job.scenario,
@@ -141,8 +141,8 @@ def _shown(settings: Settings, job: models.Job, own: bool, admin: bool) -> schem
         reason=job.reason,
         egos=[schemas.Ego.model_validate(ego) for ego in result["egos"]] if "egos" in result else None,
         usage=job.usage,
-        recording=places.recording(*place).is_file(),
-        logs=[name for name in names if own and places.log(*place, name).is_file()],
+        recording=paths.recording(*place).is_file(),
+        logs=[name for name in names if own and paths.log(*place, name).is_file()],
         failure=job.failure if admin else None,
         **{name: result.get(name) for name in ("bucket", "category", "ds", "sr", "rc", "ip")},
     )

@@ -5,11 +5,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from sqlalchemy import select, tuple_
 
-from server import places
-from server.api import schemas, views
-from server.api.context import Admin, Anyone, Now, Somebody, ToolsOf
+from server import paths
+from server.api import schemas, submission_views
+from server.api.dependencies import Admin, Anyone, Now, Somebody, ToolsOf
 from server.api.problems import documented
-from server.store import NotNow, models, phases, submissions, teams
+from server.store import NotNow, phases, submissions, tables, teams
 
 router = APIRouter(tags=["submissions"])
 PAGE = 50
@@ -24,20 +24,20 @@ def list_submissions(
     before: Annotated[schemas.Id | None, Query(description="`next` of the page before.")] = None,
 ) -> schemas.Submissions:
     """Those of the token's team, for admins those of all teams; 50 a page."""
-    wanted = select(models.Submission).order_by(models.Submission.created_us.desc(), models.Submission.id.desc())
+    wanted = select(tables.Submission).order_by(tables.Submission.created_us.desc(), tables.Submission.id.desc())
     with using.store.read() as session:
         if not caller.is_admin:
-            wanted = wanted.where(models.Submission.team == (caller.team or ""))
+            wanted = wanted.where(tables.Submission.team == (caller.team or ""))
         elif team is not None:
-            wanted = wanted.where(models.Submission.team == teams.get(session, team).id)
+            wanted = wanted.where(tables.Submission.team == teams.get(session, team).id)
         if phase is not None:
-            wanted = wanted.where(models.Submission.phase == phase)
+            wanted = wanted.where(tables.Submission.phase == phase)
         if before is not None:
-            last = views.own(session, caller, before)
-            place = tuple_(models.Submission.created_us, models.Submission.id)
+            last = submission_views.own(session, caller, before)
+            place = tuple_(tables.Submission.created_us, tables.Submission.id)
             wanted = wanted.where(place < tuple_(last.created_us, last.id))
         page = session.scalars(wanted.limit(PAGE + 1)).all()
-        items = [views.shown(session, caller, each) for each in page[:PAGE]]
+        items = [submission_views.shown(session, caller, each) for each in page[:PAGE]]
         return schemas.Submissions(items=items, next=page[PAGE - 1].id if len(page) > PAGE else None)
 
 
@@ -45,16 +45,16 @@ def list_submissions(
 def show_submission(submission: schemas.Id, caller: Anyone, using: ToolsOf) -> schemas.Submission:
     """Its team and admins see all of it; everybody sees the result of one that stands on a leaderboard."""
     with using.store.read() as session:
-        return views.shown(session, caller, views.found(session, caller, submission))
+        return submission_views.shown(session, caller, submission_views.found(session, caller, submission))
 
 
 @router.post("/submissions/{submission}/cancel", responses=documented(401, 404, 409, 422))
 def cancel_submission(submission: schemas.Id, caller: Somebody, using: ToolsOf, at_us: Now) -> schemas.Submission:
     """Stops it. If nothing was driven yet, it counts for the day only, not in total."""
     with using.store.write() as session:
-        views.own(session, caller, submission)
+        submission_views.own(session, caller, submission)
         submissions.cancel(session, submission, at_us, caller.actor)
-        return views.shown(session, caller, submissions.get(session, submission))
+        return submission_views.shown(session, caller, submissions.get(session, submission))
 
 
 @router.put("/submissions/{submission}/shown", responses=documented(400, 401, 404, 408, 413, 422))
@@ -63,9 +63,9 @@ def choose_submission(
 ) -> schemas.Submission:
     """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
     with using.store.write() as session:
-        views.own(session, caller, submission)
+        submission_views.own(session, caller, submission)
         submissions.show(session, submission, wish.shown, at_us, caller.actor)
-        answer = views.shown(session, caller, submissions.get(session, submission))
+        answer = submission_views.shown(session, caller, submissions.get(session, submission))
     using.boards.forget()
     return answer
 
@@ -77,7 +77,7 @@ def disqualify_submission(
     """Takes it off the leaderboard; its team sees the reason."""
     with using.store.write() as session:
         submissions.disqualify(session, submission, why.reason, at_us, caller.actor)
-        answer = views.shown(session, caller, submissions.get(session, submission))
+        answer = submission_views.shown(session, caller, submissions.get(session, submission))
     using.boards.forget()
     return answer
 
@@ -88,9 +88,9 @@ def rerun_submission(submission: schemas.Id, caller: Admin, using: ToolsOf, at_u
     with using.store.read() as session:
         old = submissions.get(session, submission)
         phase = phases.get(session, old.phase)
-    if not places.archive(using.settings, old.archive_sha256).is_file():
+    if not paths.archive(using.settings, old.archive_sha256).is_file():
         raise NotNow(f"submission {submission}: its archive is cleared up, so it cannot be driven again")
     evaluator, jobs = using.suites.evaluator(phase, old.environment), using.suites.jobs(phase)
     with using.store.write() as session:
         again = submissions.rerun(session, submission, evaluator, jobs, at_us, caller.actor)
-        return views.shown(session, caller, again)
+        return submission_views.shown(session, caller, again)

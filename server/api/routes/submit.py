@@ -6,11 +6,11 @@ from fastapi import APIRouter, Header, Request
 from starlette.concurrency import run_in_threadpool
 
 from server.api import schemas
-from server.api.context import Member, Now, ToolsOf
-from server.api.intake import FIELDS, Intake
+from server.api.dependencies import Member, Now, ToolsOf
 from server.api.problems import documented
+from server.api.submission_service import FIELDS, Intake
 from server.api.upload import FILE_FIELD, received
-from server.words import Track
+from server.enums import Track
 
 router = APIRouter(tags=["submissions"])
 _FORM: dict[str, Any] = {

@@ -3,11 +3,11 @@
 from fastapi import APIRouter
 
 from server.api import schemas
-from server.api.context import Admin, Now, Somebody, ToolsOf
+from server.api.dependencies import Admin, Now, Somebody, ToolsOf
 from server.api.problems import documented
 from server.api.schemas import moment
-from server.store import models, teams, tokens
-from server.words import Scope
+from server.enums import Scope
+from server.store import tables, teams, tokens
 
 router = APIRouter(tags=["teams and tokens"])
 
@@ -68,12 +68,12 @@ def revoke_token(token: schemas.Id, caller: Admin, using: ToolsOf, at_us: Now) -
         tokens.revoke(session, token, at_us, caller.actor)
 
 
-def team(found: models.Team) -> schemas.Team:
+def team(found: tables.Team) -> schemas.Team:
     """As the API shows it."""
     return schemas.Team(id=found.id, name=found.name, created=moment(found.created_us), hidden=found.hidden)
 
 
-def _token(found: models.Token) -> schemas.Token:
+def _token(found: tables.Token) -> schemas.Token:
     revoked = moment(found.revoked_us) if found.revoked_us is not None else None
     return schemas.Token(
         id=found.id, team=found.team, scope=Scope(found.scope), created=moment(found.created_us), revoked=revoked

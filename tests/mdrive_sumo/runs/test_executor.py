@@ -32,9 +32,9 @@ from mdrive_sumo.runs.run_config import Settings
 from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure
 from mdrive_sumo.scoring import ScenarioResult
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop import Stop
-from server.store.models import Job as Job_
-from server.suites import LoadedSuites
+from server.evaluation.stop_request import Stop
+from server.store.tables import Job as Job_
+from server.phase_suites import LoadedSuites
 
 wait_for = partial(processes.wait_for, limit_s=60.0)
 

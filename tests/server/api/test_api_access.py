@@ -17,16 +17,16 @@ from testing.api_app import API, Server, another_zip, listening, problem
 from testing.store_samples import GOOD, LEASE, PHASE, S, summary
 from testing.web_page import Visit
 
-from server import places
-from server.api import bodies
+from server import paths
+from server.api import request_bodies
 from server.api.problems import ProblemError
 from server.api.upload import AT_ONCE, Uploads
-from server.cli import serving
-from server.cli.serving import ImpatientProtocol
+from server.cli import serve_command
+from server.cli.serve_command import ImpatientProtocol
+from server.enums import Scope
 from server.store import audit, jobs, submissions, teams, tokens
-from server.store.models import AuditEntry
 from server.store.phases import put
-from server.words import Scope
+from server.store.tables import AuditEntry
 
 WHO = ("", "blue", "red", "worker", "admin")
 """Nobody, another team, the submission's own team, a worker, an admin."""
@@ -89,7 +89,7 @@ def queued(server: Server) -> str:
     server.now_us += S
     with server.store.write() as session:
         found = store_samples.sent(session, server.red, server.now_us)
-    places.archive(server.settings, found.archive_sha256).touch()
+    paths.archive(server.settings, found.archive_sha256).touch()
     return found.id
 
 
@@ -174,8 +174,8 @@ def test_heads_without_bodies(server: Server) -> None:
 
 
 def test_a_body_that_does_not_end_is_not_waited_for(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bodies, "JSON_S", 0.2)
-    monkeypatch.setattr(bodies, "_SECONDS", 0.2)
+    monkeypatch.setattr(request_bodies, "JSON_S", 0.2)
+    monkeypatch.setattr(request_bodies, "_SECONDS", 0.2)
     with listening(server) as address, socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2]))) as line:
         line.settimeout(20)
         head = f"POST {API}/tokens HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\nContent-Type: application/json\r\n"
@@ -185,7 +185,7 @@ def test_a_body_that_does_not_end_is_not_waited_for(server: Server, monkeypatch:
 
 def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever streams waits for the client to leave, also where the middleware has read the body's end."""
-    monkeypatch.setattr(bodies, "JSON_S", 0.01)
+    monkeypatch.setattr(request_bodies, "JSON_S", 0.01)
     gone, waits = asyncio.Event(), asyncio.Event()
     arrived = [{"type": "http.request", "body": b"", "more_body": False}]
 
@@ -197,7 +197,7 @@ def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.
         return {"type": "http.disconnect"}
 
     async def streamed() -> str:
-        body = bodies._Body(receive, 100)  # pyright: ignore[reportPrivateUsage]
+        body = request_bodies._Body(receive, 100)  # pyright: ignore[reportPrivateUsage]
         leaving = asyncio.create_task(body.receive())
         await waits.wait()
         await body.drain(1)
@@ -216,7 +216,7 @@ def impatient(server: Server, good: bytes) -> Generator[tuple[socket.socket, Buf
         with line, line.makefile("rb") as answers:
             line.sendall(good)
             assert read_one(answers) == 200
-            with patch.object(serving, "REQUEST_S", 1.0):
+            with patch.object(serve_command, "REQUEST_S", 1.0):
                 yield line, answers
 
 

@@ -16,16 +16,16 @@ from testing.store_samples import LEASE, PHASE, S
 from testing.suite_fakes import make_suite
 
 from mdrive_sumo.core.errors import InputError
-from server import places
-from server.api import views
+from server import paths
+from server.api import submission_views
 from server.api.app import prepare
 from server.api.schemas import moment
 from server.clock import DAY_US
-from server.store import events, jobs, models, submissions
+from server.enums import FEWEST, Verdict
+from server.phase_suites import LoadedSuites
+from server.store import events, jobs, submissions, tables
 from server.store.jobs import JobOutcome
 from server.store.phases import NewPhase, put
-from server.suites import LoadedSuites
-from server.words import FEWEST, Verdict
 
 SCENARIO = "marker-scenario-id"
 COORDINATES = ("4711.25", "-815.125")
@@ -88,10 +88,10 @@ class Phase:
             assert submissions.finish_if_complete(session, mine, lambda _: SUMMARY, self.server.now_us + S)
             events.add(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
         place = (self.server.settings, mine, SCENARIO, 0)
-        places.folder(self.server.settings, mine, 0).mkdir(parents=True)
-        places.recording(*place).write_text("marker-recording")
-        places.replay(*place).write_text("marker-replay")
-        places.log(*place, "cav-1").write_text("marker-log")
+        paths.folder(self.server.settings, mine, 0).mkdir(parents=True)
+        paths.recording(*place).write_text("marker-recording")
+        paths.replay(*place).write_text("marker-replay")
+        paths.log(*place, "cav-1").write_text("marker-log")
         return mine
 
     def _rejected(self) -> str:
@@ -186,7 +186,7 @@ def test_the_aggregate_is_shown(server: Server) -> None:
 
 def test_parts_that_are_all_large_are_shown() -> None:
     stored = {"overall": {"ds": 5.0}, "buckets": {"large": {"ds": 5.0, "scenarios": 20}}, "categories": {}}
-    shown = views.summary(models.Phase(public=False), stored)
+    shown = submission_views.summary(tables.Phase(public=False), stored)
     assert shown is not None and shown.buckets["large"].ds == 5.0
 
 
@@ -202,8 +202,8 @@ def test_parts_that_are_all_large_are_shown() -> None:
 )
 def test_small_parts_do_not_come_out_by_subtraction(sizes: dict[str, int], told: str) -> None:
     parts = {name: {"scenarios": size} for name, size in sizes.items()}
-    assert views.tellable(models.Phase(public=False), parts) == set(told)
-    assert views.tellable(models.Phase(public=True), parts) == set(sizes)
+    assert submission_views.tellable(tables.Phase(public=False), parts) == set(told)
+    assert submission_views.tellable(tables.Phase(public=True), parts) == set(sizes)
 
 
 def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> None:

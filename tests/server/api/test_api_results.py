@@ -19,14 +19,14 @@ from testing.store_samples import LEASE, S, summary
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.job import Job, run_job
 from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
-from server import places
-from server.api import replay
+from server import paths
+from server.api import replay_page
 from server.api.app import REPLAYS
-from server.api.aside import ProcessAside
 from server.api.problems import ProblemError
+from server.api.subprocess_runner import ProcessAside
+from server.enums import Reason, Verdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
-from server.words import Reason, Verdict
 
 EGO = {
     "id": "cav-1", "outcome": "agent-failed", "reason": "timeout: 10 s", "ds": 20.0, "rc": 20.0, "ip": 1.0,
@@ -50,10 +50,10 @@ def finished(server: Server, phase: str = "dev", with_files: bool = True) -> str
         assert submissions.finish_if_complete(session, mine, lambda _: summary(20.0), server.now_us + S)
     if with_files:
         place = (server.settings, mine, "merge", 0)
-        places.folder(server.settings, mine, 0).mkdir(parents=True)
-        places.recording(*place).write_bytes(b"npz")
-        places.replay(*place).write_text("<html>replay</html>")
-        places.log(*place, "cav-1").write_bytes(b"hello \xff")
+        paths.folder(server.settings, mine, 0).mkdir(parents=True)
+        paths.recording(*place).write_bytes(b"npz")
+        paths.replay(*place).write_text("<html>replay</html>")
+        paths.log(*place, "cav-1").write_bytes(b"hello \xff")
     return mine
 
 
@@ -102,21 +102,21 @@ def test_files_of_a_scenario(server: Server) -> None:
 
 def test_a_replay_is_made_once(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
-    page = places.replay(server.settings, mine, "merge", 0)
+    page = paths.replay(server.settings, mine, "merge", 0)
     page.unlink()
-    orders: list[replay.Order] = []
+    orders: list[replay_page.Order] = []
 
-    def make(order: replay.Order) -> None:
+    def make(order: replay_page.Order) -> None:
         orders.append(order)
         order.page.write_text("made")
 
-    monkeypatch.setattr(replay, "make", make)
+    monkeypatch.setattr(replay_page, "make", make)
     for _ in range(2):
         assert server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/replay").text == "made"
     assert [(order.suite, order.scenario, order.result["ds"]) for order in orders] == [("interdrive", "merge", 20.0)]
 
 
-def locked(order: replay.Order) -> None:
+def locked(order: replay_page.Order) -> None:
     """A painter that takes as long as somebody holds the recording; in another process."""
     with order.recording.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -127,14 +127,14 @@ def locked(order: replay.Order) -> None:
 
 def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
-    places.replay(server.settings, mine, "merge", 0).unlink()
-    monkeypatch.setattr(replay, "make", locked)
+    paths.replay(server.settings, mine, "merge", 0).unlink()
+    monkeypatch.setattr(replay_page, "make", locked)
     painter = ProcessAside(REPLAYS)
     server.app.state.tools = replace(server.app.state.tools, painter=painter)
     one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
     number = 45  # more than there are threads for all requests
     with (
-        places.recording(server.settings, mine, "merge", 0).open("rb") as held,
+        paths.recording(server.settings, mine, "merge", 0).open("rb") as held,
         listening(server) as address,
         closing(painter),
         ThreadPoolExecutor(number) as pool,
@@ -152,7 +152,7 @@ def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypa
 def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text("made")
-    replay.make(replay.Order("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
+    replay_page.make(replay_page.Order("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
     assert page.read_text() == "made"
 
 
@@ -167,7 +167,9 @@ def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
     aside = ProcessAside(1)
     try:
         result = aside.call(120.0, run_job, job)
-        aside.call(60.0, replay.make, replay.Order("interdrive", scenario, result.model_dump(), recording, page))
+        aside.call(
+            60.0, replay_page.make, replay_page.Order("interdrive", scenario, result.model_dump(), recording, page)
+        )
     finally:
         aside.close()
     text = page.read_text("utf-8")

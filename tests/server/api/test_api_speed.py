@@ -12,13 +12,13 @@ from testing.store_samples import NOON, PHASE
 from testing.web_page import driven
 
 from server import web
-from server.api import boards, create_app, reader
+from server.api import create_app, database_reader, leaderboard_cache
+from server.api.database_reader import ReaderAside, ReaderHere
 from server.api.problems import ProblemError
-from server.api.reader import ReaderAside, ReaderHere
 from server.settings import Settings
 from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
 
-MANY = [boards.Which("dev", None, f"bucket {number}", None) for number in range(20)]
+MANY = [leaderboard_cache.Which("dev", None, f"bucket {number}", None) for number in range(20)]
 
 
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
@@ -31,7 +31,7 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
 def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(tmp_path)
-    found, seen = boards.Boards(ReaderHere(server.store)), looks(monkeypatch)
+    found, seen = leaderboard_cache.Boards(ReaderHere(server.store)), looks(monkeypatch)
 
     async def asked(now_us: int) -> int:
         """How many looks that takes."""
@@ -40,14 +40,14 @@ def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         return len(seen)
 
     assert asyncio.run(asked(NOON)) == 20, "each is made"
-    assert asyncio.run(asked(NOON + 2 * boards.STALE_US)) == 1
+    assert asyncio.run(asked(NOON + 2 * leaderboard_cache.STALE_US)) == 1
     server.send()
-    assert asyncio.run(asked(NOON + 4 * boards.STALE_US)) == 1, "what is only queued is on no board"
+    assert asyncio.run(asked(NOON + 4 * leaderboard_cache.STALE_US)) == 1, "what is only queued is on no board"
     driven(server, "red", 50.0)
-    assert asyncio.run(asked(NOON + 6 * boards.STALE_US)) == 20, "each is made anew"
+    assert asyncio.run(asked(NOON + 6 * leaderboard_cache.STALE_US)) == 20, "each is made anew"
     found.close()
     with pytest.raises(RuntimeError, match="shutdown"):
-        asyncio.run(found.board(boards.Which("dev", None, None, None), NOON))
+        asyncio.run(found.board(leaderboard_cache.Which("dev", None, None, None), NOON))
 
 
 def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,20 +55,20 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
     server = Server(tmp_path)
     web.mount(server.app)
     driven(server, "red", 50.0)
-    monkeypatch.setattr(boards, "KEEPING_S", 0.01)
+    monkeypatch.setattr(leaderboard_cache, "KEEPING_S", 0.01)
     made: list[str] = []
 
-    async def note(which: boards.Which, _: int) -> None:
+    async def note(which: leaderboard_cache.Which, _: int) -> None:
         made.append(which.phase)
 
     server.app.state.tools.boards.also(note)
     with TestClient(server.app) as client:
         assert set(made) == {PHASE.id, HIDDEN.id} and CLOSED.id not in made
-        with patch.object(reader, "looked", side_effect=AssertionError("a request made a board")):
+        with patch.object(database_reader, "looked", side_effect=AssertionError("a request made a board")):
             for path in ("/api/v1/leaderboards/dev", "/?phase=dev", "/?phase=test", "/?phase=dev&track=negotiation"):
                 assert client.get(path).status_code == 200
         driven(server, "blue", 60.0)
-        server.now_us += boards.FRESH_US
+        server.now_us += leaderboard_cache.FRESH_US
         end = time.monotonic() + 60
         while "blue" not in client.get("/api/v1/leaderboards/dev").text:
             assert time.monotonic() < end
@@ -77,16 +77,16 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
 
 def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> None:
     server = Server(tmp_path)
-    found = boards.Boards(ReaderHere(server.store))
-    which = boards.Which("dev", None, None, None)
+    found = leaderboard_cache.Boards(ReaderHere(server.store))
+    which = leaderboard_cache.Which("dev", None, None, None)
 
     async def asked() -> None:
         before = await found.board(which, NOON)
-        with patch.object(reader, "looked", side_effect=StoreUnavailable("it went away")):
-            await found.make_all(lambda: NOON + 2 * boards.FRESH_US)
-            assert await found.board(which, NOON + 2 * boards.FRESH_US) == before
+        with patch.object(database_reader, "looked", side_effect=StoreUnavailable("it went away")):
+            await found.make_all(lambda: NOON + 2 * leaderboard_cache.FRESH_US)
+            assert await found.board(which, NOON + 2 * leaderboard_cache.FRESH_US) == before
             with pytest.raises(StoreUnavailable):
-                await found.board(which, NOON + 2 * boards.STALE_US)
+                await found.board(which, NOON + 2 * leaderboard_cache.STALE_US)
 
     asyncio.run(asked())
 
@@ -119,7 +119,7 @@ def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
         assert apart.look(all_phases, changed) == (changed, None)
         with pytest.raises(NotFound, match="'nobody'"):
             apart.look(no_such_team, None)
-        monkeypatch.setattr(reader, "LOOK_S", 0.2)
+        monkeypatch.setattr(database_reader, "LOOK_S", 0.2)
         with pytest.raises(ProblemError, match="took longer than"):
             apart.look(too_long, None)
         monkeypatch.undo()

@@ -13,9 +13,9 @@ from testing.api_app import API, ZIP, Server, another_zip, listening, problem
 from testing.processes import wait_for
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, summary
 
-from server.api import boards
-from server.api.at_once import AtOnce
-from server.api.reader import ReaderHere
+from server.api import leaderboard_cache
+from server.api.concurrency_limit import AtOnce
+from server.api.database_reader import ReaderHere
 from server.clock import DAY_US
 from server.store import StoreUnavailable, jobs, queries, submissions
 from server.store.phases import put
@@ -366,27 +366,27 @@ def test_a_board_is_made_anew_only_after_something_happened(server: Server, monk
     leaderboard = queries.leaderboard
     monkeypatch.setattr(queries, "leaderboard", lambda *words: reads.append(words) or leaderboard(*words))
     assert server.get("/leaderboards/dev")["rows"] == []
-    server.now_us += boards.STALE_US
+    server.now_us += leaderboard_cache.STALE_US
     assert server.get("/leaderboards/dev")["rows"] == [] and len(reads) == 1
     drive(server, server.send().json()["id"])
     assert server.get("/leaderboards/dev")["rows"] == [], "looked at a moment ago"
-    server.now_us += boards.STALE_US
+    server.now_us += leaderboard_cache.STALE_US
     assert len(server.get("/leaderboards/dev")["rows"]) == 1 and len(reads) == 2
     problem(server.ask("GET", "/leaderboards/nope"), 404)
 
 
 def test_a_board_is_handed_out_while_it_is_looked_after(server: Server) -> None:
-    found = boards.Boards(ReaderHere(server.store))
-    which = boards.Which("dev", None, None, None)
+    found = leaderboard_cache.Boards(ReaderHere(server.store))
+    which = leaderboard_cache.Which("dev", None, None, None)
 
     async def asked() -> list[bool]:
         """Whether red stands on it."""
         told = [await found.board(which, NOON)]
         await asyncio.to_thread(lambda: drive(server, server.send().json()["id"]))
-        told += [await found.board(which, NOON + boards.FRESH_US) for _ in range(2)]
+        told += [await found.board(which, NOON + leaderboard_cache.FRESH_US) for _ in range(2)]
         while found._tasks:
             await asyncio.sleep(0.001)
-        told.append(await found.board(which, NOON + boards.FRESH_US))
+        told.append(await found.board(which, NOON + leaderboard_cache.FRESH_US))
         many = await asyncio.gather(*(found.board(which, NOON + 99 * S) for _ in range(20)))
         return [b'"red"' in each for each in (*told, *set(many))]
 

@@ -11,7 +11,7 @@ import pytest
 from testing.archive_samples import AGENT, ENV, GOOD, many, packed, patched, twice, with_entry, written
 
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, checked, extracted
-from server.words import Track
+from server.enums import Track
 
 LIMITS = ArchiveLimits(archive_bytes=2**21, unpacked_bytes=2**23, entries=50, ratio=100)
 JOINT = b'def get_entry_point():\n    return "Mine"\n'

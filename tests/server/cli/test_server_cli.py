@@ -22,12 +22,12 @@ from mdrive_sumo.cli import _plug_ins, main  # pyright: ignore[reportPrivateUsag
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import load_suite
 from server import COMMANDS, environments
-from server.cli import admin, serve, serving
+from server.cli import admin, serve, serve_command
+from server.enums import Scope
 from server.environments import Environment
 from server.settings import Settings
 from server.store import Store, tokens
-from server.store.models import AuditEntry
-from server.words import Scope
+from server.store.tables import AuditEntry
 
 SETTINGS = """
 port = 0
@@ -149,7 +149,7 @@ def test_who_works_may_be_said_as_to_eval(
         asked.append(settings.work.scheduler)
         raise InputError("asked enough")
 
-    monkeypatch.setattr(serving, "Supervisor", ended)
+    monkeypatch.setattr(serve_command, "Supervisor", ended)
     monkeypatch.setenv("MDRIVE_WORK__SCHEDULER", "tcp://set:1")
     before = signal.getsignal(signal.SIGTERM)
     try:

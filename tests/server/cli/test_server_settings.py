@@ -10,7 +10,7 @@ from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
 from server.settings import Settings, load
 from server.store import Store, phases
-from server.store.keep import Policy
+from server.store.retention import Policy
 
 FILE = """
 data = "/srv/mdrive"

@@ -16,12 +16,12 @@ from testing.evaluation_fakes import read, scored
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import overall
+from server.enums import FEWEST, JobState, State, Track, Verdict
+from server.evaluation.archive_cache import tidy
 from server.evaluation.summary import interval, summarise
-from server.evaluation.unpacking import tidy
 from server.store import StoreUnavailable, submissions
-from server.store.models import Job
+from server.store.tables import Job
 from server.tracks import check_style
-from server.words import FEWEST, JobState, State, Track, Verdict
 
 
 @pytest.fixture

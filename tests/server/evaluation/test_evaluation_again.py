@@ -15,14 +15,14 @@ from testing.paths import TESTS
 from testing.suite_fakes import make_suite
 
 from server import environments
-from server.evaluation import spot
+from server.enums import JobState, Reason, State, Verdict
+from server.evaluation import spot_checks
 from server.evaluation.dispatcher import OtherEvaluatorError
-from server.evaluation.renewal import renewed
-from server.evaluation.task import Driven, JobTask
+from server.evaluation.job_task import Driven, JobTask
+from server.evaluation.requeue import renewed
 from server.store import audit, events, submissions
 from server.store.jobs import JobOutcome
-from server.store.models import AuditEntry
-from server.words import JobState, Reason, State, Verdict
+from server.store.tables import AuditEntry
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_another_content_of_an_environment_is_another_evaluator(bench: Bench) ->
     assert len(set(seen)) == 4
     bench.steps(3)
     about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": [], "image": ""}))
-    assert list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+    assert list(spot_checks.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
 
 
 def test_failures_under_an_older_version_are_forgiven(bench: Bench) -> None:
@@ -128,7 +128,7 @@ def test_a_spot_check_compares_and_tells_only_the_audit_log(bench: Bench) -> Non
     assert bench.calls() == 3
     with bench.store.read() as session:
         assert len(events.since(session, submission)) == told
-        [job] = spot.sample(session, submission, "any")
+        [job] = spot_checks.sample(session, submission, "any")
     assert job.scenario == "s0"  # the other's agent failed
     assert job.attempt == 1
 
@@ -169,9 +169,9 @@ def test_spot_checks_do_not_wait_for_an_empty_queue(bench: Bench) -> None:
 
 def test_the_share_of_spot_checks_is_that_of_the_submissions() -> None:
     heads = [os.urandom(32).hex() for _ in range(4000)]
-    assert not any(spot.is_drawn(one, 0.0) for one in heads)
-    assert all(spot.is_drawn(one, 1.0) for one in heads)
-    assert 0.07 < np.mean([spot.is_drawn(one, 0.1) for one in heads]) < 0.13
+    assert not any(spot_checks.is_drawn(one, 0.0) for one in heads)
+    assert all(spot_checks.is_drawn(one, 1.0) for one in heads)
+    assert 0.07 < np.mean([spot_checks.is_drawn(one, 0.1) for one in heads]) < 0.13
 
 
 def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Bench) -> None:
@@ -186,7 +186,7 @@ def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Be
     bench.steps(60)
     with bench.store.read() as session:
         ends = {e.data["submission"]: e.hash for e in session.query(AuditEntry) if e.deed == "submission-done"}
-    expected = {submission for submission, hash_ in ends.items() if spot.is_drawn(hash_, 0.5)}
+    expected = {submission for submission, hash_ in ends.items() if spot_checks.is_drawn(hash_, 0.5)}
     assert len(ends) == 25
     assert {one["submission"] for one in bench.spot_checks()} == expected
 
@@ -195,8 +195,8 @@ def test_which_scenarios_are_sampled_does_not_follow_from_the_submission(bench: 
     submission = bench.begin(*["nap"] * 6)
     bench.steps(7)
     with bench.store.read() as session:
-        drawn = [spot.sample(session, submission, str(i))[0].scenario for i in range(40)]
-        assert drawn == [spot.sample(session, submission, str(i))[0].scenario for i in range(40)]
+        drawn = [spot_checks.sample(session, submission, str(i))[0].scenario for i in range(40)]
+        assert drawn == [spot_checks.sample(session, submission, str(i))[0].scenario for i in range(40)]
     assert len(set(drawn)) > 1
 
 
@@ -204,10 +204,10 @@ def test_verify_drives_again_in_a_process(bench: Bench, monkeypatch: pytest.Monk
     monkeypatch.syspath_prepend(str(TESTS))
     submission = bench.begin("nap", "nap")
     bench.steps(3)
-    found = list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, evaluation_fakes.fake))
+    found = list(spot_checks.verify(bench.store, bench.settings, [submission], lambda: 5, evaluation_fakes.fake))
     assert [(check.submission, check.same) for check in found] == [(submission, True)]
     with bench.store.read() as session:
-        assert spot.finished(session, 5) == [submission]
+        assert spot_checks.finished(session, 5) == [submission]
 
 
 def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
@@ -215,5 +215,5 @@ def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCa
     bench.steps(1)
     with bench.store.write() as session:
         submissions.get(session, submission).evaluator = {"code": "older"}
-    assert list(spot.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+    assert list(spot_checks.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
     assert "driven by another version" in caplog.text

@@ -22,12 +22,12 @@ from mdrive_sumo.runs.make_executor import engine
 from mdrive_sumo.v2x.channel import Fate
 from mdrive_sumo.v2x.comm import comm_text
 from server import environments
-from server.evaluation.run import run_submission_job
-from server.evaluation.task import JobTask, Rejection
+from server.enums import Reason, Track, Verdict
+from server.evaluation.job_task import JobTask, Rejection
+from server.evaluation.submission_job import run_submission_job
 from server.settings import Limits, Sandbox
 from server.store.jobs import JobOutcome
 from server.tracks import COMM
-from server.words import Reason, Track, Verdict
 
 SCENARIO, OTHER = "i07_ins_ss_town", "i01_ins_c_main_street_right"
 pytestmark = [

@@ -13,7 +13,7 @@ from testing import databases, evaluation_fakes, processes
 from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.core.errors import InputError
 from server.environments import ABOUT_FILE
-from server.evaluation.machine import check_machine
+from server.evaluation.machine_check import check_machine
 from server.evaluation.supervisor import Supervisor
 from server.settings import WARM_UP, PhaseSettings, Sandbox, Settings, Work, load
 

@@ -22,11 +22,11 @@ from testing.paths import TESTS
 from testing.processes import alive
 
 from mdrive_sumo.runs.make_executor import engine
+from server.enums import JobState, State
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop import Stop
+from server.evaluation.stop_request import Stop
 from server.evaluation.supervisor import Supervisor
-from server.suites import LoadedSuites
-from server.words import JobState, State
+from server.phase_suites import LoadedSuites
 
 
 @pytest.mark.full

@@ -29,10 +29,10 @@ from testing.evaluation_real import (
 from testing.processes import alive
 
 from server.clock import DAY_US
+from server.enums import JobState, State
 from server.evaluation.worker import NICE
 from server.settings import Settings
 from server.store import Store, submissions
-from server.words import JobState, State
 
 pytestmark = pytest.mark.slow
 

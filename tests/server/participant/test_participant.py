@@ -9,7 +9,7 @@ from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
 from server.archive import ArchiveLimits, ArchiveRefused, checked
-from server.participant.packing import packed as pack
+from server.participant.packaging import packed as pack
 
 OWN = """
 import os

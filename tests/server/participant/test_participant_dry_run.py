@@ -21,14 +21,14 @@ from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
 from mdrive_sumo.v2x.comm import comm_text
 from server import environments
 from server.archive import ArchiveLimits, checked
-from server.entrant import Entrant, verdict_of
+from server.enums import Reason, Track, Verdict
 from server.environments import Environment, Recipe, build, environment
 from server.participant import dry_run
 from server.participant.dry_run import as_on_the_server, told
-from server.participant.packing import team
+from server.participant.packaging import team
 from server.settings import Settings
+from server.submitted_agent import Entrant, verdict_of
 from server.tracks import COMM
-from server.words import Reason, Track, Verdict
 
 boxed = needs_bubblewrap
 HERE = Environment("x", Path(sys.executable), Path("/site"), ())

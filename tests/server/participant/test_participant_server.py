@@ -9,10 +9,10 @@ from testing.archive_samples import GOOD, packed, written
 from testing.store_samples import NOON
 
 from mdrive_sumo.core.errors import InputError
+from server.enums import State, Track
 from server.participant.client import Client, Entry
-from server.participant.following import follow
+from server.participant.follow import follow
 from server.store import submissions
-from server.words import State, Track
 
 ENTRY = Entry("dev", Track.SINGLE, "Mine")
 

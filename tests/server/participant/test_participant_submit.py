@@ -8,13 +8,13 @@ import pytest
 from testing.archive_samples import GOOD, packed, written
 from testing.participant_fakes import CLOSED, OPEN, Fake, Run, command_line, serving
 
-from server.participant import client, following
-from server.words import Track
+from server.enums import Track
+from server.participant import client, follow
 
 
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[Fake]:
-    monkeypatch.setattr(following.follow, "__defaults__", (0.0,))
+    monkeypatch.setattr(follow.follow, "__defaults__", (0.0,))
     with serving(Fake()) as running:
         yield running
 
@@ -96,7 +96,7 @@ def test_a_submission_is_followed_over_broken_streams(run: Run, fake: Fake, arch
 def test_a_server_that_is_away_is_asked_again_for_a_while(
     run: Run, fake: Fake, archive: Path, monkeypatch: pytest.MonkeyPatch, away: int, exit_code: int, said: str
 ) -> None:
-    monkeypatch.setattr(following, "TRIES", 3)
+    monkeypatch.setattr(follow, "TRIES", 3)
     fake.shown, fake.away = {"id": "s1", "state": "done"}, away
     found = send(run, fake, archive, "--phase", "warm-up")
     assert found.exit_code == exit_code, found.output

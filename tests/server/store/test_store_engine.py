@@ -18,7 +18,7 @@ from testing.paths import ROOT
 
 from mdrive_sumo.core.errors import InputError
 from server.store import Store, StoreUnavailable, audit, teams
-from server.store.models import Base
+from server.store.tables import Base
 
 
 @pytest.fixture(params=databases.BACKENDS)

@@ -13,14 +13,15 @@ from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, driven, sent, wit
 
 from mdrive_sumo.core.errors import InputError
 from server.clock import DAY_US
+from server.enums import Scope, Track
 from server.store import (
     Store,
     StoreUnavailable,
     audit,
     jobs,
-    keep,
     phases,
     queries,
+    retention,
     submissions,
     teams,
     tokens,
@@ -28,9 +29,8 @@ from server.store import (
 )
 from server.store.backup import _copy as copied
 from server.store.backup import backup, restore
-from server.store.keep import Kept, Policy
-from server.store.models import Base
-from server.words import Scope, Track
+from server.store.retention import Kept, Policy
+from server.store.tables import Base
 
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
 
@@ -213,7 +213,7 @@ def test_files_stay_as_long_as_the_policy_says(store: Store) -> None:
         submissions.reject(session, refused.id, "why", NOON + S)
 
         def at(days: int) -> tuple[set[str], set[str]]:
-            found = keep.kept(session, policy, NOON + 2 * S + days * DAY_US)
+            found = retention.kept(session, policy, NOON + 2 * S + days * DAY_US)
             names = {"best": best, "worse": worse, "joint": joint, "refused": refused, "waiting": waiting}
             return (
                 {name for name, submission in names.items() if submission.archive_sha256 in found.archives},
@@ -234,7 +234,7 @@ def test_an_archive_stays_while_any_submission_needs_it(store: Store) -> None:
     with store.write() as session:
         submissions.cancel(session, sent(session, red, NOON, archive_sha256="f" * 64).id, NOON)
         sent(session, blue, NOON, archive_sha256="f" * 64)
-        assert keep.kept(session, Policy(), NOON + 10_000 * DAY_US).archives == {"f" * 64}
+        assert retention.kept(session, Policy(), NOON + 10_000 * DAY_US).archives == {"f" * 64}
 
 
 def test_only_old_files_that_need_not_stay_are_deleted(tmp_path: Path) -> None:
@@ -255,14 +255,14 @@ def test_only_old_files_that_need_not_stay_are_deleted(tmp_path: Path) -> None:
     for path in [*tmp_path.rglob("*")]:
         os.utime(path, (long_ago_s, long_ago_s), follow_symlinks=False)
     os.utime(tmp_path / "archives" / "young.zip", (NOON // S, NOON // S))
-    deleted = keep.collect(Kept(frozenset({"kept"}), frozenset({"kept"})), tmp_path, NOON)
+    deleted = retention.collect(Kept(frozenset({"kept"}), frozenset({"kept"})), tmp_path, NOON)
     assert {path.name for path in deleted} == {"old.zip", "old", "link"}
     left = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if not path.is_dir()}
     assert left == {"archives/kept.zip", "archives/young.zip", "recordings/kept/a", "outside/precious"}
 
 
 def test_nothing_to_delete_where_nothing_is(tmp_path: Path) -> None:
-    assert keep.collect(Kept(frozenset(), frozenset()), tmp_path, NOON) == []
+    assert retention.collect(Kept(frozenset(), frozenset()), tmp_path, NOON) == []
 
 
 def test_standing_is_by_phase_track_and_team(store: Store) -> None:

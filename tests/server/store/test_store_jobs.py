@@ -9,10 +9,10 @@ from testing import databases
 from testing.store_samples import GOOD, JOBS, LEASE, NOON, PHASE, S, all_of, sent, states, summary, with_teams
 
 from server.clock import DAY_US
+from server.enums import JobState, Reason, State, Verdict
 from server.store import NotFound, Store, events, jobs, phases, submissions
 from server.store.jobs import MOST_FAILURES, JobOutcome
-from server.store.models import Job, Submission
-from server.words import JobState, Reason, State, Verdict
+from server.store.tables import Job, Submission
 
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
 

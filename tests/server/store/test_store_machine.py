@@ -17,10 +17,10 @@ from sqlalchemy import func, select
 from testing import databases
 from testing.store_samples import LEASE, NOON, PHASE, S, all_of, sent, summary, with_teams
 
+from server.enums import JobState, State, Verdict
 from server.store import OverLimit, audit, jobs, quota, submissions
 from server.store.jobs import MOST_FAILURES, JobOutcome
-from server.store.models import Event, Job, Submission
-from server.words import JobState, State, Verdict
+from server.store.tables import Event, Job, Submission
 
 OPEN = {State.QUEUED, State.RUNNING}
 MOVES = {

@@ -8,9 +8,9 @@ from testing import databases
 from testing.store_samples import NOON, PHASE, S, all_of, sent, with_teams
 
 from mdrive_sumo.core.errors import InputError
+from server.enums import Scope
 from server.store import NotFound, NotNow, Store, audit, events, phases, teams, tokens
-from server.store.models import AuditEntry, Token
-from server.words import Scope
+from server.store.tables import AuditEntry, Token
 
 
 @pytest.fixture(params=databases.BACKENDS)

@@ -7,9 +7,9 @@ from testing import databases
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, sent, with_teams
 
 from mdrive_sumo.scenario.catalog import load_suite
-from server.store import NotFound, Store, jobs, phases, published, queries, submissions, teams
-from server.store.models import Standing
-from server.words import JobState, State, Track
+from server.enums import JobState, State, Track
+from server.store import NotFound, Store, jobs, phases, published_results, queries, submissions, teams
+from server.store.tables import Standing
 
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
 
@@ -185,34 +185,34 @@ def test_a_leaderboard_costs_what_it_shows(ids: list[str], store: Store) -> None
 
 
 def test_published_rows_are_marked_and_unranked() -> None:
-    rows = published.rows(None)
+    rows = published_results.rows(None)
     assert [(row.method, row.ds) for row in rows[:2]] == [("CoDriving", 82.67), ("CoLMDriver", 77.16)]
     assert all(row.published and row.rank is None and row.submission is None for row in rows) and len(rows) == 7
-    assert [row.method for row in published.rows(Track.NEGOTIATION, bucket="InterDrive")] == [
+    assert [row.method for row in published_results.rows(Track.NEGOTIATION, bucket="InterDrive")] == [
         "CoLMDriver",
         "CoLMDriver (rule-based)",
     ]
-    assert published.rows(Track.NEGOTIATION, bucket="InterDrive")[0].figures == {"ds": 85.29, "sr": 76.85}
+    assert published_results.rows(Track.NEGOTIATION, bucket="InterDrive")[0].figures == {"ds": 85.29, "sr": 76.85}
     assert (
-        published.rows(None, category="merge")
-        == published.rows(None, bucket="mine")
-        == published.rows(Track.JOINT)
+        published_results.rows(None, category="merge")
+        == published_results.rows(None, bucket="mine")
+        == published_results.rows(Track.JOINT)
         == []
     )
 
 
 def test_published_buckets_are_named_as_in_scenarios() -> None:
-    assert {scenario.bucket for scenario in load_suite("interdrive").scenarios} <= set(published.BUCKETS)
+    assert {scenario.bucket for scenario in load_suite("interdrive").scenarios} <= set(published_results.BUCKETS)
 
 
 def test_published_averages_are_the_means_of_their_buckets() -> None:
     """Against misprints: the paper's average is the mean of the three to its two decimals."""
-    for overall in published.rows(None):
+    for overall in published_results.rows(None):
         for figure in ("ds", "sr"):
             parts = [
                 row.figures[figure]
-                for bucket in published.BUCKETS
-                for row in published.rows(None, bucket=bucket)
+                for bucket in published_results.BUCKETS
+                for row in published_results.rows(None, bucket=bucket)
                 if row.method == overall.method
             ]
             assert overall.figures[figure] == pytest.approx(sum(parts) / 3, abs=0.0101), (overall.method, figure)

@@ -9,9 +9,9 @@ from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, s
 
 from mdrive_sumo.core.errors import InputError
 from server.clock import DAY_US, day_start_us
+from server.enums import State, Track
 from server.store import NotFound, NotNow, OverLimit, Store, audit, events, jobs, phases, quota, submissions
-from server.store.models import Job, Standing, Submission
-from server.words import State, Track
+from server.store.tables import Job, Standing, Submission
 
 
 @pytest.fixture(params=databases.BACKENDS)

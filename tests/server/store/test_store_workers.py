@@ -9,9 +9,9 @@ from testing.store_samples import S
 from mdrive_sumo import __version__
 from mdrive_sumo.runs.process_pool import Pool
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop import Stop
+from server.evaluation.stop_request import Stop
+from server.phase_suites import LoadedSuites
 from server.store import Store, workers
-from server.suites import LoadedSuites
 
 
 @pytest.fixture(params=databases.BACKENDS)

@@ -11,7 +11,7 @@ from testing.web_scenes import finish, sent
 
 from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.agent_process.sandbox import Layer
-from server.store import audit, jobs, models, workers
+from server.store import audit, jobs, tables, workers
 
 PAGES = ("/admin", "/admin/machine", "/admin/teams")
 LAYERS = (Layer("namespaces", True, "bubblewrap"), Layer("seccomp", False, "no filter"), Layer("gvisor", False, "none"))
@@ -96,7 +96,7 @@ def test_the_machine_names_missing_layers_the_disk_and_a_broken_chain(server: Se
     assert "archives1273 bytes" in page.words.replace("1 ", "1")
     assert "unbroken" in page.words
     with server.store.write() as session:
-        entry = session.get(models.AuditEntry, 3)
+        entry = session.get(tables.AuditEntry, 3)
         assert entry is not None
         entry.deed = "forged"
     assert "broken Entry 3 was changed" in admin.get("/admin/machine").words

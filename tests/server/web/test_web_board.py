@@ -13,9 +13,9 @@ from testing.web_page import PAPER, Visit, driven, first_table, links
 
 from server.api.schemas import Figures
 from server.clock import DAY_US
+from server.enums import Scope
 from server.store import phases, teams, tokens
 from server.web import templating
-from server.words import Scope
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_order(server: Server, sort: str, order: Sequence[str], monkeypatch: pyt
 def test_a_long_board_has_pages(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     driven(server, "red", 41.0)
     driven(server, "blue", 80.0)
-    monkeypatch.setattr("server.web.board.ROWS", 1)
+    monkeypatch.setattr("server.web.leaderboard_page.ROWS", 1)
     page = Visit(server).get("/?phase=dev&sort=team")
     assert first_table(page) == ["blue"] and "Page 1 of 2" in page.words
     following = page.all("a", id="page-next")[0].attributes["href"]

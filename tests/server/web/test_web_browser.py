@@ -14,8 +14,8 @@ from testing.paths import TESTS
 from testing.sandbox_runs import needs_bubblewrap
 from testing.web_story import Story, Watch
 
+from server.enums import Scope
 from server.store import Store, teams, tokens
-from server.words import Scope
 
 pytestmark = [
     pytest.mark.slow,

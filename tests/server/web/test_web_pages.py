@@ -11,11 +11,11 @@ from testing.api_app import Server, problem
 from testing.web_page import Visit, links, sound
 
 from server import web
-from server.cli.serving import application
+from server.cli.serve_command import application
 from server.clock import DAY_US
 from server.settings import Registration, load
 from server.store import StoreUnavailable, audit, teams
-from server.web import assets
+from server.web import static_files
 
 
 @pytest.fixture
@@ -187,12 +187,12 @@ def test_so_many_teams_a_day(server: Server) -> None:
 def test_what_is_served_beside_pages(server: Server) -> None:
     visit = Visit(server)
     for name in ("site.css", "site.js", "htmx.min.js", "icon.svg"):
-        answer = visit.client.get(assets.address(name))
+        answer = visit.client.get(static_files.address(name))
         assert answer.status_code == 200 and "immutable" in answer.headers["cache-control"]
         assert answer.headers["x-content-type-options"] == "nosniff"
     for path in ("/static/0/site.css", "/static/0/..%2fboard.py", "/static/0/HTMX-LICENSE"):
         assert visit.client.get(path).status_code == 404
-    css = visit.client.get(assets.address("site.css")).text
+    css = visit.client.get(static_files.address("site.css")).text
     assert "http:" not in css and "//" not in css.replace("*/", "").replace("/*", "")
 
 

@@ -7,11 +7,11 @@ from testing.api_app import Server, another_zip, problem
 from testing.store_samples import NOON
 from testing.web_page import Visit, driven, first_table, links, sound
 
-from server.api.boards import STALE_US
+from server.api.leaderboard_cache import STALE_US
 from server.clock import DAY_US
+from server.enums import Scope
 from server.store import audit, teams, tokens
-from server.web.visitors import COOKIE
-from server.words import Scope
+from server.web.visitor import COOKIE
 
 HOSTILE = "<script>alert(1)</script>"
 """As a name of a team or of a method."""

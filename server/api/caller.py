@@ -1,0 +1,33 @@
+"""Who asks: for the API and for the pages."""
+
+from dataclasses import dataclass
+
+from server.enums import Scope
+from server.store import Store, tokens
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who holds the token."""
+
+    token: str
+    """Its id."""
+    team: str | None
+    scope: Scope
+
+    @property
+    def is_admin(self) -> bool:
+        """Whether everything is allowed."""
+        return self.scope is Scope.ADMIN
+
+    @property
+    def actor(self) -> str:
+        """For the audit log."""
+        return f"{self.scope}:{self.team or self.token}"
+
+
+def holder(store: Store, text: str) -> Caller | None:
+    """Who holds a token; None for one that is not valid (any more)."""
+    with store.read() as session:
+        token = tokens.holder(session, text)
+        return Caller(token.id, token.team, Scope(token.scope)) if token else None

@@ -1,0 +1,144 @@
+"""A zip file as hostile input: nothing is unpacked here, and nothing larger than the limits is read."""
+
+import errno
+import io
+import os
+import stat
+import struct
+import zipfile
+import zlib
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from zipfile import ZipFile, ZipInfo
+
+from server.archive.entry_names import check_names
+from server.archive.errors import ArchiveRefused
+from server.archive.limits import MEBIBYTE, ArchiveLimits
+
+METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
+ENCRYPTED = 0x1 | 0x40 | 0x2000
+"""Flags of an entry: encrypted, strongly encrypted, masked headers."""
+LOCAL_HEADER = struct.Struct("<4s22xHH")
+"""Signature, lengths of name and extra field."""
+BYTES_PER_RECORD = 1024
+"""Of the directory, for one entry, generously: fixed part, name, extra fields, comment."""
+CHUNK = 1 << 16
+BAD_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, ValueError, NotImplementedError, EOFError, RuntimeError)
+"""What zipfile raises for files that somebody has tampered with."""
+
+
+class _Bounded(io.FileIO):
+    """A file of which no more is read at once than a directory of so many entries has: it is parsed as a whole."""
+
+    most = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        wished = size if size is not None and size >= 0 else os.fstat(self.fileno()).st_size - self.tell()
+        if wished > self.most:
+            raise ArchiveRefused("archive: expected fewer entries, found a directory that is too long")
+        return super().read(size)
+
+
+@contextmanager
+def opened(path: Path, limits: ArchiveLimits) -> Generator[ZipFile]:
+    """The zip file with its entries checked; raises ArchiveRefused, also for what happens inside the block."""
+    size = path.stat().st_size
+    if not 0 < size <= limits.archive_bytes:
+        found = f"{size} bytes" if size else "an empty file"
+        raise ArchiveRefused(f"archive: expected a zip file of at most {limits.archive_bytes} bytes, found {found}")
+    with translated(), _Bounded(path) as file:
+        file.most = max(limits.entries * BYTES_PER_RECORD, 2 * CHUNK)
+        with ZipFile(file) as archive:
+            _check(archive, file, limits)
+            yield archive
+
+
+@contextmanager
+def translated() -> Generator[None]:
+    """Raises ArchiveRefused for what zipfile raises."""
+    try:
+        yield
+    except BAD_ZIP as error:
+        raise _damaged(error) from None
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
+        raise _damaged(error) from None  # a place before the beginning of the file
+
+
+def _damaged(error: Exception) -> ArchiveRefused:
+    said = " ".join(str(error).split())
+    return ArchiveRefused(f"archive: expected a whole zip file, found a damaged one ({said:.120})")
+
+
+def contents(archive: ZipFile, info: ZipInfo) -> Generator[bytes]:
+    """A file in pieces. Raises ArchiveRefused or one of `BAD_ZIP` unless it has the size and checksum it declares."""
+    count = 0
+    with archive.open(info) as stream:
+        while piece := stream.read(CHUNK):
+            count += len(piece)
+            yield piece
+    if count != info.file_size:
+        raise ArchiveRefused(
+            f"archive: {info.filename!r:.80}: expected {info.file_size} bytes as declared, found {count}"
+        )
+
+
+def _check(archive: ZipFile, file: _Bounded, limits: ArchiveLimits) -> None:
+    infos = archive.infolist()
+    if not infos:
+        raise ArchiveRefused("archive: expected files, found an empty archive")
+    if len(infos) > limits.entries:
+        raise ArchiveRefused(f"archive: expected at most {limits.entries} entries, found {len(infos)}")
+    for info in infos:
+        _check_entry(info, limits)
+    check_names((info.filename for info in infos), limits.entries)
+    total = sum(info.file_size for info in infos)
+    if total > limits.unpacked_bytes:
+        raise ArchiveRefused(f"archive: expected at most {limits.unpacked_bytes} bytes unpacked, found {total}")
+    _check_apart(file, infos, archive.start_dir)
+
+
+def _check_entry(info: ZipInfo, limits: ArchiveLimits) -> None:
+    shown = f"archive: entry {info.filename!r:.80}: expected"
+    folder = info.filename.endswith("/")  # `is_dir` fails for an empty name
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    if kind not in (0, stat.S_IFDIR if folder else stat.S_IFREG):
+        raise ArchiveRefused(f"{shown} a file or a folder, found {KINDS.get(kind, 'another kind')}")
+    if info.flag_bits & ENCRYPTED:
+        raise ArchiveRefused(f"{shown} no encryption, found it")
+    if info.compress_type not in METHODS:
+        raise ArchiveRefused(f"{shown} {' or '.join(METHODS.values())} data, found method {info.compress_type}")
+    if folder and info.file_size:
+        raise ArchiveRefused(f"{shown} a folder without data, found {info.file_size} bytes")
+    if info.file_size > max(MEBIBYTE, limits.ratio * info.compress_size):
+        raise ArchiveRefused(f"{shown} to unpack to at most {limits.ratio} times its size, found more")
+    if info.compress_size > info.file_size + info.file_size // 1000 + 64:
+        raise ArchiveRefused(
+            f"{shown} its size declared, found {info.compress_size} bytes for {info.file_size} unpacked"
+        )
+
+
+KINDS = {
+    stat.S_IFLNK: "a symbolic link",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFDIR: "a folder named as a file",
+    stat.S_IFREG: "a file named as a folder",
+}
+
+
+def _check_apart(file: io.FileIO, infos: Sequence[ZipInfo], directory: int) -> None:
+    """No two entries share bytes: a small file could hold many large ones."""
+    ends = 0
+    for info in sorted(infos, key=lambda info: info.header_offset):
+        if info.header_offset < ends:
+            raise ArchiveRefused(f"archive: entry {info.filename!r:.80}: expected data of its own, found shared data")
+        file.seek(info.header_offset)
+        signature, name, extra = LOCAL_HEADER.unpack(file.read(LOCAL_HEADER.size))
+        ends = info.header_offset + LOCAL_HEADER.size + name + extra + info.compress_size
+        if signature != b"PK\3\4" or ends > directory:
+            raise ArchiveRefused(f"archive: entry {info.filename!r:.80}: expected its data in the file, found none")

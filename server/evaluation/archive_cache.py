@@ -1,0 +1,69 @@
+"""Archives, unpacked once for all their jobs. Boxes see the folder read-only, so nobody changes it in between."""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.core.errors import WorldError
+from server.archive import ArchiveLimits, Manifest, checked, extracted
+from server.enums import Track
+from server.evaluation.job_task import JobTask
+
+AGENT, ABOUT = "agent", "manifest.json"
+YOUNG_S = {"unpacked": 3600.0, "stage": 86400.0}
+"""Folders younger than that stay: somebody may be making or using them. A job may take hours, but not a day."""
+
+
+def unpacked(task: JobTask) -> tuple[Manifest, Path]:
+    """What the archive says, and its folder. Raises ArchiveRefused, WorldError, OSError."""
+    home = task.unpacked
+    if not home.is_dir():
+        _unpack(task, home)
+    with suppress(FileNotFoundError):
+        os.utime(home)
+    return _manifest(json.loads((home / ABOUT).read_text("utf-8"))), home / AGENT
+
+
+def tidy(data: Path, needed: Collection[str], now_s: float | None = None) -> None:
+    """Deletes what no unfinished submission needs, and what dead workers left behind. `needed`: checksums."""
+    now_s = time.time() if now_s is None else now_s
+    for place, young_s in YOUNG_S.items():
+        for folder in _within(data / place):
+            with suppress(FileNotFoundError):
+                if folder.name not in needed and folder.stat().st_mtime < now_s - young_s:
+                    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _unpack(task: JobTask, home: Path) -> None:
+    """Several workers may do it at once: whoever is first has made it, whole."""
+    home.parent.mkdir(parents=True, exist_ok=True)
+    with task.archive.open("rb") as archive:
+        if hashlib.file_digest(archive, "sha256").hexdigest() != task.archive_sha256:
+            raise WorldError(f"{task.archive.name}: expected the bytes that the team sent, found others")
+    manifest = checked(task.archive, ArchiveLimits(**task.limits.model_dump()))
+    part = Path(tempfile.mkdtemp(prefix=f"{home.name}.", dir=home.parent))
+    try:
+        part.chmod(0o755)
+        extracted(task.archive, manifest, part / AGENT)
+        (part / ABOUT).write_text(json.dumps(asdict(manifest)), "utf-8")
+        with suppress(OSError):  # there already
+            part.rename(home)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _manifest(told: dict[str, Any]) -> Manifest:
+    hint = told.pop("track_hint")
+    return Manifest(**told, track_hint=None if hint is None else Track(hint))
+
+
+def _within(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []

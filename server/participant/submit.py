@@ -1,0 +1,100 @@
+"""`mdrive-sumo submit`: sends an agent and follows it, or drives it here."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.core.errors import InputError
+from server.archive import ArchiveLimits, Manifest
+from server.enums import State, Track
+from server.participant.check import environments_option, where
+from server.participant.client import Client, Entry
+from server.participant.dry_run import Course, dry_run
+from server.participant.follow import follow
+from server.participant.packaging import sealed, team
+from server.tracks import check_style
+
+TRACKS = tuple(track.value for track in Track)
+ANY_SIZE = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10**6, ratio=10**6)
+"""How large an archive may be is the server's to say."""
+
+
+@click.command("submit")
+@click.argument("path", metavar="DIR|team.zip", type=click.Path(path_type=Path))
+@click.option("--server", envvar="MDRIVE_SERVER", metavar="URL", help="Where to; also MDRIVE_SERVER.")
+@click.option("--token", envvar="MDRIVE_TOKEN", metavar="T", help="Your team's; better in MDRIVE_TOKEN, not typed.")
+@click.option("--phase", metavar="ID", help="Of the challenge [default: the one that is open].")
+@click.option("--track", type=click.Choice(TRACKS), help="[default: joint agents joint, others single-agent]")
+@click.option("--name", metavar="TEXT", help="Of the method [default: the name of DIR or of the archive].")
+@click.option("--no-follow", is_flag=True, help="Send it and leave.")
+@click.option("--dry-run", "dry", is_flag=True, help="Send nothing: drive it here, in boxes as a server has.")
+@click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="For --dry-run.")
+@click.option("--scenario", default="*", metavar="GLOB", help="For --dry-run: id or category.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="For --dry-run.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs/dry-run"), show_default=True, metavar="DIR")
+@environments_option
+@workers_option
+@click.pass_context
+def submit(
+    ctx: click.Context, path: Path, dry: bool, environments: Path | None, no_follow: bool, **options: object
+) -> None:
+    """Send an agent to a challenge and follow it, or try it here first with --dry-run.
+
+    A folder is packed. Ctrl-C while following leaves the submission as it is.
+
+    Exit codes: 0 every scenario has a score, 1 it ended otherwise, 2 unusable input or rejected, 130 interrupted.
+    """
+    if dry:
+        chosen = {name: options[name] for name in ("suite", "scenario", "seed", "workers", "out")}
+        course = Course(**chosen)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+        with team(path) as found:
+            track = _track(found.manifest, options)
+            code = 0 if dry_run(found, where(found.manifest, environments), track, course) else 1
+    else:
+        server, token = _needed(options, "server"), _needed(options, "token")
+        with sealed(path, ANY_SIZE) as (archive, manifest), Client(server, token) as client:
+            code = _sent(client, archive, _entry(client, manifest, path, options), no_follow)
+    ctx.exit(code)
+
+
+def _needed(options: dict[str, object], name: str) -> str:
+    value = options[name]
+    if not value:
+        raise InputError(f"submit: expected --{name} or MDRIVE_{name.upper()}, found neither; or --dry-run")
+    return str(value)
+
+
+def _entry(client: Client, manifest: Manifest, path: Path, options: dict[str, object]) -> Entry:
+    return Entry(
+        phase=str(options["phase"] or client.open_phase()),
+        track=_track(manifest, options),
+        name=str(options["name"] or (path.resolve().name if path.is_dir() else path.stem)),
+    )
+
+
+def _track(manifest: Manifest, options: dict[str, object]) -> Track:
+    """Raises InputError for one that the agent's style may not be in."""
+    chosen = options["track"]
+    track = Track(chosen) if isinstance(chosen, str) else manifest.track_hint or Track.SINGLE
+    check_style(manifest.style, track)
+    return track
+
+
+def _sent(client: Client, archive: Path, entry: Entry, no_follow: bool) -> int:
+    """The exit code."""
+    size = archive.stat().st_size
+    with click.progressbar(length=size, label="uploading", file=sys.stderr, width=30) as bar:
+
+        def move(sent: int) -> None:
+            bar.update(sent - bar.pos)
+
+        shown = client.submit(archive, entry, move)
+    submission, queue = str(shown.get("id", "")), shown.get("queue")
+    place = f", place {queue['position']} in the queue" if queue else ""
+    click.echo(f"submission {submission} in {entry.phase}, track {entry.track}: {shown.get('state')}{place}")
+    click.echo(f"page: {client.page(submission)}")
+    if no_follow:
+        return 0
+    return {State.DONE: 0, State.REJECTED: 2}.get(follow(client, submission, click.echo), 1)

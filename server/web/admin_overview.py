@@ -1,0 +1,168 @@
+"""What an admin looks at: the queue, who drives, the audit log, the disk."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from server.enums import JobState
+from server.settings import Settings
+from server.store import Store, audit, queries, tables, workers
+from server.store.quota import UNFINISHED
+
+ENTRIES = 30
+"""Latest ones of a list that are shown."""
+MOST_UNFINISHED = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """An unfinished submission."""
+
+    id: str
+    name: str
+    team: str
+    phase: str
+    track: str
+    state: str
+    created_us: int
+    done: int
+    total: int
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """A job that is running."""
+
+    submission: str
+    scenario: str
+    seed: int
+    attempt: int
+    since_us: int
+    lease_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """A worker or dispatcher."""
+
+    owner: str
+    host: str
+    version: str
+    scheduler: str
+    started_us: int | None
+    """None for one that never signed in."""
+    silent_us: int | None
+    """Since it was last seen."""
+    lost: bool
+    """Silent for longer than a lease: it is dead, or its database is."""
+    jobs: tuple[Driven, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """A part of the data folder."""
+
+    name: str
+    files: int
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Disk:
+    """What the data take."""
+
+    folders: tuple[Folder, ...]
+    free: int
+    total: int
+
+
+def queue(session: Session) -> list[Waiting]:
+    """Unfinished submissions, the oldest first."""
+    wanted = select(tables.Submission).where(tables.Submission.state.in_(UNFINISHED))
+    order = (tables.Submission.created_us, tables.Submission.id)
+    found: list[Waiting] = []
+    for each in session.scalars(wanted.order_by(*order).limit(MOST_UNFINISHED)):
+        counts = queries.progress(session, each.id)
+        team = session.get(tables.Team, each.team)
+        found.append(
+            Waiting(
+                each.id,
+                each.name,
+                team.name if team else each.team,
+                each.phase,
+                each.track,
+                each.state,
+                each.created_us,
+                counts.get(JobState.DONE, 0),
+                sum(counts.values()),
+            )
+        )
+    return found
+
+
+def drivers(session: Session, settings: Settings, now_us: int) -> list[Driver]:
+    """Who signed in within the last hour, and whoever else holds a job."""
+    running: dict[str, list[Driven]] = {}
+    for job in session.scalars(select(tables.Job).where(tables.Job.state == JobState.RUNNING).order_by(tables.Job.id)):
+        driven = Driven(
+            job.submission, job.scenario, job.seed, job.attempt, job.started_us or now_us, job.lease_us or now_us
+        )
+        running.setdefault(job.owner or "", []).append(driven)
+    lease_us = settings.work.lease_s * 1_000_000
+    known = [
+        Driver(
+            each.owner,
+            each.host,
+            each.version,
+            each.scheduler,
+            each.started_us,
+            max(0, now_us - each.seen_us),
+            now_us - each.seen_us > lease_us,
+            tuple(running.pop(each.owner, ())),
+        )
+        for each in workers.every(session)
+    ]
+    return known + [Driver(owner, "", "", "", None, None, False, tuple(jobs)) for owner, jobs in running.items()]
+
+
+def entries(session: Session, deed: str | None = None) -> Sequence[tables.AuditEntry]:
+    """The latest of the audit log, or of one kind in it."""
+    return audit.latest(session, ENTRIES, deed)
+
+
+def latest(session: Session) -> Sequence[tuple[tables.Submission, str]]:
+    """The last submissions that ended, and their teams' names."""
+    named = select(tables.Submission, tables.Team.name).join(tables.Team, tables.Team.id == tables.Submission.team)
+    ended = named.where(tables.Submission.finished_us.is_not(None))
+    return session.execute(ended.order_by(tables.Submission.finished_us.desc()).limit(ENTRIES)).all()
+
+
+def chain(store: Store) -> audit.Audit:
+    """Walks the whole audit log."""
+    with store.read() as session:
+        return audit.verify(session)
+
+
+def disk(data: Path) -> Disk:
+    """Looks at every file. Raises OSError where the folder is not there."""
+    folders = [_folder(path) for path in sorted(data.iterdir()) if path.is_dir() and not path.is_symlink()]
+    loose = [path.lstat().st_size for path in data.iterdir() if path.is_file()]
+    usage = shutil.disk_usage(data)
+    return Disk((*folders, Folder("database and loose files", len(loose), sum(loose))), usage.free, usage.total)
+
+
+def _folder(path: Path) -> Folder:
+    files = size = 0
+    for root, _, names in os.walk(path):
+        for name in names:
+            try:
+                size += (Path(root) / name).lstat().st_size
+            except FileNotFoundError:  # cleared up meanwhile
+                continue
+            files += 1
+    return Folder(path.name, files, size)

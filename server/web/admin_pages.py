@@ -1,0 +1,105 @@
+"""Pages for admins; for everybody else there are none."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Request, Response
+from fastapi.responses import RedirectResponse
+
+from mdrive_sumo.agent_process import sandbox
+from server.api import schemas
+from server.api.dependencies import Now, ToolsOf
+from server.api.routes import teams as api
+from server.enums import Scope
+from server.store import audit, teams, tokens
+from server.store.errors import checked_text
+from server.web import admin_overview, explanations
+from server.web.templating import page
+from server.web.visitor import AdminVisitor
+
+router = APIRouter(prefix="/admin")
+LOOK_S = 30.0
+Text = Annotated[str, Form(max_length=200)]
+
+
+@router.get("")
+def show(request: Request, _visitor: AdminVisitor, using: ToolsOf, at_us: Now) -> Response:
+    """How the challenge is doing."""
+    with using.store.read() as session:
+        return page(
+            request,
+            "admin.html",
+            at_us=at_us,
+            queue=admin_overview.queue(session),
+            drivers=admin_overview.drivers(session, using.settings, at_us),
+            work=using.settings.work,
+            latest=admin_overview.latest(session),
+            spots=admin_overview.entries(session, "spot-check"),
+            entries=admin_overview.entries(session),
+            head=audit.head(session),
+            words=explanations,
+        )
+
+
+@router.get("/machine")
+def show_machine(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Response:
+    """What takes a moment to find out: layers of the sandbox, the disk, the whole chain of the audit log."""
+    wanted = using.settings.sandbox
+    return page(
+        request,
+        "admin_machine.html",
+        layers=using.aside.call(LOOK_S, sandbox.layers, wanted.backend),
+        required=wanted.required,
+        backend=wanted.backend,
+        gaps=sandbox.GAPS.get(wanted.backend, ()),
+        elsewhere=bool(using.settings.work.scheduler) or using.settings.work.processes == 0,
+        disk=admin_overview.disk(using.settings.data),
+        chain=admin_overview.chain(using.store),
+    )
+
+
+@router.get("/teams")
+def show_teams(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Response:
+    """All teams, and the tokens of nobody's."""
+    with using.store.read() as session:
+        found = [(team, tokens.every(session, team)) for team in teams.every(session)]
+        return page(request, "admin_teams.html", teams=found, others=tokens.every(session, None), scopes=tuple(Scope))
+
+
+@router.post("/teams")
+def create_team(request: Request, visitor: AdminVisitor, using: ToolsOf, at_us: Now, name: Text = "") -> Response:
+    """A team with its first token, which is shown this once."""
+    who = visitor.caller.actor
+    with using.store.write() as session:
+        made = teams.create(session, checked_text(name, "name of a team", 64), at_us, who)
+        text = tokens.issue(session, made, Scope.SUBMIT, at_us, who)
+    return page(request, "admin_token.html", token=text, holder=f"team {made.name}")
+
+
+@router.post("/teams/{team}/hidden")
+def hide_team(
+    team: schemas.Id, visitor: AdminVisitor, using: ToolsOf, at_us: Now, hidden: Annotated[bool, Form()]
+) -> Response:
+    """Off the leaderboards, or back."""
+    api.hide_team(team, schemas.Hide(hidden=hidden), visitor.caller, using, at_us)
+    return RedirectResponse("/admin/teams", 303)
+
+
+@router.post("/tokens")
+def issue_token(
+    request: Request,
+    visitor: AdminVisitor,
+    using: ToolsOf,
+    at_us: Now,
+    scope: Annotated[Scope, Form()],
+    team: Text = "",
+) -> Response:
+    """A new token, shown this once."""
+    made = api.issue_token(schemas.NewToken(scope=scope, team=team or None), visitor.caller, using, at_us)
+    return page(request, "admin_token.html", token=made.token, holder="the team" if team else f"the scope {scope}")
+
+
+@router.post("/tokens/{token}/revoke")
+def revoke_token(token: schemas.Id, visitor: AdminVisitor, using: ToolsOf, at_us: Now) -> Response:
+    """From now on nobody holds it."""
+    api.revoke_token(token, visitor.caller, using, at_us)
+    return RedirectResponse("/admin/teams", 303)

@@ -1,0 +1,36 @@
+"""How to take part: made of the phases and limits of this server."""
+
+from fastapi import APIRouter, Request, Response
+
+from server import environments
+from server.api.dependencies import Now, ToolsOf
+from server.api.routes.phases import list_phases
+from server.web import explanations
+from server.web.labels import TRACKS
+from server.web.templating import page
+from server.web.visitor import MaybeVisitor
+
+router = APIRouter()
+
+
+@router.get("/how")
+def show(request: Request, using: ToolsOf, at_us: Now, _visitor: MaybeVisitor) -> Response:
+    """The page."""
+    settings = using.settings
+    found = list_phases(using, at_us).items
+    is_open = [phase for phase in found if phase.open]
+    return page(
+        request,
+        "how.html",
+        address=str(request.base_url).rstrip("/"),
+        phases=found,
+        now_us=at_us,
+        example=(is_open or found or [None])[0],
+        limits=settings.limits,
+        sandbox=settings.sandbox,
+        registration=settings.registration,
+        environments=environments.RECIPES.values(),
+        built=environments.built(settings.environments),
+        tracks=TRACKS,
+        words=explanations,
+    )

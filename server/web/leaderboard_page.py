@@ -1,0 +1,264 @@
+"""The leaderboards: one page, made once for all who are not logged in, and kept until something happens."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Request, Response
+from markupsafe import Markup
+from sqlalchemy.orm import Session
+
+from mdrive_sumo.core.errors import InputError
+from server.api import leaderboard_cache, schemas
+from server.api.dependencies import Tools, now
+from server.api.leaderboard_cache import FRESH_US, STALE_US, Parts, Which
+from server.enums import Track
+from server.store import NotFound, phases, queries, teams
+from server.web import charts
+from server.web.labels import TRACKS
+from server.web.templating import headers_of, render
+from server.web.visitor import visitor
+
+router = APIRouter()
+SORTS: Mapping[str, bool] = {
+    "rank": False,
+    "team": False,
+    "method": False,
+    "ds": True,
+    "sr": True,
+    "rc": True,
+    "ip": True,
+    "date": True,
+}
+"""What a board is sorted by, and whether it begins with the largest."""
+ROWS = 50
+"""On one page."""
+_CUT = "<!--visitor-->"
+"""Where a kept page is completed by who is logged in."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tab:
+    """A phase."""
+
+    id: str
+    title: str
+    public: bool
+    opens_us: int
+    closes_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What of which board is shown."""
+
+    which: Which
+    sort: str = "rank"
+    turned: bool = False
+    """Sorted the other way round than usual."""
+    page: int = 1
+
+    def query(self, **changed: Any) -> str:
+        """As it stands in addresses."""
+        wish = replace(self, **changed)
+        of_page = {"sort": wish.sort if wish.sort != "rank" else "", "turned": "1" if wish.turned else ""}
+        of_page["page"] = str(wish.page) if wish.page > 1 else ""
+        return urlencode(dict(self.filters()) | {name: value for name, value in of_page.items() if value})
+
+    def filters(self) -> list[tuple[str, str]]:
+        """Which board, as the API takes it, too."""
+        which = self.which
+        given = {"phase": which.phase, "track": which.track, "bucket": which.bucket, "category": which.category}
+        return [(name, str(value)) for name, value in given.items() if value]
+
+
+@dataclass(frozen=True, slots=True)
+class _Page:
+    """A page, ready to be sent."""
+
+    whole: bytes
+    """For those who are not logged in."""
+    before: bytes
+    after: bytes
+    """What comes before and after the part that shows who is logged in."""
+    board: bytes
+    """What changes with a filter."""
+
+
+async def make(using: Tools, which: Which, at_us: int) -> None:
+    """Makes the page of a board, to be kept. Raises NotFound and StoreUnavailable."""
+    tabs = await using.boards.kept("tabs", _tabs, at_us, FRESH_US)
+    parts = await _parts(which.phase, using, at_us, FRESH_US)
+    await _page(Wish(which), tabs, parts, using, at_us, FRESH_US)
+
+
+@router.get("/")
+async def show(request: Request) -> Response:
+    """A leaderboard; without a phase, of the open one that opened last."""
+    using: Tools = request.app.state.tools
+    at_us = await now(request)
+    who = await visitor(request, using)
+    tabs = await using.boards.kept("tabs", _tabs, at_us)
+    if not tabs:
+        text = render("board_none.html", visitor=who)
+        return Response(text, media_type="text/html", headers=headers_of(who is not None))
+    wish, parts = await _wish(request.query_params, using, tabs, at_us)
+    made = await _page(wish, tabs, parts, using, at_us)
+    if request.headers.get("hx-request") == "true":
+        content = made.board
+    elif who is None:
+        content = made.whole
+    else:
+        content = b"".join((made.before, render("visitor.html", visitor=who, here="boards").encode(), made.after))
+    headers = headers_of(who is not None) | {"Vary": "Cookie, HX-Request"}
+    return Response(content, media_type="text/html", headers=headers)
+
+
+@router.get("/leaderboard.csv")
+async def show_csv(request: Request) -> Response:
+    """The same board as a table for other programs; as JSON the API has it."""
+    using: Tools = request.app.state.tools
+    at_us = await now(request)
+    tabs = await using.boards.kept("tabs", _tabs, at_us)
+    if not tabs:
+        raise NotFound("phase: there is none yet")
+    wish, _ = await _wish(request.query_params, using, tabs, at_us)
+    board = schemas.Leaderboard.model_validate_json(await using.boards.board(wish.which, at_us))
+    headers = {"Content-Disposition": f'attachment; filename="leaderboard-{board.phase}.csv"'}
+    return Response(_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
+
+
+async def _page(
+    wish: Wish, tabs: Sequence[Tab], parts: Parts, using: Tools, at_us: int, stale_us: int = STALE_US
+) -> _Page:
+    now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
+    make = partial(_made, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
+    return await using.boards.kept((wish, tabs, parts, now_open), make, at_us, stale_us)
+
+
+async def _parts(phase: str, using: Tools, at_us: int, stale_us: int = STALE_US) -> Parts:
+    return await using.boards.kept(("parts", phase), partial(leaderboard_cache.parts, phase_id=phase), at_us, stale_us)
+
+
+async def _wish(query: Mapping[str, str], using: Tools, tabs: Sequence[Tab], at_us: int) -> tuple[Wish, Parts]:
+    """And what its phase has to choose from. Raises InputError for what there is not."""
+    phase = query.get("phase") or _usual(tabs, at_us).id
+    if phase not in (tab.id for tab in tabs):
+        raise NotFound(f"phase: expected one of {', '.join(tab.id for tab in tabs)}, found {phase!r:.60}")
+    parts = await _parts(phase, using, at_us)
+    kind, _, name = query.get("part", "").partition(":")  # of the form, where only one of the two can be chosen
+    if kind and (kind not in ("bucket", "category") or not name):
+        raise InputError(f"part: expected bucket:NAME or category:NAME, found {query['part']!r:.80}")
+    given = {kind: name} if kind else query
+    bucket, category = _one(given, "bucket", parts.buckets), _one(given, "category", parts.categories)
+    if bucket is not None and category is not None:
+        raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
+    track = _one(query, "track", tuple(Track))
+    number = query.get("page") or "1"
+    if not (number.isascii() and number.isdecimal() and len(number) <= 5 and 1 <= int(number) <= 10_000):
+        raise InputError(f"page: expected a number from 1 to 10000, found {number!r:.60}")
+    which = Which(phase, Track(track) if track else None, bucket, category)
+    sort, turned = _one(query, "sort", tuple(SORTS)) or "rank", _one(query, "turned", ("1",)) is not None
+    return Wish(which, sort, turned, int(number)), parts
+
+
+def _one(query: Mapping[str, str], name: str, known: Sequence[str]) -> str | None:
+    found = query.get(name) or None
+    if found is not None and found not in known:
+        raise NotFound(f"{name}: expected one of {', '.join(known) or 'none so far'}, found {found!r:.80}")
+    return found
+
+
+def _usual(tabs: Sequence[Tab], at_us: int) -> Tab:
+    """The open one that opened last; else the last that was."""
+    begun = [tab for tab in tabs if tab.opens_us <= at_us]
+    still = [tab for tab in begun if at_us < tab.closes_us]
+    return (still or begun or [*tabs])[-1]
+
+
+def _tabs(session: Session) -> tuple[Tab, ...]:
+    return tuple(Tab(each.id, each.title, each.public, each.opens_us, each.closes_us) for each in phases.every(session))
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A row as it is drawn."""
+
+    row: schemas.Row
+    team_id: str
+    bar: Markup
+    spark: Markup
+
+
+def _made(session: Session, wish: Wish, tabs: Sequence[Tab], parts: Parts, now_open: frozenset[str]) -> _Page:
+    board = leaderboard_cache.read(session, wish.which)
+    rows = sorted(board.rows, key=lambda row: _key(row, wish.sort), reverse=SORTS[wish.sort] is not wish.turned)
+    rows.sort(key=lambda row: _value(row, wish.sort) is None)  # what is not known stands last
+    pages = max(1, -(-len(rows) // ROWS))
+    page = min(wish.page, pages)
+    context: dict[str, Any] = {
+        "wish": wish,
+        "tab": next(tab for tab in tabs if tab.id == board.phase),
+        "parts": parts,
+        "tracks": TRACKS,
+        "lines": _lines(session, wish.which, rows[(page - 1) * ROWS : page * ROWS]),
+        "teams": len(rows),
+        "pages": pages,
+        "page": page,
+        "unranked": any(row.rank is None for row in rows),
+        "published": board.published,
+        "open": board.phase in now_open,
+    }
+    fragment = render("board_table.html", **context)
+    around = {"cut": Markup(_CUT), "board": Markup(fragment), "tab": context["tab"]}
+    before, _, after = render("board.html", tabs=tabs, now_open=now_open, **around).partition(_CUT)
+    nobody = render("visitor.html", visitor=None, here="boards")
+    return _Page((before + nobody + after).encode(), before.encode(), after.encode(), fragment.encode())
+
+
+def _lines(session: Session, which: Which, rows: Sequence[schemas.Row]) -> list[Line]:
+    ids = {team.name: team.id for team in teams.every(session)}
+    courses = queries.courses(session, which.phase, which.track, [ids[row.team] for row in rows])
+    return [
+        Line(
+            row,
+            ids[row.team],
+            charts.bar(row.figures.ds, row.figures.ds_low, row.figures.ds_high),
+            charts.sparkline(courses.get(ids[row.team]) or [row.figures.ds]),
+        )
+        for row in rows
+    ]
+
+
+def _value(row: schemas.Row, sort: str) -> Any:
+    if sort in ("ds", "sr", "rc", "ip"):
+        return getattr(row.figures, sort)
+    return row.created if sort == "date" else getattr(row, sort)
+
+
+def _key(row: schemas.Row, sort: str) -> tuple[bool, Any]:
+    """Never compares with what is not known."""
+    value = _value(row, sort)
+    return value is not None, value.casefold() if isinstance(value, str) else value
+
+
+def _csv(board: schemas.Leaderboard) -> str:
+    figures = ("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high", "rc", "ip", "scenarios")
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(("rank", "team", "method", "track", *figures, "created", "submission", "published"))
+    for row in (*board.rows, *board.published):
+        numbers = [getattr(row.figures, name) for name in figures]
+        created = row.created.isoformat() if row.created else None
+        names = (row.rank, _as_text(row.team), _as_text(row.method), row.track.value)
+        writer.writerow((*names, *numbers, created, row.submission, row.published))
+    return text.getvalue()
+
+
+def _as_text(name: str) -> str:
+    """Spreadsheets compute what begins with one of these: names are strangers' text."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@")) else name

@@ -1,0 +1,84 @@
+"""The page of one driven scenario: its replay, what became of each car, its files. The API says who may see them."""
+
+from fastapi import APIRouter, Request, Response
+
+from server.api import schemas
+from server.api.caller import Caller
+from server.api.dependencies import ToolsOf
+from server.api.routes import results, submissions
+from server.store import NotFound
+from server.web import explanations
+from server.web.latency_histogram import histogram
+from server.web.templating import page
+from server.web.visitor import MaybeVisitor, SomeVisitor, Visitor
+
+router = APIRouter()
+_ONE = "/submissions/{submission}/scenarios/{scenario}/{seed}"
+
+
+@router.get(_ONE)
+def show(
+    request: Request,
+    submission: schemas.Id,
+    scenario: schemas.ScenarioId,
+    seed: schemas.Seed,
+    visitor: MaybeVisitor,
+    using: ToolsOf,
+) -> Response:
+    """The page, with the replay in a frame that has no part in our origin."""
+    caller = _caller(visitor)
+    rows = results.list_scenarios(submission, caller, using).items
+    places = [i for i, row in enumerate(rows) if (row.scenario, row.seed) == (scenario, seed)]
+    if not places:
+        raise NotFound(f"scenario: this submission has no {scenario!r} with seed {seed}")
+    at = places[0]
+    return page(
+        request,
+        "replay.html",
+        it=submissions.show_submission(submission, caller, using),
+        row=rows[at],
+        before=rows[at - 1] if at else None,
+        after=rows[at + 1] if at + 1 < len(rows) else None,
+        latency=histogram([rows[at].usage]),
+        words=explanations,
+    )
+
+
+@router.get(f"{_ONE}/replay")
+def replay(
+    submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, visitor: MaybeVisitor, using: ToolsOf
+) -> Response:
+    """What the frame shows."""
+    return _asked_again(results.fetch_replay(submission, scenario, seed, _caller(visitor), using))
+
+
+@router.get(f"{_ONE}/recording")
+def recording(
+    submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, visitor: MaybeVisitor, using: ToolsOf
+) -> Response:
+    """The episode."""
+    return _asked_again(results.fetch_recording(submission, scenario, seed, _caller(visitor), using))
+
+
+@router.get(f"{_ONE}/logs/{{cav}}")
+def log(
+    submission: schemas.Id,
+    scenario: schemas.ScenarioId,
+    seed: schemas.Seed,
+    cav: schemas.ScenarioId,
+    visitor: SomeVisitor,
+    using: ToolsOf,
+) -> Response:
+    """What an agent wrote."""
+    return _asked_again(results.fetch_log(submission, scenario, seed, cav, visitor.caller, using))
+
+
+def _caller(visitor: Visitor | None) -> Caller | None:
+    return visitor.caller if visitor is not None else None
+
+
+def _asked_again(file: Response) -> Response:
+    """A browser may keep it, but asks each time: who may see it today may not tomorrow, or have logged out."""
+    file.headers["Cache-Control"] = "private, no-cache"
+    file.headers["Vary"] = "Cookie"
+    return file

@@ -1,0 +1,75 @@
+"""The form that sends an archive: the same upload, checks and sentences as `POST /api/v1/submissions`."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from starlette.concurrency import run_in_threadpool
+
+from mdrive_sumo.core.errors import InputError
+from server.api import schemas
+from server.api.dependencies import Now, Tools, ToolsOf
+from server.api.problems import ProblemError
+from server.api.routes.phases import list_phases, show_quota
+from server.api.submission_service import FIELDS, Intake
+from server.api.upload import received, said
+from server.store.errors import new_id
+from server.web.error_page import refusal
+from server.web.labels import TRACKS
+from server.web.templating import headers_of, page, render
+from server.web.visitor import MemberVisitor
+
+router = APIRouter()
+Key = Annotated[schemas.Id | None, Query()]
+
+
+@router.get("/submit")
+def show_form(request: Request, who: MemberVisitor, using: ToolsOf, at_us: Now, phase: str = "") -> Response:
+    """The form."""
+    return page(request, "submit.html", problem="", entered={"phase": phase}, **_offers(using, who, at_us))
+
+
+@router.post("/submit")
+async def send(request: Request, who: MemberVisitor, using: ToolsOf, at_us: Now, key: Key = None) -> Response:
+    """Takes the archive in and goes to the submission's page; a refusal is shown on the form, which keeps its input.
+
+    `key` makes it safe to send the same form twice.
+    """
+    settings = using.settings
+    try:
+        with using.uploads.another(who[1]):
+            async with received(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
+                made = await run_in_threadpool(Intake(using, who, upload, key, at_us).granted)
+    except (InputError, ProblemError) as error:
+        return await _refused(request, who, at_us, error)
+    target = f"/submissions/{made.id}"
+    if _by_script(request):
+        return Response(status_code=204, headers={"HX-Redirect": target})
+    return RedirectResponse(target, 303)
+
+
+async def _refused(request: Request, who: MemberVisitor, at_us: int, error: InputError | ProblemError) -> Response:
+    """Where a script has sent the form it is still there, with its file: the sentence is all that is new."""
+    status, problem, headers = refusal(error, at_us)
+    if _by_script(request):
+        headers = headers_of(True) | dict(headers)
+        return HTMLResponse(render("submit_refusal.html", problem=problem), status, headers=headers)
+    offers = await run_in_threadpool(_offers, request.app.state.tools, who, at_us)
+    return page(request, "submit.html", status, headers, problem=problem, entered=said(request), **offers)
+
+
+def _by_script(request: Request) -> bool:
+    return request.headers.get("hx-request") == "true"
+
+
+def _offers(using: Tools, who: MemberVisitor, at_us: int) -> dict[str, Any]:
+    """What there is to choose from."""
+    found = list_phases(using, at_us).items
+    is_open = [(phase, show_quota(phase.id, who, using, at_us)) for phase in found if phase.open]
+    return {
+        "open": is_open,
+        "others": [phase for phase in found if not phase.open],
+        "tracks": TRACKS,
+        "most": using.settings.limits.archive_bytes,
+        "key": new_id(),
+    }

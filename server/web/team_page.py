@@ -1,0 +1,148 @@
+"""A team's page: its history for everybody; for its own members also what is not shown, the quota, and its tokens."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Query, Request, Response
+from fastapi.responses import RedirectResponse
+from markupsafe import Markup
+from sqlalchemy.orm import Session
+
+from server.api import schemas, submission_views
+from server.api.dependencies import Now, ToolsOf
+from server.api.routes import submissions
+from server.clock import utc
+from server.enums import State
+from server.store import NotFound, phases, queries, quota, tables, teams, tokens
+from server.web import charts, explanations
+from server.web.labels import TRACKS
+from server.web.templating import page
+from server.web.visitor import MaybeVisitor, SomeVisitor, Visitor, log_out
+
+router = APIRouter()
+Submission = Annotated[schemas.Id, Form()]
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A team's shown results in a phase, the oldest first."""
+
+    phase: tables.Phase
+    results: Sequence[tuple[tables.Submission, schemas.Figures]]
+    chart: Markup
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """Of the quota in a phase that is open."""
+
+    phase: tables.Phase
+    today: int
+    at_a_time: int
+    in_total: int
+
+
+@router.get("/teams/{team}")
+def show(
+    request: Request,
+    team: schemas.Name,
+    using: ToolsOf,
+    at_us: Now,
+    visitor: MaybeVisitor,
+    before: Annotated[schemas.Id | None, Query()] = None,
+) -> Response:
+    """The page, by name or id. A hidden team is there for its members and admins only."""
+    with using.store.read() as session:
+        found = teams.get(session, team)
+        own = _is_own(visitor, found)
+        if found.hidden and not own:
+            raise NotFound(f"team: there is no {team!r}")
+        courses = [course for phase in phases.every(session) if (course := _course(session, found, phase)).results]
+        left = _left(session, found, at_us) if own else []
+        held = tokens.every(session, found) if own else []
+    listed = None
+    if visitor is not None and own:
+        of_team = found.id if visitor.caller.is_admin else None
+        listed = submissions.list_submissions(visitor.caller, using, None, of_team, before)
+    return page(
+        request,
+        "team.html",
+        team=found,
+        courses=courses,
+        own=own,
+        left=left,
+        tokens=held,
+        listed=listed,
+        tracks=TRACKS,
+        words=explanations,
+    )
+
+
+@router.post("/teams/{team}/shown")
+def choose(
+    team: schemas.Id,
+    submission: Submission,
+    shown: Annotated[bool, Form()],
+    visitor: SomeVisitor,
+    using: ToolsOf,
+    at_us: Now,
+) -> Response:
+    """Whether a submission may stand on the leaderboard."""
+    submissions.choose_submission(submission, schemas.Show(shown=shown), visitor.caller, using, at_us)
+    return RedirectResponse(f"/teams/{team}#submissions", 303)
+
+
+@router.post("/teams/{team}/revoke")
+def revoke(team: schemas.Id, token: Submission, visitor: SomeVisitor, using: ToolsOf, at_us: Now) -> Response:
+    """Of the visitor's own team, or any for admins. Whoever revokes the token of this browser is logged out."""
+    with using.store.write() as session:
+        found = teams.get(session, team)
+        if not _is_own(visitor, found) or token not in (each.id for each in tokens.every(session, found)):
+            raise NotFound(f"token: there is no {token!r}")
+        tokens.revoke(session, token, at_us, visitor.caller.actor)
+    if token != visitor.caller.token:
+        return RedirectResponse(f"/teams/{team}#tokens", 303)
+    response = RedirectResponse("/login", 303)
+    log_out(response)
+    return response
+
+
+def _is_own(visitor: Visitor | None, team: tables.Team) -> bool:
+    return visitor is not None and (visitor.caller.is_admin or visitor.caller.team == team.id)
+
+
+def _course(session: Session, team: tables.Team, phase: tables.Phase) -> Course:
+    """As `GET /leaderboards/{phase}/teams/{team}`: what is done and shown."""
+    results = [
+        (each, summary.overall)
+        for each in queries.history(session, team.id, phase.id)
+        if each.state == State.DONE
+        and each.shown
+        and (summary := submission_views.summary(phase, each.summary)) is not None
+    ]
+    points = [
+        charts.Point(each.created_us, figures.ds, figures.ds_low, figures.ds_high, each.name, each.track)
+        for each, figures in results
+    ]
+    return Course(phase, results, charts.history(points, _said(points)) if points else Markup())
+
+
+def _said(points: Sequence[charts.Point]) -> str:
+    first, last = points[0], points[-1]
+    if len(points) == 1:
+        return f"Driving score of one submission: {first.value:.1f}, {utc(first.at_us)}"
+    return (
+        f"Driving score over time, {len(points)} submissions: {first.value:.1f} on {utc(first.at_us)[:10]}, "
+        f"{last.value:.1f} on {utc(last.at_us)[:10]}, best {max(point.value for point in points):.1f}"
+    )
+
+
+def _left(session: Session, team: tables.Team, at_us: int) -> list[Left]:
+    found: list[Left] = []
+    for phase in phases.every(session):
+        if phase.opens_us <= at_us < phase.closes_us:
+            used = quota.used(session, team.id, phase.id, at_us)
+            limits = (phase.per_day - used.today, phase.in_parallel - used.in_parallel, phase.in_total - used.in_total)
+            found.append(Left(phase, *(max(0, number) for number in limits)))
+    return found

@@ -1,0 +1,95 @@
+"""Who looks at a page: the holder of the token in a cookie. The API does not take the cookie."""
+
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import Depends, Request, Response
+from starlette.concurrency import run_in_threadpool
+
+from server.api.caller import Caller, holder
+from server.api.dependencies import ToolsOf
+from server.api.problems import ProblemError
+from server.store import NotFound, Store, teams
+
+COOKIE = "mdrive_token"
+_KEPT_S = 30 * 86_400
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Somebody who is logged in."""
+
+    caller: Caller
+    """As for the API."""
+    name: str
+    """Of the team; of the scope, for tokens of none."""
+
+
+def find(store: Store, text: str) -> Visitor | None:
+    """The holder of a token; None for one that is not valid (any more)."""
+    caller = holder(store, text)
+    if caller is None or caller.team is None:
+        return None if caller is None else Visitor(caller, str(caller.scope))
+    with store.read() as session:
+        return Visitor(caller, teams.get(session, caller.team).name)
+
+
+async def visitor(request: Request, using: ToolsOf) -> Visitor | None:
+    """Who asks; None for nobody we know. The page then shows it."""
+    text = request.cookies.get(COOKIE)
+    request.state.visitor = await run_in_threadpool(find, using.store, text) if text else None
+    return request.state.visitor
+
+
+async def somebody(found: Annotated[Visitor | None, Depends(visitor)]) -> Visitor:
+    """Who asks, logged in."""
+    if found is None:
+        raise ProblemError(HTTPStatus.UNAUTHORIZED, "token", "this page is for those who are logged in: log in first")
+    return found
+
+
+async def member(found: Annotated[Visitor, Depends(somebody)]) -> tuple[Caller, str]:
+    """A team's caller and the team's id, as `server.api.dependencies.member`."""
+    if found.caller.team is None:
+        raise ProblemError(HTTPStatus.FORBIDDEN, "scope", "token: expected one of a team, found one of none")
+    return found.caller, found.caller.team
+
+
+async def admin(found: Annotated[Visitor | None, Depends(visitor)]) -> Visitor:
+    """An admin; for others there is no such page."""
+    if found is None or not found.caller.is_admin:
+        raise NotFound("there is nothing here")
+    return found
+
+
+async def same_site(request: Request) -> None:
+    """Refuses what a page of another site makes a visitor's browser send."""
+    if request.method in ("GET", "HEAD", "OPTIONS"):
+        return
+    site = request.headers.get("sec-fetch-site")
+    host = request.headers.get("host")
+    if site is not None:
+        ours = site in ("same-origin", "none")
+    else:
+        ours = request.headers.get("origin") in (f"http://{host}", f"https://{host}")
+    if not ours:
+        sentence = "form: expected to be sent by a page of this server, found another or none"
+        raise ProblemError(HTTPStatus.FORBIDDEN, "cross-site", sentence)
+
+
+def log_in(request: Request, response: Response, text: str) -> None:
+    """From now on the browser shows this token. Scripts cannot read it, other sites cannot make use of it."""
+    secure = request.url.scheme == "https"
+    response.set_cookie(COOKIE, text, max_age=_KEPT_S, path="/", secure=secure, httponly=True, samesite="strict")
+
+
+def log_out(response: Response) -> None:
+    """The browser forgets it."""
+    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict")
+
+
+MaybeVisitor = Annotated[Visitor | None, Depends(visitor)]
+SomeVisitor = Annotated[Visitor, Depends(somebody)]
+MemberVisitor = Annotated[tuple[Caller, str], Depends(member)]
+AdminVisitor = Annotated[Visitor, Depends(admin)]
