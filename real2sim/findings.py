@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import Cleaned
-from real2sim.closeness import Closeness
-from real2sim.fit.role import Role
+from real2sim.fit.disposition import Role
 from real2sim.network import NetworkReport
 from real2sim.quality import Quality
 from real2sim.recording import Recording, Track
 from real2sim.targets import Target
+from real2sim.traffic_fidelity import Closeness
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from pydantic import BaseModel, ConfigDict, computed_field
 
 from real2sim.clean import Cleaned
-from real2sim.closeness import MEDIAN_5S_M, ORDER_SHARE, Closeness
-from real2sim.fit.role import Became, Role
+from real2sim.fit.disposition import Became, Role
 from real2sim.network import NetworkReport
 from real2sim.quality import SCRIPTED, Quality
 from real2sim.recording import Recording
+from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, Closeness
 
 
 class Target(BaseModel):

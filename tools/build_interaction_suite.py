@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import check_new, write_generated
+from mdrive_sumo.generate.generation_search import WEATHER, Order, search
 from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
-from mdrive_sumo.generate.search import WEATHER, Order, search
 from mdrive_sumo.generate.selection import selected
 from mdrive_sumo.runs.process_pool import Pool, WorkerFailure
 from mdrive_sumo.scenario.catalog import SuiteFile

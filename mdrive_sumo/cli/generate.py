@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate import llm_proposer
-from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import (
     changed_by_rebuild,
     check_new,
@@ -21,7 +21,7 @@ from mdrive_sumo.generate.generated_suite import (
     recipes_of,
     write_generated,
 )
-from mdrive_sumo.generate.search import Attempt, Order, Proposer, by_template, public_counterparts, search
+from mdrive_sumo.generate.generation_search import Attempt, Order, Proposer, by_template, public_counterparts, search
 from mdrive_sumo.scenario.catalog import SuiteFile, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.scenario.scenario import shortened

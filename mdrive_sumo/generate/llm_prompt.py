@@ -4,8 +4,8 @@ import json
 import random
 from collections.abc import Sequence
 
-from mdrive_sumo.generate.category import CATEGORIES, Category, CategoryFacts, Needs
-from mdrive_sumo.generate.llm_texts import ABOUT, ROLE, RULES_IN_WORDS, TERMS
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, CategoryFacts, Needs
+from mdrive_sumo.generate.llm_prompt_texts import ABOUT, ROLE, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.template_proposer import TEMPLATES
 from mdrive_sumo.generate.template_proposer import propose as from_template

@@ -13,7 +13,7 @@ from pathlib import Path
 from mdrive_sumo.contract import Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derived_seed
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.llm_answer import demonstrations, proposal_in
 from mdrive_sumo.generate.llm_prompt import conversation
 from mdrive_sumo.generate.pipeline import Rejected, Stage

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import shapely
 
 from mdrive_sumo.generate.proposal import ProposedActor
-from mdrive_sumo.generate.spawn import BLIND_ACCELERATION, BLIND_SPEED
+from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego

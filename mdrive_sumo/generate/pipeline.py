@@ -9,19 +9,19 @@ from enum import StrEnum
 
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.generate.actor_placement import actors_of
-from mdrive_sumo.generate.category import CATEGORIES, Category
-from mdrive_sumo.generate.crops import crops_for
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.duplicates import duplicate_of
-from mdrive_sumo.generate.pre_crash import crops_of
+from mdrive_sumo.generate.network_features import crops_for
 from mdrive_sumo.generate.pre_crash_placement import pre_crash_actors
-from mdrive_sumo.generate.pre_crash_spawn import spawns as pre_crash_spawns
+from mdrive_sumo.generate.pre_crash_spawn_points import spawns as pre_crash_spawns
+from mdrive_sumo.generate.pre_crash_typologies import crops_of
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.route_assignment import assign
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import Screened, screen
-from mdrive_sumo.generate.spawn import Spawn, Ways, ego_of, line_of, spawns
-from mdrive_sumo.generate.validation.spawns import crowded
+from mdrive_sumo.generate.spawn_points import Spawn, Ways, ego_of, line_of, spawns
+from mdrive_sumo.generate.validation.spawn_overlaps import crowded
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario

@@ -11,9 +11,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.actor_placement import CAR_SIZE, CYCLIST_SIZE, DRIVE_MPS, WALK_MPS, WALKER_SIZE, actors_of
 from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
-from mdrive_sumo.generate.pre_crash_spawn import arrival, junction_of
+from mdrive_sumo.generate.pre_crash_spawn_points import arrival, junction_of
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
-from mdrive_sumo.generate.spawn import RIM_M, Line, Spawn, ego_of, line_of
+from mdrive_sumo.generate.spawn_points import RIM_M, Line, Spawn, ego_of, line_of
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS

@@ -5,8 +5,8 @@ import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.generate.crops import opposite
 from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
+from mdrive_sumo.generate.network_features import opposite
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.roads import RoadMap
 

@@ -6,7 +6,7 @@ Rules of MDrive's generator (protocol 14.1, "Spec validation" and "Conflict rule
 from collections.abc import Callable, Iterator
 from itertools import combinations
 
-from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.proposal import ActorKind, Proposal
 
 MOST_ACTORS = 8

@@ -4,8 +4,8 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from mdrive_sumo.generate import pre_crash
-from mdrive_sumo.generate.category import CATEGORIES, Category, Topology
+from mdrive_sumo.generate import pre_crash_typologies
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, Topology
 from mdrive_sumo.generate.proposal import Maneuver, Proposal
 
 Draft = dict[str, Any]
@@ -269,7 +269,7 @@ def _roundabout(rng: random.Random) -> Draft:
 
 
 TEMPLATES: Mapping[Category, Callable[[random.Random], Draft]] = {
-    Category.PRE_CRASH: pre_crash.draft,
+    Category.PRE_CRASH: pre_crash_typologies.draft,
     Category.BLOCKED_LANE: _blocked_lane,
     Category.CONSTRUCTION: _construction,
     Category.HIGHWAY_MERGE: _highway_merge,

@@ -17,8 +17,8 @@ from real2sim.clean.pieces import Pieces, pieces_of, split
 from real2sim.clean.report import Change, CleaningReport, Reason
 from real2sim.clean.size import label_of, size_of
 from real2sim.recording import Category, Recording, Track
-from real2sim.tracks.motion import WINDOW
-from real2sim.tracks.standing import moves
+from real2sim.tracks.kinematics import WINDOW
+from real2sim.tracks.stationary import moves
 
 LEAST_FRAMES = WINDOW
 """Shorter tracks have neither acceleration nor jerk (`tracks.motion`): no check could say anything about them."""

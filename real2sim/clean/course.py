@@ -4,7 +4,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from real2sim.clean.pieces import BREAK_M, unexplained
-from real2sim.tracks.motion import runs
+from real2sim.tracks.kinematics import runs
 
 SPREAD_S = 1.5
 """A step that no other observer corrects is spread over so much time on both sides."""

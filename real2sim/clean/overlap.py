@@ -8,10 +8,10 @@ import numpy as np
 from mdrive_sumo.core.geometry import Bool, boxes_overlap
 from real2sim.clean.report import Change, Reason
 from real2sim.recording import Track
-from real2sim.tracks.boxes import Boxes, contacts
-from real2sim.tracks.motion import WINDOW
+from real2sim.tracks.kinematics import WINDOW
 from real2sim.tracks.reconstruct import reconstruct
-from real2sim.tracks.standing import rested
+from real2sim.tracks.stationary import rested
+from real2sim.tracks.track_contacts import Boxes, contacts
 
 SLACK_M = 0.05
 """Boxes are hand-made: they count so much smaller on each side. Fidelity allows 0.1 m."""

@@ -8,7 +8,7 @@ import click
 from mdrive_sumo.core.errors import InputError
 from real2sim.cli.authored import interdrive, mdrive, opendrive
 from real2sim.cli.logs import Ask, file_of, folder_of_agents, folder_with, log_options, logs_below, run
-from real2sim.pipeline.read import Log
+from real2sim.pipeline.log_source import Log
 
 map_option = click.option(
     "--map",
@@ -48,7 +48,7 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     if ctx.invoked_subcommand is not None:
         raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
     from real2sim.pipeline.quality_file import load_qualities
-    from real2sim.pipeline.summary import summary, summary_table
+    from real2sim.pipeline.suite_summary import summary, summary_table
 
     found = summary(load_qualities(suite))
     click.echo(found.model_dump_json(indent=1) if as_json else summary_table(found))

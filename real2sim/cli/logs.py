@@ -12,7 +12,7 @@ import click
 
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
-from real2sim.pipeline.read import Log
+from real2sim.pipeline.log_source import Log
 from real2sim.readers.window import Window
 
 if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
@@ -109,7 +109,7 @@ class Ask:
 def run(ctx: click.Context, logs: Sequence[Log], ask: Ask) -> None:
     """Converts, tells, and ends with the exit code."""
     from real2sim.pipeline.batch import Order, convert_logs
-    from real2sim.pipeline.build import Wish
+    from real2sim.pipeline.scenario_builder import Wish
 
     order = Order(Wish(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, told)
     batch = convert_logs(logs, ask.out, about(ask.out, ask.name), order)

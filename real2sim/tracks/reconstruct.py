@@ -14,10 +14,10 @@ import numpy as np
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
 from real2sim.recording import Track
-from real2sim.tracks.bounded import Bounds, bounded
-from real2sim.tracks.motion import WINDOW, accelerations, jerks, runs
+from real2sim.tracks.bounded_trajectory import Bounds, bounded
+from real2sim.tracks.kinematics import WINDOW, accelerations, jerks, runs
 from real2sim.tracks.smoothing import smoothed
-from real2sim.tracks.standing import rested
+from real2sim.tracks.stationary import rested
 
 SOFT = 0.3
 """Penalty of jerk: it cuts motion faster than 2 Hz, which no road user has."""

@@ -16,9 +16,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from testing.busy_log import make_busy_log
 
-from real2sim.pipeline import build
-from real2sim.pipeline.convert import convert_log
-from real2sim.pipeline.read import Log
+from real2sim.pipeline import scenario_builder
+from real2sim.pipeline.log_conversion import convert_log
+from real2sim.pipeline.log_source import Log
 
 Row = tuple[str, float, str, str]
 STEPS = ("clean", "build_network", "reconstruct", "match", "fit", "_assessed", "closeness")
@@ -47,9 +47,9 @@ def conversion_rows(folder: Path) -> Iterator[Row]:
 def _step_rows(log: Log, draft: Path) -> Iterator[Row]:
     spent: dict[str, float] = defaultdict(float)
     for name in STEPS:
-        setattr(build, name, _timed(name, getattr(build, name), spent))
+        setattr(scenario_builder, name, _timed(name, getattr(scenario_builder, name), spent))
     began = time.perf_counter()
-    convert_log(log, draft, build.Wish(), False)
+    convert_log(log, draft, scenario_builder.Wish(), False)
     whole = time.perf_counter() - began
     yield from ((f"convert, of these {name.strip('_')}", spent[name], "s", "-") for name in STEPS)
     yield "convert, of these reading and writing", whole - sum(spent.values()), "s", "-"

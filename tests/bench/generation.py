@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.category_requirements import Category
 
 Row = tuple[str, float, str, str]
 COUNT = 10

@@ -10,14 +10,14 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import load
 from real2sim.clean import clean
 from real2sim.clean.report import Change, CleaningReport, Reason
-from real2sim.closeness import Closeness, ErrorAt
 from real2sim.findings import Findings
-from real2sim.fit.role import Became, Role
+from real2sim.fit.disposition import Became, Role
 from real2sim.network import build_network
 from real2sim.quality import Converted, assess
-from real2sim.quality.lanes import LaneIndex
+from real2sim.quality.lane_segment_index import LaneIndex
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.tracks.reconstruct import reconstruct
+from real2sim.traffic_fidelity import Closeness, ErrorAt
 from testing.map_faults import lane, lanes_map
 
 DT = 0.1

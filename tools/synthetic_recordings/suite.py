@@ -11,9 +11,9 @@ from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, save_s
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from real2sim.clean import clean
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.build import NETWORKS, Wish, build_log
+from real2sim.pipeline.cav_selection import motions
 from real2sim.pipeline.quality_file import save_quality
-from real2sim.pipeline.tracks import motions
+from real2sim.pipeline.scenario_builder import NETWORKS, Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.scene import Scene
 from real2sim.writers.episode_map import map_of

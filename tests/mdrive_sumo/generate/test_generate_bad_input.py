@@ -11,12 +11,12 @@ from click.testing import CliRunner
 from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import write_generated
+from mdrive_sumo.generate.generation_search import TRIES
 from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe, save_recipe
-from mdrive_sumo.generate.search import TRIES
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.catalog import SuiteFile
 from tests.mdrive_sumo.generate.test_generate_rules import BROKEN, actor, deadlock, ego, other, relation

@@ -12,11 +12,11 @@ from click.testing import CliRunner, Result
 from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.duplicates import DUPLICATE, distance
 from mdrive_sumo.generate.generated_suite import packaged_generated
+from mdrive_sumo.generate.generation_search import Order, public_counterparts
 from mdrive_sumo.generate.recipe import load_recipe
-from mdrive_sumo.generate.search import Order, public_counterparts
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.scenario import Scenario

@@ -12,11 +12,11 @@ import pytest
 from testing.negotiation_fakes import Answering, completion, served
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.llm_answer import demonstrations, proposal_in
 from mdrive_sumo.generate.llm_prompt import conversation
+from mdrive_sumo.generate.llm_prompt_texts import ABOUT, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.llm_proposer import LlmSettings, propose, transcript_file
-from mdrive_sumo.generate.llm_texts import ABOUT, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.pipeline import Rejected, Stage
 from mdrive_sumo.generate.proposal import ConstraintType, Proposal
 from mdrive_sumo.generate.recipe import Recipe

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.category import CATEGORIES, Category, Topology
-from mdrive_sumo.generate.crops import crops_for, offer_of
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, Topology
 from mdrive_sumo.generate.duplicates import DUPLICATE, distance, duplicate_of
+from mdrive_sumo.generate.generation_search import by_template
 from mdrive_sumo.generate.lane_routes import changing_ways, ways_of
+from mdrive_sumo.generate.network_features import crops_for, offer_of
 from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.route_assignment import RELATIONS, assign
-from mdrive_sumo.generate.search import by_template
 from mdrive_sumo.generate.selection import selected
-from mdrive_sumo.generate.spawn import blind_distance, blind_time
+from mdrive_sumo.generate.spawn_points import blind_distance, blind_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import WorldError
-from mdrive_sumo.generate import pipeline, search
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate import generation_search, pipeline
+from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.generated_suite import packaged_generated, write_generated
+from mdrive_sumo.generate.generation_search import TRIES, WEATHER, Attempt, Order
 from mdrive_sumo.generate.pipeline import Rejected, Stage, built, screened
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal, ProposedActor
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import Screened
-from mdrive_sumo.generate.search import TRIES, WEATHER, Attempt, Order
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.scenario import Scenario
@@ -159,7 +159,7 @@ def searched(
     monkeypatch: pytest.MonkeyPatch, found: Screened | Exception, *known: Scenario, count: int = 10
 ) -> Sequence[Attempt]:
     screening(monkeypatch, found)
-    return list(search.search(Order(Category.DEADLOCK, count), known=known))
+    return list(generation_search.search(Order(Category.DEADLOCK, count), known=known))
 
 
 def test_of_ten_scenarios_three_are_cloudy_three_by_night_two_clear_and_two_in_rain(
@@ -186,7 +186,7 @@ def twin_of(name: str, number: int = 0) -> str:
 
 def test_what_is_packaged_is_not_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     screening(monkeypatch, GOOD)
-    first = next(search.search(Order(Category.DEADLOCK, 1)))
+    first = next(generation_search.search(Order(Category.DEADLOCK, 1)))
     assert first.recipe is not None and first.scenario is not None
     write_generated(SuiteFile(name="own", title="Generated"), [(first.recipe, first.scenario)], tmp_path / "own")
     save_suite(Suite(SuiteFile(name="foreign", title="Not"), tmp_path / "foreign", (made(deadlock()),)))
@@ -200,7 +200,7 @@ def test_what_is_packaged_is_not_made_again(monkeypatch: pytest.MonkeyPatch, tmp
 def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     screening(monkeypatch, GOOD)
     order = Order(Category.DEADLOCK, 1, split="hidden", secret="0123456789abcdef")
-    first = next(attempt for attempt in search.search(order) if attempt.scenario)
+    first = next(attempt for attempt in generation_search.search(order) if attempt.scenario)
     assert first.scenario is not None
     public = [first.scenario.model_copy(update={"id": "public"})]
 

@@ -10,7 +10,7 @@ import shapely
 
 from mdrive_sumo.core.geometry import boxes_corners
 from mdrive_sumo.generate.actor_placement import LANE_M, NEAREST_M, PASSABLE_M, passable
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.pipeline import Rejected, built
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.screening import screen

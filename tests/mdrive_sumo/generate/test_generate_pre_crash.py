@@ -8,15 +8,15 @@ import shapely
 
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.episode import Episode
-from mdrive_sumo.generate import pre_crash
-from mdrive_sumo.generate.category import Category
+from mdrive_sumo.generate import pre_crash_typologies
+from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.pipeline import Rejected, Stage, built
-from mdrive_sumo.generate.pre_crash_spawn import arrival
+from mdrive_sumo.generate.pre_crash_spawn_points import arrival
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import driven
-from mdrive_sumo.generate.spawn import BLIND_ACCELERATION, BLIND_SPEED, Line, blind_time
+from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, Line, blind_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import Lane, RoadMap, load, network_folder
 from mdrive_sumo.scenario.scenario import Scenario
@@ -24,12 +24,12 @@ from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, DistanceTrigge
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.study.occlusion_certificate import DRIVES, Certificate, Drive, certify
 
-NUMBERS = sorted(pre_crash.TYPOLOGIES)
+NUMBERS = sorted(pre_crash_typologies.TYPOLOGIES)
 SEEDS = 8
 
 
 def proposal_of(number: int, seed: int) -> Proposal:
-    fields = pre_crash.draft_of(number, random.Random(f"{number}/{seed}"))
+    fields = pre_crash_typologies.draft_of(number, random.Random(f"{number}/{seed}"))
     return Proposal.model_validate({"category": Category.PRE_CRASH, **fields})
 
 
@@ -71,12 +71,12 @@ def test_template_proposes_all_typologies() -> None:
 def test_a_typology_is_staged_on_its_networks(number: int) -> None:
     scenario = first_made(number)
     assert scenario.category == "pre-crash"
-    assert scenario.network in pre_crash.TYPOLOGIES[number].crops
+    assert scenario.network in pre_crash_typologies.TYPOLOGIES[number].crops
 
 
 def test_other_typologies_take_any_network() -> None:
     fields = proposal_of(30, 0).model_dump() | {"pre_crash": 37}
-    assert pre_crash.crops_of(Proposal.model_validate(fields)) == ()
+    assert pre_crash_typologies.crops_of(Proposal.model_validate(fields)) == ()
 
 
 def test_same_recipe_same_scenario() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mdrive_sumo.generate.category import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rules import RULES, problems
 from mdrive_sumo.generate.template_proposer import TEMPLATES, propose

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from mdrive_sumo.cli import main
 from mdrive_sumo.generate.validation import Examination, Question, examine
 from mdrive_sumo.generate.validation.requirements import unmet
-from mdrive_sumo.generate.validation.spawns import crowded
+from mdrive_sumo.generate.validation.spawn_overlaps import crowded
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, Mode
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, sealed

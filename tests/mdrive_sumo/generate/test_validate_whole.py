@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from testing import paper_like
 
-from mdrive_sumo.generate.validation import Examination, sampled, suite_check, suite_notes, suite_problems
+from mdrive_sumo.generate.validation import Examination, sampled, suite_notes, suite_problems, suite_validation
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite, sealed
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.study.occlusion_certificate import Certificate, CertificateFile, Hidden, save_certificates
@@ -186,7 +186,7 @@ def test_certificates_that_are_no_longer_found_are_told(small: Suite) -> None:
 @pytest.fixture
 def packaged(small: Suite, monkeypatch: pytest.MonkeyPatch) -> Suite:
     """The small suite, as if it came with mdrive-sumo."""
-    monkeypatch.setattr(suite_check, "packaged_suites", lambda: {"small": small.folder})
+    monkeypatch.setattr(suite_validation, "packaged_suites", lambda: {"small": small.folder})
     return small
 
 
@@ -208,7 +208,7 @@ def generated(suite: Suite, *recipes: Scenario) -> Suite:
     save_suite(made)
     keep(made)
     for scenario in recipes:
-        (suite.folder / scenario.id / suite_check.RECIPE_FILE).write_text("{}")
+        (suite.folder / scenario.id / suite_validation.RECIPE_FILE).write_text("{}")
     return load_suite(str(suite.folder))
 
 

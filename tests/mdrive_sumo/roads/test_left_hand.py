@@ -18,8 +18,8 @@ from real2sim.hdmap import HdMap, MapLane
 from real2sim.match import match
 from real2sim.netconvert import netconvert_program
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.build import Wish, build_log
 from real2sim.pipeline.quality_file import QualityFile
+from real2sim.pipeline.scenario_builder import Wish, build_log
 from real2sim.recording import Recording, Track
 from real2sim.scene import Scene
 from tests.real2sim.network.test_netbuild_real import READ

@@ -17,8 +17,8 @@ from real2sim.clean.report import Reason
 from real2sim.hdmap import HdMap
 from real2sim.readers.v2xpnp import read_views
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.tracks.boxes import contacts
 from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.track_contacts import contacts
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -11,8 +11,8 @@ from real2sim.clean.overlap import apart
 from real2sim.clean.report import Change, Reason
 from real2sim.hdmap import HdMap
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.tracks.boxes import contacts
 from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.track_contacts import contacts
 
 T = np.arange(60) * DT
 HERE = np.zeros(60)

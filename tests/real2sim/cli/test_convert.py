@@ -20,13 +20,13 @@ from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.clean import clean
 from real2sim.clean.report import Change, CleaningReport, Reason
 from real2sim.cli.logs import told
-from real2sim.fit.role import Became, Role
-from real2sim.fit.vehicle import size_of
-from real2sim.pipeline.convert import scenario_id, windows_of
+from real2sim.fit.background_vehicle import size_of
+from real2sim.fit.disposition import Became, Role
+from real2sim.pipeline.cav_selection import cav_tracks
+from real2sim.pipeline.log_conversion import scenario_id, windows_of
+from real2sim.pipeline.log_source import Log, read
 from real2sim.pipeline.quality_file import load_quality
-from real2sim.pipeline.read import Log, read
-from real2sim.pipeline.summary import summary, summary_table
-from real2sim.pipeline.tracks import cav_tracks
+from real2sim.pipeline.suite_summary import summary, summary_table
 from real2sim.recording import View
 from real2sim.targets import Target, by_sumo, lost_target, silently_lost
 from real2sim.whole_folder import whole_folder

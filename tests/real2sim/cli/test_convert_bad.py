@@ -18,7 +18,7 @@ from testing.small_log import road, write_small_log
 
 from mdrive_sumo.cli import main
 from real2sim.hdmap import HdMap
-from real2sim.pipeline.convert import LONGEST_S
+from real2sim.pipeline.log_conversion import LONGEST_S
 
 COMMAND = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()", "convert")
 

@@ -13,8 +13,8 @@ from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scripted_actor import Replay, Standing
 from real2sim.fit import choose_cavs, fit, passed_over, scenario_names, unfit
-from real2sim.fit.path import path_of, progress_of
-from real2sim.fit.role import Became
+from real2sim.fit.disposition import Became
+from real2sim.fit.route_path import path_of, progress_of
 from real2sim.recording import Category, Track
 
 

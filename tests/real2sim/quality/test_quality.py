@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.quality import CHECKS, Check, Converted, assess, judged
-from real2sim.quality.actor import actor_quality, dtw, errors
-from real2sim.quality.lanes import LaneIndex
+from real2sim.quality.reconstruction_quality import CHECKS, Check, Converted, assess, judged
+from real2sim.quality.actor_quality import actor_quality, dtw, errors
+from real2sim.quality.lane_segment_index import LaneIndex
 from real2sim.recording import Category, Track
-from real2sim.tracks import motion
-from real2sim.tracks.boxes import contacts
-from real2sim.tracks.standing import moves
+from real2sim.tracks import kinematics
+from real2sim.tracks.stationary import moves
+from real2sim.tracks.track_contacts import contacts
 
 DT = 0.1
 T = np.arange(100) * DT
@@ -49,14 +49,14 @@ def test_derivatives_are_exact_for_constant_jerk(j: float, a: float, v: float) -
     x = v * T + a * T**2 / 2 + j * T**3 / 6
     xy = np.column_stack((x, np.zeros_like(x)))
     middle = T[3:-3]
-    assert np.allclose(motion.derivative(xy, DT, 1)[:, 0], v + a * middle + j * middle**2 / 2, atol=1e-6)
-    assert np.allclose(motion.accelerations(xy, DT), np.abs(a + j * middle), atol=1e-6)
-    assert np.allclose(motion.jerks(xy, DT), abs(j), atol=1e-5)
+    assert np.allclose(kinematics.derivative(xy, DT, 1)[:, 0], v + a * middle + j * middle**2 / 2, atol=1e-6)
+    assert np.allclose(kinematics.accelerations(xy, DT), np.abs(a + j * middle), atol=1e-6)
+    assert np.allclose(kinematics.jerks(xy, DT), abs(j), atol=1e-5)
 
 
 def test_jerk_of_noise_is_as_documented() -> None:
     noise = np.random.default_rng(1).normal(0, 0.01, (20_000, 2))
-    third = motion.derivative(noise, DT, 3)[:, 0]
+    third = kinematics.derivative(noise, DT, 3)[:, 0]
     plain = np.diff(noise[:, 0], n=3) / DT**3
     assert 3.5 < third.std() < 4.5
     assert 40 < plain.std() < 50
@@ -248,7 +248,7 @@ def test_every_threshold_names_its_source() -> None:
 def test_turn_ignores_noise_at_rest() -> None:
     noise = np.random.default_rng(1).normal(0, 0.2, (50, 2))
     path = np.concatenate((noise, np.column_stack((np.linspace(0, 20, 50), np.zeros(50)))))
-    assert abs(motion.turn(path)) < 0.3
+    assert abs(kinematics.turn(path)) < 0.3
     corner = np.array([(x, 0.0) for x in range(10)] + [(9.0, y) for y in range(1, 10)])
-    assert motion.turn(corner) == pytest.approx(math.pi / 2)
-    assert motion.turn(corner[:1]) == 0.0
+    assert kinematics.turn(corner) == pytest.approx(math.pi / 2)
+    assert kinematics.turn(corner[:1]) == 0.0

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.tracks.bounded import Bounds, bounded
-from real2sim.tracks.motion import accelerations, jerks
+from real2sim.tracks.bounded_trajectory import Bounds, bounded
+from real2sim.tracks.kinematics import accelerations, jerks
 
 DT = 0.1
 T = np.arange(60) * DT

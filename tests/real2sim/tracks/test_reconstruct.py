@@ -12,7 +12,7 @@ from testing.log_truth import DT, alone, along_bend, made, observed, truth
 from mdrive_sumo.core.geometry import Float, wrap_angles
 from real2sim.clean import clean
 from real2sim.quality import Converted, assess
-from real2sim.quality.actor import actor_quality
+from real2sim.quality.actor_quality import actor_quality
 from real2sim.recording import Category, Track
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.smoothing import smoothed

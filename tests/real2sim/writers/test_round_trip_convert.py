@@ -15,7 +15,7 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.runs.job import Job, reexecute
 from mdrive_sumo.scenario.catalog import load_suite
-from real2sim.pipeline.build import Wish, build_log
+from real2sim.pipeline.scenario_builder import Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
 from real2sim.scene import Scene

@@ -1,0 +1,72 @@
+"""The words for a language model: its task, what categories are about, what relations mean, and what rules ask."""
+
+from collections.abc import Mapping
+
+from mdrive_sumo.generate.category_requirements import Category
+
+ABOUT: Mapping[Category, str] = {
+    Category.PRE_CRASH: "A situation that precedes many real crashes, by NHTSA's typology: a road user is hidden"
+    " from another, sees too little, or does something dangerous.",
+    Category.BLOCKED_LANE: "Things that stand still block the lane in which CAVs drive; they have to get past.",
+    Category.CONSTRUCTION: "A work zone of cones and barriers narrows the road near a crossing.",
+    Category.HIGHWAY_MERGE: "CAVs come from a ramp onto a highway on which other CAVs drive.",
+    Category.LANE_CHANGE: "CAVs on several lanes weave into one another's lanes.",
+    Category.DEADLOCK: "Several CAVs reach a crossing without signals at once, and it is unclear who goes first.",
+    Category.MAJOR_MINOR: "A CAV comes out of a minor road into a major one at a T-junction without signals.",
+    Category.OVERTAKING: "On a road with one lane each way a CAV has to pass what stands in its lane while another CAV"
+    " comes towards it.",
+    Category.CROSSWALK: "People on foot cross the ways of the CAVs.",
+    Category.ROUNDABOUT: "CAVs yield at a roundabout, merge into it, go round and leave it.",
+    Category.UNPROTECTED_LEFT: "CAVs turn left through oncoming CAVs, with no signal that protects them.",
+    Category.LANE_DROP: "A lane ends, and the CAVs of two lanes have to take turns.",
+}
+"""Paper, "Scenario Description", in our words; the lane drop from protocol 14.1."""
+RULES_IN_WORDS: Mapping[str, str] = {
+    "_topology": "topology is one of those that the category allows.",
+    "_needs": "The four needs_* are exactly as the category has them.",
+    "_ego_count": "ego_vehicles: as many as the category allows.",
+    "_ego_ids": 'ego_vehicles have the ids "Vehicle 1", "Vehicle 2" and so on, in this order, without gaps.',
+    "_actor_count": "actors: at most 8 together, quantities counted.",
+    "_actor_ids": "Every actor_id occurs once.",
+    "_known_ids": "a and b of every constraint, and affects_vehicle of every actor, are ids of ego_vehicles.",
+    "_no_self": "No constraint relates a vehicle to itself.",
+    "_contradictions": "Constraints do not contradict one another: one vehicle comes from the approach of the other, or"
+    " from the opposite one, or from its right, or from its left; and it is in the other's lane, or left of it, or"
+    ' right of it. Mirrored ones count: "a left_lane_of b" is "b right_lane_of a"; so with perpendicular_right_of and'
+    " perpendicular_left_of.",
+    "_crossing": "Only a walker or cyclist has the motion cross_perpendicular.",
+    "_standing": "A static_prop or parked_vehicle has the motion static.",
+    "_active": "With more than one vehicle at least one constraint is opposite_approach_of, perpendicular_right_of,"
+    " perpendicular_left_of, left_lane_of, right_lane_of, merges_into_lane_of or same_lane_as.",
+    "_oncoming": "needs_oncoming asks for an opposite_approach_of.",
+    "_multi_lane": "needs_multi_lane asks for a left_lane_of, right_lane_of, same_lane_as or merges_into_lane_of.",
+    "_merge": "needs_merge and needs_on_ramp ask for a merges_into_lane_of.",
+    "_ramp_roads": "needs_on_ramp asks for a vehicle with entry_road main and one with entry_road side.",
+    "_unprotected_left": "unprotected-left: a vehicle that turns left is opposite_approach_of one that goes straight.",
+    "_walkers": "crosswalk: at least one actor is a walker.",
+    "_no_scripted_change": "blocked-lane: no vehicle has the maneuver lane_change.",
+    "_overtaking": "overtaking: an actor with motion static affects Vehicle 1, and Vehicle 2 is opposite_approach_of"
+    " Vehicle 1.",
+    "_typology": "pre_crash is the number of the NHTSA typology for the category pre-crash, and null for all others.",
+}
+"""One for every rule of rules.py, by its name."""
+ROLE = (
+    "You design traffic scenarios that test how connected automated vehicles (CAVs) cooperate. A scenario is good if"
+    " its CAVs and actors get in each other's way at about the same time, so that driving on blindly is dangerous while"
+    " careful drivers who cooperate all get through. You say who does what and how they stand to each other; places,"
+    " speeds and times are worked out from that on a map. Traffic keeps right."
+)
+TERMS: Mapping[str, str] = {
+    "same_approach_as": "a enters by the road by which b enters",
+    "same_road_as": "as same_approach_as",
+    "opposite_approach_of": "a and b come towards each other",
+    "perpendicular_right_of": "a comes from b's right",
+    "perpendicular_left_of": "a comes from b's left",
+    "same_exit_as": "a and b leave by the same road",
+    "follow_route_of": "a takes the way of b, before or behind it",
+    "left_lane_of": "a enters in the next lane to the left of b's",
+    "right_lane_of": "a enters in the next lane to the right of b's",
+    "merges_into_lane_of": "a enters in another lane than b and ends up in b's",
+    "same_lane_as": "a and b enter in the same lane",
+}
+"""What constraints say, as assign.py keeps them."""

@@ -1,0 +1,104 @@
+"""One scenario at a time: is it sound, and what do a blind and an omniscient drive show?"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.episode import Episode
+from mdrive_sumo.generate.validation.requirements import is_difficult, unmet
+from mdrive_sumo.generate.validation.spawn_overlaps import crowded
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.runs.job import Job, prepared, reexecute
+from mdrive_sumo.runs.process_pool import Pool, WorkerFailure
+from mdrive_sumo.scenario.catalog import Suite
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import ScoreMode, score_episode
+from mdrive_sumo.study.occlusion_certificate import DRIVES, Certificate, Drive, certify
+
+LIMIT_S = 300.0
+"""Wall clock for one scenario."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A scenario to examine; plain values, so that it can be sent to a worker process."""
+
+    suite_folder: str
+    scenario: str
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """What was found in a scenario; it passes if `problems` is empty."""
+
+    scenario: str
+    problems: tuple[str, ...]
+    blind_ttc_s: float | None = None
+    """Least time to collision of constant-speed driving; None: never within 1.8 s, or not driven."""
+    omniscient_ds: float | None = None
+    certificate: Certificate | None = None
+    """Where somebody is hidden from a CAV on the way to a conflict; None if it was not driven."""
+
+    @property
+    def difficult(self) -> bool:
+        """Whether blind driving has a near miss."""
+        return is_difficult(self.blind_ttc_s)
+
+    @property
+    def hidden(self) -> bool:
+        """Whether a conflict is hidden until late, see `certificate.Hidden.matters`."""
+        return self.certificate is not None and self.certificate.occluded
+
+
+def sampled(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
+    """All scenarios of a suite, or `size` of them, of its parts in proportion: always the same, in its order."""
+    drawn = sorted(key for part in suite.parts or (suite,) for key in _places(part))[:size]
+    kept = {scenario for _, _, scenario in drawn}
+    return tuple(scenario for scenario in suite.scenarios if scenario.id in kept)
+
+
+def _places(part: Suite) -> Iterator[tuple[float, int, str]]:
+    """In which order scenarios are drawn: the first half of one part before the second half of any other."""
+    keys = sorted((derived_seed(0, scenario.id, "validate"), scenario.id) for scenario in part.scenarios)
+    for rank, (seed, name) in enumerate(keys):
+        yield (rank + 0.5) / len(keys), seed, name
+
+
+def examine_suite(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[Examination]:
+    """Examines scenarios of a suite in worker processes; they come in the order in which they finish."""
+    questions = [Question(str(suite.folder.resolve()), scenario.id) for scenario in scenarios]
+    with Pool[Question, Examination](examine, min(workers, len(questions)), LIMIT_S) as pool:
+        for question, found in pool.run(questions):
+            failed = isinstance(found, WorkerFailure)
+            yield Examination(question.scenario, (found.reason,)) if failed else found
+
+
+def examine(question: Question) -> Examination:
+    """Drives a scenario blind and omniscient and says what is wrong with it. Raises WorldError."""
+    scenario, roads = prepared(_job(question, "omniscient"))
+    if unsound := tuple(_unsound(scenario, roads)):
+        return Examination(scenario.id, unsound)
+    drives: dict[Drive, Episode] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
+    blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
+    problems = unmet(scenario.bucket, blind, solved)
+    return Examination(scenario.id, problems, blind.min_ttc, solved.ds, _certificate(scenario, roads, drives))
+
+
+def _job(question: Question, agent: str) -> Job:
+    return Job(question.suite_folder, question.scenario, agent, {}, 0, ScoreMode.MDRIVE)
+
+
+def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+    try:
+        check_scenario(scenario, roads)
+    except InputError as error:
+        yield str(error)
+    else:
+        yield from crowded(scenario, roads)
+
+
+def _certificate(scenario: Scenario, roads: RoadMap, drives: Mapping[Drive, Episode]) -> Certificate:
+    hidden = (interval for drive, episode in drives.items() for interval in certify(drive, episode, scenario, roads))
+    return Certificate(scenario=scenario.id, hidden=tuple(hidden))

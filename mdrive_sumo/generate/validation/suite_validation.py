@@ -1,0 +1,152 @@
+"""A suite as a whole: is it what its name promises, and as it was sealed?
+
+Suites that bear the names of the paper's buckets are held against its tables, and have conflicts that are hidden until
+late. Whatever else lies in a suite's folder (checksum, recipes, certificates) must belong to its scenarios.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+
+from mdrive_sumo.generate.validation.scenario_validation import Examination
+from mdrive_sumo.scenario.catalog import RECIPE_FILE, Suite, packaged_suites
+from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, deviations
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, read_certificates
+
+TOLERANCE, CATEGORY_TOLERANCE = 0.05, 0.10
+"""How far means of a suite, and of its categories, may be from the paper's."""
+ROUNDING = 1e-9
+"""0.4 is not further from 0.3 than 0.1."""
+LEAST_HIDDEN: Mapping[str, Mapping[str, int]] = {
+    "interdrive": {"*": 15},
+    "interaction": {"pre-crash": 10, "crosswalk": 10},
+}
+"""Suite -> category -> how many conflicts at least are hidden until late: 15 of 46; 80 % of 12, and all of ten."""
+IN_CATEGORIES = "interaction"
+"""The suite of which the paper has a table of categories."""
+GENERATED = "Interaction"
+"""Bucket of generated scenarios."""
+
+
+def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[str, ...]:
+    """What is wrong with a suite as a whole, or with each of its parts; raises InputError for an unreadable file.
+
+    The number of hidden conflicts is asked for if those of every scenario are known: examined, or kept with the suite.
+    """
+    return tuple(
+        f"{part.name}: {problem}" for part in suite.parts or (suite,) for problem in _problems(part, examinations)
+    )
+
+
+def suite_notes(suite: Suite) -> tuple[str, ...]:
+    """What is worth knowing of a suite, or of its parts."""
+    return tuple(f"{part.name}: {note}" for part in suite.parts or (suite,) for note in _notes(part))
+
+
+def _problems(suite: Suite, examinations: Sequence[Examination]) -> Iterator[str]:
+    ours = {scenario.id for scenario in suite.scenarios}
+    examined = [one for one in examinations if one.scenario in ours]
+    yield from _against_paper(suite)
+    if suite.name == IN_CATEGORIES:
+        yield from _against_categories(suite.scenarios)
+    yield from _of_certificates(suite, examined)
+    if is_packaged(suite) and not suite.about.checksum:
+        yield "suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
+    if missing := _without_recipe(suite):
+        yield (
+            f"expected {RECIPE_FILE} beside each of {len(ours)} scenarios, found {len(ours) - len(missing)};"
+            f" {missing[0]} has none"
+        )
+
+
+def is_packaged(suite: Suite) -> bool:
+    """Whether a suite comes with mdrive-sumo."""
+    folder = packaged_suites().get(suite.name)
+    return folder is not None and folder.resolve() == suite.folder.resolve()
+
+
+def _against_paper(suite: Suite) -> Iterator[str]:
+    if (paper := PAPER.get(suite.name)) is None:
+        return
+    found = statistics(suite.scenarios)
+    if found.scenarios != paper.scenarios:
+        yield f"expected {paper.scenarios} scenarios, found {found.scenarios}"
+    yield from _off(_means(found), _means(paper), TOLERANCE)
+
+
+def _means(of: SuiteStatistics) -> tuple[float, ...]:
+    return of.mean_cavs, of.mean_route_m, of.mean_heading_change_deg, of.mean_actors
+
+
+def _off(found: Sequence[float], wanted: Sequence[float], tolerance: float) -> Iterator[str]:
+    """Means that are further from those wanted than the tolerance."""
+    for name, mean, aim, floor, off in zip(MEANS, found, wanted, FLOOR, deviations(found, wanted), strict=True):
+        if abs(off) > tolerance + ROUNDING:
+            yield f"{name}: expected {aim:g} +- {max(aim, floor) * tolerance:.2g} on average, found {mean:.2f}"
+
+
+def _against_categories(scenarios: Sequence[Scenario]) -> Iterator[str]:
+    names = dict.fromkeys([*map(str, FIGURES), *(scenario.category for scenario in scenarios)])
+    for name in names:
+        here = [scenario for scenario in scenarios if scenario.category == name]
+        figures = FIGURES.get(Category(name)) if name in set(Category) else None
+        wanted = figures.count if figures else 0
+        if len(here) != wanted:
+            yield f"{name}: expected {wanted} scenarios, found {len(here)}"
+        if here and figures:
+            off = _off(_means(statistics(here)), figures.means, CATEGORY_TOLERANCE)
+            yield from (f"{name}: {problem}" for problem in (*off, *_off_weather(here)))
+
+
+def _off_weather(scenarios: Sequence[Scenario]) -> Iterator[str]:
+    """Of ten exactly so many; of another number, so many but for one that cannot be divided."""
+    total = len(scenarios)
+    for weather, of_ten in WEATHER_OF_TEN.items():
+        found = sum(scenario.weather == weather for scenario in scenarios)
+        if abs(found - total * of_ten / 10) >= 1.0:
+            yield f"weather {weather}: expected {of_ten} of ten scenarios, found {found} of {total}"
+
+
+def _too_few_hidden(suite: Suite, known: Mapping[str, bool]) -> Iterator[str]:
+    for category, least in LEAST_HIDDEN.get(suite.name, {}).items():
+        names = [scenario.id for scenario in suite.scenarios if fnmatchcase(scenario.category, category)]
+        hidden = sum(known.get(name, False) for name in names)
+        if hidden < least and all(name in known for name in names):
+            where = "" if category == "*" else f"{category}: "
+            yield f"{where}expected {least} conflicts or more that are hidden until late, found {hidden}"
+
+
+def _of_certificates(suite: Suite, examined: Sequence[Examination]) -> Iterator[str]:
+    """Whether the certificates beside a suite are its own and still true, and enough of them tell of something."""
+    mend = f"`mdrive-sumo validate {suite.name if is_packaged(suite) else suite.folder} --write` makes it anew"
+    file = read_certificates(suite.folder)
+    kept = file.of(suite) if file else {}
+    changed = [one.scenario for one in examined if one.certificate not in (None, kept.get(one.scenario))]
+    if file is None and is_packaged(suite):
+        yield f"expected {CERTIFICATE_FILE}, as in every suite that comes with mdrive-sumo, found none; {mend}"
+    elif file is not None and file.suite_checksum != suite.checksum():
+        yield (
+            f"{CERTIFICATE_FILE}: expected certificates of {suite.checksum()[:19]}...,"
+            f" found those of {file.suite_checksum[:19]}...; {mend}"
+        )
+    elif file is not None and changed:
+        yield f"{CERTIFICATE_FILE}: expected what was just found, found otherwise for {changed[0]}; {mend}"
+    known = {name: one.occluded for name, one in kept.items()} | {one.scenario: one.hidden for one in examined}
+    yield from _too_few_hidden(suite, known)
+
+
+def _without_recipe(suite: Suite) -> tuple[str, ...]:
+    """Scenarios of a generated suite that cannot be made again; asked of ours, and where others can."""
+    missing = tuple(s.id for s in suite.scenarios if not (suite.folder / s.id / RECIPE_FILE).is_file())
+    ours = is_packaged(suite) and any(scenario.bucket == GENERATED for scenario in suite.scenarios)
+    return missing if ours or len(missing) < len(suite.scenarios) else ()
+
+
+def _notes(suite: Suite) -> Iterator[str]:
+    if not any(scenario.bucket == GENERATED for scenario in suite.scenarios):
+        return
+    found = sum((suite.folder / scenario.id / RECIPE_FILE).is_file() for scenario in suite.scenarios)
+    yield f"{found} of {len(suite.scenarios)} scenarios have a {RECIPE_FILE}" + (
+        "; `mdrive-sumo generate --rebuild` makes them again from it" if found else ": they cannot be made again"
+    )

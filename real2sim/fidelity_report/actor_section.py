@@ -1,0 +1,217 @@
+"""The actors of the report: a table of all, and for each its verdict, its pictures and what was done about it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from real2sim.clean.report import Change
+from real2sim.fidelity_report.formatting import changes_of, failures, frames, measured
+from real2sim.fidelity_report.html import Html, joined, table, tag
+from real2sim.fidelity_report.line_chart import Chart, Series, draw
+from real2sim.fidelity_report.map_figures import Plan, small_map
+from real2sim.fidelity_report.report_entry import Thing
+from real2sim.findings import Findings
+from real2sim.quality import CHECKS
+from real2sim.recording import Track
+from real2sim.tracks import kinematics
+
+LIMITS = {check.figure: check.limit for check in CHECKS}
+HEAD = ("No.", "thing", "verdict", "in SUMO", "cleaning", "frames", "median [m]", "p95 [m]", "jerk p95 [m/s³]")
+GROUPS = {
+    "fail": "Fails a check",
+    "cav": "CAVs",
+    "pass": "Moving vehicles that pass",
+    "walk": "On foot or cycle, passing",
+    "rest": "Standing and passing",
+}
+"""Headings by look."""
+ERRORS_SHOWN_M = 2.0
+"""Charts of errors end there at the latest."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the actors' pictures and words are made of."""
+
+    things: Sequence[Thing]
+    plan: Plan
+    dt_s: float
+    changes: Mapping[str, Sequence[Change]]
+    """By track."""
+
+
+def shown(findings: Findings, things: Sequence[Thing], plan: Plan) -> Shown:
+    """Gathers what cleaning did by track."""
+    changes: dict[str, list[Change]] = {}
+    for change in findings.cleaned.report.changes:
+        changes.setdefault(change.track, []).append(change)
+    return Shown(things, plan, findings.cleaned.dt_s, changes)
+
+
+def actor_table(page: Shown) -> Html:
+    """All actors, failing ones first."""
+    return table(HEAD, (_row(page, thing) for thing in page.things), "All actors", words=5)
+
+
+def _row(page: Shown, thing: Thing) -> tuple[Html | str, ...]:
+    actor = thing.actor
+    count = len(page.changes.get(actor.id, ()))
+    return (
+        tag("a", str(thing.number), href=f"#thing-{thing.number}"),
+        joined((_what(thing), tag("code", actor.id, class_="id"))),
+        _verdict(thing),
+        _role(thing),
+        f"{count} change{'' if count == 1 else 's'}" if count else "",
+        str(actor.frames),
+        measured(actor.error_median),
+        measured(actor.error_p95),
+        measured(actor.jerk_p95, decimals=1) if actor.moving else "–",
+    )
+
+
+def _what(thing: Thing) -> Html:
+    actor = thing.actor
+    badge = tag("span", "CAV", class_="badge cav") if thing.cav else None
+    return tag("span", actor.category, "" if actor.moving else ", stands", " ", badge)
+
+
+def _verdict(thing: Thing) -> Html:
+    if not thing.actor.failed:
+        return tag("span", "passes", class_="badge pass")
+    return joined((tag("span", "fails", class_="badge fail"), _list(failures(thing.actor))))
+
+
+def _role(thing: Thing) -> Html | str:
+    role = thing.role
+    if role is None:
+        return "–"
+    return joined((role.became.value, tag("small", role.reason) if role.reason else None), " ")
+
+
+def _list(items: Sequence[str]) -> Html:
+    return tag("ul", *(tag("li", item) for item in items))
+
+
+def actor_cards(page: Shown) -> Html:
+    """The actors one by one, to be opened; those that fail are open, those that just stand are put away."""
+    groups: dict[str, list[Thing]] = {}
+    for thing in page.things:
+        groups.setdefault(GROUPS["fail" if thing.actor.failed else "cav" if thing.cav else thing.look], []).append(
+            thing
+        )
+    return joined((_group(page, name, things) for name, things in groups.items()), "\n")
+
+
+def _group(page: Shown, name: str, things: Sequence[Thing]) -> Html:
+    cards = joined((_card(page, thing) for thing in things), "\n")
+    title = f"{name} ({len(things)})"
+    if name == GROUPS["rest"]:
+        return tag("details", tag("summary", tag("h3", title)), cards, class_="group")
+    return tag("div", tag("h3", title), cards, class_="group")
+
+
+def _card(page: Shown, thing: Thing) -> Html:
+    actor = thing.actor
+    failed = f"fails {len(actor.failed)}" if actor.failed else "passes"
+    title = (
+        tag("b", f"No. {thing.number}", id=f"thing-{thing.number}"),
+        tag("span", failed, class_=f"badge {'fail' if actor.failed else 'pass'}"),
+        _what(thing),
+        tag("code", actor.id, class_="id"),
+    )
+    facts = tag("div", _facts(page, thing), class_="facts")
+    charts = tag("div", *_charts(page, thing), class_="charts")
+    content = tag("div", facts, small_map(page.plan, thing), charts, class_="card-body")
+    return tag(
+        "details", tag("summary", joined(title, " ")), content, class_="card", open=Html("") if actor.failed else None
+    )
+
+
+def _facts(page: Shown, thing: Thing) -> Html:
+    actor = thing.actor
+    cleaned = changes_of(page.changes.get(actor.id, ()), actor.id)
+    facts: list[tuple[str, Html | str]] = [
+        ("Seen", f"{frames(actor.frames)}{_seconds(page, thing)}{f', {actor.gaps} gaps' if actor.gaps else ''}"),
+        ("Became", _role(thing)),
+        ("Fails", _list(failures(actor)) if actor.failed else "nothing"),
+        ("Cleaning", _list(cleaned) if cleaned else "changed nothing"),
+    ]
+    if actor.error_median is not None:
+        distance = f"median {measured(actor.error_median, 'm')}, p95 {measured(actor.error_p95, 'm')}"
+        facts.append(("To the log", f"{distance}, at most {measured(actor.error_max, 'm')}"))
+    return tag("dl", *(joined((tag("dt", name), tag("dd", fact))) for name, fact in facts))
+
+
+def _seconds(page: Shown, thing: Thing) -> str:
+    known = thing.known
+    if known is None or not known.valid.any():
+        return ""
+    return f" from {known.frames[0] * page.dt_s:.1f} s to {known.frames[-1] * page.dt_s:.1f} s"
+
+
+def _charts(page: Shown, thing: Thing) -> list[Html]:
+    """Speed, distance to the log and jerk over time; of things that stand none."""
+    raw, track = thing.raw, thing.track
+    if track is None or not thing.actor.moving or track.valid.sum() < 2:
+        return []
+    span = (track.frames[0] * page.dt_s, track.frames[-1] * page.dt_s)
+    name = f"of No. {thing.number}"
+    charts = [_speed_chart(raw, track, (span, page.dt_s, name))]
+    if raw is not None:
+        charts.append(_error_chart(raw, track, (span, page.dt_s, name)))
+    charts.append(_jerk_chart(track, (span, page.dt_s, name)))
+    return [draw(chart) for chart in charts]
+
+
+Axis = tuple[tuple[float, float], float, str]
+"""First and last second, seconds a frame, and of whom."""
+
+
+def _speed_chart(raw: Track | None, track: Track, axis: Axis) -> Chart:
+    span, dt_s, name = axis
+    times, speed = speeds(track, dt_s)
+    fastest = float(np.nanmax(speed, initial=0.0, where=np.isfinite(speed)))
+    series = [Series("line", times, speed)]
+    if raw is not None:
+        series.insert(0, Series("raw-line", *speeds(raw, dt_s)))
+    label = f"Speed {name}: up to {fastest:.1f} m/s reconstructed; the log's own differences are drawn behind it"
+    return Chart(label, "speed [m/s]", series, span, 1.4 * fastest + 1.0)
+
+
+def _error_chart(raw: Track, track: Track, axis: Axis) -> Chart:
+    span, dt_s, name = axis
+    error = np.where(track.valid & raw.valid, kinematics.magnitude(track.xy - raw.xy), np.nan)
+    most = float(np.nanmax(error, initial=0.0, where=np.isfinite(error)))
+    limits = (LIMITS["error_median"], LIMITS["error_p95"])
+    series = (Series("line", _times(len(error), dt_s), error),)
+    label = f"Distance {name} to the log: at most {most:.2f} m; {limits[0]:g} m is allowed in the median"
+    return Chart(
+        label, "distance to the log [m]", series, span, float(np.clip(1.2 * most, 0.4, ERRORS_SHOWN_M)), limits
+    )
+
+
+def _jerk_chart(track: Track, axis: Axis) -> Chart:
+    span, dt_s, name = axis
+    jerk = np.full(len(track.valid), np.nan)
+    half = kinematics.WINDOW // 2
+    for run in kinematics.runs(track.valid):
+        values = kinematics.jerks(track.xy[run], dt_s)
+        jerk[run.start + half : run.start + half + len(values)] = values
+    most = float(np.nanmax(jerk, initial=0.0, where=np.isfinite(jerk)))
+    limit = LIMITS["jerk_p95"]
+    series = (Series("line", _times(len(jerk), dt_s), jerk),)
+    label = f"Jerk {name}: at most {most:.1f} m/s³; 95 % of it may not exceed {limit:g} m/s³"
+    return Chart(label, "jerk [m/s³]", series, span, float(np.clip(1.2 * most, 1.3 * limit, 4 * limit)), (limit,))
+
+
+def speeds(track: Track, dt_s: float) -> tuple[Float, Float]:
+    """Times (T-1,) between frames and speeds from the steps; NaN over gaps."""
+    step = np.hypot(np.diff(track.x), np.diff(track.y)) / dt_s
+    there = track.valid[1:] & track.valid[:-1]
+    return _times(len(step), dt_s) + 0.5 * dt_s, np.where(there, step, np.nan)
+
+
+def _times(frames: int, dt_s: float) -> Float:
+    return np.arange(frames, dtype=np.float64) * dt_s

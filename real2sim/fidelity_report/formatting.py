@@ -1,0 +1,92 @@
+"""The words of the report: figures with their units, failed checks and cleaning as sentences."""
+
+from collections.abc import Iterable
+
+from real2sim.clean.report import Change, Reason
+from real2sim.quality import CHECKS
+from real2sim.quality.actor_quality import ActorQuality
+
+FIGURES: dict[str, tuple[str, str, int]] = {
+    "jumps_1m": ("jumps over 1 m", "", 0),
+    "jerk_p95": ("jerk, 95th percentile", "m/s³", 1),
+    "acceleration_max": ("highest acceleration", "m/s²", 1),
+    "speed_max": ("highest speed", "m/s", 1),
+    "yaw_step_max_deg": ("turned within one frame", "°", 0),
+    "yaw_second_max_deg": ("turned within a second", "°", 0),
+    "curvature_spread": ("unsteady curvature (spread of its change)", "1/m", 3),
+    "backward_max": ("moved against its heading in one frame", "m", 2),
+    "error_median": ("median distance to the log", "m", 2),
+    "error_p95": ("distance to the log, 95th percentile", "m", 2),
+    "lateral_shift_max": ("moved sideways from the log", "m", 2),
+    "dtw_mean": ("mean distance to the log, time warped", "m", 2),
+    "turn_change_deg": ("turns by another angle than in the log", "°", 0),
+    "lateral_mean": ("mean distance to the centre line", "m", 2),
+    "off_route_frames": ("frames over 3 m from any lane", "", 0),
+    "wrong_way_frames": ("frames against the direction of the lane", "", 0),
+}
+"""Words, unit and decimals of every figure that a check looks at."""
+
+CLEANED: dict[Reason, str] = {
+    Reason.DUPLICATE: "one thing under several names, fused",
+    Reason.ID_FLIP: "a name that went over to another thing, set right",
+    Reason.TELEPORT: "positions that no motion explains, left out or spread",
+    Reason.EGO_GHOST: "a CAV listed as somebody else, joined with it",
+    Reason.HEADING: "headings turned round, or taken from motion",
+    Reason.GAP: "missing frames, filled",
+    Reason.LONG_GAP: "gaps too long to fill, left open",
+    Reason.SIZE: "sizes that differ or are unknown, settled",
+    Reason.LABEL: "classes that contradict each other or the motion, settled",
+    Reason.STATIC: "things that never move, laid to rest",
+    Reason.OVERLAP: "things that appear inside others: they begin later, or are taken smaller",
+    Reason.INSIDE: "things inside others for most of their life, left out",
+    Reason.TOO_SHORT: "tracks too short to tell anything, left out",
+}
+"""What was found and what was done about it."""
+
+
+def measured(value: float | None, unit: str = "", decimals: int = 2) -> str:
+    """A figure with its unit; a dash where there is none."""
+    if value is None:
+        return "–"
+    decimals += decimals == 2 and 0 < abs(value) < 0.01
+    if decimals == 3 and 0 < abs(value) < 0.0005:
+        return f"< 0.001{f' {unit}' if unit else ''}"
+    return f"{value:.{decimals}f}{'' if unit in ('', '°', '%') else ' '}{unit}"
+
+
+def share(value: float | None) -> str:
+    """A share as percent."""
+    return "–" if value is None else f"{100 * value:.1f} %"
+
+
+def words_of(figure: str) -> tuple[str, str, int]:
+    """Words, unit and decimals of a figure."""
+    return FIGURES.get(figure, (figure, "", 2))
+
+
+def failures(actor: ActorQuality) -> list[str]:
+    """What the actor fails, with figure and limit, a phrase each."""
+    limits = {check.figure: check.limit for check in CHECKS}
+    return [_failure(name, getattr(actor, name, None), limits.get(name)) for name in actor.failed]
+
+
+def _failure(name: str, value: float | None, limit: float | None) -> str:
+    words, unit, decimals = words_of(name)
+    while decimals < 4 and limit is not None and value is not None and round(value, decimals) <= limit < value:
+        decimals += 1  # a figure just over its limit must not read as if it were met
+    allowed = "" if limit is None else f" (at most {limit:g}{'' if unit in ('', '°') else ' '}{unit})"
+    return f"{words}: {measured(value, unit, decimals)}{allowed}"
+
+
+def changes_of(changes: Iterable[Change], track: str) -> list[str]:
+    """What cleaning did about one track, a phrase each."""
+    return [
+        f"{change.reason.value}, {frames(change.frames)}{': ' if change.detail else ''}{change.detail}"
+        for change in changes
+        if change.track == track
+    ]
+
+
+def frames(count: int) -> str:
+    """A number of frames."""
+    return f"{count} frame{'' if count == 1 else 's'}"

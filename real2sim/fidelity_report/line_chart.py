@@ -1,0 +1,108 @@
+"""Small line charts over time. Drawn in tenths of a pixel, so that every coordinate is a whole number."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float, Int
+from real2sim.fidelity_report.html import Html, joined, tag
+from real2sim.fidelity_report.svg import picture
+from real2sim.tracks.kinematics import runs
+
+WIDTH, HEIGHT = 3600, 1700
+LEFT, RIGHT, TOP, LOW = 400, 3500, 200, 1400
+"""Edges of the area between the axes."""
+TICKS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One line: x and y (N,), NaN where it is broken. `upper` makes it the band from y to there."""
+
+    class_: str
+    x: Float
+    y: Float
+    upper: Float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A chart with its axes; y begins at 0. Values over `top` are cut off."""
+
+    label: str
+    """Read out instead of the picture."""
+    title: str
+    """With the unit of y."""
+    series: Sequence[Series]
+    x_range: tuple[float, float]
+    top: float
+    limits: Sequence[float] = ()
+    """Drawn across."""
+    x_title: str = "time [s]"
+
+
+def draw(chart: Chart) -> Html:
+    """The chart as SVG."""
+    top = max(chart.top, 1e-6)
+    x_ticks, y_ticks = _ticks(*chart.x_range), _ticks(0.0, top)
+    grid = "".join(f"M{LEFT} {_y(y, top)}H{RIGHT}" for y in y_ticks)
+    limits = "".join(f"M{LEFT} {_y(y, top)}H{RIGHT}" for y in chart.limits if y <= top)
+    words = [_word(LEFT - 50, _y(y, top) + 40, f"{y:g}", "end") for y in y_ticks]
+    words += [_word(_x(x, chart.x_range), LOW + 140, f"{x:g}", "middle") for x in x_ticks]
+    words += [_word(LEFT, 120, chart.title, "start", "title"), _word(RIGHT, LOW + 270, chart.x_title, "end")]
+    return picture(
+        chart.label,
+        f"0 0 {WIDTH} {HEIGHT}",
+        tag("path", d=grid, class_="grid"),
+        joined(_drawn(series, chart.x_range, top) for series in chart.series),
+        tag("path", d=limits, class_="limit") if limits else None,
+        tag("g", *words),
+        class_="chart",
+    )
+
+
+def _drawn(series: Series, x_range: tuple[float, float], top: float) -> Html:
+    upper = series.upper
+    known = np.isfinite(series.x) & np.isfinite(series.y)
+    if upper is not None:
+        known &= np.isfinite(upper)
+    d = ""
+    for run in runs(known):
+        x, y = series.x[run], series.y[run]
+        if upper is not None:
+            x, y = np.concatenate((x, x[::-1])), np.concatenate((y, upper[run][::-1]))
+        d += _stroke(_points(x, y, x_range, top)) + ("z" if upper is not None else "")
+    return tag("path", d=d, class_=series.class_) if d else Html("")
+
+
+def _points(x: Float, y: Float, x_range: tuple[float, float], top: float) -> Int:
+    first, last = x_range
+    across = LEFT + (x - first) / max(last - first, 1e-9) * (RIGHT - LEFT)
+    down = LOW - np.clip(y / top, 0.0, 1.03) * (LOW - TOP)
+    return np.rint(np.column_stack((across, down))).astype(np.int64)
+
+
+def _stroke(points: Int) -> str:
+    steps = " ".join(f"{x} {y}" if y >= 0 else f"{x}{y}" for x, y in np.diff(points, axis=0))
+    return f"M{points[0, 0]} {points[0, 1]}" + (f"l{steps}" if steps else "h0")
+
+
+def _x(x: float, x_range: tuple[float, float]) -> int:
+    return int(_points(np.array([x]), np.zeros(1), x_range, 1.0)[0, 0])
+
+
+def _y(y: float, top: float) -> int:
+    return round(LOW - y / top * (LOW - TOP))
+
+
+def _word(x: int, y: int, text: str, anchor: str, class_: str | None = None) -> Html:
+    return tag("text", text, x=x, y=y, text_anchor=anchor, class_=class_)
+
+
+def _ticks(first: float, last: float) -> list[float]:
+    """Round values between two."""
+    rough = max(last - first, 1e-6) / TICKS
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = float(power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= rough * 0.999))
+    return [round(k * step, 6) for k in range(int(np.ceil(first / step - 1e-9)), int(last / step + 1e-9) + 1)]

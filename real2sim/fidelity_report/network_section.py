@@ -1,0 +1,118 @@
+"""The network of the report against the map of the source: how far its centre lines are off, and what was changed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from real2sim.fidelity_report.formatting import measured
+from real2sim.fidelity_report.html import Html, joined, table, tag
+from real2sim.fidelity_report.map_figures import AROUND_M, Plan, far_points
+from real2sim.fidelity_report.svg import path, picture, scale_bar, use
+from real2sim.findings import Findings
+from real2sim.hdmap import HdMap, LaneKind
+from real2sim.lines import sample
+from real2sim.network import NetworkReport
+from real2sim.network.direction import turned
+from real2sim.network.measure import SPACING_M, line_distances
+
+FAR_M = 0.2
+"""Issue C: the mean distance of centre lines; places over it are marked."""
+MEAN_M, P95_M = 0.2, 0.5
+"""Issue C."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Points every metre on the source's centre lines, and how far they lie off the network."""
+
+    lines: tuple[Float, ...]
+    xy: Float
+    distance: Float
+
+
+def deviation(findings: Findings) -> Deviation:
+    """As `network.measure` measures it, but with the places."""
+    lines = _kept(findings.recording.map, findings.network)
+    if not lines:
+        return Deviation((), np.zeros((0, 2)), np.zeros(0))
+    distance = line_distances(lines, [lane.centre for lane in findings.roads.driving])
+    return Deviation(tuple(line.xy for line in lines), sample(lines, SPACING_M).xy, distance)
+
+
+def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
+    """Driving lanes that the network has, in their direction of travel."""
+    inverted = set(network.directions.inverted)
+    lanes = [lane for id_, lane in map.lanes.items() if lane.kind is LaneKind.DRIVING and id_ not in network.lost]
+    return [polyline((turned(lane) if lane.id in inverted else lane).centre) for lane in lanes]
+
+
+def network_part(findings: Findings, plan: Plan) -> Html:
+    """Figures, a picture and lists."""
+    network = findings.network
+    found = deviation(findings)
+    return joined((_sizes(network), _fit_table(network), _picture(found, plan), _lists(network)))
+
+
+def _sizes(network: NetworkReport) -> Html:
+    side = "left" if network.left_hand else "right"
+    return tag(
+        "p",
+        f"{network.lanes} driving lanes of the source became {network.edges} edges, {network.nodes} nodes and"
+        f" {network.connections} connections; traffic keeps to the {side}. "
+        f"{network.default_widths} lanes had no width and {network.default_speeds} no speed limit of their own.",
+    )
+
+
+def _fit_table(network: NetworkReport) -> Html:
+    fit = network.fit
+    rows = (
+        ("source to network", *(measured(value, decimals=3) for value in (fit.mean, fit.p95, fit.max))),
+        ("network to source", *(measured(value, decimals=3) for value in (fit.back_mean, fit.back_p95, fit.back_max))),
+        ("allowed", f"{MEAN_M:.3f}", f"{P95_M:.3f}", "–"),
+    )
+    return table(("distance of centre lines", "mean [m]", "p95 [m]", "max [m]"), rows, "Network against its source")
+
+
+def _picture(found: Deviation, plan: Plan) -> Html:
+    near = [line for line in found.lines if plan.view.near(line, AROUND_M)]
+    far = found.xy[found.distance > FAR_M]
+    label = f"Centre lines of the source over the network: {len(far)} of {len(found.xy)} m are off by over {FAR_M:g} m"
+    drawing = picture(
+        label,
+        plan.canvas.box(plan.view),
+        use("roads", "roads"),
+        path("".join(plan.canvas.line(line) for line in near), class_="source"),
+        far_points(plan.canvas, far),
+        scale_bar(plan.canvas, plan.view),
+        class_="map",
+    )
+    return tag("figure", tag("div", drawing, class_="wide"), tag("figcaption", f"{label} (marked)."))
+
+
+def _lists(network: NetworkReport) -> Html:
+    def arrows(links: tuple[tuple[str, str], ...]) -> list[str]:
+        return [f"{a} → {b}" for a, b in links]
+
+    lists = {
+        "lanes turned round: observed motion and links contradict the drawn direction": list(
+            network.directions.inverted
+        ),
+        "lanes whose direction nothing tells, left as drawn": list(network.directions.undecided),
+        "links added: ends that meet in one direction": arrows(network.links_added),
+        "links dropped: no vehicle could follow them": arrows(network.links_dropped),
+        "lanes not in the network": [f"{id_}: {why}" for id_, why in network.lost.items()],
+        "lanes with traffic lights, whose program no log tells": list(network.signalled),
+    }
+    none = "; ".join(title.split(":")[0] for title, items in lists.items() if not items)
+    return joined(
+        (
+            *(_collapsed(title, items) for title, items in lists.items() if items),
+            tag("p", f"None: {none}.", class_="none") if none else None,
+        )
+    )
+
+
+def _collapsed(title: str, items: list[str]) -> Html:
+    content = tag("ul", *(tag("li", item) for item in items), class_="columns")
+    return tag("details", tag("summary", f"{len(items)} {title}"), content)

@@ -1,0 +1,68 @@
+"""Things of a log as the report shows them: numbered, what fails first, each with its tracks, verdict and role."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import Kind
+from real2sim.findings import Findings
+from real2sim.fit.disposition import Became, Role
+from real2sim.quality.actor_quality import ActorQuality
+from real2sim.recording import Category, Track
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One road user or thing. Its number is its name on the page: ids of logs are long."""
+
+    number: int
+    actor: ActorQuality
+    raw: Track | None
+    """Cleaned track of the log."""
+    track: Track | None
+    """Reconstructed."""
+    role: Role | None
+    cav: bool
+
+    @property
+    def look(self) -> str:
+        """Class of its verdict in the style."""
+        if self.actor.failed:
+            return "fail"
+        if not self.actor.moving:
+            return "rest"
+        return "walk" if self.actor.category in (Category.PEDESTRIAN, Category.BICYCLE) else "pass"
+
+    @property
+    def known(self) -> Track | None:
+        """The reconstructed track, or else the raw one."""
+        return self.track or self.raw
+
+    @property
+    def xy(self) -> Float:
+        """(N, 2) positions of both tracks where they are known."""
+        both = [track.xy[track.valid] for track in (self.raw, self.track) if track is not None]
+        return np.concatenate(both) if both else np.zeros((0, 2))
+
+
+def things_of(findings: Findings) -> tuple[Thing, ...]:
+    """All things: first what fails; of both what moves first, CAVs and other vehicles before walkers."""
+    raw = {track.id: track for track in findings.cleaned.tracks}
+    tracks = {track.id: track for track in findings.tracks}
+    cavs = set(findings.cleaned.cavs.values())
+    cavs = {id_ for id_, role in findings.roles.items() if role.became is Became.CAV} or cavs
+
+    def order(actor: ActorQuality) -> tuple[bool, bool, bool, bool, int]:
+        scripted = Category(actor.category).kind in (Kind.PEDESTRIAN, Kind.CYCLIST)
+        return not actor.failed, not actor.moving, actor.id not in cavs, scripted, -len(actor.failed)
+
+    return tuple(
+        Thing(k, actor, raw.get(actor.id), tracks.get(actor.id), findings.roles.get(actor.id), actor.id in cavs)
+        for k, actor in enumerate(sorted(findings.quality.actors, key=order), 1)
+    )
+
+
+def numbers_of(things: tuple[Thing, ...]) -> dict[str, int]:
+    """Number on the page by id."""
+    return {thing.actor.id: thing.number for thing in things}

@@ -1,0 +1,184 @@
+"""The report of one conversion: a page that shows how faithful a scenario is to its log, and where it is not."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from real2sim.clean.report import Reason
+from real2sim.fidelity_report.actor_section import Shown, actor_cards, actor_table, shown
+from real2sim.fidelity_report.formatting import CLEANED, frames, measured, words_of
+from real2sim.fidelity_report.html import Html, joined, page, table, tag
+from real2sim.fidelity_report.lists import link, named
+from real2sim.fidelity_report.map_figures import Plan, definitions, overview, plan_of
+from real2sim.fidelity_report.network_section import network_part
+from real2sim.fidelity_report.report_entry import Thing, numbers_of, things_of
+from real2sim.fidelity_report.target_tiles import figure_tiles, missed
+from real2sim.fidelity_report.traffic_section import traffic_part
+from real2sim.findings import Findings
+from real2sim.quality import CHECKS
+from real2sim.targets import by_sumo
+
+PAGE = "conversion.html"
+LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "what stands"), ("names", "numbers"))
+
+
+def write_page(folder: Path, findings: Findings) -> Path:
+    """Writes `conversion.html` into the scenario's folder. The same findings give the same bytes."""
+    path = folder / PAGE
+    path.write_text(page_html(findings), encoding="utf-8")
+    return path
+
+
+def page_html(findings: Findings) -> str:
+    """The page as text."""
+    things = things_of(findings)
+    plan = plan_of(things)
+    actors = shown(findings, things, plan)
+    return page(
+        f"{findings.id} · conversion",
+        definitions(plan, findings.roads, things),
+        tag("header", _heading(findings), _verdict(missed(findings)), figure_tiles(findings)),
+        tag(
+            "main",
+            _section("map", "Log and reconstruction", _map_part(plan, things)),
+            _section("actors", "Actors", _actors_intro(findings), actor_table(actors)),
+            _section("pictures", "Actor by actor", _filters(), actor_cards(actors)),
+            _section("traffic", "Reactive traffic against the log", traffic_part(findings, things)),
+            _section("network", "Network against the map of the log", network_part(findings, plan)),
+            _section("cleaning", "What cleaning changed", _cleaning_part(findings, actors)),
+            _section("scene", "Between actors", _scene_part(findings, things)),
+            _section("reading", "How to read this", _reading_part()),
+        ),
+    )
+
+
+def _section(id_: str, title: str, *content: Html | None) -> Html:
+    return tag("section", tag("h2", title, id=id_), "\n", *content, aria_labelledby=id_)
+
+
+def _heading(findings: Findings) -> Html:
+    recording, quality = findings.recording, findings.quality
+    seconds = quality.frames * recording.dt_s
+    facts = [f"read as {recording.source}", f"{frames(quality.frames)}, {seconds:.1f} s"]
+    if findings.window_s:
+        facts.append(f"window {findings.window_s[0]:g} s to {findings.window_s[1]:g} s of the log")
+    facts += [f"{len(quality.actors)} actors", f"network {findings.roads.name}", f"traffic {findings.mode}"]
+    back = tag("a", "all scenarios", href=f"../{PAGE}")
+    links = ("map", "actors", "pictures", "traffic", "network", "cleaning", "reading")
+    menu = tag("nav", back, *(tag("a", name, href=f"#{name}") for name in links), aria_label="Page")
+    return joined((menu, tag("h1", findings.id), tag("p", " · ".join(facts), class_="facts-line")))
+
+
+def _verdict(misses: Sequence[str]) -> Html:
+    """What misses its target, a sentence each."""
+    if not misses:
+        return tag("p", tag("strong", "Faithful."), " Every measured figure meets its target.", class_="verdict met")
+    words = f"Misses {len(misses)} target{'' if len(misses) == 1 else 's'}."
+    return tag("div", tag("strong", words), tag("ul", *(tag("li", miss) for miss in misses)), class_="verdict missed")
+
+
+def _map_part(plan: Plan, things: Sequence[Thing]) -> Html:
+    switches = [
+        tag("label", tag("input", type="checkbox", id=f"show-{name}", checked=""), f" {words}")
+        for name, words in LAYERS
+    ]
+    switches.append(tag("label", tag("input", type="checkbox", id="enlarge"), " enlarged"))
+    legend = (
+        ("pass", "vehicle, passes"),
+        ("fail", "fails a check"),
+        ("walk", "on foot or cycle, passes"),
+        ("rest", "stands still"),
+        ("cav", "CAV"),
+    )
+    keys = tag("ul", *(tag("li", tag("i", class_=f"key {look}"), words) for look, words in legend), class_="legend")
+    return joined(
+        (
+            tag("div", keys, tag("fieldset", tag("legend", "Show"), *switches), class_="controls"),
+            tag(
+                "figure",
+                tag("div", overview(plan, things), class_="wide", tabindex="0", role="region", aria_label="Map"),
+                tag(
+                    "figcaption",
+                    "Boxes stand where things are last seen, their points ahead. A click on one leads to its pictures.",
+                ),
+            ),
+        )
+    )
+
+
+def _actors_intro(findings: Findings) -> Html:
+    quality = findings.quality
+    words = (
+        f"{quality.moving_passed} of {quality.moving_vehicles} moving vehicles, {quality.walkers_passed} of"
+        f" {quality.walkers} walkers and cyclists and {quality.static_passed} of {quality.static_things} things that"
+        " stand pass every check. Failing ones come first."
+        f" SUMO drives {by_sumo(quality, findings.roles, findings.mode)} of the moving vehicles ({findings.mode}); the"
+        " others are CAVs, or scripted on their path of the log."
+    )
+    return tag("p", words)
+
+
+def _filters() -> Html:
+    return tag(
+        "p",
+        "Dots and thin grey lines are the log, thick lines are reconstructed; dashed lines are limits. Pictures of what"
+        " fails are open; the others open with a click.",
+    )
+
+
+def _cleaning_part(findings: Findings, actors: Shown) -> Html:
+    report = findings.cleaned.report
+    counts = report.counts()
+    touched = {reason: sum(change.frames for change in report.of(reason)) for reason in Reason}
+    rows = [
+        (reason.value, CLEANED.get(reason, ""), str(counts[reason.value]), str(touched[reason]))
+        for reason in Reason
+        if reason.value in counts
+    ]
+    notes = [*findings.recording.notes, *findings.notes]
+    numbers = numbers_of(tuple(actors.things))
+    gone = [change for change in report.changes if change.track not in numbers]
+    return joined(
+        (
+            table(("reason", "what was found and done", "changes", "frames"), rows, "Cleaning by reason", words=2)
+            if rows
+            else tag("p", "Nothing.", class_="none"),
+            named("Changes to what is not in the scenario", [f"{c.track}: {c.reason.value}, {c.detail}" for c in gone]),
+            named("Left out altogether", [f"{id_}: {why}" for id_, why in findings.quality.lost.items()]),
+            named("Notes of reading and fitting", notes),
+        )
+    )
+
+
+def _scene_part(findings: Findings, things: tuple[Thing, ...]) -> Html:
+    quality, numbers = findings.quality, numbers_of(things)
+
+    def pair(a: str, b: str, more: str = "") -> Html:
+        return joined((link(a, numbers), " and ", link(b, numbers), more))
+
+    least = measured(quality.least_distance, "m")
+    return joined(
+        (
+            tag(
+                "p",
+                f"Nearest to each other: {least}. Boxes of logs are annotated by hand; a few centimetres of"
+                " overlap are forgiven.",
+            ),
+            named("Overlap when first seen", [pair(a, b) for a, b in quality.spawn_overlaps]),
+            named("Overlap later", [pair(a, b, f", {frames(n)}") for a, b, n in quality.collisions]),
+            named("Twice the same thing", [pair(a, b) for a, b in quality.duplicates]),
+        )
+    )
+
+
+def _reading_part() -> Html:
+    rows = [
+        (words_of(check.figure)[0], f"{check.limit:g} {words_of(check.figure)[1]}", check.source) for check in CHECKS
+    ]
+    words = tag(
+        "p",
+        "Dots are positions of the log after cleaning, lines what the scenario starts from. A vehicle passes if it"
+        " meets every limit below; people on foot are not asked about lanes and turning. Every distance is between"
+        " box centres at the same frame. Accelerations and jerks are those of cubics fitted to 0.7 s of positions."
+        " The lanes are judged where the map has any. docs/real2sim.md tells more.",
+    )
+    return joined((words, table(("check of every actor", "limit", "where it comes from"), rows, "Checks", words=3)))

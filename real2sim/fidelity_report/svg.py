@@ -1,0 +1,127 @@
+"""Drawing in the world frame: metres become whole centimetres from one corner of the page's map, y downwards."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Bool, Float, Int
+from real2sim.fidelity_report.html import Html, Piece, tag
+from real2sim.tracks.kinematics import runs
+
+CM = 100.0
+NOSE = 0.35
+"""How far the tip of a drawn vehicle lies before its shoulders, as a share of its width."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What a picture shows [m]."""
+
+    left: float
+    low: float
+    right: float
+    high: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height [m]."""
+        return self.right - self.left, self.high - self.low
+
+    def near(self, xy: Float, margin: float = 0.0) -> bool:
+        """Whether the bounding box of a line (N, 2) reaches the view."""
+        (x0, y0), (x1, y1) = xy.min(0) - margin, xy.max(0) + margin
+        return bool(x1 >= self.left and x0 <= self.right and y1 >= self.low and y0 <= self.high)
+
+
+def view_of(xy: Float, margin: float, least: float, flattest: float = 0.5) -> View:
+    """The view around points (N, 2), at least `least` [m] wide and high, its sides no less even than `flattest`."""
+    known = xy[np.isfinite(xy).all(1)]
+    known = known if len(known) else np.zeros((1, 2))
+    centre = (known.min(0) + known.max(0)) / 2
+    half = np.maximum((known.max(0) - known.min(0)) / 2 + margin, least / 2)
+    half = np.maximum(half, half.max() * flattest)
+    (left, low), (right, high) = centre - half, centre + half
+    return View(float(left), float(low), float(right), float(high))
+
+
+@dataclass(frozen=True, slots=True)
+class Canvas:
+    """Places on the page; `left` and `high` [m] are its corner."""
+
+    left: float
+    high: float
+
+    def at(self, xy: Float) -> Int:
+        """Whole centimetres (N, 2) of points (N, 2)."""
+        return np.rint((xy - (self.left, self.high)) * (CM, -CM)).astype(np.int64)
+
+    def line(self, xy: Float, valid: Bool | None = None) -> str:
+        """Path of a line (N, 2), broken where rows are not valid."""
+        there = np.asarray(np.isfinite(xy).all(axis=1)) if valid is None else valid
+        return "".join(_stroke(self.at(xy[run])) for run in runs(there))
+
+    def dots(self, xy: Float) -> str:
+        """Path of points (N, 2): strokes of no length, which round caps make dots."""
+        points = self.at(xy[np.isfinite(xy).all(axis=1)])
+        if not len(points):
+            return ""
+        points = points[np.append(True, (np.diff(points, axis=0) != 0).any(1))]
+        return f"M{_pair(points[0])}h0" + "".join(f"m{_pair(step)}h0" for step in np.diff(points, axis=0))
+
+    def area(self, xy: Float) -> str:
+        """Path around an area (N, 2)."""
+        return _stroke(self.at(xy)) + "z"
+
+    def vehicle(self, pose: Sequence[float], length: float, width: float) -> str:
+        """Path of a box that shows where its front is; pose is x, y, yaw of its centre."""
+        x, y, yaw = pose
+        nose = min(NOSE * width, length / 2)
+        ahead = np.array((length / 2 - nose, -length / 2, -length / 2, length / 2 - nose, length / 2))
+        left = np.array((width, width, -width, -width, 0.0)) / 2
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return self.area(np.column_stack((x + ahead * cos - left * sin, y + ahead * sin + left * cos)))
+
+    def box(self, view: View) -> str:
+        """viewBox of a view."""
+        x, y = self.at(np.array([[view.left, view.high]]))[0]
+        width, height = view.size
+        return f"{x} {y} {width * CM:.0f} {height * CM:.0f}"
+
+
+def _stroke(points: Int) -> str:
+    steps = np.diff(points, axis=0)
+    steps = steps[(steps != 0).any(1)]
+    return f"M{_pair(points[0])}" + ("l" + " ".join(_pair(step) for step in steps) if len(steps) else "h0")
+
+
+def _pair(point: Iterable[int]) -> str:
+    x, y = point
+    return f"{x}{y}" if y < 0 else f"{x} {y}"
+
+
+def path(d: str, **attributes: Piece) -> Html:
+    """A path whose stroke has the same width at every zoom."""
+    return tag("path", d=d, **attributes, **{"vector-effect": "non-scaling-stroke"})
+
+
+def use(of: str, class_: str) -> Html:
+    """Something drawn elsewhere on the page, here in another style."""
+    return tag("use", href=f"#{of}", class_=class_)
+
+
+def picture(label: str, box: str, *content: Piece, class_: str) -> Html:
+    """An SVG that is read out as one image."""
+    return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
+
+
+def scale_bar(canvas: Canvas, view: View, words: float = 0.017) -> Html:
+    """A bar of round length at the lower right; `words` is the height of its letters as a share of the picture."""
+    width, height = view.size
+    length = next((m for m in (100.0, 50.0, 20.0, 10.0, 5.0) if m <= width / 5), 2.0)
+    right, low = view.right - 0.025 * width, view.low + 0.03 * height
+    bar = np.array([[right - length, low], [right, low]])
+    x, y = canvas.at(bar.mean(0)[None])[0]
+    size = words * max(width, height) * CM
+    word = tag("text", f"{length:.0f} m", x=f"{x}", y=f"{y - 0.5 * size:.0f}", font_size=f"{size:.0f}", class_="scale")
+    return tag("g", path(canvas.line(bar), class_="bar"), word, aria_hidden="true")

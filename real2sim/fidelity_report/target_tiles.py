@@ -1,0 +1,51 @@
+"""The key figures of a conversion beside their targets, as tiles at the head of the report."""
+
+from collections.abc import Mapping
+
+from real2sim.fidelity_report.formatting import measured
+from real2sim.fidelity_report.html import Html, joined, tag
+from real2sim.findings import Findings
+from real2sim.targets import Target, closeness_targets, fidelity_targets
+
+STATES = {True: ("met", "met"), False: ("missed", "missed"), None: ("open", "not measured")}
+"""Class and word of `Target.met`."""
+SHARES = ("moving vehicles passing all checks", "order kept at conflicts")
+"""Targets that are told by counts."""
+
+
+def missed(findings: Findings) -> tuple[str, ...]:
+    """What misses its target, a sentence each."""
+    return findings.misses or tuple(target.sentence() for target in _targets(findings) if target.met is False)
+
+
+def figure_tiles(findings: Findings) -> Html:
+    """The figures as tiles; what misses its target says so in words, too."""
+    quality, closeness = findings.quality, findings.closeness
+    passed = f"{quality.moving_passed} of {quality.moving_vehicles}"
+    kept = f"{closeness.order_kept} of {closeness.order_pairs}" if closeness else ""
+    counts = {SHARES[0]: passed, SHARES[1]: kept}
+    tiles = [_tile(target, _value(target, counts)) for target in _targets(findings)]
+    return tag("ul", joined(tiles, "\n"), class_="tiles", aria_label="Key figures")
+
+
+def _targets(findings: Findings) -> tuple[Target, ...]:
+    traffic = closeness_targets(findings.closeness) if findings.closeness else ()
+    return findings.targets or (*fidelity_targets(findings.quality), *traffic)
+
+
+def _tile(target: Target, value: str) -> Html:
+    state, word = STATES[target.met]
+    limit = f"{100 * target.limit:g} %" if target.unit == "share" else f"{target.limit:g} {_unit(target)}".strip()
+    asked = f"at {'least' if target.at_least else 'most'} {limit} · "
+    return tag("li", tag("strong", value), tag("span", target.name), tag("small", asked, tag("b", word)), class_=state)
+
+
+def _value(target: Target, counts: Mapping[str, str]) -> str:
+    """Shares are told by their counts: 95 % of 8 is a matter of one."""
+    if target.value is not None and target.name in counts:
+        return counts[target.name]
+    return measured(target.value, _unit(target), 2 if target.unit else 0)
+
+
+def _unit(target: Target) -> str:
+    return target.unit.replace("m/s3", "m/s³")

@@ -1,0 +1,232 @@
+"""A moving vehicle of a log as a background vehicle: route, departure, schedule."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
+from real2sim.clean.size import bounded
+from real2sim.fit.route_path import RoutePath, path_of, progress_of, straight_on
+from real2sim.match import Match
+from real2sim.recording import Track
+
+SCHEDULE_S = 0.2
+"""Between two points of a schedule."""
+BEYOND_M = 300.0
+"""How far the route goes on after the end of the log: 20 s at 15 m/s."""
+OFF_M = 3.0
+"""Who drives further than this before its first lane, or after its last, was off the road there."""
+EDGE_OF_MAP_M = 8.0
+"""A lane that nothing leads on to or from ends the map; who is that near to its end leaves the map there."""
+OVER_M = 1.0
+"""A front bumper this far beyond the last lane is off the map."""
+SHORTEST_M = 1.0
+"""How far from the end of an edge SUMO shall insert a vehicle at least."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A track on its route."""
+
+    track: Track
+    match: Match
+    path: RoutePath
+    """With the edge before where it begins in a junction, and straight on after its end."""
+    progress: Float
+    """(T,) distance of the box centre along the path [m]; NaN where the track has not begun or has ended."""
+    length: float
+    width: float
+    """[m]"""
+
+    @property
+    def front(self) -> Float:
+        """(T,) distance of the front bumper along the path [m]."""
+        return np.minimum(self.progress + self.length / 2, self.path.length - SHORTEST_M / 10)
+
+    @property
+    def said(self) -> str:
+        """What of the track is not driven."""
+        seen, kept = self.track.frames, np.flatnonzero(np.isfinite(self.progress))
+        late, early = kept[0] - seen[0], seen[-1] - kept[-1]
+        comes = f"comes onto the map at frame {kept[0]}, {late} frames after it is first seen" if late else ""
+        goes = f"leaves the map at frame {kept[-1]}, {early} frames before it is last seen" if early else ""
+        return "; ".join(part for part in (comes, goes) if part)
+
+
+def size_of(track: Track) -> tuple[float, float]:
+    """Length and width [m] of a cleaned track, within what a scenario can have."""
+    size = float(np.median(track.length[track.valid])), float(np.median(track.width[track.valid]))
+    return bounded(*size, track.category.kind)
+
+
+def driven(track: Track, match: Match, roads: RoadMap) -> Driven | str:
+    """The track on its route, or why it has no usable one."""
+    if match.off_road:
+        return match.reason
+    if match.breaks or match.reason:
+        return match.reason or "no way joins all lanes that it drove on"
+    on = np.array([frame for frame in track.frames.tolist() if match.lane[frame]], dtype=np.intp)
+    if why := _off_ends(track, match, on, roads):
+        return why
+    lanes = (*_entry(roads, match.route[0]), *match.route)
+    lanes = (*lanes, *straight_on(roads, lanes[-1], BEYOND_M))
+    path = path_of(roads, lanes)
+    if not path.edges:
+        return "no edge outside a junction on its route"
+    length, width = size_of(track)
+    progress = progress_of(path, track, match)
+    for off in _off_rows(track, on):
+        progress[off] = np.nan
+    front = progress + length / 2
+    progress[(front < 0.0) | (front > path.length + OVER_M)] = np.nan
+    if np.isfinite(progress).sum() < 2:
+        return "it is on the roads of the map for one frame only"
+    return Driven(track, match, path, progress, length, width)
+
+
+def _off_rows(track: Track, on: np.ndarray) -> list[slice]:
+    """Frames before the first lane and after the last, where they lead further than `OFF_M`."""
+    ends = (slice(0, int(on[0])), slice(int(on[-1]) + 1, len(track.valid)))
+    return [end for end, at in zip(ends, (on[0], on[-1]), strict=True) if _away(track, end, int(at)) > OFF_M]
+
+
+def _away(track: Track, end: slice, at: int) -> float:
+    """How far [m] a track drives in some frames and from there to frame `at`, or on from it."""
+    rows = sorted({*(np.flatnonzero(track.valid[end]) + end.start).tolist(), at})
+    return float(np.hypot(*np.diff(track.xy[rows], axis=0).T).sum())
+
+
+def _off_ends(track: Track, match: Match, on: np.ndarray, roads: RoadMap) -> str:
+    """Why the track leaves the roads where they go on; "" where it only comes onto the map or leaves it."""
+    for end in _off_rows(track, on):
+        first = end.start == 0
+        at = int(on[0] if first else on[-1])
+        lane = roads.lanes[match.lane[at]]
+        rest = float(match.s[at]) if first else lane.centre.length - float(match.s[at])
+        onward = any(lane.id in one.successors for one in roads.driving) if first else bool(lane.successors)
+        if onward or rest > EDGE_OF_MAP_M:
+            away = _away(track, end, at)
+            return f"drives {away:.1f} m off the road {'before its first' if first else 'after its last'} lane"
+    return ""
+
+
+def _entry(roads: RoadMap, lane: str) -> tuple[str, ...]:
+    """The lanes before one inside a junction, from an edge on: SUMO inserts vehicles on edges only."""
+    found: list[str] = []
+    while roads.lanes[(found or [lane])[0]].junction:
+        first = (found or [lane])[0]
+        before = [one.id for one in roads.driving if first in one.successors and one.id not in found]
+        if not before:
+            break
+        found.insert(0, before[0])
+    return tuple(found)
+
+
+def background_vehicle(one: Driven, name: str, driving: Driving, dt_s: float, log: bool) -> BackgroundVehicle:
+    """The vehicle from its first frame on. `progress` of its schedule begins above 0 where it begins in a junction."""
+    frames = np.flatnonzero(np.isfinite(one.progress))
+    first, front = int(frames[0]), one.front
+    edge = next(stage for stage in one.path.stages if not stage.junction)
+    depart = min(max(float(front[first]) - edge.begin, 0.0), max(edge.length - SHORTEST_M, 0.0))
+    start = edge.begin + depart
+    return BackgroundVehicle(
+        id=name,
+        depart_s=round(first * dt_s, 3),
+        edges=one.path.edges,
+        depart_lane=_lane_index(one),
+        depart_pos_m=round(depart, 2),
+        depart_speed=min(round(_first_speed(one.progress[frames], dt_s), 2), 60.0),
+        length=one.length,
+        width=one.width,
+        driving=driving,
+        schedule=Schedule(
+            progress=_progress(frames, front[frames] - start, dt_s),
+            lanes=_changes(one, start),
+            leaves=int(frames[-1]) < len(front) - 1,
+        ),
+        log=poses(one.track, dt_s) if log else (),
+    )
+
+
+def _lane_index(one: Driven) -> int:
+    """Index of the lane on which it departs: that of its first frame, else of the edge before the junction."""
+    first = int(np.flatnonzero(np.isfinite(one.progress))[0])
+    edge = next(stage for stage in one.path.stages if not stage.junction)
+    on = [lane for lane in edge.lanes if lane.id == one.match.lane[first]]
+    return (on or list(edge.lanes))[0].index
+
+
+def _first_speed(progress: Float, dt_s: float) -> float:
+    ahead = min(3, len(progress) - 1)
+    return float(progress[ahead] - progress[0]) / (ahead * dt_s) if ahead else 0.0
+
+
+def _progress(frames: np.ndarray, front: Float, dt_s: float) -> tuple[tuple[float, float], ...]:
+    """At most one point every `SCHEDULE_S`; first and last frame are always among them."""
+    every = max(round(SCHEDULE_S / dt_s), 1)
+    kept = sorted({*range(0, len(frames), every), len(frames) - 1})
+    if len(kept) < 2:
+        return ((round(frames[0] * dt_s, 3), 0.0), (round((frames[0] + 1) * dt_s, 3), 0.0))
+    rounded = np.maximum.accumulate(np.round(np.maximum(front[kept], 0.0), 2))
+    return tuple((round(float(frames[k]) * dt_s, 3), float(s)) for k, s in zip(kept, rounded, strict=True))
+
+
+def _changes(one: Driven, start: float) -> tuple[tuple[float, int], ...]:
+    """Where its centre crosses over to the next lane of its route, front bumper's place; on the edge of that lane.
+
+    What the route needs but no frame shows (a lane that ends) comes where the log shows it last on the lane before.
+    """
+    seen = _seen_on(one)
+    found: list[tuple[float, int]] = []
+    index = _lane_index(one)
+    for k, stage in enumerate(one.path.stages):
+        if stage.junction:
+            continue
+        for before, lane in pairwise([None, *stage.lanes]):
+            if lane is not None and lane.index != index:
+                at = (
+                    seen.get((k, lane.id), (stage.begin, 0.0))[0]
+                    if before is None
+                    else _crossing(seen, k, before, lane)
+                )
+                found.append((round(max(min(max(at, stage.begin), stage.end) - start, 0.0), 2), lane.index))
+                index = lane.index
+    return tuple(sorted(found, key=lambda change: change[0]))
+
+
+def _crossing(seen: dict[tuple[int, str], tuple[float, float]], stage: int, before: Lane, lane: Lane) -> float:
+    """Where along the path [m] it goes over, by first and last place on the lanes of the stages."""
+    if (stage, lane.id) in seen:
+        return seen[stage, lane.id][0]
+    return seen.get((stage, before.id), (0.0, 0.0))[1]
+
+
+def _seen_on(one: Driven) -> dict[tuple[int, str], tuple[float, float]]:
+    """First and last place of the front bumper [m] by stage and lane."""
+    found: dict[tuple[int, str], tuple[float, float]] = {}
+    least, front = 0, one.front
+    for frame in np.flatnonzero(np.isfinite(one.progress)).tolist():
+        lane = one.match.lane[frame]
+        k = one.path.stage_of(lane, least) if lane else None
+        if k is not None:
+            least, at = max(k, least), float(front[frame])
+            found[k, lane] = (found.get((k, lane), (at, at))[0], at)
+    return found
+
+
+def poses(track: Track, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
+    """Timed poses of the log, rounded to ms, cm and 0.1 mrad."""
+    frames: Sequence[int] = track.frames.tolist()
+    return tuple(
+        (
+            round(k * dt_s, 3),
+            round(float(track.x[k]), 2),
+            round(float(track.y[k]), 2),
+            round(float(np.nan_to_num(track.yaw[k])), 4),
+        )
+        for k in frames
+    )

@@ -1,0 +1,151 @@
+"""CAVs of a log: which ones, and route, start state and goal of each."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.roads import RoadMap, Route, route_along
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego
+from real2sim.fit.route_path import straight_on
+from real2sim.match import Match
+from real2sim.match.dense import route_of
+from real2sim.match.waypoints import Leg
+from real2sim.recording import Track
+
+ROUTE_M = 20.0
+"""A route is at least this long; a CAV that hardly moves in the log goes on along its lane."""
+START_M = 2.0
+"""How far the start may lie beside the first lane (`soundness.START_GAP_M`)."""
+CHANGE_M = 20.0
+"""Length of a lane change of `route_along`; it begins half of that before the marking is crossed."""
+
+
+def choose_cavs(wanted: Sequence[str], tracks: Sequence[Track], matches: Mapping[str, Match]) -> tuple[str, ...]:
+    """Track ids of the CAVs: those of the source with a usable route that move, else who is there longest.
+
+    `wanted` are the ids of the source's CAVs (`Cleaned.cavs`). Raises InputError if no vehicle will do.
+    """
+    fit = {track.id: track for track in tracks if not track.parked and not unfit(track, matches.get(track.id))}
+    if told := tuple(name for name in wanted if name in fit):
+        return told
+    if not fit:
+        raise InputError(
+            f"expected a moving vehicle that is on a road from the first frame on to be the CAV,"
+            f" found none of {len(tracks)} tracks"
+        )
+    return (max(fit.values(), key=lambda track: (int(track.valid.sum()), _driven_m(track), track.id)).id,)
+
+
+def passed_over(
+    wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[Track], matches: Mapping[str, Match]
+) -> dict[str, str]:
+    """The CAVs of the source that are none in the scenario, with the reason."""
+    known = {track.id: track for track in tracks}
+    return {name: _why(known.get(name), matches.get(name)) for name in wanted if name not in chosen}
+
+
+def _why(track: Track | None, match: Match | None) -> str:
+    if track is None:
+        return "it is not in the cleaned log"
+    return "it never moves" if track.parked else unfit(track, match)
+
+
+def _driven_m(track: Track) -> float:
+    return float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum())
+
+
+def unfit(track: Track, match: Match | None) -> str:
+    """Why a track cannot be a CAV; "" if it can."""
+    if track.category.kind is not Kind.VEHICLE:
+        return f"a {track.category.value} is no vehicle"
+    if not track.valid[0]:
+        return f"it appears only in frame {int(track.frames[0])}" if len(track.frames) else "it is never seen"
+    if match is None or match.off_road:
+        return match.reason if match is not None else "it was not matched to lanes"
+    if match.reason:
+        return match.reason
+    if not match.lane[0]:
+        return "it is on no lane in the first frame"
+    if abs(float(match.offset[0])) > START_M:
+        return f"it starts {abs(float(match.offset[0])):.1f} m beside its lane"
+    return ""
+
+
+def ego_of(track: Track, match: Match, roads: RoadMap, name: str, dt_s: float) -> tuple[Ego, str]:
+    """The CAV, and what is to be said about its route; raises InputError where it cannot be one."""
+    if why := unfit(track, match):
+        raise InputError(f"CAV {track.id}: expected a vehicle with a way through the network, found: {why}")
+    route, said = _route(match, roads)
+    xy, yaw = route.xy, np.unwrap(route.yaw)
+    start = Pose(x=_round(track.x[0]), y=_round(track.y[0]), yaw=round(float(track.yaw[0]), 4))
+    points = tuple((_round(x), _round(y), round(float(a), 4)) for (x, y), a in zip(xy, yaw, strict=True))
+    speed = float(np.clip(_start_speed(track, dt_s), 0.0, 60.0))
+    return Ego(id=name, start=start, start_speed=round(speed, 2), lanes=route.lanes, route=points), said
+
+
+def _round(value: float) -> float:
+    return round(float(value), 3)
+
+
+def _start_speed(track: Track, dt_s: float) -> float:
+    """[m/s] Along the first frames, 0 where they go less than 0.1 m/s."""
+    last = min(3, len(track.frames) - 1)
+    frames = track.frames[[0, last]]
+    if not last:
+        return 0.0
+    speed = float(np.hypot(*np.diff(track.xy[frames], axis=0)[0])) / (float(np.diff(frames)[0]) * dt_s)
+    return speed if speed >= 0.1 else 0.0
+
+
+def _route(match: Match, roads: RoadMap) -> tuple[Route, str]:
+    """From the first frame to where the log ends, at least `ROUTE_M`."""
+    on = [frame for frame, lane in enumerate(match.lane) if lane in match.route]
+    lanes = list(match.route[match.route.index(match.lane[on[0]]) :])
+    start, goal = float(match.s[on[0]]), float(match.s[on[-1]])
+    lanes = lanes[: len(lanes) - lanes[::-1].index(match.lane[on[-1]])]
+    route = _dense(match, roads, lanes, start, goal)
+    length = float(np.hypot(*np.diff(route.xy, axis=0).T).sum()) if route is not None else 0.0
+    if route is not None and length >= ROUTE_M:
+        return route, ""
+    lanes, goal = _prolonged(roads, lanes, goal, ROUTE_M - length)
+    route = _dense(match, roads, lanes, start, goal)
+    if route is None:
+        raise InputError(f"lane {lanes[-1]}: expected room for a route, found its end")
+    return route, f"goes only {length:.1f} m in the log: its route is prolonged along its lane"
+
+
+def _prolonged(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float) -> tuple[list[str], float]:
+    """The lanes and the arc length [m] on the last of them that much further ahead, or to the end of the network."""
+    found = list(lanes)
+    for lane in ("", *straight_on(roads, lanes[-1], missing)):
+        if lane:
+            found, goal = [*found, lane], 0.0
+        rest = roads.lanes[found[-1]].centre.length - goal
+        if missing <= rest:
+            return found, goal + missing
+        goal, missing = goal + rest, missing - rest
+    return found, goal
+
+
+def _dense(match: Match, roads: RoadMap, lanes: Sequence[str], start: float, goal: float) -> Route | None:
+    """The dense route with lane changes where the log has them; None if it has no length."""
+    if len(lanes) == 1 and goal - start < 0.2:
+        return None
+    try:
+        return route_along(roads, lanes, start, goal, _change_places(match, roads, lanes))
+    except (InputError, ValueError):  # no room to change lanes there: as early as there is room
+        return route_of(roads, (Leg(tuple(lanes), start, goal),))
+
+
+def _change_places(match: Match, roads: RoadMap, lanes: Sequence[str]) -> dict[int, float]:
+    """Where lane changes begin: arc length [m] on the lane that is left, by its place in `lanes`."""
+    places: dict[int, float] = {}
+    for i, (here, there) in enumerate(pairwise(lanes)):
+        on = [k for k, lane in enumerate(match.lane) if lane == here]
+        if there in (roads.lanes[here].left, roads.lanes[here].right) and on:
+            places[i] = max(float(match.s[on[-1]]) - CHANGE_M / 2, 0.0)
+    return places

@@ -1,0 +1,98 @@
+"""Things of a log that SUMO does not drive: standing ones, walkers and cyclists, vehicles without a usable route."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, KindName, Motion, Replay, Standing
+from real2sim.fit.background_vehicle import Driven, poses, size_of
+from real2sim.fit.centreline_traffic import Centred, run_into
+from real2sim.recording import Track
+
+NAMES: dict[Kind, KindName] = {kind: name for name, kind in KINDS.items()}
+
+
+def replayed(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+    """An actor that repeats the track and stops for what is in its way, and what is to be said about it.
+
+    It stays where it is if the log ends before it does.
+    """
+    timed = poses(track, dt_s)
+    x, y, yaw = timed[0][1:]
+    length, width = size_of(track)
+    corners = boxes_corners(track.x, track.y, np.nan_to_num(track.yaw), np.array(length), np.array(width))
+    around = run_into(traffic, track.valid, corners)
+    actor = Actor(
+        id=name,
+        kind=NAMES[track.category.kind],
+        model=track.category.value,
+        start=Pose(x=x, y=y, yaw=yaw),
+        length=length,
+        width=width,
+        motion=Replay(poses=_unwrapped(timed), stays=bool(track.valid[-1])),
+        mirrored=not around,
+    )
+    return actor, _said(around)
+
+
+def _said(around: Sequence[str]) -> str:
+    if not around:
+        return ""
+    return f"not seen by SUMO's traffic: passed by {', '.join(around[:3])}{', ...' if len(around) > 3 else ''}"
+
+
+def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tuple[float, float, float, float], ...]:
+    """Yaws without jumps of a full turn: replays go linearly from one to the next."""
+    yaw = np.round(np.unwrap([pose[3] for pose in timed]), 4)
+    return tuple((t, x, y, float(a)) for (t, x, y, _), a in zip(timed, yaw, strict=True))
+
+
+def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+    """A thing that never moves, and what is to be said about it.
+
+    Where a vehicle of the log drives later through the place where it stood, or before it came there, it is there only
+    while the log shows it. Where one drove around it SUMO's traffic, which cannot, takes no notice of it.
+    """
+    x, y = (round(float(np.median(values[track.valid])), 3) for values in (track.x, track.y))
+    yaw = track.yaw[track.valid]
+    heading = round(float(np.arctan2(np.nan_to_num(np.sin(yaw)).sum(), np.nan_to_num(np.cos(yaw)).sum())), 4)
+    length, width = size_of(track)
+    box = box_corners(x, y, heading, length, width)
+    motion: Motion = Standing()
+    said: list[str] = []
+    if any(_drives_through(box, one, track) for one in traffic.drivers):
+        first, last = int(track.frames[0]) * dt_s, (int(track.frames[-1]) + 1) * dt_s
+        motion = Replay(
+            poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
+        )
+        said.append("there only while the log shows it: a vehicle drives through its place at another time")
+    around = run_into(traffic, np.ones(len(track.valid), dtype=np.bool_), np.tile(box, (len(track.valid), 1, 1)))
+    said.append(_said(around))
+    actor = Actor(
+        id=name,
+        kind=NAMES[track.category.kind],
+        model=track.category.value,
+        start=Pose(x=x, y=y, yaw=heading),
+        motion=motion,
+        mirrored=not around,
+        length=length,
+        width=width,
+    )
+    return actor, "; ".join(part for part in said if part)
+
+
+def _drives_through(box: np.ndarray, one: Driven, track: Track) -> bool:
+    """Whether the boxes meet in a frame in which the thing is not seen."""
+    rows = one.track.valid & ~track.valid
+    if not rows.any():
+        return False
+    moving = one.track
+    near = rows & (np.hypot(moving.x - box[:, 0].mean(), moving.y - box[:, 1].mean()) < 30.0)
+    if not near.any():
+        return False
+    yaw = np.nan_to_num(moving.yaw[near])
+    boxes = boxes_corners(moving.x[near], moving.y[near], yaw, np.array(one.length), np.array(one.width))
+    return bool(boxes_overlap(boxes, box[None]).any())

@@ -1,0 +1,160 @@
+"""Reconstructed tracks of a log become the traffic of a scenario: CAVs, background vehicles, scripted actors.
+
+Who becomes what:
+- CAVs: egos that start as in the log, with the route they drove there.
+- Moving vehicles with a route: background vehicles with a schedule. One that begins inside a junction departs at the
+  end of the edge before it, and its schedule begins with the distance it is ahead of that. One that comes onto the map
+  or leaves it at an end of its lanes is there while it is on the map.
+- Moving vehicles that leave the roads elsewhere or drive beside another one in a lane, walkers, cyclists: actors on
+  their path of the log, which stop for what is in their way, in every mode.
+- What never moves: standing actors. SUMO's traffic takes no notice of actors that were driven around (`fit_beside`).
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.background import Background, Mode
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scripted_actor import Actor
+from real2sim.fit.background_vehicle import Driven, background_vehicle, driven
+from real2sim.fit.cavs import ego_of
+from real2sim.fit.centreline_traffic import Centred, abreast, centred
+from real2sim.fit.disposition import Became, Role
+from real2sim.fit.driver_parameters import fitted
+from real2sim.fit.scripted_actors import replayed, standing
+from real2sim.match import Match
+from real2sim.recording import Category, Track
+
+ACTION_STEP_S = 0.1
+"""Drivers of a log react at its frame rate; SUMO's insertion and schedules need it."""
+LEAST_FRAMES = 2
+LONG_NAME, SHORT_NAME = 16, 6
+"""Names of more characters are cut, but to no fewer than the second."""
+DRIVEN_KINDS = frozenset((Category.CAR, Category.VAN, Category.TRUCK, Category.BUS, Category.MOTORCYCLE))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The traffic of a scenario."""
+
+    egos: tuple[Ego, ...]
+    background: Background
+    actors: tuple[Actor, ...]
+    roles: Mapping[str, Role]
+    """By track id: what it became and why; everything that could not be kept is LEFT_OUT with a reason."""
+    names: Mapping[str, str]
+    """Track id -> id in the scenario."""
+
+
+@dataclass
+class _Work:
+    """What is at hand while one log is fitted."""
+
+    matches: Mapping[str, Match]
+    roads: RoadMap
+    dt_s: float
+    names: dict[str, str]
+    roles: dict[str, Role]
+
+
+def fit(
+    tracks: Sequence[Track], matches: Mapping[str, Match], roads: RoadMap, cavs: Sequence[str], mode: Mode, dt_s: float
+) -> Fitted:
+    """Traffic from reconstructed tracks, their matches by track id (vehicles only) and the ids of the CAVs' tracks.
+
+    Raises InputError for a CAV that is not there in the first frame or has no way through the network.
+    """
+    known = {track.id: track for track in tracks}
+    for name in cavs:
+        if name not in known:
+            raise InputError(f"CAV {name}: expected one of the tracks {_some(sorted(known))}, found none of that name")
+    work = _Work(matches, roads, dt_s, scenario_names(tracks), {})
+    egos = tuple(_ego(work, known[name]) for name in cavs)
+    rest = [track for track in tracks if track.id not in cavs]
+    drivers = _drivers(work, rest)
+    following = fitted(drivers, dt_s) if drivers else []
+    vehicles = [
+        background_vehicle(one, work.names[one.track.id], driving, dt_s, mode != "reactive")
+        for one, driving in zip(drivers, following, strict=True)
+    ]
+    on_road, traffic = {one.track.id for one in drivers}, centred(drivers, roads)
+    actors = [actor for track in rest if track.id not in on_road for actor in _actor(work, track, traffic)]
+    background = Background(vehicles=tuple(vehicles), action_step_s=ACTION_STEP_S, mode=mode)
+    return Fitted(egos, background, tuple(actors), work.roles, work.names)
+
+
+def scenario_names(tracks: Sequence[Track]) -> dict[str, str]:
+    """Ids as scenario files allow them, long ones cut to what tells them apart; equal ones get a number added."""
+    plain = {track.id: re.sub(r"[^A-Za-z0-9_.+-]", "-", track.id) for track in tracks}
+    plain = {id_: text if re.match(r"[A-Za-z0-9]", text) else f"t{text}" for id_, text in plain.items()}
+    names: dict[str, str] = {}
+    for id_, text in plain.items():
+        stem = _short(text, plain.values())
+        name, k = stem, 1
+        while name in names.values():
+            k += 1
+            name = f"{stem}.{k}"
+        names[id_] = name
+    return names
+
+
+def _short(text: str, texts: Iterable[str]) -> str:
+    """The text, or if it is long (a hash) its first characters, as many as no other one begins with."""
+    if len(text) <= LONG_NAME:
+        return text
+    others = [other for other in texts if other != text]
+    length = next((n for n in range(SHORT_NAME, 70) if not any(other.startswith(text[:n]) for other in others)), 70)
+    return text[:length]
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+
+def _ego(work: _Work, track: Track) -> Ego:
+    match = work.matches.get(track.id)
+    if match is None:
+        raise InputError(f"CAV {track.id}: expected a vehicle, found a {track.category.value}")
+    ego, said = ego_of(track, match, work.roads, work.names[track.id], work.dt_s)
+    work.roles[track.id] = Role(Became.CAV, said)
+    return ego
+
+
+def _drivers(work: _Work, tracks: Sequence[Track]) -> list[Driven]:
+    """Moving vehicles that SUMO can drive; the others get their reason."""
+    found: list[Driven] = []
+    for track in tracks:
+        if track.parked or track.category not in DRIVEN_KINDS or track.valid.sum() < LEAST_FRAMES:
+            continue
+        match = work.matches.get(track.id)
+        one = driven(track, match, work.roads) if match is not None else "it was not matched to lanes"
+        if isinstance(one, str):
+            work.roles[track.id] = Role(Became.ACTOR, one)
+            continue
+        found.append(one)
+    beside = abreast(centred(found, work.roads), work.dt_s)
+    for one in found:
+        out = one.track.id in beside
+        role = Role(Became.ACTOR, beside[one.track.id]) if out else Role(Became.BACKGROUND, one.said)
+        work.roles[one.track.id] = role
+    return [one for one in found if one.track.id not in beside]
+
+
+def _actor(work: _Work, track: Track, traffic: Centred) -> list[Actor]:
+    name = work.names[track.id]
+    frames = int(track.valid.sum())
+    if frames < LEAST_FRAMES and not (track.parked and frames):
+        work.roles[track.id] = Role(Became.LEFT_OUT, f"seen in {frames} frames only")
+        return []
+    if track.parked or track.category.kind is Kind.STATIC:
+        actor, said = standing(track, name, traffic, work.dt_s)
+        work.roles[track.id] = Role(Became.STANDING, said)
+        return [actor]
+    actor, said = replayed(track, name, traffic, work.dt_s)
+    before = work.roles[track.id].reason if track.id in work.roles else ""
+    work.roles[track.id] = Role(Became.ACTOR, "; ".join(part for part in (before, said) if part))
+    return [actor]

@@ -1,0 +1,140 @@
+"""The results of all steps of one conversion as quality.json, and as findings for the report page."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mdrive_sumo.roads import RoadMap
+from real2sim.clean import Cleaned
+from real2sim.clean.report import CleaningReport
+from real2sim.findings import Findings
+from real2sim.fit import Fitted
+from real2sim.fit.disposition import Became, Role
+from real2sim.match import Match
+from real2sim.network import NetworkReport
+from real2sim.pipeline.quality_file import Cleaning, CleaningChange, FitRole, Network, QualityFile
+from real2sim.quality import Quality
+from real2sim.recording import Recording, Track
+from real2sim.targets import Target, by_sumo, closeness_targets, fidelity_targets, lost_target, network_targets
+from real2sim.traffic_fidelity import Closeness
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What every step of one conversion gave."""
+
+    id: str
+    recording: Recording
+    window_s: tuple[float, float] | None
+    cleaned: Cleaned
+    tracks: tuple[Track, ...]
+    """Reconstructed."""
+    network: NetworkReport
+    roads: RoadMap
+    matches: Mapping[str, Match]
+    quality: Quality
+    fitted: Fitted
+    closeness: Closeness
+    """Of reactive traffic, whatever the mode."""
+    notes: tuple[str, ...]
+    """What was passed over on the way; those of the reader stand in `recording`."""
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """All figures that have a target."""
+        broken = [track.id for track in self.tracks if not track.parked and _broken(self.matches.get(track.id))]
+        return (
+            *fidelity_targets(self.quality),
+            *network_targets(self.network, broken),
+            lost_target(self.recording, self.cleaned, self.fitted.roles),
+            *closeness_targets(self.closeness),
+        )
+
+    @property
+    def misses(self) -> tuple[str, ...]:
+        """Targets that are not met."""
+        return tuple(target.sentence() for target in self.targets if target.met is False)
+
+
+def _broken(match: Match | None) -> bool:
+    return match is not None and not match.off_road and bool(match.breaks)
+
+
+def quality_file(steps: Steps) -> QualityFile:
+    """The content of quality.json."""
+    return QualityFile(
+        scenario=steps.id,
+        source=steps.recording.source,
+        log=steps.recording.id,
+        window_s=steps.window_s,
+        mode=steps.fitted.background.mode,
+        dt_s=steps.recording.dt_s,
+        cleaning=_cleaning(steps.cleaned.report),
+        network=_network(steps.network),
+        fidelity=steps.quality,
+        by_sumo=by_sumo(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
+        fit=_fit(steps.fitted),
+        closeness=steps.closeness,
+        targets=steps.targets,
+        misses=steps.misses,
+        passed=not steps.misses,
+        notes=(*steps.recording.notes, *steps.notes),
+    )
+
+
+def findings_of(steps: Steps) -> Findings:
+    """The same for the report page."""
+    return Findings(
+        id=steps.id,
+        recording=steps.recording,
+        cleaned=steps.cleaned,
+        tracks=steps.tracks,
+        quality=steps.quality,
+        network=steps.network,
+        roads=steps.roads,
+        roles=steps.fitted.roles,
+        names=steps.fitted.names,
+        closeness=steps.closeness,
+        targets=steps.targets,
+        misses=steps.misses,
+        notes=steps.notes,
+        mode=steps.fitted.background.mode,
+        window_s=steps.window_s,
+    )
+
+
+def _cleaning(report: CleaningReport) -> Cleaning:
+    changes = (
+        CleaningChange(reason=change.reason, track=change.track, frames=change.frames, detail=change.detail)
+        for change in report.changes
+    )
+    return Cleaning(counts=report.counts(), changes=tuple(changes))
+
+
+def _network(report: NetworkReport) -> Network:
+    fit = report.fit
+    return Network(
+        name=report.name,
+        checksum=report.checksum,
+        lanes=report.lanes,
+        edges=report.edges,
+        nodes=report.nodes,
+        connections=report.connections,
+        left_hand=report.left_hand,
+        inverted=report.directions.inverted,
+        undecided=report.directions.undecided,
+        links_dropped=report.links_dropped,
+        links_added=report.links_added,
+        lost=dict(report.lost),
+        centre_mean_m=max(fit.mean, fit.back_mean),
+        centre_p95_m=max(fit.p95, fit.back_p95),
+        centre_max_m=max(fit.max, fit.back_max),
+        default_widths=report.default_widths,
+        default_speeds=report.default_speeds,
+        signalled=report.signalled,
+    )
+
+
+def _fit(fitted: Fitted) -> tuple[FitRole, ...]:
+    plain = Role(Became.LEFT_OUT, "the fit says nothing about it")
+    roles = ((track, name, fitted.roles.get(track, plain)) for track, name in fitted.names.items())
+    return tuple(FitRole(track=t, name=n, became=role.became, reason=role.reason) for t, n, role in roles)

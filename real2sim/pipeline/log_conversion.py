@@ -1,0 +1,100 @@
+"""One log of any source is converted into a draft of a suite, or cut into windows."""
+
+import math
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.scenario import save_scenario
+from real2sim.clean import LEAST_FRAMES
+from real2sim.fidelity_report.index_page import IndexLine, index_line
+from real2sim.fidelity_report.report_page import write_page
+from real2sim.pipeline.log_source import Log, named, read
+from real2sim.pipeline.quality_file import save_quality
+from real2sim.pipeline.scenario_builder import Wish, build_log
+from real2sim.readers.window import Window, windowed
+from real2sim.recording import Recording
+from real2sim.scene import Scene
+
+BUCKETS = {"v2xpnp": "V2XPnP"}
+CATEGORY = "real2sim"
+LONGEST_S = 60.0
+"""Longer logs need a window: an episode is a matter of seconds."""
+LEAST_S = 2.0
+"""Shorter logs pass without being asked much: turns are measured within a second, traffic against the log after one
+and two seconds."""
+PROPOSED_S = 20.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A scenario of the draft, and what is told about it at the end."""
+
+    id: str
+    misses: tuple[str, ...]
+    line: IndexLine | None
+    """Of the index of pages, if there are any."""
+
+
+def convert_log(log: Log, draft: Path, wish: Wish, page: bool) -> Outcome:
+    """Writes DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError, one sentence that names the log."""
+    try:
+        recording = windowed(str(log.path), read(log), log.window)
+        _check_length(recording)
+        built = build_log(_scene(recording, log.window), draft, replace(wish, window_s=log.window))
+    except InputError as error:
+        raise InputError(named(log, str(error))) from None
+    folder = draft / built.scenario.id
+    save_scenario(built.scenario, folder / "scenario.json")
+    save_quality(built.quality, folder)
+    if page:
+        write_page(folder, built.findings)
+    return Outcome(built.scenario.id, built.quality.misses, index_line(built.findings) if page else None)
+
+
+def windows_of(log: Log, every_s: float) -> tuple[Window, ...]:
+    """Windows of that length [s], one after another; a rest shorter than half of it or `LEAST_S` belongs to none."""
+    try:
+        recording = windowed(str(log.path), read(log), log.window)
+    except InputError as error:
+        raise InputError(named(log, str(error))) from None
+    first = log.window[0] if log.window else 0.0
+    end = first + (recording.frames - 1) * recording.dt_s
+    starts = [first + k * every_s for k in range(math.ceil((end - first) / every_s - 1e-6))]
+    if len(starts) > 1 and end - starts[-1] < max(every_s / 2, LEAST_S) - recording.dt_s / 2:
+        starts.pop()
+    return tuple((round(start, 3), round(min(start + every_s, end), 3)) for start in starts)
+
+
+def _check_length(recording: Recording) -> None:
+    length_s = (recording.frames - 1) * recording.dt_s
+    least_s = max(LEAST_S, (LEAST_FRAMES - 1) * recording.dt_s)
+    if length_s < least_s - recording.dt_s / 2:
+        raise InputError(f"expected at least {least_s:g} s, found {length_s:g} s: too short for the checks to say much")
+    if length_s > LONGEST_S:
+        raise InputError(
+            f"expected at most {LONGEST_S:g} s, found a log of {length_s:g} s: choose a part with"
+            f" --window 0,{PROPOSED_S:g}, or cut it into scenarios with --every {PROPOSED_S:g}"
+        )
+
+
+def _scene(recording: Recording, window: Window | None) -> Scene:
+    part = f", {window[0]:g} s to {window[1]:g} s" if window else ""
+    return Scene(
+        id=scenario_id(recording.id, window),
+        source=recording.source,
+        bucket=BUCKETS.get(recording.source, "Real2Sim"),
+        category=CATEGORY,
+        map=recording.map,
+        recording=recording,
+        description=f"{recording.source} log {recording.id}{part}",
+        notes=recording.notes,
+    )
+
+
+def scenario_id(log: str, window: Window | None) -> str:
+    """The id of the log in the characters of an identifier, with its window."""
+    part = f"_{window[0]:g}-{window[1]:g}s" if window else ""
+    plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", log).lstrip("_.+-") or "log"
+    return plain[: 80 - len(part)] + part

@@ -1,0 +1,124 @@
+"""A log becomes a scenario: cleaned, put on a network of its map, reconstructed, made reactive, and measured."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.roads import RoadMap, load
+from mdrive_sumo.scenario.background import Mode
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Scenario, first_problem
+from real2sim.clean import Cleaned, clean
+from real2sim.findings import Findings
+from real2sim.fit import Fitted, fit
+from real2sim.match import match
+from real2sim.network import NetworkReport, build_network
+from real2sim.pipeline.cav_selection import cav_notes, cav_tracks, check_on_map, motions, stations
+from real2sim.pipeline.conversion_results import Steps, findings_of, quality_file
+from real2sim.pipeline.quality_file import QualityFile
+from real2sim.quality import Converted, Quality, assess
+from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.recording import Recording, Track
+from real2sim.scene import Scene
+from real2sim.tracks.reconstruct import reconstruct
+from real2sim.traffic_fidelity import closeness
+
+NETWORKS = "networks"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the user wants of the traffic."""
+
+    mode: Mode = "reactive"
+    cavs: tuple[str, ...] = ()
+    """Names of observers or tracks; (): those of the source, else one is chosen."""
+    window_s: tuple[float, float] | None = None
+    """What part of the log the scene is, for the report."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """A scenario and what there is to say about it."""
+
+    scenario: Scenario
+    quality: QualityFile
+    findings: Findings
+
+
+def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | None = None) -> Built:
+    """Builds the network SUITE/networks/<scene id>, unless one is given, and the scenario on it; raises InputError.
+
+    Runs SUMO in this process to measure how close the traffic stays to the log.
+    """
+    recording = scene.recording
+    if recording is None:
+        raise InputError(f"{scene.id}: expected a log, found an authored scene")
+    check_on_map(recording)
+    cleaned, dt_s = clean(recording), recording.dt_s
+    if not cleaned.tracks:
+        raise InputError(f"expected tracks of at least half a second, found none in {recording.frames} frames")
+    seen = motions(cleaned.tracks)
+    if network is None:
+        network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
+    roads = load(network.folder)
+    tracks = reconstruct(cleaned.tracks, dt_s)
+    matches = {id_: match(motion, roads) for id_, motion in motions(tracks).items()}
+    cavs = cav_tracks(wish.cavs, cleaned, tracks, matches)
+    try:
+        fitted = fit(tracks, matches, roads, cavs, wish.mode, dt_s)
+    except ValidationError as error:
+        raise InputError(first_problem(error)) from None
+    notes = cav_notes(wish.cavs, cavs, cleaned, tracks, matches)
+    scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
+    check_scenario(scenario, roads)
+    steps = Steps(
+        id=scene.id,
+        recording=recording,
+        window_s=wish.window_s,
+        cleaned=cleaned,
+        tracks=tracks,
+        network=network,
+        roads=roads,
+        matches=matches,
+        quality=_assessed(recording, cleaned, tracks, roads),
+        fitted=fitted,
+        notes=notes,
+        closeness=closeness(_reactive(scenario), roads, tracks, fitted.names, dt_s),
+    )
+    return Built(scenario, quality_file(steps), findings_of(steps))
+
+
+def _assessed(recording: Recording, cleaned: Cleaned, tracks: tuple[Track, ...], roads: RoadMap) -> Quality:
+    lanes = LaneIndex.of_lines(
+        [lane.centre.xy for lane in roads.driving], [True] * len(roads.driving), roads.lane_width.tolist()
+    )
+    raw = {track.id: track for track in cleaned.tracks}
+    return assess(Converted(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.lost))
+
+
+def _reactive(scenario: Scenario) -> Scenario:
+    """The same with reactive traffic, whatever was asked for: poses of the log are always close to the log."""
+    background = scenario.background.model_copy(update={"mode": "reactive"})
+    return scenario.model_copy(update={"background": background})
+
+
+def _scenario(scene: Scene, recording: Recording, fitted: Fitted, network: str) -> Scenario:
+    try:
+        return Scenario(
+            id=scene.id,
+            bucket=scene.bucket,
+            category=scene.category,
+            network=network,
+            description=scene.description,
+            egos=fitted.egos,
+            background=fitted.background,
+            actors=(*fitted.actors, *scene.actors),
+            weather=scene.weather,
+            rsus=stations(recording.views),
+            notes=scene.notes,
+        )
+    except ValidationError as error:
+        raise InputError(first_problem(error)) from None

@@ -1,0 +1,227 @@
+"""Figures of one trajectory: MDrive's fidelity metrics (spec data_formats.md section 3.1), one number each."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.state import Kind
+from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.recording import Track
+from real2sim.tracks import kinematics
+from real2sim.tracks.stationary import moves
+
+OFF_ROUTE_M = 3.0
+LEEWAY_M = 0.3
+"""By how much a reconstruction may differ from the log (issue C): lanes are asked for where the log is so much inside.
+
+A log that is itself further off shows a car park, a driveway, a road that the map leaves out. To be on a lane there
+would be unfaithful; these frames are counted and listed as outside."""
+HALF_LANE_M = 1.75
+"""Who is further from the centre line of a usual lane is beside it: parked at the kerb, waiting in a gateway."""
+CROSSING_M = 5.0
+"""Ours: about a car length against a lane is crossing it, not driving in it."""
+CROSSING_RAD = float(np.radians(20.0))
+"""Ours: so is longer, if it goes that slantwise: a lane 3.5 m wide is behind it within 10 m. Lane changes take 3 s and
+more: 5 degrees in a street, hardly 10 at walking pace."""
+WRONG_WAY_RAD = float(np.radians(90.0))
+
+
+class ActorQuality(BaseModel):
+    """Figures of one trajectory. Lengths in m, times in s, angles in degrees. None: not assessed."""
+
+    model_config = ConfigDict(frozen=True)
+
+    id: str
+    category: str
+    moving: bool
+    frames: int
+    gaps: int
+    jumps_05m: int = 0
+    jumps_1m: int = 0
+    jumps_2m: int = 0
+    jump_mean: float = 0.0
+    jump_max: float = 0.0
+    jerk_mean: float = 0.0
+    jerk_p95: float = 0.0
+    jerk_max: float = 0.0
+    frames_over_jerk: int = 0
+    acceleration_mean: float = 0.0
+    acceleration_max: float = 0.0
+    frames_over_acceleration: int = 0
+    speed_mean: float = 0.0
+    speed_max: float = 0.0
+    frames_over_speed: int = 0
+    yaw_step_max_deg: float = 0.0
+    yaw_second_max_deg: float = 0.0
+    curvature_spread: float | None = None
+    backward_max: float = 0.0
+    lateral_mean: float | None = None
+    lateral_max: float | None = None
+    share_within_1m: float | None = None
+    share_within_05m: float | None = None
+    outside_frames: int | None = None
+    """Where the log itself is off all lanes (`LEEWAY_M`); the other figures of lanes leave these frames out."""
+    off_route_frames: int | None = None
+    wrong_way_frames: int | None = None
+    spawn_offset: float | None = None
+    spawn_yaw_offset_deg: float | None = None
+    error_median: float | None = None
+    error_p95: float | None = None
+    error_max: float | None = None
+    lateral_shift_max: float | None = None
+    dtw_mean: float | None = None
+    turn_change_deg: float | None = None
+    failed: tuple[str, ...] = ()
+
+
+def actor_quality(track: Track, dt_s: float, raw: Track | None = None, lanes: LaneIndex | None = None) -> ActorQuality:
+    """All figures of one track; against `raw` where both are there, against the lanes if it is a vehicle."""
+    figures = _motion_figures(track, dt_s)
+    if raw is not None:
+        figures |= _error_figures(track, raw)
+    if lanes is not None and track.category.kind is Kind.VEHICLE:
+        figures |= _lane_figures(track, raw, lanes)
+    return ActorQuality(
+        id=track.id,
+        category=track.category.value,
+        moving=moves(track if raw is None else raw, dt_s),
+        frames=int(track.valid.sum()),
+        gaps=max(len(kinematics.runs(track.valid)) - 1, 0),
+        **figures,  # pyright: ignore[reportArgumentType]  # one dictionary for fields of several types
+    )
+
+
+def _motion_figures(track: Track, dt_s: float) -> dict[str, float | int | None]:
+    """Over all stretches without a gap, together."""
+    xy, yaw, stretches = track.xy, track.yaw, kinematics.runs(track.valid)
+
+    def every(of: Callable[[slice], Float]) -> Float:
+        return np.concatenate([of(run) for run in stretches] or [np.zeros(0)])
+
+    jump = every(lambda run: kinematics.jumps(xy[run]))
+    jerk = every(lambda run: kinematics.jerks(xy[run], dt_s))
+    acceleration = every(lambda run: kinematics.accelerations(xy[run], dt_s))
+    speed = every(lambda run: kinematics.steps(xy[run]) / dt_s)
+    turned = every(lambda run: np.degrees(kinematics.yaw_steps(yaw[run])))
+    bends = every(lambda run: kinematics.curvature_changes(xy[run], dt_s))
+    second = max(round(1.0 / dt_s), 1)
+    return {
+        "jumps_05m": int((jump > 0.5).sum()),
+        "jumps_1m": int((jump > 1.0).sum()),
+        "jumps_2m": int((jump > 2.0).sum()),
+        "jump_mean": _mean(jump),
+        "jump_max": _most(jump),
+        "jerk_mean": _mean(jerk),
+        "jerk_p95": float(np.percentile(jerk, 95)) if len(jerk) else 0.0,
+        "jerk_max": _most(jerk),
+        "frames_over_jerk": int((jerk > 5.0).sum()),
+        "acceleration_mean": _mean(acceleration),
+        "acceleration_max": _most(acceleration),
+        "frames_over_acceleration": int((acceleration > 6.0).sum()),
+        "speed_mean": _mean(speed),
+        "speed_max": _most(speed),
+        "frames_over_speed": int((speed > 30.0).sum()),
+        "yaw_step_max_deg": _most(turned),
+        "yaw_second_max_deg": float(
+            np.degrees(max((kinematics.yaw_in_window(yaw[run], second) for run in stretches), default=0.0))
+        ),
+        "curvature_spread": float(bends.std()) if len(bends) else None,
+        "backward_max": _most(every(lambda run: kinematics.backward(xy[run], yaw[run]))),
+    }
+
+
+def _error_figures(track: Track, raw: Track) -> dict[str, float | int | None]:
+    both = track.valid & raw.valid
+    if not both.any():
+        return {}
+    error = errors(track, raw)
+    off = (track.xy - raw.xy)[both]
+    yaw = track.yaw[both]
+    lateral = np.abs(off[:, 1] * np.cos(yaw) - off[:, 0] * np.sin(yaw))
+    turned = kinematics.turn(track.xy[both]) - kinematics.turn(raw.xy[both])
+    moving = kinematics.steps(track.xy[both]).sum() > 5.0
+    return {
+        "error_median": float(np.median(error)),
+        "error_p95": float(np.percentile(error, 95)),
+        "error_max": float(error.max()),
+        "lateral_shift_max": float(lateral.max()),
+        "dtw_mean": dtw(track.xy[both], raw.xy[both]) / int(both.sum()),
+        "turn_change_deg": float(np.degrees(abs(np.remainder(turned + np.pi, 2 * np.pi) - np.pi))) if moving else None,
+    }
+
+
+def errors(track: Track, raw: Track) -> Float:
+    """Distance [m] between reconstructed and raw at every frame that both have."""
+    both = track.valid & raw.valid
+    return kinematics.magnitude((track.xy - raw.xy)[both])
+
+
+def dtw(first: Float, second: Float, band: int = 5) -> float:
+    """Dynamic-time-warping distance [m] of two paths (N, 2) of equal length, within `band` frames of the diagonal."""
+    n = len(first)
+    width = 2 * band + 1
+    best = np.zeros(width)
+    for i in range(n):
+        columns = np.arange(i - band, i + band + 1)
+        inside = (columns >= 0) & (columns < n)
+        cost = np.where(inside, kinematics.magnitude(second[np.clip(columns, 0, n - 1)] - first[i]), np.inf)
+        if i == 0:
+            best = np.where(inside, np.cumsum(np.where(inside, cost, 0.0)), np.inf)
+            continue
+        before = np.minimum(best, np.append(best[1:], np.inf))
+        row = np.empty(width)
+        left = np.inf
+        for k in range(width):
+            left = min(before[k], left) + cost[k]
+            row[k] = left
+        best = row
+    return float(best[band]) if n else 0.0
+
+
+def _lane_figures(track: Track, raw: Track | None, lanes: LaneIndex) -> dict[str, float | int | None]:
+    """Of the frames in which the log is on the map; the mean offset of those in which it is in a lane."""
+    there = track.valid
+    xy, yaw = track.xy[there], track.yaw[there]
+    log = xy if raw is None else np.where(raw.valid[there, None], raw.xy[there], xy)
+    shown = lanes.offsets(log)
+    covered = ~lanes.outside(log) & ((raw is None) | (shown <= OFF_ROUTE_M - LEEWAY_M))
+    beyond = int((~covered).sum())
+    if not covered.any():
+        return {"outside_frames": beyond}
+    xy, yaw, shown = xy[covered], yaw[covered], shown[covered]
+    offset = lanes.offsets(xy)
+    away = lanes.turned_away(xy, yaw, offset)
+    inside = (shown <= HALF_LANE_M) | (raw is None)
+    return {
+        "outside_frames": beyond,
+        "lateral_mean": float(offset[inside].mean()) if inside.any() else None,
+        "lateral_max": float(offset.max()),
+        "share_within_1m": float((offset <= 1.0).mean()),
+        "share_within_05m": float((offset <= 0.5).mean()),
+        "off_route_frames": int((offset > OFF_ROUTE_M).sum()),
+        "wrong_way_frames": _wrong_way((away > WRONG_WAY_RAD) & (offset <= OFF_ROUTE_M), xy, away),
+        "spawn_offset": float(offset[0]),
+        "spawn_yaw_offset_deg": float(np.degrees(away[0])),
+    }
+
+
+def _mean(values: Float) -> float:
+    return float(values.mean()) if len(values) else 0.0
+
+
+def _most(values: Float) -> float:
+    return float(values.max()) if len(values) else 0.0
+
+
+def _wrong_way(against: Bool, xy: Float, away: Float) -> int:
+    """Frames in which it drives against the lanes, crossings left out."""
+    step = np.append(kinematics.steps(xy), 0.0)
+    back, across = -step * np.cos(away), step * np.sin(away)
+    frames = 0
+    for run in kinematics.runs(against):
+        along = back[run].sum()
+        crosses = along < CROSSING_M or across[run].sum() > along * np.tan(CROSSING_RAD)
+        frames += 0 if crosses else run.stop - run.start
+    return frames

@@ -1,0 +1,115 @@
+"""A scenario of a log in SUMO, with everything that SUMO does not drive on rails."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, Replay
+from mdrive_sumo.sumo import SumoWorld
+from real2sim.fit.background_vehicle import size_of
+from real2sim.recording import Track
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Background vehicles in the log's frames: x, y, yaw (T, 3) [m, rad] by name, NaN where they are not there."""
+
+    poses: Mapping[str, Float]
+
+    def xy(self, name: str, frames: int) -> Float:
+        """(T, 2) [m]; all NaN for a vehicle that was never there."""
+        return self.poses[name][:, :2] if name in self.poses else np.full((frames, 2), np.nan)
+
+
+@dataclass(frozen=True)
+class _Rail:
+    """Timed poses of something that does what the log says: times (N,) [s], x, y, yaw, speed (N, 4)."""
+
+    times: Float
+    states: Float
+    stays: bool = False
+
+    def at(self, time: float) -> Float | None:
+        """x, y [m], yaw [rad], speed [m/s]; None before and after."""
+        if time < self.times[0] - 1e-6 or (time > self.times[-1] + 1e-6 and not self.stays):
+            return None
+        if len(self.times) == 1:
+            return self.states[0]
+        return np.array([np.interp(time, self.times, column) for column in self.states.T])
+
+
+def simulate(scenario: Scenario, roads: RoadMap, tracks: Mapping[str, Track], dt_s: float, seed: int = 0) -> Simulated:
+    """Runs it until the log ends. `tracks`: by id in the scenario, those of the CAVs are driven."""
+    frames = len(next(iter(tracks.values())).valid)
+    cavs = {ego.id: _rail_of(tracks[ego.id], dt_s) for ego in scenario.egos}
+    actors = [(actor, _rail(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
+    sizes = {ego.id: size_of(tracks[ego.id]) for ego in scenario.egos}
+    seen: dict[str, list[tuple[float, float, float, float]]] = {}
+    with SumoWorld(scenario, roads, sizes, seed) as world:
+        for tick in range(round((frames - 1) * dt_s / DT) + 1):
+            time = tick * DT
+            egos, scripted = _egos(cavs, time), _scripted(actors, time)
+            around = world.advance(egos, scripted, ()) if tick else world.start(egos, scripted)
+            now = around.actors
+            for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
+                seen.setdefault(name, []).append((time, x, y, yaw))
+    return Simulated({name: _in_frames(np.array(rows), frames, dt_s) for name, rows in seen.items()})
+
+
+def _rail_of(track: Track, dt_s: float) -> _Rail:
+    rows = track.frames
+    xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
+    times = rows.astype(np.float64) * dt_s
+    return _Rail(times, np.column_stack((xy, yaw, _speed(xy, times))))
+
+
+def _speed(xy: Float, times: Float) -> Float:
+    """[m/s] (N,)"""
+    if len(times) < 2:
+        return np.zeros(len(times))
+    x, y = (np.asarray(np.gradient(column, times), dtype=np.float64) for column in xy.T)
+    return np.hypot(x, y)
+
+
+def _rail(actor: Actor) -> _Rail:
+    if not isinstance(actor.motion, Replay):
+        start = actor.start
+        return _Rail(np.zeros(1), np.array([[start.x, start.y, start.yaw, 0.0]]), stays=True)
+    timed = np.array(actor.motion.poses)
+    speed = _speed(timed[:, 1:3], timed[:, 0])
+    return _Rail(timed[:, 0], np.column_stack((timed[:, 1:], speed)), actor.motion.stays)
+
+
+def _egos(cavs: Mapping[str, _Rail], time: float) -> dict[str, EgoState]:
+    now = ((name, rail.at(time)) for name, rail in cavs.items())
+    return {name: EgoState(*(float(value) for value in state)) for name, state in now if state is not None}
+
+
+def _scripted(actors: list[tuple[Actor, _Rail]], time: float) -> Actors:
+    now = [(actor, state) for actor, rail in actors if (state := rail.at(time)) is not None]
+    if not now:
+        return no_actors()
+    x, y, yaw, speed = np.array([state for _, state in now]).T
+    return Actors(
+        tuple(actor.id for actor, _ in now),
+        np.array([KINDS[actor.kind] for actor, _ in now], dtype=np.uint8),
+        x,
+        y,
+        yaw,
+        speed,
+        np.array([actor.length for actor, _ in now]),
+        np.array([actor.width for actor, _ in now]),
+    )
+
+
+def _in_frames(rows: Float, frames: int, dt_s: float) -> Float:
+    """Times, x, y, yaw (N, 4) of a vehicle as x, y, yaw (T, 3) in the log's frames."""
+    times = np.arange(frames) * dt_s
+    there = (times > rows[0, 0] - 1e-6) & (times < rows[-1, 0] + 1e-6)
+    columns = (rows[:, 1], rows[:, 2], np.unwrap(rows[:, 3]))
+    return np.where(there[:, None], np.column_stack([np.interp(times, rows[:, 0], one) for one in columns]), np.nan)

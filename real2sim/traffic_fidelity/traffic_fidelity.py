@@ -1,0 +1,164 @@
+"""How close reactive traffic stays to the log while the CAVs do what they did in the log.
+
+The scenario runs in SUMO with the CAVs and all scripted actors placed on their logged poses on every tick. Then what
+is left is the traffic's own doing: position errors over time, order through conflict points, contacts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Scenario
+from real2sim.fit.background_vehicle import size_of
+from real2sim.recording import Track
+from real2sim.tracks.track_contacts import contacts
+from real2sim.traffic_fidelity.log_simulation import Simulated, simulate
+from real2sim.traffic_fidelity.passing_order import conflicts, kept_in_order
+
+AFTER_S = (1.0, 2.0, 3.0, 5.0, 8.0)
+"""Times after its departure at which a vehicle's position is compared."""
+GONE_M = 100.0
+"""Error that counts for a vehicle that is not there while the log has it."""
+MEDIAN_5S_M, ORDER_SHARE = 3.0, 0.9
+"""Targets of issue C."""
+SLACK_M = 0.1
+"""Boxes count this much smaller on each side when two are said to touch, as in `quality.COLLISION_SLACK_M`."""
+
+
+class ErrorAt(BaseModel):
+    """Position errors of all vehicles that the log still has at a time after their departure."""
+
+    model_config = ConfigDict(frozen=True)
+
+    after_s: float
+    vehicles: int
+    median: float | None
+    """[m]; None if no vehicle is in the log for that long."""
+    lower: float | None
+    upper: float | None
+    """Quartiles [m]."""
+    worst: float | None
+
+
+class Closeness(BaseModel):
+    """For quality.json. A vehicle that is not there while the log has it counts with an error of 100 m."""
+
+    model_config = ConfigDict(frozen=True)
+
+    mode: str
+    vehicles: int
+    """Background vehicles."""
+    errors: tuple[ErrorAt, ...]
+    median_at_5s: float | None
+    """[m]; None if no vehicle is in the log for 5 s."""
+    order_pairs: int
+    """Pairs of vehicles whose paths cross or merge, at least one of them background."""
+    order_kept: int
+    order_share: float | None
+    order_changed: tuple[tuple[str, str], ...]
+    """Who passed first in the log, who second: not so here, or neither has passed."""
+    not_departed: tuple[str, ...]
+    left_early: tuple[str, ...]
+    """Gone before the log's vehicle is."""
+    contacts: tuple[tuple[str, str, int], ...]
+    """Background vehicles whose boxes share area though the log's do not, with the number of frames."""
+
+
+@dataclass(frozen=True)
+class _Vehicle:
+    """A background vehicle in log and simulation, both (T, 2) [m] in the log's frames, NaN where it is not there."""
+
+    name: str
+    log: Float
+    simulated: Float
+
+
+def closeness(
+    scenario: Scenario, roads: RoadMap, tracks: Sequence[Track], names: Mapping[str, str], dt_s: float, seed: int = 0
+) -> Closeness:
+    """Runs the scenario beside its log. `names`: track id -> id in the scenario (`Fitted.names`).
+
+    Needs the process's only SUMO simulation. Raises WorldError or InputError as `SumoWorld` does.
+    """
+    by_name = {names[track.id]: track for track in tracks}
+    run = simulate(scenario, roads, by_name, dt_s, seed)
+    vehicles = [_vehicle(by_name[one.id], one, run, dt_s) for one in scenario.background.vehicles]
+    moving = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.log for one in vehicles}
+    placed = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.simulated for one in vehicles}
+    background = {one.name for one in vehicles}
+    pairs = [one for one in conflicts(moving) if background & {one.first, one.second}]
+    changed = tuple((one.first, one.second) for one in pairs if not kept_in_order(one, moving, placed))
+    errors = tuple(_error_at(vehicles, after, dt_s) for after in AFTER_S)
+    there = [one for one in vehicles if np.isfinite(one.simulated[:, 0]).any()]
+    return Closeness(
+        mode=scenario.background.mode,
+        vehicles=len(vehicles),
+        errors=errors,
+        median_at_5s=next(one.median for one in errors if one.after_s == 5.0),
+        order_pairs=len(pairs),
+        order_kept=len(pairs) - len(changed),
+        order_share=1 - len(changed) / len(pairs) if pairs else None,
+        order_changed=changed,
+        not_departed=tuple(one.name for one in vehicles if one not in there),
+        left_early=tuple(one.name for one in there if _left_early(one, dt_s)),
+        contacts=_contacts(vehicles, by_name, run),
+    )
+
+
+def _vehicle(track: Track, vehicle: BackgroundVehicle, run: Simulated, dt_s: float) -> _Vehicle:
+    """In the frames of its schedule: before and after them the track is off the map."""
+    times = np.arange(len(track.valid)) * dt_s
+    ends = vehicle.schedule.progress[-1][0] if vehicle.schedule else times[-1]
+    there = (times > vehicle.depart_s - dt_s / 2) & (times < ends + dt_s / 2)
+    return _Vehicle(vehicle.id, np.where(there[:, None], track.xy, np.nan), run.xy(vehicle.id, len(times)))
+
+
+def _error_at(vehicles: Sequence[_Vehicle], after_s: float, dt_s: float) -> ErrorAt:
+    found = [error for one in vehicles if (error := _error(one, after_s, dt_s)) is not None]
+    if not found:
+        return ErrorAt(after_s=after_s, vehicles=0, median=None, lower=None, upper=None, worst=None)
+    lower, median, upper, worst = (round(float(q), 3) for q in np.percentile(found, (25, 50, 75, 100)))
+    return ErrorAt(after_s=after_s, vehicles=len(found), median=median, lower=lower, upper=upper, worst=worst)
+
+
+def _error(one: _Vehicle, after_s: float, dt_s: float) -> float | None:
+    """Distance [m] between log and simulation that long after the log's vehicle appeared; None if it is gone then."""
+    frame = int(np.flatnonzero(np.isfinite(one.log[:, 0]))[0]) + round(after_s / dt_s)
+    if frame >= len(one.log) or np.isnan(one.log[frame, 0]):
+        return None
+    apart = float(np.hypot(*(one.simulated[frame] - one.log[frame])))
+    return apart if np.isfinite(apart) else GONE_M
+
+
+def _left_early(one: _Vehicle, dt_s: float) -> bool:
+    """Whether it is gone over half a second before the log's vehicle."""
+    last_seen, last_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[-1]) for xy in (one.log, one.simulated))
+    return last_there < last_seen - round(0.5 / dt_s)
+
+
+def _contacts(
+    vehicles: Sequence[_Vehicle], tracks: Mapping[str, Track], run: Simulated
+) -> tuple[tuple[str, str, int], ...]:
+    logged = [tracks[one.name] for one in vehicles]
+    placed = [_placed(tracks[one.name], run.poses[one.name]) for one in vehicles if one.name in run.poses]
+    if len(placed) < 2:
+        return ()
+    known = {frozenset((logged[i].id, logged[j].id)) for i, j, _ in contacts(logged, SLACK_M).collisions}
+    found = [(placed[i].id, placed[j].id, frames) for i, j, frames in contacts(placed, SLACK_M).collisions]
+    names = {tracks[one.name].id: one.name for one in vehicles}
+    return tuple((names[a], names[b], frames) for a, b, frames in found if frozenset((a, b)) not in known)
+
+
+def _placed(track: Track, poses: Float) -> Track:
+    """The track where the simulation had it."""
+    valid = np.isfinite(poses[:, 0])
+    length, width = size_of(track)
+    full = np.where(valid, 1.0, np.nan)
+    return track.with_rows(
+        valid=valid, x=poses[:, 0], y=poses[:, 1], yaw=poses[:, 2], length=length * full, width=width * full
+    )

@@ -1,0 +1,101 @@
+"""The report page in a browser: nothing is fetched, nothing complains, it fits every screen, its links open cards."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from testing.report_findings import HOSTILE, small_findings
+
+from real2sim.fidelity_report.index_page import index_line, write_index
+from real2sim.fidelity_report.report_page import write_page
+from real2sim.findings import Findings
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Findings:
+    return small_findings(tmp_path_factory.mktemp("findings"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Chromium")
+    as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, *as_root])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def tab(browser: Any) -> Iterator[Any]:
+    """An empty tab; at the end, nothing but the page may have been fetched, and nothing may have complained."""
+    opened = browser.new_page(viewport={"width": 1280, "height": 800})
+    trouble: list[str] = []
+    requests: list[str] = []
+    opened.on("console", lambda message: trouble.append(message.text))
+    opened.on("pageerror", lambda error: trouble.append(str(error)))
+    opened.on("dialog", lambda dialog: trouble.append(dialog.message))
+    opened.on("request", lambda request: requests.append(request.url.split("#")[0]))
+    yield opened
+    address = opened.url.split("#")[0]
+    opened.close()
+    assert trouble == []
+    assert requests == [address]
+
+
+@pytest.fixture
+def page(tab: Any, found: Findings, tmp_path: Path) -> Any:
+    tab.goto(write_page(tmp_path, found).as_uri())
+    return tab
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_nothing_is_wider_than_the_screen(page: Any, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 800})
+    page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_the_index_fits_a_small_screen(tab: Any, found: Findings, tmp_path: Path) -> None:
+    tab.set_viewport_size({"width": 400, "height": 800})
+    tab.goto(write_index(tmp_path, f"suite {HOSTILE}", [index_line(found)]).as_uri())
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 400
+
+
+def test_a_link_opens_the_card_it_leads_to(page: Any) -> None:
+    closed = "!document.getElementById('thing-5').closest('details.card').open"
+    assert page.evaluate(closed)
+    page.click('table a[href="#thing-5"]')
+    page.locator("#thing-5").wait_for(state="visible")  # the group of what stands opened for it
+
+
+@pytest.mark.parametrize("layer", ["raw", "way", "rest", "names"])
+def test_layers_can_be_switched_off(page: Any, layer: str) -> None:
+    shown = f"getComputedStyle(document.querySelector('.layer-{layer}')).display"
+    assert page.evaluate(shown) != "none"
+    page.uncheck(f"#show-{layer}")
+    assert page.evaluate(shown) == "none"
+
+
+def test_the_map_can_be_enlarged(page: Any) -> None:
+    width = "document.querySelector('.map').getBoundingClientRect().width"
+    before = page.evaluate(width)
+    page.check("#enlarge")
+    assert page.evaluate(width) > 2 * before
+
+
+def test_shared_drawings_are_seen_in_every_picture(page: Any) -> None:
+    """Tracks are drawn once and used again; their styles must reach them there."""
+    stroke = "getComputedStyle(document.querySelector('.small .way.fail')).stroke"
+    assert page.evaluate(stroke) == "rgb(194, 31, 46)"
+    size = page.evaluate("document.querySelector('.small .way.fail').getBoundingClientRect().width")
+    assert size > 100
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(stroke) == "rgb(255, 112, 122)"

@@ -1,0 +1,76 @@
+"""The figures of issue C on every real log, and on INTERACTION in windows of 20 s over the whole recording."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+from testing.shared_material import SHARED_DATA
+
+from real2sim.clean import clean
+from real2sim.hdmap import LaneKind
+from real2sim.quality import Converted, Quality, assess
+from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.readers.argoverse2 import read_argoverse2
+from real2sim.readers.commonroad import read_commonroad
+from real2sim.readers.interaction import read_interaction
+from real2sim.readers.scenarionet import read_scenarionet
+from real2sim.recording import Recording
+from real2sim.tracks.reconstruct import reconstruct
+
+LOGS = SHARED_DATA / "real_logs"
+SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
+FOLDER = LOGS / "interaction"
+
+
+def window(start: int) -> Callable[[], Recording]:
+    return lambda: read_interaction(FOLDER, FOLDER / "DR_USA_Intersection_EP0.osm", (start, start + 20))
+
+
+READ: dict[str, Callable[[], Recording]] = {
+    "scene-0103": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-0103.pkl"),
+    "scene-0757": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"),
+    "scene-1100": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-1100.pkl"),
+    "av2-forecasting": lambda: read_argoverse2(LOGS / "argoverse2/forecasting"),
+    "av2-sensor": lambda: read_argoverse2(LOGS / "argoverse2/sensor" / SENSOR),
+    "peach": lambda: read_commonroad(LOGS / "commonroad/USA_Peach-4_8_T-1.xml"),
+    "us101": lambda: read_commonroad(LOGS / "commonroad/USA_US101-3_3_T-1.xml"),
+    **{f"interaction-{start}": window(start) for start in range(0, 300, 20)},
+}
+
+
+@cache
+def converted(name: str) -> tuple[Quality, Recording]:
+    recording = READ[name]()
+    cleaned = clean(recording)
+    tracks = reconstruct(cleaned.tracks, cleaned.dt_s)
+    raw = {track.id: track for track in cleaned.tracks}
+    driving = [lane for lane in recording.map.lanes.values() if lane.kind is LaneKind.DRIVING]
+    lanes = LaneIndex.of_lines(
+        [lane.centre for lane in driving], [lane.directed for lane in driving], [lane.width for lane in driving]
+    )
+    return assess(Converted(name, cleaned.dt_s, tracks, raw, lanes, cleaned.report.lost)), recording
+
+
+@pytest.mark.parametrize("name", READ)
+def test_the_figures_of_the_issue_hold(name: str, shared_data: Path) -> None:
+    quality, _ = converted(name)
+    assert quality.moving_vehicles >= 3
+    assert quality.moving_passed_share >= 0.95, quality.failures
+    assert quality.error_median is not None and quality.error_median <= 0.3
+    assert quality.error_p95 is not None and quality.error_p95 <= 1.0
+    assert (quality.wrong_way_frames, quality.teleports) == (0, 0)
+    assert (quality.spawn_overlaps, quality.duplicates) == ((), ())
+    assert quality.jerk_p95 <= 5.0
+
+
+@pytest.mark.parametrize("name", READ)
+def test_nothing_is_lost_without_a_reason(name: str, shared_data: Path) -> None:
+    """Sources with one view name every thing once: each name is a track, part of one, or listed as lost."""
+    quality, recording = converted(name)
+    cleaned = clean(recording)
+    told = {change.track for change in cleaned.report.changes} | {actor.id for actor in quality.actors}
+    details = " ".join(change.detail for change in cleaned.report.changes)
+    names = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
+    assert [name for name in sorted(names) if name not in told and name not in details] == []
+    assert all(reason for reason in quality.lost.values())
