@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.quality.reconstruction_quality import CHECKS, Check, Converted, assess, judged
 from real2sim.quality.actor_quality import actor_quality, dtw, errors
 from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality.reconstruction_quality import CHECKS, Check, Converted, assess, judged
 from real2sim.recording import Category, Track
 from real2sim.tracks import kinematics
 from real2sim.tracks.stationary import moves

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from real2sim.quality.reconstruction_quality import Converted, assess, judged
 from real2sim.quality.actor_quality import actor_quality
 from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality.reconstruction_quality import Converted, assess, judged
 from real2sim.recording import Category
 from tests.real2sim.quality.test_quality import DT, T, track
 

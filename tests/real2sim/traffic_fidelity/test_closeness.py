@@ -10,8 +10,8 @@ from testing.real_fits import NAMES, fitted_log
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from real2sim.targets import closeness_targets
-from real2sim.traffic_fidelity.traffic_fidelity import GONE_M, Closeness, closeness
 from real2sim.traffic_fidelity.passing_order import conflicts, kept_in_order
+from real2sim.traffic_fidelity.traffic_fidelity import GONE_M, Closeness, closeness
 
 
 @pytest.fixture(scope="module")
