@@ -1,6 +1,6 @@
 """Scripted road users: what a scenario authors beside SUMO's traffic, moved in Python from frame to frame."""
 
 from mdrive_sumo.actors.merging import Crowd
-from mdrive_sumo.actors.scripted_actors import ActorMode, Cast
+from mdrive_sumo.actors.scripted_actors import ActorMode, ScriptedActors
 
-__all__ = ["ActorMode", "Cast", "Crowd"]
+__all__ = ["ActorMode", "ScriptedActors", "Crowd"]

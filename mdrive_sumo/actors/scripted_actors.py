@@ -32,7 +32,7 @@ class ActorMode(StrEnum):
     ORIGINAL = "original"
 
 
-class Cast:
+class ScriptedActors:
     """Moves what a scenario scripts. `original`: nobody avoids anything, and all freeze when the first CAV ends."""
 
     def __init__(self, scenario: Scenario, roads: RoadMap, mode: ActorMode = ActorMode.DEFAULT) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mdrive_sumo.agent_process.wire_protocol import DTYPES
 from mdrive_sumo.contract import MAX_MESSAGES, MAX_PLAN_POINTS, Control, Message, Note, Plan, Reply, SensorSpec
-from mdrive_sumo.loop.agent_driver import checked, shortened
+from mdrive_sumo.loop.agent_driver import validate_reply, shorten
 
 T = TypeVar("T")
 
@@ -51,7 +51,7 @@ def value_of(data: bytes, tick: int) -> Any:
         raise InvalidReplyError(f"expected the answer of tick {tick}, found that of {answer['tick']!r:.20}")
     for kind, error in (("crashed", AgentCrashError), ("invalid", InvalidReplyError)):
         if kind in answer:
-            raise error(shortened(_typed(answer[kind], str, kind)))
+            raise error(shorten(_typed(answer[kind], str, kind)))
     if "value" not in answer:
         raise InvalidReplyError(f"expected a value, found {_named(answer)}")
     return answer["value"]
@@ -74,9 +74,9 @@ def declared(value: object) -> Declared:
 def reply(value: object) -> Reply:
     """One CAV's reply, checked; raises AgentFailure too."""
     if value is None:
-        return checked(None)
+        return validate_reply(None)
     fields = _keys(value, "Reply", ("control", "plan", "messages", "notes"))
-    return checked(
+    return validate_reply(
         Reply(
             control=None if fields["control"] is None else _control(fields["control"]),
             plan=None if fields["plan"] is None else _plan(fields["plan"]),
@@ -109,7 +109,7 @@ def _unpacked(data: bytes) -> Any:
         raise
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise InvalidReplyError(
-            f"expected msgpack, found none ({shortened(str(error)) or type(error).__name__})"
+            f"expected msgpack, found none ({shorten(str(error)) or type(error).__name__})"
         ) from None
 
 
@@ -236,7 +236,7 @@ def _named(value: object) -> str:
     if type(value) is dict:
         fields = cast("dict[str, object]", value)
         name = fields.get("")
-        return repr(name)[:40] if type(name) is str else f"a mapping of {shortened(', '.join(fields), 60) or 'nothing'}"
+        return repr(name)[:40] if type(name) is str else f"a mapping of {shorten(', '.join(fields), 60) or 'nothing'}"
     if type(value) is list:
         return f"{len(cast('list[object]', value))} values"
     return type(value).__name__

@@ -14,7 +14,7 @@ from mdrive_sumo.core.state import Contact, End, Failure
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import Sent
 
-Heard: TypeAlias = Mapping[str, tuple[Message, ...]]
+ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 """What reached each CAV in a tick."""
 
 
@@ -49,7 +49,7 @@ class SignalChange:
 
 
 @dataclass(frozen=True, slots=True)
-class Thinking:
+class ThinkTime:
     """An agent that was asked in `tick` answered so many ticks later (measured clock only)."""
 
     ego: str
@@ -67,7 +67,7 @@ class NoteRecord:
 
 
 @dataclass(frozen=True)
-class Episode:
+class EpisodeRecord:
     """T ticks of N road users, CAVs first.
 
     Arrays are (T, N): column i is `ids[i]`; the first `egos` columns are the CAVs in the order of the scenario file.
@@ -101,7 +101,7 @@ class Episode:
     messages: tuple[Sent, ...] = ()
     """Everything that was said over the channel, in the order of sending, and what became of it."""
     notes: tuple[NoteRecord, ...] = ()
-    thinking: tuple[Thinking, ...] = ()
+    thinking: tuple[ThinkTime, ...] = ()
 
     @property
     def ticks(self) -> int:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Contact, End, Failure, Kind
-from mdrive_sumo.episode.episode import Ending, Episode, NoteRecord, PlanRecord, SignalChange, Thinking
+from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
 from mdrive_sumo.v2x.channel import Fate, Sent
 
 FORMAT = "mdrive-sumo/episode/2"
@@ -26,7 +26,7 @@ _FATES = tuple(Fate)
 Ints = npt.NDArray[np.signedinteger[Any]]
 
 
-def save_episode(episode: Episode, path: Path) -> None:
+def save_episode(episode: EpisodeRecord, path: Path) -> None:
     """Writes the file whole or not at all (a temporary file is renamed)."""
     header = {
         "format": FORMAT,
@@ -63,7 +63,7 @@ def save_episode(episode: Episode, path: Path) -> None:
     temporary.replace(path)
 
 
-def load_episode(path: Path) -> Episode:
+def load_episode(path: Path) -> EpisodeRecord:
     """Reads an episode file; raises InputError for one that is missing, corrupt or of another version."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
@@ -77,7 +77,7 @@ def load_episode(path: Path) -> Episode:
         raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({error})") from None
 
 
-def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
+def _episode(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
     ticks = len(data["quanta"])
     valid = np.unpackbits(data["valid"], axis=0, count=ticks).astype(np.bool_)
     if valid.shape != data["quanta"].shape[:2] or len(header["ids"]) != valid.shape[1] or len(data["digests"]) != ticks:
@@ -87,7 +87,7 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
         points = np.cumsum(data["plan_points"][begin : begin + count].astype(np.int32), axis=0) / 100
         plans.append(PlanRecord(tick, ego, interval_s, points))
         begin += count
-    return Episode(
+    return EpisodeRecord(
         scenario=header["scenario"],
         about=header["about"],
         ids=tuple(header["ids"]),
@@ -105,7 +105,7 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> Episode:
         digests=data["digests"],
         messages=_messages(header, data),
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
-        thinking=tuple(Thinking(*thinking) for thinking in header["thinking"]),
+        thinking=tuple(ThinkTime(*thinking) for thinking in header["thinking"]),
     )
 
 

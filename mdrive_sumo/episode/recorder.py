@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import CONTROL_STEP, Control, Note, Plan
 from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
-from mdrive_sumo.episode.episode import Ending, Episode, Heard, NoteRecord, PlanRecord, SignalChange, Thinking
+from mdrive_sumo.episode.episode import Ending, EpisodeRecord, ReceivedMessages, NoteRecord, PlanRecord, SignalChange, ThinkTime
 from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import Sent
 
@@ -43,7 +43,7 @@ class Recorder:
         """What an agent wants to be kept; no part of the digest, for nobody's driving depends on it."""
         self._notes += [NoteRecord(tick, ego, note) for note in notes]
 
-    def add(self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], heard: Heard) -> None:
+    def add(self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], heard: ReceivedMessages) -> None:
         """One tick: a frame at recording resolution, what reached the CAVs in it, and the controls applied after it."""
         quanta = to_quanta(self._table(frame))
         applied = np.zeros((len(self._egos), 3), dtype=np.int16)
@@ -93,15 +93,15 @@ class Recorder:
                 self._shown[light] = state
                 self._signals.append(SignalChange(frame.tick, light, state))
 
-    def _note_digest(self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], heard: Heard) -> None:
+    def _note_digest(self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], heard: ReceivedMessages) -> None:
         facts = repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode()
         states, controls = quanta.astype("<i4", copy=False), applied.astype("<i2", copy=False)
         self._chain.update(b"".join((self._names, states.tobytes(), controls.tobytes(), facts, *_bytes(heard))))
         self._digests.append(self._chain.digest())
 
     def finish(
-        self, endings: Sequence[Ending], sent: Sequence[Sent] = (), thinking: Sequence[Thinking] = ()
-    ) -> Episode:
+        self, endings: Sequence[Ending], sent: Sequence[Sent] = (), thinking: Sequence[ThinkTime] = ()
+    ) -> EpisodeRecord:
         """The read-only Episode of all that was added."""
         shape = (len(self._rows), len(self._columns))
         valid = np.zeros(shape, dtype=np.bool_)
@@ -110,7 +110,7 @@ class Recorder:
             valid[tick, columns] = True
             quanta[tick, columns] = row
         kind, length, width = zip(*self._facts, strict=True)
-        return Episode(
+        return EpisodeRecord(
             scenario=self._scenario,
             about=self._about,
             ids=tuple(self._columns),
@@ -132,7 +132,7 @@ class Recorder:
         )
 
 
-def _bytes(heard: Heard) -> Iterator[bytes]:
+def _bytes(heard: ReceivedMessages) -> Iterator[bytes]:
     """Delivered messages as the digest takes them, as each receiver got them."""
     for receiver, messages in heard.items():
         for m in messages:

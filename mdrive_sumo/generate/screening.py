@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.seeding import derived_seed
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation import FULL_SCORE, NEAR_MISS_TTC_S
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
@@ -38,12 +38,12 @@ class Screened:
         return self.omniscient_ds >= FULL_SCORE
 
 
-def driven(scenario: Scenario, roads: RoadMap, agent: str) -> Episode:
+def driven(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
     """An episode with a built-in agent; raises WorldError."""
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, derived_seed(SEED, scenario.id, "sumo")) as world:
-        return run_episode(Setting(scenario, roads, SEED), world, drivers)
+        return run_episode(EpisodeConfig(scenario, roads, SEED), world, drivers)
 
 
 def screen(scenario: Scenario, roads: RoadMap) -> Screened:
@@ -53,10 +53,10 @@ def screen(scenario: Scenario, roads: RoadMap) -> Screened:
     if ttc is None or ttc >= NEAR_MISS_TTC_S:
         return Screened(ttc, 0.0)
     solved = driven(scenario, roads, "omniscient")
-    drives: dict[Drive, Episode] = {"constant-speed": blind, "omniscient": solved}
+    drives: dict[Drive, EpisodeRecord] = {"constant-speed": blind, "omniscient": solved}
     hidden = [found for drive, episode in drives.items() for found in certify(drive, episode, scenario, roads)]
     return Screened(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
 
 
-def _scored(episode: Episode, scenario: Scenario, roads: RoadMap) -> ScenarioResult:
+def _scored(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> ScenarioResult:
     return score_episode(episode, scenario, roads, ScoreMode.MDRIVE, SEED)

@@ -18,7 +18,7 @@ class AgentFailure(Exception):
         self.failure, self.text = failure, text
 
 
-class Driver(Protocol):
+class AgentDriver(Protocol):
     """One CAV's agent. `ask` and `answer` are apart so that agents in other processes think at the same time."""
 
     @property
@@ -70,7 +70,7 @@ class LocalDriver:
         try:
             self._agent.start(briefing)
         except Exception as error:
-            raise AgentFailure(Failure.CRASHED, described(error)) from error
+            raise AgentFailure(Failure.CRASHED, describe_error(error)) from error
 
     def ask(self, seen: Observation) -> None:
         """See Driver."""
@@ -83,15 +83,15 @@ class LocalDriver:
         try:
             reply = self._agent.act(self._seen)
         except Exception as error:
-            raise AgentFailure(Failure.CRASHED, described(error)) from error
+            raise AgentFailure(Failure.CRASHED, describe_error(error)) from error
         self.thought_s = time.perf_counter() - since
-        return checked(reply)
+        return validate_reply(reply)
 
     def close(self) -> None:
         """See Driver."""
 
 
-def checked(reply: object) -> Reply:
+def validate_reply(reply: object) -> Reply:
     """The reply, if it keeps the contract; AgentFailure `invalid` if not."""
     try:
         return check_reply(reply, CONTROLLER_NAMES)
@@ -99,12 +99,12 @@ def checked(reply: object) -> Reply:
         raise AgentFailure(Failure.INVALID, str(error)) from None
 
 
-def described(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """An exception as one short line."""
-    return shortened(f"{type(error).__name__}: {error}")
+    return shorten(f"{type(error).__name__}: {error}")
 
 
-def shortened(text: str, most: int = 200) -> str:
+def shorten(text: str, most: int = 200) -> str:
     """A text as one short printable line: it may be a participant's, and goes into logs, terminals and pages."""
     line = "".join(c if c.isprintable() else "?" for c in " ".join(text[: 4 * most].split()))
     return line if len(line) <= most else line[: most - 3] + "..."

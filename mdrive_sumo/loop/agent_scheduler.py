@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.core.clock import Clock
-from mdrive_sumo.episode import Thinking
-from mdrive_sumo.loop.agent_driver import AgentFailure, Driver
+from mdrive_sumo.episode import ThinkTime
+from mdrive_sumo.loop.agent_driver import AgentFailure, AgentDriver
 
 Fail = Callable[[str, int, AgentFailure], None]
 
@@ -17,15 +17,15 @@ class _Answer:
     due: int
 
 
-class Minds:
+class AgentScheduler:
     """Asks every agent that is not thinking; while one thinks its CAV goes on with what it did last."""
 
-    def __init__(self, drivers: Mapping[str, Driver], clock: Clock, replayed: Sequence[Thinking], fail: Fail) -> None:
+    def __init__(self, drivers: Mapping[str, AgentDriver], clock: Clock, replayed: Sequence[ThinkTime], fail: Fail) -> None:
         """replayed: how long the agents of a recorded run thought; `fail` is told of every failure."""
         self._drivers, self._clock, self._fail = drivers, clock, fail
         self._replayed = {(one.ego, one.tick): one.ticks for one in replayed} if replayed else None
         self._pending: dict[str, _Answer] = {}
-        self.thought: list[Thinking] = []
+        self.thought: list[ThinkTime] = []
         """Every answer of a measured clock that took a tick or more."""
 
     def due(self, tick: int) -> dict[str, Reply]:
@@ -52,7 +52,7 @@ class Minds:
         else:
             ticks = self._clock.delay(self._drivers[ego].thought_s)
         if self._clock.kind == "measured" and ticks:
-            self.thought.append(Thinking(ego, tick, ticks))
+            self.thought.append(ThinkTime(ego, tick, ticks))
         return ticks
 
     def _asked(self, ego: str, tick: int, seen: Observation) -> bool:

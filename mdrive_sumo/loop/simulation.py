@@ -4,14 +4,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from mdrive_sumo.actors import ActorMode, Cast, Crowd
+from mdrive_sumo.actors import ActorMode, ScriptedActors, Crowd
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Plan, Reply, SensorSpec
 from mdrive_sumo.core.clock import IDEAL, Clock
 from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind
-from mdrive_sumo.episode import Ending, Episode, Heard, Recorder, Thinking, quantised_frame
-from mdrive_sumo.loop.agent_driver import AgentFailure, Driver
-from mdrive_sumo.loop.agent_scheduler import Minds
+from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantised_frame
+from mdrive_sumo.loop.agent_driver import AgentFailure, AgentDriver
+from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import WEATHERS, Friction
@@ -55,7 +55,7 @@ class World(Protocol):
 
 
 @dataclass(frozen=True)
-class Setting:
+class EpisodeConfig:
     """What stays the same during an episode."""
 
     scenario: Scenario
@@ -68,7 +68,7 @@ class Setting:
     comm: Comm = PRESETS["ideal"]
     """What the V2X channel does to messages."""
     clock: Clock = IDEAL
-    thought: tuple[Thinking, ...] = ()
+    thought: tuple[ThinkTime, ...] = ()
     """How long the agents of a recorded run thought, for re-execution under a measured clock."""
     actors: ActorMode = ActorMode.DEFAULT
     """How scripted road users behave."""
@@ -78,7 +78,7 @@ class Setting:
     """Boxes pass through each other; contacts are recorded all the same."""
 
 
-def run_episode(setting: Setting, world: World, drivers: Mapping[str, Driver]) -> Episode:
+def run_episode(setting: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver]) -> EpisodeRecord:
     """Drives one scenario to its end: every CAV arrived, blocked, deviated, timed out, or its agent failed.
 
     Raises WorldError where the simulator fails; what an agent does wrong ends its CAV and nothing else.
@@ -99,7 +99,7 @@ def run_episode(setting: Setting, world: World, drivers: Mapping[str, Driver]) -
 class _Run:
     """The state of one episode between two ticks."""
 
-    def __init__(self, setting: Setting, drivers: Mapping[str, Driver]) -> None:
+    def __init__(self, setting: EpisodeConfig, drivers: Mapping[str, AgentDriver]) -> None:
         scenario = setting.scenario
         self._setting = setting
         self._limit = criteria.time_limit_ticks(scenario)
@@ -109,7 +109,7 @@ class _Run:
         self._car = replace(VEHICLE, grip=setting.friction.grip(scenario.weather))
         self._vehicles = dict.fromkeys(self._bodies, self._car)
         self._walls = contact.walls(building.outline for building in setting.roads.buildings)
-        self._cast, self._crowd = Cast(scenario, setting.roads, setting.actors), Crowd()
+        self._cast, self._crowd = ScriptedActors(scenario, setting.roads, setting.actors), Crowd()
         self._followers: dict[tuple[str, str], control.Controller] = {}
         self._controls: dict[str, Control] = dict.fromkeys(self._bodies, STANDSTILL)
         self._mail: dict[str, tuple[Message, ...]] = dict.fromkeys(self._bodies, ())
@@ -118,7 +118,7 @@ class _Run:
         self._sizes = dict.fromkeys(self._bodies, (VEHICLE.length, VEHICLE.width))
         self.recorder = Recorder(scenario.id, setting.about, self._sizes)
         self.channel = Channel(setting.comm, derived_seed(setting.seed, scenario.id, "channel"))
-        self._minds = Minds(drivers, setting.clock, setting.thought, self._fail)
+        self._minds = AgentScheduler(drivers, setting.clock, setting.thought, self._fail)
         common = Surrounds(
             setting.roads, WEATHERS[scenario.weather], derived_seed(setting.seed, scenario.id, "sensing")
         )
@@ -130,7 +130,7 @@ class _Run:
         """CAVs that have not ended."""
         return tuple(ego for ego in self._bodies if ego not in self.endings)
 
-    def _brief(self, drivers: Mapping[str, Driver], common: Surrounds) -> Senses:
+    def _brief(self, drivers: Mapping[str, AgentDriver], common: Surrounds) -> Senses:
         setting, facts = self._setting, dynamics.facts(VEHICLE)
         limit_s = self._limit / TICKS_PER_SECOND
         briefings: dict[str, Briefing] = {}
@@ -169,7 +169,7 @@ class _Run:
             if again.tick == frame.tick and again.ego not in self.endings:
                 self.endings[again.ego] = again
 
-    def replies(self, frame: Frame, heard: Heard) -> dict[str, Reply]:
+    def replies(self, frame: Frame, heard: ReceivedMessages) -> dict[str, Reply]:
         """The answers that count from this frame on; what they and the road-side units say goes into the channel."""
         for ego, messages in heard.items():
             self._mail[ego] += messages
@@ -207,7 +207,7 @@ class _Run:
         self._controls = {ego: self._controls[ego] for ego in self.living}
         return self._controls
 
-    def finished(self, endings: list[Ending]) -> Episode:
+    def finished(self, endings: list[Ending]) -> EpisodeRecord:
         """The read-only record of it all."""
         return self.recorder.finish(endings, self.channel.log(), self._minds.thought)
 

@@ -20,7 +20,7 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.episode import Ending, Episode
+from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.report.replay_messages import messages_of
 from mdrive_sumo.report.replay_notes import notes_of
 from mdrive_sumo.report.replay_sight import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, sight_of
@@ -60,7 +60,7 @@ class Mark:
     y: float
 
 
-def viewer_html(episode: Episode, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
+def viewer_html(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
     """The page. The same episode gives the same bytes; its own policy forbids it every connection."""
     static = files("mdrive_sumo.report") / "static"
     script = "\n".join((static / name).read_text("utf-8") for name in SCRIPTS)
@@ -80,7 +80,7 @@ def _policy_hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _data(episode: Episode, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
+def _data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
     # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
     origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
     talk, talk_tables = messages_of(episode, scenario, origin)
@@ -113,13 +113,13 @@ def _differences(table: Any) -> bytes:
     return np.diff(table.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4").tobytes()
 
 
-def _motion(episode: Episode, origin: Float) -> Int:
+def _motion(episode: EpisodeRecord, origin: Float) -> Int:
     """(N, 4, T): x, y [mm] from the origin, yaw [0.1 mrad], speed [mm/s]."""
     shift = np.array((*(origin * 1000), 0, 0)).astype(np.int64)
     return np.moveaxis(np.where(episode.valid[..., None], episode.quanta - shift, 0), 0, -1)
 
 
-def _plan_points(episode: Episode, origin: Float) -> Int:
+def _plan_points(episode: EpisodeRecord, origin: Float) -> Int:
     """(2, K): the points of all plans, one after the other [cm] from the origin."""
     points = [plan.points for plan in episode.plans]
     return _centimetres(np.concatenate([*points, np.zeros((0, 2))]), origin).T
@@ -129,7 +129,7 @@ def _centimetres(xy: Float, origin: Float) -> Int:
     return np.rint((xy - origin) * 100).astype(np.int64)
 
 
-def _run(episode: Episode, scenario: Scenario, marks: Sequence[Mark], origin: Float) -> dict[str, Any]:
+def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[Mark], origin: Float) -> dict[str, Any]:
     """What happened, other than motion. CAVs are named by their column."""
     column = {ego: i for i, ego in enumerate(episode.ego_ids)}
     routes = {ego.id: _line(ego.xy, origin) for ego in scenario.egos}
@@ -164,7 +164,7 @@ def _line(xy: Float, origin: Float) -> list[int]:
     return _centimetres(xy, origin).ravel().tolist()
 
 
-def _surroundings(episode: Episode, scenario: Scenario) -> Any:
+def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
     """The area (a shapely geometry) within `SURROUNDINGS_M` of every road user and of every route."""
     present = np.stack((episode.x[episode.valid], episode.y[episode.valid]), axis=-1)
     points = np.concatenate([present, *(ego.xy for ego in scenario.egos)])

@@ -3,12 +3,12 @@
 import numpy as np
 
 from mdrive_sumo.core.state import End
-from mdrive_sumo.episode import Ending, Episode
+from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.report.replay import Mark
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 
 
-def marks_of(episode: Episode, result: ScenarioResult) -> list[Mark]:
+def marks_of(episode: EpisodeRecord, result: ScenarioResult) -> list[Mark]:
     """Of a scored episode, by time."""
     infractions = [_infraction(ego, event) for ego in result.egos for event in ego.infractions]
     arrivals = [_arrival(episode, ending) for ending in episode.endings if ending.end is End.ARRIVED]
@@ -21,7 +21,7 @@ def _infraction(ego: EgoResult, event: Infraction) -> Mark:
     return Mark(event.tick, ego.id, event.kind, f"{event.kind}{whom}{cost}", event.x, event.y)
 
 
-def _arrival(episode: Episode, ending: Ending) -> Mark:
+def _arrival(episode: EpisodeRecord, ending: Ending) -> Mark:
     column = episode.ego_ids.index(ending.ego)
     last = int(np.flatnonzero(episode.valid[:, column])[-1])
     x, y = float(episode.x[last, column]), float(episode.y[last, column])

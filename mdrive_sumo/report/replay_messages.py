@@ -12,7 +12,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.geometry import Float, Int
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.v2x.channel import Fate
 from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode
@@ -37,7 +37,7 @@ class _Row:
     """Whether objects or trajectories are carried."""
 
 
-def messages_of(episode: Episode, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
+def messages_of(episode: EpisodeRecord, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
     """Header entries and integer tables (columns, rows); positions in cm from the origin [m]."""
     sent = sorted(episode.messages, key=lambda one: (one.message.type, one.message.sender, one.message.tick))
     stations = _stations(episode, scenario)
@@ -75,7 +75,7 @@ def messages_of(episode: Episode, scenario: Scenario, origin: Float) -> tuple[di
     }
 
 
-def _stations(episode: Episode, scenario: Scenario) -> list[str]:
+def _stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:
     """CAVs first, in the order of their columns."""
     known = [*episode.ego_ids, *(rsu.id for rsu in scenario.rsus)]
     return [*known, *sorted({one.message.sender for one in episode.messages} - set(known))]

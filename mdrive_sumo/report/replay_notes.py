@@ -3,13 +3,13 @@
 import json
 from typing import Any
 
-from mdrive_sumo.episode import Episode, NoteRecord
+from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 
 EXCHANGE = "llm-exchange"
 LONGEST_CHARS = 4000
 
 
-def notes_of(episode: Episode) -> list[tuple[int, str, str, str, str]]:
+def notes_of(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
     """(tick, CAV, kind, what to read at once, what to read on demand) in order."""
     return [(note.tick, note.ego, note.note.kind, *_told(note)) for note in episode.notes]
 

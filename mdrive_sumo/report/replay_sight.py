@@ -4,7 +4,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Int
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.scene import Eye, Scene
 from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
@@ -15,7 +15,7 @@ LEAST_VISIBLE = 0.1
 """Whoever shows less of himself counts as hidden; the same share as of the ideal detector."""
 
 
-def sight_of(episode: Episode, roads: RoadMap) -> Int:
+def sight_of(episode: EpisodeRecord, roads: RoadMap) -> Int:
     """(egos, N, S) for every fourth tick: 1 where the CAV sees that road user, else 0."""
     ticks = range(0, episode.ticks, SIGHT_EVERY_TICKS)
     sight = np.zeros((episode.egos, len(episode.ids), len(ticks)), dtype=np.int64)
@@ -30,7 +30,7 @@ def sight_of(episode: Episode, roads: RoadMap) -> Int:
     return sight
 
 
-def _boxes(episode: Episode, tick: int, present: Int) -> Objects:
+def _boxes(episode: EpisodeRecord, tick: int, present: Int) -> Objects:
     return Objects(
         ids=tuple(episode.ids[i] for i in present.tolist()),
         kind=episode.kind[present],

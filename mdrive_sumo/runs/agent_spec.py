@@ -9,7 +9,7 @@ from typing import Any
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.agent_process.child_process import BoxPlan, Program
-from mdrive_sumo.loop.agent_driver import Driver, LocalDriver
+from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.agent_process.joint_agent import Crew
 from mdrive_sumo.agent_process.agent_connection import Line
 from mdrive_sumo.agent_process.agent_lookup import carla_file, split_locator
@@ -102,13 +102,13 @@ def _allowed(sensors: tuple[SensorSpec, ...]) -> None:
 
 
 @contextmanager
-def hired(hiring: Hiring, egos: Sequence[str]) -> Generator[dict[str, Driver]]:
+def hired(hiring: Hiring, egos: Sequence[str]) -> Generator[dict[str, AgentDriver]]:
     """Drivers for all CAVs, which end with the block. Raises InputError, BoxError and OSError."""
     with ExitStack() as stack:
         yield opened(hiring, egos, stack)
 
 
-def opened(hiring: Hiring, egos: Sequence[str], stack: ExitStack | None = None) -> dict[str, Driver]:
+def opened(hiring: Hiring, egos: Sequence[str], stack: ExitStack | None = None) -> dict[str, AgentDriver]:
     """Drivers for all CAVs; whoever asks closes them, or the stack does."""
     stack = stack or ExitStack()
     if hiring.agent in AGENTS:
@@ -119,14 +119,14 @@ def opened(hiring: Hiring, egos: Sequence[str], stack: ExitStack | None = None) 
         return _crew(hiring, egos, stack)
     split_locator(hiring.agent)
     check = _allowed if hiring.box else None
-    drivers: dict[str, Driver] = {}
+    drivers: dict[str, AgentDriver] = {}
     for ego in egos:
         drivers[ego] = driver = RemoteDriver(_line(hiring, ego), hiring.config, check)
         stack.callback(_end, driver, hiring, ego)
     return drivers
 
 
-def _crew(hiring: Hiring, egos: Sequence[str], stack: ExitStack) -> dict[str, Driver]:
+def _crew(hiring: Hiring, egos: Sequence[str], stack: ExitStack) -> dict[str, AgentDriver]:
     crew = Crew(_line(hiring, "all"), hiring.config, egos, _allowed if hiring.box else None)
     stack.callback(_end, crew, hiring, "all")
     return dict(crew.drivers)

@@ -10,9 +10,9 @@ from typing import Any
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.agent_process.remote_driver import Limits
 from mdrive_sumo.core.clock import clock_of
-from mdrive_sumo.episode import Ending, Episode, Thinking, load_episode, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
@@ -51,7 +51,7 @@ class Job:
     """Folder for the transcripts of language models; "" for none."""
     replayed: tuple[Ending, ...] = ()
     """Agent failures of the recorded run, for re-execution."""
-    thought: tuple[Thinking, ...] = ()
+    thought: tuple[ThinkTime, ...] = ()
     """How long agents thought in the recorded run, for re-execution."""
     box: str = ""
     """Where third-party agents live, as `drivers.box_text` writes it; "" is a plain child process."""
@@ -71,7 +71,7 @@ def run_job(job: Job) -> ScenarioResult:
     return score_episode(episode, scenario, roads, ScoreMode(job.score_mode), job.seed)
 
 
-def reexecute(job: Job) -> Episode:
+def reexecute(job: Job) -> EpisodeRecord:
     """Drives one scenario again, for comparison with its recording."""
     return _driven(job, *prepared(job))
 
@@ -96,13 +96,13 @@ def _suite(folder: str) -> Suite:
     return load_suite(folder)
 
 
-def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> Episode:
+def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
     about = {
         "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors,
         "friction": job.friction,
     }  # fmt: skip
     friction = Friction(job.friction)
-    setting = Setting(
+    setting = EpisodeConfig(
         scenario,
         roads,
         job.seed,

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 
 EXCHANGE = "llm-exchange"
 """Kind of the notes that hold an exchange."""
@@ -14,7 +14,7 @@ def transcript_path(folder: Path, scenario: str) -> Path:
     return folder / f"{scenario}.jsonl"
 
 
-def save_transcript(episode: Episode, folder: Path) -> None:
+def save_transcript(episode: EpisodeRecord, folder: Path) -> None:
     """Writes the exchanges of an episode in the order in which they happened to FOLDER/SCENARIO.jsonl, if any."""
     lines = [record.note.text for record in episode.notes if record.note.kind == EXCHANGE]
     path = transcript_path(folder, episode.scenario)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.episode import Episode, load_episode
+from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.episode.quantization import from_quanta
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -103,7 +103,7 @@ def _from_transcript(job: Job, folder: str) -> Job:
     return replace(job, agent_config={**job.agent_config, "transcript": str(path)}) if path.is_file() else job
 
 
-def first_difference(recorded: Episode, again: Episode) -> Difference | None:
+def first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Difference | None:
     """Where and in what `again` leaves `recorded`; None if every tick and every ending is the same."""
     ticks = min(recorded.ticks, again.ticks)
     differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
@@ -121,7 +121,7 @@ def first_difference(recorded: Episode, again: Episode) -> Difference | None:
     return None
 
 
-def _details(recorded: Episode, again: Episode, tick: int) -> Iterator[str]:
+def _details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
     """What differs in one tick: who is there, states, controls, signals, contacts."""
     if (heard := _arrivals(again, tick)) != (had := _arrivals(recorded, tick)):
         yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
@@ -142,23 +142,23 @@ def _state_details(then: Mapping[str, Float], now: Mapping[str, Float]) -> Itera
             yield f"{STATE_NAMES[i]} of {name!r} is {now[name][i]:.4f}, was {then[name][i]:.4f}"
 
 
-def _control_details(recorded: Episode, again: Episode, tick: int) -> Iterator[str]:
+def _control_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
     then, now = recorded.control_values[tick], again.control_values[tick]
     for ego, i in np.argwhere(then != now):
         yield f"{CONTROL_NAMES[i]} of {again.ids[ego]!r} is {now[ego, i]:.4f}, was {then[ego, i]:.4f}"
 
 
-def _states(episode: Episode, tick: int) -> dict[str, Float]:
+def _states(episode: EpisodeRecord, tick: int) -> dict[str, Float]:
     """Recorded state (4,) of everyone who is there."""
     present = np.flatnonzero(episode.valid[tick])
     return {episode.ids[i]: from_quanta(episode.quanta[tick, i]) for i in present}
 
 
-def _changes(episode: Episode, tick: int) -> dict[str, str]:
+def _changes(episode: EpisodeRecord, tick: int) -> dict[str, str]:
     return {change.light: change.state for change in episode.signals if change.tick == tick}
 
 
-def _arrivals(episode: Episode, tick: int) -> list[str]:
+def _arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
     return [
         f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
         for sent in episode.messages
@@ -167,5 +167,5 @@ def _arrivals(episode: Episode, tick: int) -> list[str]:
     ]
 
 
-def _contacts(episode: Episode, tick: int) -> list[tuple[str, str]]:
+def _contacts(episode: EpisodeRecord, tick: int) -> list[tuple[str, str]]:
     return [(contact.ego, contact.other) for at, contact in episode.contacts if at == tick]

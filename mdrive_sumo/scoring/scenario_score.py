@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.metrics import EgoRecord, ego_records, min_ttc
@@ -12,7 +12,7 @@ from mdrive_sumo.scoring.score_mode import ScoreMode, driving_score, scenario_me
 from mdrive_sumo.v2x.channel import counted
 
 
-def score_episode(episode: Episode, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int) -> ScenarioResult:
+def score_episode(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int) -> ScenarioResult:
     """Scores a finished or a loaded episode, with the same numbers.
 
     Raises InputError for an episode of another scenario, metrics.EpisodeMismatch for one that contradicts

@@ -10,7 +10,7 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import End
-from mdrive_sumo.episode import Episode, load_episode
+from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.runs.job import Job, prepared, reexecute
 from mdrive_sumo.runs.preparation import Prepared
 from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
@@ -127,7 +127,7 @@ def ttc_change(recorded: ScenarioResult, again: ScenarioResult) -> float | None:
     return again.min_ttc - recorded.min_ttc
 
 
-def parting(recorded: Episode, again: Episode) -> int | None:
+def parting(recorded: EpisodeRecord, again: EpisodeRecord) -> int | None:
     """The first tick in which states differ: unlike digests, what was heard does not count. None: in no tick.
 
     Where one episode goes on alone, it is the length of the other.
@@ -142,7 +142,7 @@ def parting(recorded: Episode, again: Episode) -> int | None:
     return None if recorded.ticks == again.ticks else ticks
 
 
-def _apart(recorded: Episode, again: Episode, name: str, ticks: int) -> Bool:
+def _apart(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int) -> Bool:
     """Where a road user's state differs (ticks,)."""
     if name not in recorded.ids or name not in again.ids:
         only = recorded if name in recorded.ids else again
@@ -153,7 +153,7 @@ def _apart(recorded: Episode, again: Episode, name: str, ticks: int) -> Bool:
     return (here != there) | (here & moved)
 
 
-def _as_recorded(job: Job, recorded: Episode, mute: Mute) -> Job:
+def _as_recorded(job: Job, recorded: EpisodeRecord, mute: Mute) -> Job:
     failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
     comm = comm_from(json.loads(job.comm))
     transcript = transcript_path(Path(job.transcripts), job.scenario)

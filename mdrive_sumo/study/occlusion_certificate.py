@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario, first_problem
@@ -129,7 +129,7 @@ def save_certificates(folder: Path, content: CertificateFile) -> None:
     (folder / CERTIFICATE_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
-def certify(drive: Drive, episode: Episode, scenario: Scenario, roads: RoadMap) -> tuple[Hidden, ...]:
+def certify(drive: Drive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[Hidden, ...]:
     """The intervals of one recorded drive, by CAV and time."""
     sights = _Sights(episode, scenario, roads)
     found = [hidden for ego in range(episode.egos) for hidden in sights.of(drive, ego)]
@@ -140,7 +140,7 @@ def certify(drive: Drive, episode: Episode, scenario: Scenario, roads: RoadMap) 
 class _Sights:
     """Who sees whom in a recording, at every `EVERY_TICKS`-th tick (K of them)."""
 
-    episode: Episode
+    episode: EpisodeRecord
     scenario: Scenario
     roads: RoadMap
 
@@ -239,7 +239,7 @@ def _runs(mask: Bool) -> Iterator[tuple[int, int]]:
         yield first, after - 1
 
 
-def _frame(episode: Episode, tick: int, columns: Int) -> Frame:
+def _frame(episode: EpisodeRecord, tick: int, columns: Int) -> Frame:
     """A recorded frame, as far as sight needs it."""
     e, cars, rest = episode, columns[columns < episode.egos], columns[columns >= episode.egos]
     egos = {

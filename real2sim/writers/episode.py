@@ -11,7 +11,7 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.recording import Category, Recording, Track, View
@@ -27,7 +27,7 @@ STATION_YAW = 0.0
 
 
 def recording_of(
-    episode: Episode, scenario: Scenario, roads: RoadMap, window_s: tuple[float, float] | None = None
+    episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, window_s: tuple[float, float] | None = None
 ) -> Recording:
     """The episode as a log of 10 Hz: all road users as tracks of the first view, a further view for every station.
 
@@ -55,7 +55,7 @@ def recording_of(
     )
 
 
-def _ticks(episode: Episode, window_s: tuple[float, float] | None) -> np.ndarray:
+def _ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) -> np.ndarray:
     """The ticks that are frames of the log."""
     if window_s is None:
         first, last = 0, int(episode.valid[:, : episode.egos].sum(axis=0).min()) - 1
@@ -70,7 +70,7 @@ def _ticks(episode: Episode, window_s: tuple[float, float] | None) -> np.ndarray
     return ticks
 
 
-def _categories(episode: Episode, scenario: Scenario) -> Sequence[Category]:
+def _categories(episode: EpisodeRecord, scenario: Scenario) -> Sequence[Category]:
     """Of every column of the episode: as the scenario calls it, else by kind and size."""
     models = {actor.id: actor.model for actor in scenario.actors}
     known = {category.value: category for category in Category}
@@ -87,7 +87,7 @@ def _category(kind: Kind, length: float) -> Category:
     return others[kind]
 
 
-def _track(episode: Episode, column: int, ticks: np.ndarray, category: Category) -> Track:
+def _track(episode: EpisodeRecord, column: int, ticks: np.ndarray, category: Category) -> Track:
     valid = episode.valid[ticks, column]
     x, y, yaw = (np.where(valid, values[ticks, column], np.nan) for values in (episode.x, episode.y, episode.yaw))
     full = np.where(valid, 1.0, np.nan)

@@ -25,8 +25,8 @@ from mdrive_sumo.contract import Reply
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.episode import save_episode
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
-from mdrive_sumo.loop.agent_driver import Driver, LocalDriver
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
+from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.roads import NetworkFile, RoadMap, load, route_along
 from mdrive_sumo.roads.network_file import net_checksum
 from mdrive_sumo.runs.agent_spec import Hiring, opened
@@ -130,9 +130,9 @@ def evaluator_ticks(scenario: Scenario, roads: RoadMap, agent: str) -> list[floa
             return super().advance(egos, scripted, struck)
 
     TimedDriver.spent_s = 0.0
-    drivers: dict[str, Driver] = {ego.id: TimedDriver(AGENTS[agent]({})) for ego in scenario.egos}
+    drivers: dict[str, AgentDriver] = {ego.id: TimedDriver(AGENTS[agent]({})) for ego in scenario.egos}
     with Clocked(scenario, roads, sizes, 1) as world:
-        run_episode(Setting(scenario, roads, 0), world, drivers)
+        run_episode(EpisodeConfig(scenario, roads, 0), world, drivers)
     return list(np.diff(times))
 
 
@@ -183,7 +183,7 @@ def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = opened(Hiring("constant-speed", {}, Limits()), [ego.id for ego in scenario.egos])
     with SumoWorld(scenario, roads, sizes, 1) as world:
-        episode = run_episode(Setting(scenario, roads, 0), world, drivers)
+        episode = run_episode(EpisodeConfig(scenario, roads, 0), world, drivers)
     save_episode(episode, folder / "e.npz")
     minutes = episode.ticks / TICKS_PER_SECOND / 60
     yield (

@@ -17,8 +17,8 @@ import numpy as np
 from mdrive_sumo.agent_process.child_process import BoxPlan, Program
 from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
-from mdrive_sumo.loop.agent_driver import Driver, LocalDriver
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
+from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.sumo import SumoWorld
@@ -70,11 +70,11 @@ def recorded(name: str, sensors: tuple[SensorSpec, ...]) -> Probe:
     probes = {ego.id: Probe(sensors if ego is scenario.egos[0] else ()) for ego in scenario.egos}
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, 0) as world:
-        run_episode(Setting(scenario, roads, seed=0), world, {ego: LocalDriver(one) for ego, one in probes.items()})
+        run_episode(EpisodeConfig(scenario, roads, seed=0), world, {ego: LocalDriver(one) for ego, one in probes.items()})
     return probes[scenario.egos[0].id]
 
 
-def times_ms(driver: Driver, probe: Probe) -> list[float]:
+def times_ms(driver: AgentDriver, probe: Probe) -> list[float]:
     """Of every tick, from the observation to the checked reply; the first ones left out."""
     assert probe.briefing is not None
     driver.sensors()
@@ -113,7 +113,7 @@ def main() -> None:
         click.echo("| a tick [ms] | p10 | p50 | p99 |\n|---|---|---|---|")
         for what, sensors in SENSORS.items():
             probe = recorded(name, sensors)
-            makers: dict[str, Callable[[], Driver]] = {
+            makers: dict[str, Callable[[], AgentDriver]] = {
                 "in process": lambda probe=probe: LocalDriver(Probe(probe.sensors())), "child": plain, "box": boxed
             }  # fmt: skip
             for where, make in makers.items():
@@ -123,7 +123,7 @@ def main() -> None:
             click.echo(row(f"{where}, until it has declared its sensors", [started_ms(make) for _ in range(STARTS)]))
 
 
-def started_ms(make: Callable[[], Driver]) -> float:
+def started_ms(make: Callable[[], AgentDriver]) -> float:
     """Until an agent has answered for the first time."""
     since = time.perf_counter()
     driver = make()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.actors import ActorMode, Cast, Crowd
+from mdrive_sumo.actors import ActorMode, ScriptedActors, Crowd
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, EgoState, Frame, no_actors
 from mdrive_sumo.roads import Lane, RoadMap
@@ -75,7 +75,7 @@ class Film:
         scenario = straight_scenario(straight_ego("0"), straight_ego("1", x=30.0)).model_copy(
             update={"actors": tuple(actors)}
         )
-        cast, crowd = Cast(scenario, roads or straight_road(), mode), Crowd()
+        cast, crowd = ScriptedActors(scenario, roads or straight_road(), mode), Crowd()
         self.frames: list[Actors] = [cast.present]
         for tick in range(round(seconds * 20)):
             merged = crowd.merged(background or no_actors(), cast.present)

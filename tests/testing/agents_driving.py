@@ -10,8 +10,8 @@ import numpy as np
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, no_actors
-from mdrive_sumo.episode import Episode
-from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -109,16 +109,16 @@ def drive(
     boxes: Sequence[Box] = (),
     roads: RoadMap | None = None,
     red_until: int = 0,
-) -> Episode:
+) -> EpisodeRecord:
     """One episode in which every CAV has the same built-in agent."""
     egos = tuple(
         ego(name, xy).model_copy(update={"lanes": ("r_0", "out")} if red_until else {}) for name, xy in routes.items()
     )
     scenario = Scenario(id="field", bucket="Test", category="test", network="field", egos=egos)
     drivers = {name: LocalDriver(AGENTS[agent]({})) for name in routes}
-    return run_episode(Setting(scenario, roads or field(), seed=0), BoxWorld(boxes, red_until), drivers)
+    return run_episode(EpisodeConfig(scenario, roads or field(), seed=0), BoxWorld(boxes, red_until), drivers)
 
 
-def all_arrived(episode: Episode) -> bool:
+def all_arrived(episode: EpisodeRecord) -> bool:
     """Whether every CAV reached its goal."""
     return all(ending.end is End.ARRIVED for ending in episode.endings)

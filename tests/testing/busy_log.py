@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.episode import Episode
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import Lane, RoadMap, drivable_path, load, network_folder, route_along
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
@@ -59,7 +59,7 @@ class Driven:
 
     scenario: Scenario
     roads: RoadMap
-    episode: Episode
+    episode: EpisodeRecord
 
 
 def make_busy_log(folder: Path, noise: Noise | None = USUAL, seed: int = 0) -> tuple[Path, Path]:
@@ -98,7 +98,7 @@ def drive(seed: int = 0, crowd: Crowd = BUSY) -> Driven:
     drivers = {ego.id: LocalDriver(AGENTS["idm"]({})) for ego in egos}
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
     with SumoWorld(scenario, roads, sizes, seed) as world:
-        return Driven(scenario, roads, run_episode(Setting(scenario, roads, seed), world, drivers))
+        return Driven(scenario, roads, run_episode(EpisodeConfig(scenario, roads, seed), world, drivers))
 
 
 def ego(roads: RoadMap, name: str, way: tuple[str, str]) -> Ego:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind, no_actors
-from mdrive_sumo.episode import Ending, Episode, Recorder, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.scenario.model import Pose
@@ -104,7 +104,7 @@ def episode(
     hits: Hits = NO_HITS,
     actors: Actors | None = None,
     signals: Mapping[int, Mapping[str, str]] = NO_HITS,  # pyright: ignore[reportArgumentType]
-) -> Episode:
+) -> EpisodeRecord:
     """The recording of CAVs that live as many ticks as they have rows. Signals hold until the next tick named."""
     recorder = Recorder(about.id, {"seed": 1}, {one.id: BOX for one in about.egos})
     shown: Mapping[str, str] = {}
@@ -122,7 +122,7 @@ def _ending(ego_id: str, tick: int, end: End) -> Ending:
     return Ending(ego_id, tick, end)
 
 
-def judged(about: Scenario, drives: Mapping[str, Sequence[Row]], hits: Iterable[tuple[int, Contact]] = ()) -> Episode:
+def judged(about: Scenario, drives: Mapping[str, Sequence[Row]], hits: Iterable[tuple[int, Contact]] = ()) -> EpisodeRecord:
     """The recording that a live judge makes of these drives: each CAV until its end, then its agent fails."""
     limit = time_limit_ticks(about)
     rows, ends = dict[str, Sequence[Row]](), dict[str, End]()

@@ -8,7 +8,7 @@ import numpy as np
 from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
-from mdrive_sumo.episode import Ending, Episode, Recorder, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
 from mdrive_sumo.report.replay import Mark
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.roads.network_file import Building
@@ -96,7 +96,7 @@ def traffic(count: int, tick: int, prefix: str) -> Actors:
     return Actors(ids, kind, x, y, yaw, np.full(count, 8.0), length, width)
 
 
-def record(ticks: int = 40, egos: int = 2, actors: int = 3, prefix: str = "car_", text: str = "") -> Episode:
+def record(ticks: int = 40, egos: int = 2, actors: int = 3, prefix: str = "car_", text: str = "") -> EpisodeRecord:
     sizes = {f"cav_{i}": (4.7, 1.9) for i in range(egos)}
     recorder = Recorder("crossing-4", {"agent": "idm", "seed": 7, "note": text}, sizes)
     for tick in range(ticks):

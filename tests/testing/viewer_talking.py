@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Message, Note, Objects
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.episode import Episode, NoteRecord
+from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.v2x.channel import Fate, Sent
 from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Direction, Intention, Mcm, Pose, encode, track_name
@@ -27,7 +27,7 @@ def with_rsu(egos: int) -> Scenario:
 
 def talking(
     ticks: int = 40, egos: int = 2, actors: int = 3, text: str = "I wait for you.", latency: int = 2
-) -> Episode:
+) -> EpisodeRecord:
     """`record` with CAM at 20 Hz, CPM and MCM at 10 Hz, text once a second, notes, and a road-side unit's CPM."""
     episode = record(ticks, egos, actors)
     messages = [(sender, tick, content) for tick in range(ticks) for sender, content in _said(episode, tick, text)]
@@ -41,7 +41,7 @@ def talking(
     return replace(episode, messages=sent, notes=notes)
 
 
-def _said(episode: Episode, tick: int, text: str) -> Iterator[tuple[str, Content]]:
+def _said(episode: EpisodeRecord, tick: int, text: str) -> Iterator[tuple[str, Content]]:
     for i, ego in enumerate(episode.ego_ids):
         if not episode.valid[tick, i]:
             continue
@@ -56,12 +56,12 @@ def _said(episode: Episode, tick: int, text: str) -> Iterator[tuple[str, Content
         yield RSU, replace(_cpm(episode, -1, Pose(14.0, 14.0, 0.0, tick)), roadside=True)
 
 
-def pose_of(episode: Episode, i: int, tick: int) -> Pose:
+def pose_of(episode: EpisodeRecord, i: int, tick: int) -> Pose:
     """Where road user i is."""
     return Pose(float(episode.x[tick, i]), float(episode.y[tick, i]), float(episode.yaw[tick, i]), tick)
 
 
-def _cpm(episode: Episode, observer: int, pose: Pose) -> Cpm:
+def _cpm(episode: EpisodeRecord, observer: int, pose: Pose) -> Cpm:
     """All others within 40 m, as restless as measured objects are."""
     tick = pose.tick
     noise = np.random.default_rng((tick, observer + 1)).normal(0, 0.2, (4, len(episode.ids)))
@@ -76,7 +76,7 @@ def _cpm(episode: Episode, observer: int, pose: Pose) -> Cpm:
     return Cpm(pose, 40.0, objects, np.zeros(len(near), dtype=np.uint8))
 
 
-def _mcm(episode: Episode, i: int, pose: Pose) -> Mcm:
+def _mcm(episode: EpisodeRecord, i: int, pose: Pose) -> Mcm:
     ahead = _straight(pose, 0.8)
     near_middle = math.hypot(pose.x, pose.y) < 80
     group = tuple(sorted(episode.ego_ids)) if near_middle else ()
@@ -94,7 +94,7 @@ def _straight(pose: Pose, step_m: float) -> Float:
     return np.array((pose.x, pose.y)) + steps[:, None] * np.array((math.cos(pose.yaw), math.sin(pose.yaw)))
 
 
-def _sent(episode: Episode, n: int, sender: str, tick: int, content: Content, latency: int) -> Sent:
+def _sent(episode: EpisodeRecord, n: int, sender: str, tick: int, content: Content, latency: int) -> Sent:
     message = encode(content)
     receivers = [ego for i, ego in enumerate(episode.ego_ids) if ego != sender and episode.valid[tick, i]]
     fates = {

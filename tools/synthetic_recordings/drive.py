@@ -13,8 +13,8 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
-from mdrive_sumo.episode import Ending, Episode
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.background import Background
@@ -64,7 +64,7 @@ class Drive:
 
     scenario: Scenario
     roads: RoadMap
-    episode: Episode
+    episode: EpisodeRecord
 
 
 def recorded(place: str, number: int, count: int, seed: int) -> Drive:
@@ -92,11 +92,11 @@ def recorded(place: str, number: int, count: int, seed: int) -> Drive:
         return Drive(scenario, roads, run_episode(_setting(scenario, roads, seed), world, drivers))
 
 
-def _setting(scenario: Scenario, roads: RoadMap, seed: int) -> Setting:
+def _setting(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeConfig:
     """Nobody speaks, so that stations need not look; and the drive is over when the last recording may end."""
     over = round((LATEST_S + WINDOW_S) * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
-    return Setting(scenario, roads, seed, comm=PRESETS["off"], replayed=endings)
+    return EpisodeConfig(scenario, roads, seed, comm=PRESETS["off"], replayed=endings)
 
 
 def window_of(drive: Drive) -> tuple[float, float] | None:
@@ -109,7 +109,7 @@ def window_of(drive: Drive) -> tuple[float, float] | None:
     return max(fit, key=lambda part: round(_worth_deg(drive.episode, part), 1)) if fit else None
 
 
-def _worth_deg(episode: Episode, part: tuple[float, float]) -> float:
+def _worth_deg(episode: EpisodeRecord, part: tuple[float, float]) -> float:
     too_long = np.maximum(_driven_m(episode, part) - LONG_M, 0.0).sum()
     return _turned_deg(episode, part) - LONG_COST * float(too_long)
 
@@ -120,20 +120,20 @@ def _rows(part: tuple[float, float]) -> slice:
     return slice(first, last + 1, TICKS_PER_SECOND // 10)
 
 
-def _all_drive(episode: Episode, part: tuple[float, float]) -> bool:
+def _all_drive(episode: EpisodeRecord, part: tuple[float, float]) -> bool:
     rows = _rows(part)
     if rows.stop > episode.ticks or not episode.valid[rows, : episode.egos].all():
         return False
     return bool((_driven_m(episode, part) >= LEAST_M).all())
 
 
-def _driven_m(episode: Episode, part: tuple[float, float]) -> Float:
+def _driven_m(episode: EpisodeRecord, part: tuple[float, float]) -> Float:
     """Of every CAV."""
     x, y = (values[_rows(part), : episode.egos] for values in (episode.x, episode.y))
     return np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0)
 
 
-def _turned_deg(episode: Episode, part: tuple[float, float]) -> float:
+def _turned_deg(episode: EpisodeRecord, part: tuple[float, float]) -> float:
     yaw = np.unwrap(episode.yaw[_rows(part), : episode.egos], axis=0)
     return float(np.degrees(np.abs(np.diff(yaw, axis=0)).sum()))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derived_seed
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation.requirements import is_difficult, unmet
 from mdrive_sumo.generate.validation.spawn_overlaps import crowded
 from mdrive_sumo.roads import RoadMap
@@ -80,7 +80,7 @@ def examine(question: Question) -> Examination:
     scenario, roads = prepared(_job(question, "omniscient"))
     if unsound := tuple(_unsound(scenario, roads)):
         return Examination(scenario.id, unsound)
-    drives: dict[Drive, Episode] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
+    drives: dict[Drive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
     blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
     problems = unmet(scenario.bucket, blind, solved)
     return Examination(scenario.id, problems, blind.min_ttc, solved.ds, _certificate(scenario, roads, drives))
@@ -99,6 +99,6 @@ def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
         yield from crowded(scenario, roads)
 
 
-def _certificate(scenario: Scenario, roads: RoadMap, drives: Mapping[Drive, Episode]) -> Certificate:
+def _certificate(scenario: Scenario, roads: RoadMap, drives: Mapping[Drive, EpisodeRecord]) -> Certificate:
     hidden = (interval for drive, episode in drives.items() for interval in certify(drive, episode, scenario, roads))
     return Certificate(scenario=scenario.id, hidden=tuple(hidden))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import Ending, Episode
+from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.metrics.collisions import collisions
@@ -44,7 +44,7 @@ class EgoRecord:
         return math.prod(infraction.factor for infraction in self.infractions)
 
 
-def ego_records(episode: Episode, scenario: Scenario, roads: RoadMap) -> tuple[EgoRecord, ...]:
+def ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[EgoRecord, ...]:
     """The record of every CAV, in the order of the scenario.
 
     Raises InputError for an episode of another scenario and EpisodeMismatch for one that contradicts itself.

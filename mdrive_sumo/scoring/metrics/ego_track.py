@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.episode import Ending, Episode
+from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.roads.road_map import Nearest, RoadMap
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scoring.criteria import Course, course_of
@@ -29,7 +29,7 @@ class Track:
     """(n,) [rad]"""
     speed: Float
     """(n,) signed along yaw [m/s]."""
-    episode: Episode
+    episode: EpisodeRecord
     scenario: Scenario
     roads: RoadMap
 
@@ -51,7 +51,7 @@ class Track:
         return Infraction(kind, tick, x, y, PENALTY.get(kind, 1.0), other)
 
 
-def track_of(episode: Episode, scenario: Scenario, roads: RoadMap, column: int) -> Track:
+def track_of(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, column: int) -> Track:
     """The track of the CAV in that column; raises EpisodeMismatch if it was not there until its end."""
     ego = scenario.egos[column]
     endings = [ending for ending in episode.endings if ending.ego == ego.id]

@@ -3,14 +3,14 @@
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 
 HORIZON_S = 1.8
 MIN_CLOSING_SPEED = 1.0
 """[m/s]"""
 
 
-def min_ttc(episode: Episode) -> float | None:
+def min_ttc(episode: EpisodeRecord) -> float | None:
     """Least time to contact [s] over all ticks and all pairs with a CAV; None if never within 1.8 s.
 
     Both boxes move on with the velocity of that tick, without turning; pairs that close (distance of centres)
@@ -23,7 +23,7 @@ def min_ttc(episode: Episode) -> float | None:
     return min((value for value in least if value is not None), default=None)
 
 
-def _least(episode: Episode, place: Float, velocity: Float, column: int) -> float | None:
+def _least(episode: EpisodeRecord, place: Float, velocity: Float, column: int) -> float | None:
     """As `min_ttc`, of the pairs of one CAV with the columns after it: every pair is looked at once."""
     live = np.flatnonzero(episode.valid[:, column])
     rest = slice(column + 1, None)
@@ -40,7 +40,7 @@ def _least(episode: Episode, place: Float, velocity: Float, column: int) -> floa
     return float(within.min()) if len(within) else None
 
 
-def _reach(episode: Episode, column: int, rest: slice) -> Float:
+def _reach(episode: EpisodeRecord, column: int, rest: slice) -> Float:
     """Distance of centres (M,) [m] beyond which the boxes cannot touch."""
     radius = np.hypot(episode.length, episode.width) / 2
     return radius[rest] + radius[column]
@@ -55,7 +55,7 @@ def _may_meet(apart: Float, drift: Float, reach: Float) -> Bool:
     )
 
 
-def _corners(episode: Episode, tick: Int, column: Int) -> Float:
+def _corners(episode: EpisodeRecord, tick: Int, column: Int) -> Float:
     return boxes_corners(
         episode.x[tick, column],
         episode.y[tick, column],

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads.road_map import Lane
 from mdrive_sumo.scoring.metrics.ego_track import EpisodeMismatch, Track
 from mdrive_sumo.scoring.metrics.infraction import Infraction
@@ -51,7 +51,7 @@ def _crossing(track: Track, lane: Lane) -> int | None:
     return int(crossed[0]) + 1 if len(crossed) else None
 
 
-def _letter(episode: Episode, light: str, tick: int) -> str:
+def _letter(episode: EpisodeRecord, light: str, tick: int) -> str:
     """What the light "tls:index" shows in that tick: a letter of its traffic light's recorded state."""
     tls, _, index = light.rpartition(":")
     shown = [change.state for change in episode.signals if change.light == tls and change.tick <= tick]

@@ -14,8 +14,8 @@ from mdrive_sumo.agent_process.remote_driver import Limits, opened_line
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, Failure
-from mdrive_sumo.episode import Episode
-from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import Hiring, declaration, hired
 from mdrive_sumo.scenario.model import Pose
@@ -41,8 +41,8 @@ def bends(name: str, start: tuple[float, float], signs: tuple[int, ...]) -> Ego:
     return Ego(id=name, start=Pose(x=start[0], y=start[1], yaw=0.0), lanes=("r_0",), route=route)
 
 
-def drive(scenario: Scenario, one: Crew, clock: str = "ideal") -> Episode:
-    setting = Setting(scenario, straight_road(), seed=0, clock=clock_of(clock))
+def drive(scenario: Scenario, one: Crew, clock: str = "ideal") -> EpisodeRecord:
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, clock=clock_of(clock))
     try:
         return run_episode(setting, EmptyWorld(), one.drivers)
     finally:

@@ -16,8 +16,8 @@ from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import End
-from mdrive_sumo.episode import Episode
-from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.negotiation import Parley
 from mdrive_sumo.perception.fusion import Fusion
@@ -48,7 +48,7 @@ def job(scenario: str, agent: str, comm: str = "{}", seed: int = 0, **options: f
 
 
 @lru_cache
-def driven(scenario: str, agent: str) -> Episode:
+def driven(scenario: str, agent: str) -> EpisodeRecord:
     """With a faultless channel."""
     return reexecute(job(scenario, agent))
 
@@ -228,13 +228,13 @@ class Watched(LocalDriver):
         super().ask(seen)
 
 
-def past_the_house(agent: str) -> tuple[Episode, dict[str, Watched]]:
+def past_the_house(agent: str) -> tuple[EpisodeRecord, dict[str, Watched]]:
     """ "0" comes from the west; "1" from the east, and sees the south arm."""
     egos = (ego("0", crossing_route("straight", 0)), ego("1", crossing_route("straight", 2)))
     scenario = Scenario(id="field", bucket="Test", category="test", network="field", egos=egos)
     drivers = {one.id: Watched(agent) for one in egos}
     roads = replace(field(), buildings=(HOUSE,))
-    return run_episode(Setting(scenario, roads, seed=0), BoxWorld([HIDDEN]), drivers), drivers
+    return run_episode(EpisodeConfig(scenario, roads, seed=0), BoxWorld([HIDDEN]), drivers), drivers
 
 
 def knows(objects: Objects | None, x: float, y: float) -> bool:

@@ -6,8 +6,8 @@ import pytest
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import End
-from mdrive_sumo.episode import Episode
-from mdrive_sumo.loop import VEHICLE, Setting, run_episode
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import load, network_folder, route_along
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
@@ -36,11 +36,11 @@ def scenario() -> Scenario:
     )  # fmt: skip
 
 
-def driven(agent: str, seed: int = 0) -> Episode:
+def driven(agent: str, seed: int = 0) -> EpisodeRecord:
     made = scenario()
     sizes = {"0": (VEHICLE.length, VEHICLE.width)}
     with SumoWorld(made, ROADS, sizes, seed) as world:
-        return run_episode(Setting(made, ROADS, seed), world, {"0": LocalDriver(AGENTS[agent]({}))})
+        return run_episode(EpisodeConfig(made, ROADS, seed), world, {"0": LocalDriver(AGENTS[agent]({}))})
 
 
 @pytest.mark.parametrize("agent", ["idm", "constant-speed", "omniscient"])
@@ -63,7 +63,7 @@ def test_followers_wait_behind_a_cav_that_stands() -> None:
     assert episode.ending("0").end is End.BLOCKED
 
 
-def _size(episode: Episode, column: int | slice) -> tuple[np.ndarray, np.ndarray]:
+def _size(episode: EpisodeRecord, column: int | slice) -> tuple[np.ndarray, np.ndarray]:
     return np.atleast_1d(episode.length[column]), np.atleast_1d(episode.width[column])
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control, Message, Note, Plan
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind, no_actors
-from mdrive_sumo.episode import Ending, Episode, Recorder, Thinking, load_episode, quantised_frame, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, ThinkTime, load_episode, quantised_frame, save_episode
 from mdrive_sumo.v2x.channel import Fate, Sent
 
 SIZES = {"0": (4.9, 2.0), "1": (4.9, 2.0)}
@@ -31,7 +31,7 @@ def actors(ids: tuple[str, ...], x: float) -> Actors:
     )
 
 
-def recorded(ticks: int = 40, seed: int = 0) -> Episode:
+def recorded(ticks: int = 40, seed: int = 0) -> EpisodeRecord:
     rng = np.random.default_rng(seed)
     recorder = Recorder("s", {"seed": seed}, SIZES)
     for tick in range(ticks):
@@ -49,7 +49,7 @@ def recorded(ticks: int = 40, seed: int = 0) -> Episode:
         Ending("0", ticks - 1, End.ARRIVED),
         Ending("1", ticks // 2 - 1, End.AGENT_FAILED, Failure.TIMEOUT, "act: …"),
     ]
-    return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (Thinking("0", 3, 2),))
+    return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (ThinkTime("0", 3, 2),))
 
 
 def sent(tick: int, rng: np.random.Generator) -> Sent:
@@ -58,7 +58,7 @@ def sent(tick: int, rng: np.random.Generator) -> Sent:
     return Sent(Message("cam", rng.bytes(int(rng.integers(40))), "rsu", tick), {r: fates[r] for r in receivers})
 
 
-def equal(a: Episode, b: Episode) -> bool:
+def equal(a: EpisodeRecord, b: EpisodeRecord) -> bool:
     arrays = all(
         np.array_equal(getattr(a, name), getattr(b, name))
         for name in ("kind", "length", "width", "valid", "quanta", "controls", "digests")

@@ -12,7 +12,7 @@ from testing.worlds import straight_ego, straight_road, straight_scenario
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame, Kind
-from mdrive_sumo.episode import Ending, Episode, Recorder
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
@@ -41,7 +41,7 @@ def scenario(*ids: str) -> Scenario:
     return straight_scenario(*egos).model_copy(update={"actors": (bus,), "rsus": (post,)})
 
 
-def episode(*last: int) -> Episode:
+def episode(*last: int) -> EpisodeRecord:
     """CAVs "0", "1", ... that leave after these ticks, and one thing of each kind; the car comes at tick 10."""
     ids = [str(n) for n in range(len(last))]
     recorder = Recorder("straight", {}, dict.fromkeys(ids, (4.9, 2.06)))

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from mdrive_sumo.core.geometry import box_corners
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate import pre_crash_typologies
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.pipeline import Rejected, Stage, built
@@ -181,7 +181,7 @@ def test_arrival_is_that_of_blind_driving_and_later_in_bends() -> None:
 def test_conflicts_are_hidden_and_dangerous_but_can_be_solved(number: int) -> None:
     scenario = first_made(number, network="town_crossing" if number in (25, 30) else "")
     roads = load(network_folder(scenario.network))
-    drives: dict[Drive, Episode] = {drive: driven(scenario, roads, drive) for drive in DRIVES}
+    drives: dict[Drive, EpisodeRecord] = {drive: driven(scenario, roads, drive) for drive in DRIVES}
     scores = {drive: score_episode(episode, scenario, roads, ScoreMode.MDRIVE, 0) for drive, episode in drives.items()}
     ttc = scores["constant-speed"].min_ttc
     hidden = [one for drive, episode in drives.items() for one in certify(drive, episode, scenario, roads)]

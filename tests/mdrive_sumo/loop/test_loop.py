@@ -9,8 +9,8 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 from mdrive_sumo.contract import Control, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, Failure
-from mdrive_sumo.episode import Ending, Episode
-from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -18,9 +18,9 @@ go = pedals(throttle=0.5)
 stand = pedals(brake=1.0)
 
 
-def drive(scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()) -> tuple[Episode, EmptyWorld]:
+def drive(scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()) -> tuple[EpisodeRecord, EmptyWorld]:
     world = EmptyWorld()
-    setting = Setting(scenario, straight_road(), seed=0, replayed=replayed)
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, replayed=replayed)
     return run_episode(setting, world, {ego: LocalDriver(agent) for ego, agent in agents.items()}), world
 
 
@@ -172,7 +172,7 @@ def test_cavs_collide_and_do_not_pass_through_each_other() -> None:
 def test_pass_through_records_contacts_and_lets_boxes_overlap() -> None:
     scenario = straight_scenario(straight_ego("0", x=40, length=100), straight_ego("1", x=10, length=100))
     agents = {"0": Says(lambda seen: stand), "1": Says(lambda seen: pedals(throttle=1.0))}
-    setting = Setting(scenario, straight_road(), seed=0, pass_through=True)
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, pass_through=True)
     episode = run_episode(setting, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in agents.items()})
     both = episode.valid[:, :2].all(axis=1)
     assert (episode.x[both, 0] - episode.x[both, 1]).min() < 0.0

@@ -17,8 +17,8 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
 from mdrive_sumo.core.geometry import Float, Polyline, boxes_corners
 from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, no_actors
-from mdrive_sumo.episode import Episode
-from mdrive_sumo.loop import Setting, run_episode
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.perception.static_object_tracker import Standing
 from mdrive_sumo.planning.detour import SHARPEST, around, spans
@@ -372,15 +372,15 @@ def beside(lane: Lane, s: float, aside: float, kind: Kind, size: tuple[float, fl
     return Thing(kind, x - math.sin(yaw) * aside, y + math.cos(yaw) * aside, yaw, 0.0, *size)
 
 
-def driven(network: str, lane: str, things: tuple[Thing, ...], agent: str = "single", seed: int = 0) -> Episode:
+def driven(network: str, lane: str, things: tuple[Thing, ...], agent: str = "single", seed: int = 0) -> EpisodeRecord:
     """One CAV along a lane of a packaged network."""
     roads, way = lane_of(network, lane)
     one = ego("0", way.centre.resampled(1.0).xy[5:-15]).model_copy(update={"lanes": (lane,)})
     scenario = Scenario(id="detour", bucket="Test", category="test", network=network, egos=(one,))
-    return run_episode(Setting(scenario, roads, seed=seed), ThingWorld(things), {"0": LocalDriver(AGENTS[agent]({}))})
+    return run_episode(EpisodeConfig(scenario, roads, seed=seed), ThingWorld(things), {"0": LocalDriver(AGENTS[agent]({}))})
 
 
-def off_road_m(episode: Episode, roads: RoadMap) -> float:
+def off_road_m(episode: EpisodeRecord, roads: RoadMap) -> float:
     """How far [m] the CAV's corners come off the lanes, at most."""
     lines = [shapely.LineString(lane.centre.xy) for lane in roads.driving]
     surface = shapely.union_all([shapely.buffer(line, WIDTH / 2) for line in lines])

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from testing.viewer_crossing import crossing, ego_state, record, scenario, some_marks
 
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.replay import viewer_html
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -28,7 +28,7 @@ TICKS = 600
 
 
 @pytest.fixture(scope="module")
-def long_episode() -> Episode:
+def long_episode() -> EpisodeRecord:
     return record(ticks=TICKS, egos=4, actors=100)
 
 
@@ -99,7 +99,7 @@ def test_the_page_is_self_contained_and_the_same_every_time() -> None:
     assert "default-src 'none'" in pages[0]
 
 
-def test_the_page_stays_small(long_episode: Episode) -> None:
+def test_the_page_stays_small(long_episode: EpisodeRecord) -> None:
     """100 road users for 60 s must be a file that can be mailed, however restless they are: here half of it."""
     restless = np.random.default_rng(1).integers(-300, 300, long_episode.quanta.shape, dtype=np.int32)
     noisy = replace(long_episode, quanta=long_episode.quanta + restless)
@@ -127,7 +127,7 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def replay_file(tmp_path_factory: pytest.TempPathFactory, long_episode: Episode) -> Path:
+def replay_file(tmp_path_factory: pytest.TempPathFactory, long_episode: EpisodeRecord) -> Path:
     path = tmp_path_factory.mktemp("view") / "replay.html"
     path.write_text(viewer_html(long_episode, scenario(4), crossing(), some_marks(TICKS)), encoding="utf-8")
     return path

@@ -13,7 +13,7 @@ from testing.viewer_crossing import crossing, record, scenario, some_marks
 from testing.viewer_talking import RSU, talking, with_rsu
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.replay import viewer_html
 from mdrive_sumo.report.replay_sight import sight_of
 from mdrive_sumo.v2x.channel import Fate, Sent
@@ -24,18 +24,18 @@ LAYERS = ("sight", "intentions", "messages", "shared", "transcript")
 
 
 @pytest.fixture(scope="module")
-def talk() -> Episode:
+def talk() -> EpisodeRecord:
     return talking(ticks=120, egos=4, actors=20)
 
 
-def page_of(episode: Episode, egos: int = 4) -> str:
+def page_of(episode: EpisodeRecord, egos: int = 4) -> str:
     return viewer_html(episode, with_rsu(egos), crossing(), some_marks(episode.ticks))
 
 
 # ---- what the page carries
 
 
-def test_every_message_and_every_fate_is_carried(talk: Episode) -> None:
+def test_every_message_and_every_fate_is_carried(talk: EpisodeRecord) -> None:
     header, tables = carried(page_of(talk))
     said, names = header["talk"], header["talk"]["stations"]
     assert names == [*talk.ego_ids, RSU]
@@ -46,7 +46,7 @@ def test_every_message_and_every_fate_is_carried(talk: Episode) -> None:
     assert sorted(fates) == sorted(truth)
 
 
-def test_contents_are_those_that_were_decoded(talk: Episode) -> None:
+def test_contents_are_those_that_were_decoded(talk: EpisodeRecord) -> None:
     header, tables = carried(page_of(talk))
     names, types = header["talk"]["stations"], header["talk"]["types"]
     truth = {(m.type, m.sender, m.tick): decode(m) for m in (one.message for one in talk.messages)}
@@ -91,7 +91,7 @@ def test_whom_a_cav_sees() -> None:
     assert not sight[1, :, 8:].any()  # its agent failed in tick 28: there it sees nothing any more
 
 
-def test_notes_are_told_with_what_was_asked(talk: Episode) -> None:
+def test_notes_are_told_with_what_was_asked(talk: EpisodeRecord) -> None:
     notes = carried(page_of(talk))[0]["notes"]
     assert notes[0] == [5, "cav_0", "llm-exchange", "I wait for you.", "Speak: I wait for you."]
     assert notes[1] == [12, "cav_1", "llm-fallback", "I wait for you.", ""]
@@ -109,7 +109,7 @@ def test_a_talkative_minute_stays_small() -> None:
 
 
 @pytest.fixture(scope="module")
-def talk_file(tmp_path_factory: pytest.TempPathFactory, talk: Episode) -> Path:
+def talk_file(tmp_path_factory: pytest.TempPathFactory, talk: EpisodeRecord) -> Path:
     path = tmp_path_factory.mktemp("layers") / "talk.html"
     path.write_text(page_of(talk), encoding="utf-8")
     return path

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import Contact, EgoState, End, Failure, Frame, Kind, no_actors
-from mdrive_sumo.episode import Ending, Episode, Recorder, load_episode, quantised_frame, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame, save_episode
 from mdrive_sumo.runs.verify import first_difference, sampled
 from mdrive_sumo.scoring import load_results
 
@@ -30,7 +30,7 @@ def frame(tick: int, **changes: object) -> Frame:
     return replace(Frame(tick, egos, no_actors(), {"light": "G"}), **changes)
 
 
-def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: int = TICKS - 1) -> Episode:
+def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: int = TICKS - 1) -> EpisodeRecord:
     recorder = Recorder("s", {}, {"0": (4.9, 2.0), "1": (4.9, 2.0)})
     for seen in frames:
         controls = dict.fromkeys(seen.egos, (pedals or {}).get(seen.tick, PEDAL))
@@ -42,7 +42,7 @@ FRAMES = [frame(tick) for tick in range(TICKS)]
 RECORDED = episode(FRAMES)
 
 
-def changed(tick: int, **changes: object) -> Episode:
+def changed(tick: int, **changes: object) -> EpisodeRecord:
     return episode([*FRAMES[:tick], frame(tick, **changes), *FRAMES[tick + 1 :]])
 
 
@@ -77,7 +77,7 @@ def test_equal_episodes_have_no_difference() -> None:
         (episode(FRAMES, end=6), 6, "'0' ends arrived in tick 6, ended arrived in tick 7"),
     ],
 )
-def test_the_first_difference_is_named(again: Episode, tick: int, text: str) -> None:
+def test_the_first_difference_is_named(again: EpisodeRecord, tick: int, text: str) -> None:
     difference = first_difference(RECORDED, again)
     assert difference is not None
     assert (difference.tick, difference.text) == (tick, text)

@@ -11,7 +11,7 @@ from testing.score_golden import Row, arriving, ego, episode, hit, judged, scena
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Contact, End, Kind
-from mdrive_sumo.episode import Ending, Episode, load_episode, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, load_episode, save_episode
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import (
@@ -193,7 +193,7 @@ ROADS = street(signs=[SIGN])
 PAIR = scenario(ego("0"), ego("1", y=3.2))
 
 
-def pair_episode() -> Episode:
+def pair_episode() -> EpisodeRecord:
     """Ego 0 hits a car and runs over the sign: IP 0.48. Ego 1, one lane to the left, fails at x = 20."""
     drives = {"0": arriving(), "1": straight(41, y=3.2)}
     ends = {"0": End.ARRIVED, "1": End.AGENT_FAILED}
@@ -240,19 +240,19 @@ def walk(legs: list[tuple[float, float, float, int]], y: float) -> list[Row]:
 
 
 @st.composite
-def episodes(draw: st.DrawFn) -> Episode:
+def episodes(draw: st.DrawFn) -> EpisodeRecord:
     drives = {one: walk(draw(st.lists(steps, min_size=1, max_size=6)), 3.2 * int(one)) for one in "01"}
     hits = sorted(draw(contacts))
     return judged(PAIR, drives, [(tick, Contact(who, other, kind)) for tick, who, other, kind in hits])
 
 
-def rescored(recorded: Episode, about: Scenario, mode: ScoreMode) -> ScenarioResult:
+def rescored(recorded: EpisodeRecord, about: Scenario, mode: ScoreMode) -> ScenarioResult:
     return score_episode(recorded, about, ROADS, mode, 1)
 
 
 @settings(max_examples=40, deadline=None)
 @given(recorded=episodes())
-def test_scores_are_in_range_and_consistent(recorded: Episode) -> None:
+def test_scores_are_in_range_and_consistent(recorded: EpisodeRecord) -> None:
     """Whatever CAVs do, the recomputed criteria agree with the live judge and numbers stay in range."""
     found = rescored(recorded, PAIR, ScoreMode.MDRIVE)
     assert 0.0 <= found.ds <= 100.0
@@ -265,7 +265,7 @@ def test_scores_are_in_range_and_consistent(recorded: Episode) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(recorded=episodes())
-def test_a_stored_episode_scores_as_the_live_one(recorded: Episode, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_stored_episode_scores_as_the_live_one(recorded: EpisodeRecord, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("episode") / "e.npz"
     save_episode(recorded, path)
     for mode in ScoreMode:

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import Episode
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.runs.job import Job, reexecute
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite
@@ -29,7 +29,7 @@ TOWN = load(network_folder("town_crossing"))
 
 
 @cache
-def blind(scenario: str) -> tuple[Episode, Scenario]:
+def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
     job = Job(str(packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
     found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
     return reexecute(job), found

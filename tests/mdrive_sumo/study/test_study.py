@@ -19,7 +19,7 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control, Message
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import EgoState, End, Frame, no_actors
-from mdrive_sumo.episode import Ending, Episode, Recorder, load_episode, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import summary_table
 from mdrive_sumo.runs.compare import bootstrap
@@ -438,7 +438,7 @@ def test_bad_input_is_one_sentence_before_anything_runs(
 # --------------------------------------------------------------------------------------------------------- ablate
 
 
-def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> Episode:
+def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> EpisodeRecord:
     recorder = Recorder("s", {}, dict.fromkeys(ids, (4.9, 2.0)))
     for tick, x in enumerate(xs):
         egos = {name: EgoState(x=x if name == ids[-1] else 0.0, y=0.0, yaw=0.0, speed=1.0) for name in ids}
@@ -533,7 +533,7 @@ def test_an_episode_without_single_senders(finished: Path) -> None:
     assert (found["*/text"]["ds"], found["*/text"]["digest"]) == (alone.ds, alone.digest)
 
 
-def recorded(folder: Path) -> Episode:
+def recorded(folder: Path) -> EpisodeRecord:
     return load_episode(next((folder / "episodes").glob("*.npz")))
 
 

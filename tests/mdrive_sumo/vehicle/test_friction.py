@@ -13,7 +13,7 @@ from testing.suite_fakes import make_suite
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import STANDSTILL, Control
 from mdrive_sumo.core.state import DT, no_actors
-from mdrive_sumo.episode import Episode, load_episode
+from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
@@ -67,7 +67,7 @@ def evaluated(folder: Path, out: Path, *more: object, agent: str = "stationary")
     return load_results(out / "results.json")
 
 
-def episode_of(out: Path, name: str = "s") -> Episode:
+def episode_of(out: Path, name: str = "s") -> EpisodeRecord:
     return load_episode(out / "episodes" / f"{name}.npz")
 
 

@@ -12,7 +12,7 @@ from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.episode.episode import Episode
+from mdrive_sumo.episode.episode import EpisodeRecord
 from mdrive_sumo.episode.episode_file import load_episode
 from real2sim.readers.carla_frame import UCLA
 from real2sim.writers.v2xpnp_map import write_vector_map
@@ -24,7 +24,7 @@ def convert(*arguments: object) -> str:
     return answer.output
 
 
-def driven(suite: Path, agent: str, out: Path) -> dict[str, Episode]:
+def driven(suite: Path, agent: str, out: Path) -> dict[str, EpisodeRecord]:
     """The recordings of all scenarios, of which none is void."""
     arguments = ["eval", "--suite", str(suite), "--agent", agent, "--out", str(out), "--workers", "1"]
     answer = CliRunner().invoke(main, arguments, catch_exceptions=False)
@@ -33,7 +33,7 @@ def driven(suite: Path, agent: str, out: Path) -> dict[str, Episode]:
     return {path.stem: load_episode(path) for path in sorted((out / "episodes").glob("*.npz"))}
 
 
-def way(episode: Episode, name: str) -> Float:
+def way(episode: EpisodeRecord, name: str) -> Float:
     """Positions (T, 2) [m] of a road user."""
     row = episode.ids.index(name)
     return np.column_stack((episode.x[:, row], episode.y[:, row]))
