@@ -83,6 +83,14 @@ def no_actors() -> Actors:
 
 
 @dataclass(frozen=True, slots=True)
+class WorldState:
+    """What the simulator drives in one tick: background vehicles, and the states of traffic lights by id."""
+
+    actors: Actors
+    signals: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class Contact:
     """An ego's box met something in this tick. `other` is an ego id, an actor id, or "" for the map (a building)."""
 

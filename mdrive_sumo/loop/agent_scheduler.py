@@ -1,71 +1,78 @@
-"""Minds: the agents of an episode and their clock. Whom to ask, and in which tick an answer counts."""
+"""Agents and their clock: which agents are asked in a tick, and in which tick a reply takes effect."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.episode import ThinkTime
-from mdrive_sumo.loop.agent_driver import AgentFailure, AgentDriver
-
-Fail = Callable[[str, int, AgentFailure], None]
+from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
 
 
 @dataclass(frozen=True, slots=True)
-class _Answer:
+class _PendingReply:
     reply: Reply
-    due: int
+    due_tick: int
 
 
 class AgentScheduler:
-    """Asks every agent that is not thinking; while one thinks its CAV goes on with what it did last."""
+    """Sends observations to agents and holds their replies back until the think time has passed."""
 
-    def __init__(self, drivers: Mapping[str, AgentDriver], clock: Clock, replayed: Sequence[ThinkTime], fail: Fail) -> None:
-        """replayed: how long the agents of a recorded run thought; `fail` is told of every failure."""
-        self._drivers, self._clock, self._fail = drivers, clock, fail
-        self._replayed = {(one.ego, one.tick): one.ticks for one in replayed} if replayed else None
-        self._pending: dict[str, _Answer] = {}
-        self.thought: list[ThinkTime] = []
-        """Every answer of a measured clock that took a tick or more."""
+    def __init__(
+        self,
+        drivers: Mapping[str, AgentDriver],
+        clock: Clock,
+        recorded: Sequence[ThinkTime],
+        report_failure: Callable[[str, AgentFailure], None],
+    ) -> None:
+        """`recorded`: think times of a recorded run, used under a measured clock instead of the measured ones."""
+        self._drivers, self._clock, self._report_failure = drivers, clock, report_failure
+        self._recorded_ticks = {(one.ego, one.tick): one.ticks for one in recorded} if recorded else None
+        self._pending: dict[str, _PendingReply] = {}
+        self.think_times: list[ThinkTime] = []
+        """All think times of one tick or more under a measured clock."""
 
-    def due(self, tick: int) -> dict[str, Reply]:
-        """Answers to earlier questions that count from this tick on."""
-        ready = [ego for ego, answer in self._pending.items() if answer.due <= tick]
-        return {ego: self._pending.pop(ego).reply for ego in ready}
+    def find_busy(self, tick: int) -> set[str]:
+        """Return the CAVs whose agent still thinks in `tick`: they get no observation, their last control holds."""
+        return {ego for ego, pending in self._pending.items() if pending.due_tick > tick}
 
-    def free(self, living: Iterable[str]) -> tuple[str, ...]:
-        """Who is not thinking."""
-        return tuple(ego for ego in living if ego not in self._pending)
+    def collect_replies(self, tick: int, observations: Mapping[str, Observation]) -> dict[str, Reply]:
+        """Send the observations of `tick` to the agents; return the replies that take effect in `tick`.
 
-    def ask(self, tick: int, seen: Mapping[str, Observation]) -> dict[str, Reply]:
-        """Asks everyone who is named; the answers that count at once."""
-        asked = [ego for ego, what in seen.items() if self._asked(ego, tick, what)]
+        All agents get their observation before the first reply is awaited. Failures go to `report_failure`.
+        """
+        replies = self._pop_due(tick)
+        asked = [ego for ego, observation in observations.items() if self._send(ego, observation)]
         for ego in asked:
-            reply = self._answer(ego, tick)
+            reply = self._receive(ego)
             if reply is not None:
-                self._pending[ego] = _Answer(reply, tick + self._delay(ego, tick))
-        return self.due(tick)
+                self._pending[ego] = _PendingReply(reply, tick + self._compute_delay(ego, tick))
+        return replies | self._pop_due(tick)
 
-    def _delay(self, ego: str, tick: int) -> int:
-        if self._clock.kind == "measured" and self._replayed is not None:
-            ticks = self._replayed.get((ego, tick), 0)
+    def _pop_due(self, tick: int) -> dict[str, Reply]:
+        due = [ego for ego, pending in self._pending.items() if pending.due_tick <= tick]
+        return {ego: self._pending.pop(ego).reply for ego in due}
+
+    def _compute_delay(self, ego: str, tick: int) -> int:
+        if self._clock.kind == "measured" and self._recorded_ticks is not None:
+            ticks = self._recorded_ticks.get((ego, tick), 0)
         else:
             ticks = self._clock.delay(self._drivers[ego].thought_s)
         if self._clock.kind == "measured" and ticks:
-            self.thought.append(ThinkTime(ego, tick, ticks))
+            self.think_times.append(ThinkTime(ego, tick, ticks))
         return ticks
 
-    def _asked(self, ego: str, tick: int, seen: Observation) -> bool:
+    def _send(self, ego: str, observation: Observation) -> bool:
         try:
-            self._drivers[ego].ask(seen)
+            self._drivers[ego].ask(observation)
         except AgentFailure as error:
-            self._fail(ego, tick, error)
+            self._report_failure(ego, error)
             return False
         return True
 
-    def _answer(self, ego: str, tick: int) -> Reply | None:
+    def _receive(self, ego: str) -> Reply | None:
         try:
             return self._drivers[ego].answer()
         except AgentFailure as error:
-            self._fail(ego, tick, error)
+            self._report_failure(ego, error)
             return None

@@ -107,12 +107,12 @@ def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
         roads,
         job.seed,
         about,
-        replayed=job.replayed,
+        replayed_failures=job.replayed,
         comm=comm_from(json.loads(job.comm)),
         clock=clock_of(job.clock),
-        actors=ActorMode(job.actors),
+        actor_mode=ActorMode(job.actors),
         friction=friction,
-        thought=job.thought,
+        think_times=job.thought,
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     sumo_seed, grip = derived_seed(job.seed, scenario.id, "sumo"), friction.grip(scenario.weather)

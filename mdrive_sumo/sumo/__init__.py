@@ -1,5 +1,5 @@
 """SUMO in process: every SUMO quirk lives in this package, and nothing else imports libsumo."""
 
-from mdrive_sumo.sumo.sumo_world import SumoWorld, Surroundings
+from mdrive_sumo.sumo.sumo_world import SumoWorld
 
-__all__ = ["SumoWorld", "Surroundings"]
+__all__ = ["SumoWorld"]

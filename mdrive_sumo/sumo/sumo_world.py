@@ -2,7 +2,6 @@
 
 # pyright: basic
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain, repeat
 from types import TracebackType
 from typing import Self
@@ -12,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.actors import Crowd
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState, no_actors
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo.background_traffic import Traffic
@@ -31,14 +30,6 @@ _position, _angle, _speed = (
 )
 """libsumo's own functions below its Python wrappers, which take as long again; called for every vehicle and tick."""
 ROLLING = (Kind.VEHICLE, Kind.CYCLIST)
-
-
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What SUMO drives: background vehicles, and the states of traffic lights by id."""
-
-    actors: Actors
-    signals: Mapping[str, str]
 
 
 class SumoWorld:
@@ -114,11 +105,11 @@ class SumoWorld:
             libsumo.trafficlight.setRedYellowGreenState(light, state)
             self._frozen[light] = state
 
-    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
         """Places the egos and makes the first step, so that vehicles departing at 0 s are there in frame 0."""
         return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
         """The only deed: places egos and ghosts, holds struck vehicles, steps SUMO, and reads what it drives.
 
         Egos that are no longer named leave the world. Raises WorldError where SUMO fails or teleports a vehicle.
@@ -146,7 +137,7 @@ class SumoWorld:
             if offsets := self._traffic.offsets:
                 shifted(driven, offsets)
             self._last = self._crowd.merged(driven, replayed)
-            return Surroundings(self._last, self._signals())
+            return WorldState(self._last, self._signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, no_actors
+from mdrive_sumo.core.state import Actors, DT, EgoState, End, Kind, WorldState, no_actors
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -17,7 +17,6 @@ from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.sumo import Surroundings
 
 HALF_CROSSING_M = 10.0
 
@@ -77,10 +76,10 @@ class BoxWorld:
     def __init__(self, boxes: Sequence[Box] = (), red_until: int = 0) -> None:
         self._boxes, self._red_until, self._tick = boxes, red_until, -1
 
-    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
         return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
         self._tick += 1
         t = self._tick * DT
         table = np.array(
@@ -88,7 +87,7 @@ class BoxWorld:
         )
         signals = {"L": "r" if self._tick < self._red_until else "g"}
         if not self._boxes:
-            return Surroundings(no_actors(), signals)
+            return WorldState(no_actors(), signals)
         ones = np.ones(len(table))
         actors = Actors(
             tuple(f"b{i}" for i in range(len(table))),
@@ -100,7 +99,7 @@ class BoxWorld:
             4.5 * ones,
             1.8 * ones,
         )
-        return Surroundings(actors, signals)
+        return WorldState(actors, signals)
 
 
 def drive(

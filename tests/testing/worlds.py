@@ -8,11 +8,10 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.core.state import Actors, EgoState, no_actors
+from mdrive_sumo.core.state import Actors, EgoState, WorldState, no_actors
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.sumo import Surroundings
 
 
 def straight_road(length: float = 300.0) -> RoadMap:
@@ -38,12 +37,12 @@ class EmptyWorld:
     def __init__(self) -> None:
         self.placed: list[tuple[str, ...]] = []
 
-    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
         return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
         self.placed.append(tuple(egos))
-        return Surroundings(no_actors(), MappingProxyType({}))
+        return WorldState(no_actors(), MappingProxyType({}))
 
 
 class Says:

@@ -96,7 +96,7 @@ def _setting(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeConfig:
     """Nobody speaks, so that stations need not look; and the drive is over when the last recording may end."""
     over = round((LATEST_S + WINDOW_S) * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
-    return EpisodeConfig(scenario, roads, seed, comm=PRESETS["off"], replayed=endings)
+    return EpisodeConfig(scenario, roads, seed, comm=PRESETS["off"], replayed_failures=endings)
 
 
 def window_of(drive: Drive) -> tuple[float, float] | None:

@@ -20,7 +20,7 @@ stand = pedals(brake=1.0)
 
 def drive(scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()) -> tuple[EpisodeRecord, EmptyWorld]:
     world = EmptyWorld()
-    setting = EpisodeConfig(scenario, straight_road(), seed=0, replayed=replayed)
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, replayed_failures=replayed)
     return run_episode(setting, world, {ego: LocalDriver(agent) for ego, agent in agents.items()}), world
 
 

@@ -129,7 +129,7 @@ def test_measured_thinking_is_recorded_and_can_be_repeated() -> None:
 
     measured = run(Slow)
     assert {one.ticks for one in measured.thinking} == {2}
-    assert run(LocalDriver, thought=measured.thinking).digest == measured.digest
+    assert run(LocalDriver, think_times=measured.thinking).digest == measured.digest
     assert run(LocalDriver).digest != measured.digest
 
 

@@ -16,7 +16,7 @@ from testing.agents_driving import ego
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
 from mdrive_sumo.core.geometry import Float, Polyline, boxes_corners
-from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, no_actors
+from mdrive_sumo.core.state import Actors, DT, EgoState, End, Kind, WorldState, no_actors
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -30,7 +30,6 @@ from mdrive_sumo.roads import Lane, RoadMap, load, packaged_networks
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sensing.briefing_builder import briefing
 from mdrive_sumo.sensing.route_room import route_room
-from mdrive_sumo.sumo import Surroundings
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
 
 CAR = facts(MKZ_2017)
@@ -345,20 +344,20 @@ class ThingWorld:
     def __init__(self, things: tuple[Thing, ...]) -> None:
         self._things, self._tick = things, -1
 
-    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> Surroundings:
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
         return self.advance(egos, scripted, ())
 
-    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> Surroundings:
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
         self._tick += 1
         if not self._things:
-            return Surroundings(no_actors(), {})
+            return WorldState(no_actors(), {})
         columns = [(t.x, t.y, t.yaw, t.speed, t.length, t.width) for t in self._things]
         x, y, yaw, speed, length, width = np.array(columns).T
         gone = speed * self._tick * DT
         names = tuple(f"b{i}" for i in range(len(columns)))
         kinds = np.array([t.kind for t in self._things], dtype=np.uint8)
         actors = Actors(names, kinds, x + gone * np.cos(yaw), y + gone * np.sin(yaw), yaw, speed, length, width)
-        return Surroundings(actors, {})
+        return WorldState(actors, {})
 
 
 def lane_of(network: str, lane: str) -> tuple[RoadMap, Lane]:

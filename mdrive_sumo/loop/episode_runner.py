@@ -1,0 +1,46 @@
+"""Run one episode: connect the agents of the CAVs to an `EpisodeSimulation`."""
+
+from collections.abc import Mapping
+
+from mdrive_sumo.contract import SensorSpec
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
+from mdrive_sumo.loop.agent_scheduler import AgentScheduler
+from mdrive_sumo.loop.episode_config import EpisodeConfig
+from mdrive_sumo.loop.episode_simulation import EpisodeSimulation, World
+
+
+def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver]) -> EpisodeRecord:
+    """Run one scenario until every CAV has arrived, is blocked, deviated, timed out, or its agent failed.
+
+    `drivers` maps the id of every CAV to its agent. An agent that fails ends its own CAV only.
+    Raises InputError for an invalid sensor and WorldError if the simulator fails.
+    """
+    failures: dict[str, AgentFailure] = {}
+    sensors = {ego.id: _declare_sensors(ego.id, drivers, failures) for ego in config.scenario.egos}
+    simulation = EpisodeSimulation(config, world, sensors)
+    for ego, briefing in simulation.briefings.items():
+        if ego not in failures:
+            try:
+                drivers[ego].start(briefing)
+            except AgentFailure as error:
+                failures[ego] = error
+    for ego, error in failures.items():
+        simulation.fail_agent(ego, error)
+    scheduler = AgentScheduler(drivers, config.clock, config.think_times, simulation.fail_agent)
+    observations = simulation.reset()
+    while not simulation.is_done:
+        replies = scheduler.collect_replies(simulation.tick, observations)
+        observations = simulation.step(replies, busy=scheduler.find_busy(simulation.tick + 1))
+    return simulation.finish(scheduler.think_times)
+
+
+def _declare_sensors(
+    ego: str, drivers: Mapping[str, AgentDriver], failures: dict[str, AgentFailure]
+) -> tuple[SensorSpec, ...]:
+    """Return the sensors that the agent of a CAV declares; none if it fails, with an entry in `failures`."""
+    try:
+        return drivers[ego].sensors()
+    except AgentFailure as error:
+        failures[ego] = error
+        return ()

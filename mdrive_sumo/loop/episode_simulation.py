@@ -1,0 +1,241 @@
+"""The one tick of the benchmark: judge, deliver, observe; then post, control, record, move."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from mdrive_sumo.actors import Crowd, ScriptedActors
+from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
+from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind, WorldState
+from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantised_frame
+from mdrive_sumo.loop.agent_driver import AgentFailure
+from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
+from mdrive_sumo.scenario.weather import WEATHERS
+from mdrive_sumo.scoring import criteria
+from mdrive_sumo.sensing.briefing_builder import briefing
+from mdrive_sumo.sensing.observation_builder import Senses, Surrounds, scene_of
+from mdrive_sumo.sensing.roadside_units import Roadside
+from mdrive_sumo.sensing.scene import Scene
+from mdrive_sumo.v2x.channel import Channel
+from mdrive_sumo.vehicle import contact, control, dynamics
+
+
+class World(Protocol):
+    """The simulator of everything but CAVs and scripted actors: `sumo.SumoWorld`, or a fake in tests."""
+
+    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
+        """Place CAVs and scripted actors, and return the state of everything else in frame 0."""
+        ...
+
+    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
+        """Place CAVs and scripted actors for the next tick, advance everything else by one tick and return its state.
+
+        CAVs that are not named leave the world. `struck`: ids of the actors that a CAV touched in the last frame.
+        """
+        ...
+
+
+class EpisodeSimulation:
+    """One episode, driven from outside: `reset`, then `step` until `is_done`, then `finish`.
+
+    The caller owns the loop and the agents; `run_episode` is such a caller.
+    """
+
+    def __init__(self, config: EpisodeConfig, world: World, sensors: Mapping[str, tuple[SensorSpec, ...]]) -> None:
+        """`sensors` maps the id of every CAV to its sensors. Raises InputError for an invalid sensor."""
+        scenario = config.scenario
+        self._config, self._world = config, world
+        self._time_limit = criteria.time_limit_ticks(scenario)
+        self._references = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
+        self._progress = {ego.id: criteria.Trial() for ego in scenario.egos}
+        self._vehicle_states = {
+            ego.id: dynamics.rolling(ego.start.x, ego.start.y, ego.start.yaw, ego.start_speed) for ego in scenario.egos
+        }
+        self._vehicle = replace(VEHICLE, grip=config.friction.grip(scenario.weather))
+        self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
+        self._walls = contact.walls(building.outline for building in config.roads.buildings)
+        self._scripted, self._crowd = ScriptedActors(scenario, config.roads, config.actor_mode), Crowd()
+        self._controllers: dict[tuple[str, str], control.Controller] = {}
+        self._controls: dict[str, Control] = dict.fromkeys(self._vehicle_states, STANDSTILL)
+        self._plans: dict[str, Plan] = {}
+        self._endings: dict[str, Ending] = {}
+        self._pending_messages: dict[str, tuple[Message, ...]] = dict.fromkeys(self._vehicle_states, ())
+        self._received: ReceivedMessages = {}
+        self._scene: Scene | None = None
+        self._frame: Frame | None = None
+        self._dimensions = dict.fromkeys(self._vehicle_states, (VEHICLE.length, VEHICLE.width))
+        self._recorder = Recorder(scenario.id, config.about, self._dimensions)
+        self._channel = Channel(config.comm, derived_seed(config.seed, scenario.id, "channel"))
+        self.briefings: Mapping[str, Briefing] = self._build_briefings()
+        """What the agent of each CAV learns before the first tick."""
+        self.is_done = False
+        """Whether every CAV has ended and the last frame is recorded."""
+        common = Surrounds(config.roads, WEATHERS[scenario.weather], derived_seed(config.seed, scenario.id, "sensing"))
+        self._roadside = Roadside(scenario.rsus if config.comm.on else (), common)
+        self._senses = Senses(sensors, self.briefings, common)
+
+    @property
+    def frame(self) -> Frame:
+        """The current frame at recording resolution. Raises RuntimeError before `reset`."""
+        if self._frame is None:
+            raise RuntimeError("episode: expected reset() before anything else")
+        return self._frame
+
+    @property
+    def tick(self) -> int:
+        """Tick of the current frame."""
+        return self.frame.tick
+
+    @property
+    def active_egos(self) -> tuple[str, ...]:
+        """Ids of the CAVs that have not ended, in the order of the scenario file."""
+        return tuple(ego for ego in self._vehicle_states if ego not in self._endings)
+
+    def reset(self) -> dict[str, Observation]:
+        """Place every CAV on its start with its start speed; return the observations of frame 0 by CAV.
+
+        Raises RuntimeError on a second call: a world runs one episode.
+        """
+        if self._frame is not None:
+            raise RuntimeError("episode: expected one reset(), found a second one")
+        states = _ego_states(self._vehicle_states)
+        around = self._world.start(states, self._scripted.present)
+        actors = self._crowd.merged(around.actors, self._scripted.present)
+        self._frame = quantised_frame(Frame(0, states, actors, around.signals))
+        return self._begin_tick(())
+
+    def step(self, replies: Mapping[str, Reply], busy: Collection[str] = ()) -> dict[str, Observation]:
+        """Apply the replies to the current frame and advance by one tick; return the new observations by CAV.
+
+        `replies` must satisfy the contract (`contract.check_reply`). A CAV without a reply repeats its last control.
+        `busy`: CAVs that get no observation in the next tick; their messages wait for their next one.
+        The result is empty once every CAV has ended. Raises WorldError if the simulator fails.
+        """
+        if self.is_done:
+            raise RuntimeError("episode: expected no step() after the last CAV ended")
+        self._end_tick(replies)
+        if self.is_done:
+            return {}
+        self._frame = quantised_frame(self._advance(self.frame))
+        return self._begin_tick(busy)
+
+    def fail_agent(self, ego: str, error: AgentFailure) -> None:
+        """End a CAV in the current tick (tick 0 before `reset`) because its agent failed."""
+        tick = 0 if self._frame is None else self._frame.tick
+        self._endings[ego] = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text)
+
+    def finish(self, think_times: Sequence[ThinkTime] = ()) -> EpisodeRecord:
+        """Return the read-only record of the finished episode."""
+        if not self.is_done:
+            raise RuntimeError("episode: expected every CAV to have ended before finish()")
+        endings = [self._endings[ego.id] for ego in self._config.scenario.egos]
+        return self._recorder.finish(endings, self._channel.log(), think_times)
+
+    def _build_briefings(self) -> dict[str, Briefing]:
+        config, facts = self._config, dynamics.facts(VEHICLE)
+        limit_s = self._time_limit / TICKS_PER_SECOND
+        return {
+            ego.id: briefing(
+                ego, config.roads, facts, derived_seed(config.seed, config.scenario.id, "agent", ego.id), limit_s
+            )
+            for ego in config.scenario.egos
+        }
+
+    def _begin_tick(self, busy: Collection[str]) -> dict[str, Observation]:
+        """End CAVs, deliver messages and return the observations of every active CAV that is not busy."""
+        frame = self.frame
+        self._judge(frame)
+        self._received = self._channel.deliver(frame.tick, self.active_egos)
+        for ego, messages in self._received.items():
+            self._pending_messages[ego] += messages
+        observers = tuple(ego for ego in self.active_egos if ego not in busy)
+        is_scene_needed = self._roadside.speaks(frame.tick) or self._senses.needed(observers)
+        self._scene = scene_of(frame, self._dimensions) if is_scene_needed else None
+        messages_by_observer = {ego: self._pending_messages[ego] for ego in observers}
+        self._pending_messages |= dict.fromkeys(observers, ())
+        observations = self._senses.observe(frame, self._scene, self._plans, messages_by_observer)
+        if not self.active_egos:
+            self._end_tick({})
+        return observations
+
+    def _end_tick(self, replies: Mapping[str, Reply]) -> None:
+        """Post messages, update plans and controls, and record the current frame."""
+        replies = {ego: reply for ego, reply in replies.items() if ego not in self._endings}
+        self._post_messages(self.frame, replies)
+        self._update_plans(replies)
+        self._update_controls(self.frame, replies)
+        self._recorder.add(self.frame, self._controls, self._plans, self._received)
+        self.is_done = not self.active_egos
+
+    def _judge(self, frame: Frame) -> None:
+        """End the CAVs that arrived, deviated, are blocked or timed out in this frame (protocol 5 to 7)."""
+        for ego in self.active_egos:
+            state = frame.egos[ego]
+            self._progress[ego] = criteria.observe(
+                self._progress[ego], self._references[ego], frame.tick, state.x, state.y, state.speed
+            )
+            end = criteria.verdict(self._progress[ego], frame.tick, self._time_limit)
+            if end is not None:
+                self._endings[ego] = Ending(ego, frame.tick, end)
+        for failure in self._config.replayed_failures:
+            if failure.tick == frame.tick and failure.ego not in self._endings:
+                self._endings[failure.ego] = failure
+
+    def _post_messages(self, frame: Frame, replies: Mapping[str, Reply]) -> None:
+        """Record the notes of the agents, and post the messages of CAVs and road-side units."""
+        messages = {ego: reply.messages for ego, reply in replies.items() if reply.messages}
+        for ego, reply in replies.items():
+            self._recorder.note(frame.tick, ego, reply.notes)
+        if self._scene is not None and self._roadside.speaks(frame.tick):
+            messages |= self._roadside.said(self._scene)
+        if messages:
+            egos = self.active_egos
+            positions = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in egos} | self._roadside.places
+            self._channel.post(frame.tick, messages, positions, receivers=egos)
+
+    def _update_plans(self, replies: Mapping[str, Reply]) -> None:
+        for ego, reply in replies.items():
+            if reply.plan is not None:
+                self._plans[ego] = reply.plan
+            else:
+                self._plans.pop(ego, None)
+
+    def _update_controls(self, frame: Frame, replies: Mapping[str, Reply]) -> None:
+        """Take the control of each reply, or that of the controller that tracks its plan; drop CAVs that ended."""
+        for ego, reply in replies.items():
+            self._controls[ego] = (
+                reply.control if reply.control is not None else self._track_plan(ego, frame.egos[ego])
+            )
+        self._plans = {ego: plan for ego, plan in self._plans.items() if ego not in self._endings}
+        self._controls = {ego: self._controls[ego] for ego in self.active_egos}
+
+    def _track_plan(self, ego: str, state: EgoState) -> Control:
+        plan = self._plans[ego]
+        key = (ego, plan.controller)
+        if key not in self._controllers:
+            self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.facts(VEHICLE))
+        return self._controllers[key].follow(plan, state, 0)
+
+    def _advance(self, frame: Frame) -> Frame:
+        """Move the CAVs by their dynamics, advance the world, then resolve contacts (docs/decisions/022)."""
+        before = {ego: self._vehicle_states[ego] for ego in self.active_egos}
+        after = {ego: dynamics.step(state, self._controls[ego], self._vehicle) for ego, state in before.items()}
+        struck = _find_struck(frame)
+        scripted = self._scripted.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
+        around = self._world.advance(_ego_states(after), scripted, struck)
+        actors = self._crowd.merged(around.actors, scripted)
+        obstacles = contact.obstacles(frame.actors, actors)
+        settled, contacts = contact.settle(before, after, self._vehicles, obstacles, self._walls)
+        self._vehicle_states |= after if self._config.pass_through else settled
+        states = _ego_states({ego: self._vehicle_states[ego] for ego in after})
+        return Frame(frame.tick + 1, states, actors, around.signals, contacts)
+
+
+def _find_struck(frame: Frame) -> set[str]:
+    """Return the ids of the actors that a CAV touches in this frame; they stand for 2 s. Props never move."""
+    return {c.other for c in frame.contacts if c.kind != Kind.STATIC and c.other not in frame.egos}
+
+
+def _ego_states(vehicle_states: Mapping[str, dynamics.Body]) -> dict[str, EgoState]:
+    return {ego: dynamics.ego_state(state) for ego, state in vehicle_states.items()}
