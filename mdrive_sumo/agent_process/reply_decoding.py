@@ -14,7 +14,7 @@ import numpy as np
 
 from mdrive_sumo.agent_process.wire_protocol import DTYPES
 from mdrive_sumo.contract import MAX_MESSAGES, MAX_PLAN_POINTS, Control, Message, Note, Plan, Reply, SensorSpec
-from mdrive_sumo.loop.agent_driver import validate_reply, shorten
+from mdrive_sumo.loop.agent_driver import shorten, validate_reply
 
 T = TypeVar("T")
 

@@ -9,7 +9,15 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import CONTROL_STEP, Control, Note, Plan
 from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
-from mdrive_sumo.episode.episode import Ending, EpisodeRecord, ReceivedMessages, NoteRecord, PlanRecord, SignalChange, ThinkTime
+from mdrive_sumo.episode.episode import (
+    Ending,
+    EpisodeRecord,
+    NoteRecord,
+    PlanRecord,
+    ReceivedMessages,
+    SignalChange,
+    ThinkTime,
+)
 from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import Sent
 
@@ -43,7 +51,9 @@ class Recorder:
         """What an agent wants to be kept; no part of the digest, for nobody's driving depends on it."""
         self._notes += [NoteRecord(tick, ego, note) for note in notes]
 
-    def add(self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], heard: ReceivedMessages) -> None:
+    def add(
+        self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], heard: ReceivedMessages
+    ) -> None:
         """One tick: a frame at recording resolution, what reached the CAVs in it, and the controls applied after it."""
         quanta = to_quanta(self._table(frame))
         applied = np.zeros((len(self._egos), 3), dtype=np.int16)
@@ -93,7 +103,9 @@ class Recorder:
                 self._shown[light] = state
                 self._signals.append(SignalChange(frame.tick, light, state))
 
-    def _note_digest(self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], heard: ReceivedMessages) -> None:
+    def _note_digest(
+        self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], heard: ReceivedMessages
+    ) -> None:
         facts = repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode()
         states, controls = quanta.astype("<i4", copy=False), applied.astype("<i2", copy=False)
         self._chain.update(b"".join((self._names, states.tobytes(), controls.tobytes(), facts, *_bytes(heard))))

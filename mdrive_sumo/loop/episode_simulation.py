@@ -204,9 +204,7 @@ class EpisodeSimulation:
     def _update_controls(self, frame: Frame, replies: Mapping[str, Reply]) -> None:
         """Take the control of each reply, or that of the controller that tracks its plan; drop CAVs that ended."""
         for ego, reply in replies.items():
-            self._controls[ego] = (
-                reply.control if reply.control is not None else self._track_plan(ego, frame.egos[ego])
-            )
+            self._controls[ego] = reply.control if reply.control is not None else self._track_plan(ego, frame.egos[ego])
         self._plans = {ego: plan for ego, plan in self._plans.items() if ego not in self._endings}
         self._controls = {ego: self._controls[ego] for ego in self.active_egos}
 

@@ -12,7 +12,9 @@ from mdrive_sumo.scoring.score_mode import ScoreMode, driving_score, scenario_me
 from mdrive_sumo.v2x.channel import counted
 
 
-def score_episode(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int) -> ScenarioResult:
+def score_episode(
+    episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int
+) -> ScenarioResult:
     """Scores a finished or a loaded episode, with the same numbers.
 
     Raises InputError for an episode of another scenario, metrics.EpisodeMismatch for one that contradicts

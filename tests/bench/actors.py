@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from testing.actors_world import actor
 from testing.worlds import straight_ego, straight_road, straight_scenario
 
-from mdrive_sumo.actors import ScriptedActors, Crowd
+from mdrive_sumo.actors import Crowd, ScriptedActors
 from mdrive_sumo.core.state import Actors, EgoState, Frame
 from mdrive_sumo.scenario.scripted_actor import Actor
 

@@ -70,7 +70,9 @@ def recorded(name: str, sensors: tuple[SensorSpec, ...]) -> Probe:
     probes = {ego.id: Probe(sensors if ego is scenario.egos[0] else ()) for ego in scenario.egos}
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, 0) as world:
-        run_episode(EpisodeConfig(scenario, roads, seed=0), world, {ego: LocalDriver(one) for ego, one in probes.items()})
+        run_episode(
+            EpisodeConfig(scenario, roads, seed=0), world, {ego: LocalDriver(one) for ego, one in probes.items()}
+        )
     return probes[scenario.egos[0].id]
 
 

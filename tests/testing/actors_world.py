@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.actors import ActorMode, ScriptedActors, Crowd
+from mdrive_sumo.actors import ActorMode, Crowd, ScriptedActors
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, EgoState, Frame, no_actors
 from mdrive_sumo.roads import Lane, RoadMap

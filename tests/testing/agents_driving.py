@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from mdrive_sumo.core.state import Actors, DT, EgoState, End, Kind, WorldState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState, no_actors
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver

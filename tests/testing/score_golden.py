@@ -122,7 +122,9 @@ def _ending(ego_id: str, tick: int, end: End) -> Ending:
     return Ending(ego_id, tick, end)
 
 
-def judged(about: Scenario, drives: Mapping[str, Sequence[Row]], hits: Iterable[tuple[int, Contact]] = ()) -> EpisodeRecord:
+def judged(
+    about: Scenario, drives: Mapping[str, Sequence[Row]], hits: Iterable[tuple[int, Contact]] = ()
+) -> EpisodeRecord:
     """The recording that a live judge makes of these drives: each CAV until its end, then its agent fails."""
     limit = time_limit_ticks(about)
     rows, ends = dict[str, Sequence[Row]](), dict[str, End]()

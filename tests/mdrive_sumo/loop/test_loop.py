@@ -18,7 +18,9 @@ go = pedals(throttle=0.5)
 stand = pedals(brake=1.0)
 
 
-def drive(scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()) -> tuple[EpisodeRecord, EmptyWorld]:
+def drive(
+    scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()
+) -> tuple[EpisodeRecord, EmptyWorld]:
     world = EmptyWorld()
     setting = EpisodeConfig(scenario, straight_road(), seed=0, replayed_failures=replayed)
     return run_episode(setting, world, {ego: LocalDriver(agent) for ego, agent in agents.items()}), world

@@ -16,7 +16,7 @@ from testing.agents_driving import ego
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
 from mdrive_sumo.core.geometry import Float, Polyline, boxes_corners
-from mdrive_sumo.core.state import Actors, DT, EgoState, End, Kind, WorldState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState, no_actors
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -376,7 +376,9 @@ def driven(network: str, lane: str, things: tuple[Thing, ...], agent: str = "sin
     roads, way = lane_of(network, lane)
     one = ego("0", way.centre.resampled(1.0).xy[5:-15]).model_copy(update={"lanes": (lane,)})
     scenario = Scenario(id="detour", bucket="Test", category="test", network=network, egos=(one,))
-    return run_episode(EpisodeConfig(scenario, roads, seed=seed), ThingWorld(things), {"0": LocalDriver(AGENTS[agent]({}))})
+    return run_episode(
+        EpisodeConfig(scenario, roads, seed=seed), ThingWorld(things), {"0": LocalDriver(AGENTS[agent]({}))}
+    )
 
 
 def off_road_m(episode: EpisodeRecord, roads: RoadMap) -> float:

@@ -265,7 +265,9 @@ def test_scores_are_in_range_and_consistent(recorded: EpisodeRecord) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(recorded=episodes())
-def test_a_stored_episode_scores_as_the_live_one(recorded: EpisodeRecord, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_stored_episode_scores_as_the_live_one(
+    recorded: EpisodeRecord, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     path = tmp_path_factory.mktemp("episode") / "e.npz"
     save_episode(recorded, path)
     for mode in ScoreMode:
