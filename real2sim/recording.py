@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
-from real2sim.hdmap import HdMap
+from real2sim.hd_map import HdMap
 
 
 class Category(StrEnum):

@@ -12,7 +12,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.weather import WeatherName
-from real2sim.hdmap import HdMap
+from real2sim.hd_map import HdMap
 from real2sim.recording import Recording
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mdrive_sumo.scenario.catalog import SuiteFile
-from real2sim.authored.suite import convert_authored
-from real2sim.carla.report import ConversionReport
+from real2sim.authored.suite_converter import convert_authored
+from real2sim.carla.conversion_report import ConversionReport
 from real2sim.readers.interdrive import interdrive_notes, read_interdrive
 
 ABOUT = SuiteFile(name="interdrive-original", title="InterDrive (original routes)")

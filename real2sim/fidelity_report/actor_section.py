@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.clean.report import Change
+from real2sim.clean.cleaning_report import Change
 from real2sim.fidelity_report.formatting import changes_of, failures, frames, measured
 from real2sim.fidelity_report.html import Html, joined, table, tag
 from real2sim.fidelity_report.line_chart import Chart, Series, draw

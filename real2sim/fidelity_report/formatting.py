@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from real2sim.clean.report import Change, Reason
+from real2sim.clean.cleaning_report import Change, Reason
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
 

@@ -10,11 +10,11 @@ from real2sim.fidelity_report.html import Html, joined, table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, Plan, far_points
 from real2sim.fidelity_report.svg import path, picture, scale_bar, use
 from real2sim.findings import Findings
-from real2sim.hdmap import HdMap, LaneKind
-from real2sim.lines import sample
+from real2sim.hd_map import HdMap, LaneKind
 from real2sim.network import NetworkReport
-from real2sim.network.direction import turned
-from real2sim.network.measure import SPACING_M, line_distances
+from real2sim.network.lane_directions import turned
+from real2sim.network.map_measurements import SPACING_M, line_distances
+from real2sim.polylines import sample
 
 FAR_M = 0.2
 """Issue C: the mean distance of centre lines; places over it are marked."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from real2sim.clean.report import Reason
+from real2sim.clean.cleaning_report import Reason
 from real2sim.fidelity_report.actor_section import Shown, actor_cards, actor_table, shown
 from real2sim.fidelity_report.formatting import CLEANED, frames, measured, words_of
 from real2sim.fidelity_report.html import Html, joined, page, table, tag

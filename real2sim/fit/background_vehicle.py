@@ -9,7 +9,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
-from real2sim.clean.size import bounded
+from real2sim.clean.object_attributes import bounded
 from real2sim.fit.route_path import RoutePath, path_of, progress_of, straight_on
 from real2sim.match import Match
 from real2sim.recording import Track

@@ -12,8 +12,8 @@ from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
 from real2sim.fit.route_path import straight_on
 from real2sim.match import Match
-from real2sim.match.dense import route_of
-from real2sim.match.waypoints import Leg
+from real2sim.match.dense_route import route_of
+from real2sim.match.waypoint_matcher import Leg
 from real2sim.recording import Track
 
 ROUTE_M = 20.0

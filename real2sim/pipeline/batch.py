@@ -9,12 +9,12 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
+from real2sim.atomic_folder import whole_folder
 from real2sim.fidelity_report.index_page import write_index
 from real2sim.pipeline.log_conversion import Outcome, convert_log, windows_of
 from real2sim.pipeline.log_source import Log, named, part
 from real2sim.pipeline.scenario_builder import NETWORKS, Wish
-from real2sim.readers.window import Window
-from real2sim.whole_folder import whole_folder
+from real2sim.readers.time_window import Window
 
 LIMIT_S = 900.0
 """A log that takes longer [s, wall clock] is given up."""

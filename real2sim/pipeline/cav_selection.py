@@ -11,7 +11,7 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from real2sim.clean import Cleaned
 from real2sim.fit import choose_cavs, passed_over, scenario_names, unfit
-from real2sim.hdmap import HdMap, LaneKind
+from real2sim.hd_map import HdMap, LaneKind
 from real2sim.match import Match
 from real2sim.recording import Recording, Track, View
 

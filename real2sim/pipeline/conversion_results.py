@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import Cleaned
-from real2sim.clean.report import CleaningReport
+from real2sim.clean.cleaning_report import CleaningReport
 from real2sim.findings import Findings
 from real2sim.fit import Fitted
 from real2sim.fit.disposition import Became, Role

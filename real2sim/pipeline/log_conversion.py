@@ -13,7 +13,7 @@ from real2sim.fidelity_report.report_page import write_page
 from real2sim.pipeline.log_source import Log, named, read
 from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import Wish, build_log
-from real2sim.readers.window import Window, windowed
+from real2sim.readers.time_window import Window, windowed
 from real2sim.recording import Recording
 from real2sim.scene import Scene
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.readers.window import Window
+from real2sim.readers.time_window import Window
 from real2sim.recording import Recording
 
 

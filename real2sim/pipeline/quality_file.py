@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, by_number
 from mdrive_sumo.scenario.scenario import first_problem
-from real2sim.clean.report import Reason
+from real2sim.clean.cleaning_report import Reason
 from real2sim.fit.disposition import Became
 from real2sim.quality import Quality
 from real2sim.targets import Target

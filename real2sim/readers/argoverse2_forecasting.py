@@ -12,7 +12,7 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
 from real2sim.readers.argoverse2_map import read_map, the_file
-from real2sim.readers.tables import Columns, read_columns
+from real2sim.readers.arrow_tables import Columns, read_columns
 from real2sim.recording import Category, Recording, Track, View
 
 CATEGORIES: Mapping[str, Category] = {

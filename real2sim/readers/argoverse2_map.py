@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import first_problem
-from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.shapes import between, points
 
 KINDS: Mapping[str, LaneKind] = {

@@ -16,8 +16,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from real2sim.readers.argoverse2_map import read_map, the_file
 from real2sim.readers.argoverse2_poses import POSE, Poses, poses, seconds
+from real2sim.readers.arrow_tables import Columns, read_columns
 from real2sim.readers.shapes import moved_ahead
-from real2sim.readers.tables import Columns, read_columns
 from real2sim.recording import Category, Recording, Track, View
 
 EGO_BOX = "EGO_VEHICLE"

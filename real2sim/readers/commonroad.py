@@ -19,7 +19,7 @@ from shapely.errors import ShapelyError
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.commonroad_map import read_map
-from real2sim.readers.window import Window, windowed
+from real2sim.readers.time_window import Window, windowed
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.xml_file import Element, number, read_xml
 

@@ -11,7 +11,7 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.shapes import points
 
 KINDS: Mapping[str, LaneKind] = {

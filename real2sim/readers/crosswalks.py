@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.osm import Osm
+from real2sim.readers.osm_file import Osm
 
 WIDTHS_M = (1.5, 8.0)
 """Between the two lines of a crosswalk."""

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.readers.lanelet2 import read_lanelet2
-from real2sim.readers.window import Window, windowed
+from real2sim.readers.time_window import Window, windowed
 from real2sim.recording import Category, Recording, Track, View
 
 DT_S = 0.1

@@ -16,9 +16,9 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.crosswalks import gap, marked_crosswalks, outline
-from real2sim.readers.osm import Osm, Relation, Way, read_osm
+from real2sim.readers.osm_file import Osm, Relation, Way, read_osm
 from real2sim.readers.shapes import between
 
 KINDS: Mapping[str, LaneKind] = {

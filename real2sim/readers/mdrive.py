@@ -16,7 +16,7 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scripted_actor import Actor
-from real2sim.hdmap import HdMap
+from real2sim.hd_map import HdMap
 from real2sim.readers.carla_frame import UCLA, CarlaFrame
 from real2sim.readers.mdrive_actors import Authored, build_actor
 from real2sim.readers.mdrive_behavior import read_scripts, vehicle_names

@@ -9,8 +9,8 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.scenarionet_sides import lane_sides, lane_width, listed, number
+from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
+from real2sim.readers.scenarionet_boundaries import lane_sides, lane_width, listed, number
 from real2sim.readers.shapes import across, brief, points
 
 LINE_WIDTH_M = 3.5

@@ -16,8 +16,8 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.hdmap import HdMap
-from real2sim.readers.v2xpnp_frames import Frame, read_frame
+from real2sim.hd_map import HdMap
+from real2sim.readers.v2xpnp_frame import Frame, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View
 

@@ -17,7 +17,7 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.safe_pickle import NUMPY, load_pickle
 from real2sim.readers.shapes import points
 

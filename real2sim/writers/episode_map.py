@@ -8,7 +8,7 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import Lane, RoadMap
-from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 
 SPACING_M = 0.5
 """Largest distance between points of a lane, as in V2XPnP's maps."""

@@ -13,7 +13,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from real2sim.readers.v2xpnp import DT_S
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.writers.noise import Noise, numbered, observe
+from real2sim.writers.observation_noise import Noise, numbered, observe
 
 LABELS: Mapping[Category, str] = {
     Category.CAR: "Car",

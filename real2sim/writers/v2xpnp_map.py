@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.v2xpnp_map import LANE_KINDS, MODULE
 
 

@@ -21,8 +21,8 @@ from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.recording import Recording
-from real2sim.writers.episode import recording_of
-from real2sim.writers.noise import Noise
+from real2sim.writers.episode_recording import recording_of
+from real2sim.writers.observation_noise import Noise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
-from real2sim.hdmap import HdMap
+from real2sim.hd_map import HdMap
 from real2sim.recording import Category, Recording, Track, View
 
 DT = 0.1

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap
-from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.hd_map import HdMap, LaneKind, MapLane
 
 
 def as_map(roads: RoadMap, directed: bool = True) -> HdMap:

@@ -9,7 +9,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import load
 from real2sim.clean import clean
-from real2sim.clean.report import Change, CleaningReport, Reason
+from real2sim.clean.cleaning_report import Change, CleaningReport, Reason
 from real2sim.findings import Findings
 from real2sim.fit.disposition import Became, Role
 from real2sim.network import build_network

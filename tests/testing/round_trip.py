@@ -14,7 +14,7 @@ from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.stationary import moves
-from real2sim.writers.noise import Noise, numbered, observe
+from real2sim.writers.observation_noise import Noise, numbered, observe
 from real2sim.writers.v2xpnp import write_views
 
 NEAR_M = 1.0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map

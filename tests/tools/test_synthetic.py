@@ -13,9 +13,9 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND, EgoState, End, Frame, no_ac
 from mdrive_sumo.episode import Ending, Recorder
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay
-from tools.synthetic_recordings.drive import LATEST_S, LEAST_M, PLACES, WARM_UP_S, WINDOW_S, Drive, window_of
-from tools.synthetic_recordings.people import People, people
-from tools.synthetic_recordings.places import cycling, kerb_lanes, parking, walking, zebras
+from tools.synthetic_recordings.record_drive import LATEST_S, LEAST_M, PLACES, WARM_UP_S, WINDOW_S, Drive, window_of
+from tools.synthetic_recordings.roadside_poses import cycling, kerb_lanes, parking, walking, zebras
+from tools.synthetic_recordings.scripted_people import People, people
 from tools.synthetic_recordings.traffic import APART_M, cavs, traffic
 
 CROWD = People(walkers=12, waiting=4, crossing=12, cyclists=4, parked=20)

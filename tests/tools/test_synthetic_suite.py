@@ -15,10 +15,10 @@ from mdrive_sumo.scenario.catalog import SCENARIO_FILE, load_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import save_scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, Replay
-from tools.synthetic_recordings.choice import PAPER, Candidate, candidate, choose, means
-from tools.synthetic_recordings.make import COUNT, SHARES, keep, kinds, make
-from tools.synthetic_recordings.suite import Outcome, Task, convert, network_of, record
-from tools.synthetic_recordings.thin import AWAY_M, thinned
+from tools.synthetic_recordings.build_suite import COUNT, SHARES, keep, kinds, make
+from tools.synthetic_recordings.candidate_selection import PAPER, Candidate, candidate, choose, means
+from tools.synthetic_recordings.convert_recording import Outcome, Task, convert, network_of, record
+from tools.synthetic_recordings.pose_thinning import AWAY_M, thinned
 
 
 def one(name: str, group: str, *sums: float) -> Candidate:

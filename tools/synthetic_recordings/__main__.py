@@ -1,6 +1,6 @@
 """`python -m tools.synthetic_recordings`: see make.py."""
 
-from tools.synthetic_recordings.make import main
+from tools.synthetic_recordings.build_suite import main
 
 if __name__ == "__main__":
     main()

@@ -18,8 +18,8 @@ from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.recording import Category
-from real2sim.writers.episode import recording_of
 from real2sim.writers.episode_map import map_of
+from real2sim.writers.episode_recording import recording_of
 
 THINGS = {
     "bike": (Kind.CYCLIST, 1.8, 0.7, Category.BICYCLE),

@@ -14,7 +14,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
-from real2sim.hdmap import HdMap, MapLane
+from real2sim.hd_map import HdMap, MapLane
 from real2sim.match import match
 from real2sim.netconvert import netconvert_program
 from real2sim.network import NetworkReport, build_network

@@ -19,11 +19,11 @@ from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, DistanceTrigger, PositionTrigger, Replay
-from real2sim.authored.suite import convert_authored
+from real2sim.atomic_folder import whole_folder
+from real2sim.authored.suite_converter import convert_authored
 from real2sim.readers.carla_frame import UCLA
 from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
 from real2sim.scene import Scene
-from real2sim.whole_folder import whole_folder
 
 ABOUT = SuiteFile(name="made-up", title="Made up")
 

@@ -15,11 +15,11 @@ from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import drivable_path, load, network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
-from real2sim.carla.links import mend_links
-from real2sim.carla.networks import convert_opendrive
+from real2sim.carla.conversion_report import write_networks_report
 from real2sim.carla.opendrive import read_opendrive
-from real2sim.carla.report import write_networks_report
-from real2sim.carla.towns import Town, build_town
+from real2sim.carla.opendrive_converter import convert_opendrive
+from real2sim.carla.road_links import mend_links
+from real2sim.carla.town_network import Town, build_town
 
 MAPS = SHARED_DATA / "carla_towns"
 

@@ -12,9 +12,9 @@ from testing.log_truth import DT, alone, made, observed, truth
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angles
 from real2sim.clean import clean
-from real2sim.clean.course import strayed, vehicle_heading
-from real2sim.clean.report import Reason
-from real2sim.hdmap import HdMap
+from real2sim.clean.cleaning_report import Reason
+from real2sim.clean.track_repair import strayed, vehicle_heading
+from real2sim.hd_map import HdMap
 from real2sim.readers.v2xpnp import read_views
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.tracks.reconstruct import reconstruct

@@ -10,7 +10,7 @@ from testing.log_truth import Log, alone, observed, truth
 
 from mdrive_sumo.core.geometry import wrap_angles
 from real2sim.clean import Cleaned, clean
-from real2sim.clean.report import Reason
+from real2sim.clean.cleaning_report import Reason
 
 REASONS = {
     "duplicate": {Reason.DUPLICATE},

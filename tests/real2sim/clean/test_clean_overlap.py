@@ -7,9 +7,9 @@ from testing.log_truth import DT, made
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.clean import clean
-from real2sim.clean.overlap import apart
-from real2sim.clean.report import Change, Reason
-from real2sim.hdmap import HdMap
+from real2sim.clean.cleaning_report import Change, Reason
+from real2sim.clean.overlap_resolution import apart
+from real2sim.hd_map import HdMap
 from real2sim.recording import Category, Recording, Track, View
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.track_contacts import contacts

@@ -17,9 +17,10 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
+from real2sim.atomic_folder import whole_folder
 from real2sim.clean import clean
-from real2sim.clean.report import Change, CleaningReport, Reason
-from real2sim.cli.logs import told
+from real2sim.clean.cleaning_report import Change, CleaningReport, Reason
+from real2sim.cli.log_options import told
 from real2sim.fit.background_vehicle import size_of
 from real2sim.fit.disposition import Became, Role
 from real2sim.pipeline.cav_selection import cav_tracks
@@ -29,7 +30,6 @@ from real2sim.pipeline.quality_file import load_quality
 from real2sim.pipeline.suite_summary import summary, summary_table
 from real2sim.recording import View
 from real2sim.targets import Target, by_sumo, lost_target, silently_lost
-from real2sim.whole_folder import whole_folder
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 

@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 from testing.small_log import road, write_small_log
 
 from mdrive_sumo.cli import main
-from real2sim.hdmap import HdMap
+from real2sim.hd_map import HdMap
 from real2sim.pipeline.log_conversion import LONGEST_S
 
 COMMAND = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()", "convert")

@@ -13,7 +13,7 @@ import pytest
 from testing.paths import ROOT
 from testing.report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
-from real2sim.clean.report import Reason
+from real2sim.clean.cleaning_report import Reason
 from real2sim.fidelity_report.formatting import CLEANED, FIGURES, failures, words_of
 from real2sim.fidelity_report.index_page import index_html, index_line, write_index
 from real2sim.fidelity_report.line_chart import Chart, Series, draw

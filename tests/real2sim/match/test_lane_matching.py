@@ -12,9 +12,9 @@ from testing.map_faults import drive, lane, lanes_map
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, load, packaged_networks, route_along
-from real2sim.hdmap import HdMap
-from real2sim.match import CHANGE_M, DETOUR_M, Match, best_chain, emission, match, transition
-from real2sim.match.index import lane_index
+from real2sim.hd_map import HdMap
+from real2sim.match.lane_candidates import lane_index
+from real2sim.match.lane_matcher import CHANGE_M, DETOUR_M, Match, best_chain, emission, match, transition
 from real2sim.network import build_network
 
 EAST = np.column_stack((np.arange(0.0, 201.0, 5.0), np.zeros(41)))

@@ -15,12 +15,12 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap, load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
-from real2sim.hdmap import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.network import NetworkReport, build_network
-from real2sim.network.direction import turned, vote_directions
-from real2sim.network.lanes import Strip
-from real2sim.network.links import rebuild_links
-from real2sim.network.measure import line_distances
+from real2sim.network.lane_directions import turned, vote_directions
+from real2sim.network.lane_links import rebuild_links
+from real2sim.network.lane_segment import Strip
+from real2sim.network.map_measurements import line_distances
 
 EAST = np.column_stack((np.arange(0.0, 101.0, 5.0), np.zeros(21)))
 

@@ -13,12 +13,12 @@ from testing.shared_material import SHARED_DATA
 from mdrive_sumo.core.geometry import Float, polyline
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, load
-from real2sim.hdmap import HdMap, LaneKind, MapLane
-from real2sim.match import STILL_M, match
+from real2sim.hd_map import HdMap, LaneKind, MapLane
+from real2sim.match.lane_matcher import STILL_M, match
 from real2sim.network import NetworkReport, build_network
-from real2sim.network.direction import turned, vote_directions
-from real2sim.network.lanes import Strip, part
-from real2sim.network.links import rebuild_links
+from real2sim.network.lane_directions import turned, vote_directions
+from real2sim.network.lane_links import rebuild_links
+from real2sim.network.lane_segment import Strip, part
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction

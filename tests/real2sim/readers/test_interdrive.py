@@ -20,9 +20,9 @@ from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import statistics
 from real2sim.authored.interdrive import convert_interdrive
-from real2sim.authored.separation import moved
+from real2sim.authored.start_separation import moved
 from real2sim.cli import convert
-from real2sim.match.waypoints import Leg, match_waypoints
+from real2sim.match.waypoint_matcher import Leg, match_waypoints
 from real2sim.readers.interdrive import read_interdrive
 
 ROUTES = SHARED_DATA / "mdrive" / "interdrive"

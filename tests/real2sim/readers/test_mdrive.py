@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     Standing,
     StartMotion,
 )
-from real2sim.hdmap import HdMap
+from real2sim.hd_map import HdMap
 from real2sim.readers.carla_frame import UCLA, CarlaFrame
 from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
 from real2sim.readers.mdrive_blueprints import shape_of

@@ -17,7 +17,7 @@ from pyarrow import feather, parquet
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
-from real2sim.hdmap import LaneKind
+from real2sim.hd_map import LaneKind
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.argoverse2_sensor import AXLE_TO_CENTRE_M
 from real2sim.recording import Category, Recording, Track

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
-from real2sim.hdmap import LaneKind
+from real2sim.hd_map import LaneKind
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.recording import Category, Recording, Track
 

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
-from real2sim.hdmap import HdMap, LaneKind
+from real2sim.hd_map import HdMap, LaneKind
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.lanelet2 import read_lanelet2
-from real2sim.readers.osm import read_osm
+from real2sim.readers.osm_file import read_osm
 from real2sim.recording import Category, Recording, Track
 
 MAP = "DR_USA_Intersection_EP0.osm"

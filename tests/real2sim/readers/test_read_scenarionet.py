@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
-from real2sim.hdmap import LaneKind
+from real2sim.hd_map import LaneKind
 from real2sim.readers.safe_pickle import NUMPY, load_pickle
 from real2sim.readers.scenarionet import AXLE_TO_CENTRE_M, read_scenarionet
 from real2sim.recording import Category, Recording, Track

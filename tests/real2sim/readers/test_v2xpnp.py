@@ -17,9 +17,9 @@ from testing import v2xpnp_original
 from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.hdmap import LaneKind
+from real2sim.hd_map import LaneKind
 from real2sim.readers.v2xpnp import LABELS, read_v2xpnp
-from real2sim.readers.v2xpnp_frames import _any, _regular, read_frame
+from real2sim.readers.v2xpnp_frame import _any, _regular, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category
 

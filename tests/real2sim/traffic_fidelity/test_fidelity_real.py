@@ -8,7 +8,7 @@ import pytest
 from testing.shared_material import SHARED_DATA
 
 from real2sim.clean import clean
-from real2sim.hdmap import LaneKind
+from real2sim.hd_map import LaneKind
 from real2sim.quality import Converted, Quality, assess
 from real2sim.quality.lane_segment_index import LaneIndex
 from real2sim.readers.argoverse2 import read_argoverse2

@@ -13,10 +13,10 @@ from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from real2sim.clean import clean
-from real2sim.clean.report import Reason
-from real2sim.hdmap import HdMap, LaneKind
+from real2sim.clean.cleaning_report import Reason
+from real2sim.hd_map import HdMap, LaneKind
 from real2sim.network import build_network
-from real2sim.network.lanes import bounds_width
+from real2sim.network.lane_segment import bounds_width
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View

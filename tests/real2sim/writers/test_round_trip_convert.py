@@ -19,7 +19,7 @@ from real2sim.pipeline.scenario_builder import Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
 from real2sim.scene import Scene
-from real2sim.writers.noise import Noise
+from real2sim.writers.observation_noise import Noise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.network.test_netbuild_real import READ

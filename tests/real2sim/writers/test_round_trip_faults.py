@@ -17,13 +17,13 @@ from testing.map_faults import plant
 from testing.round_trip import motions_of
 
 from real2sim.clean import Cleaned, clean
-from real2sim.clean.report import Reason
+from real2sim.clean.cleaning_report import Reason
 from real2sim.network import build_network
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Recording, Track, View
 from real2sim.tracks.reconstruct import reconstruct
-from real2sim.writers.noise import Noise, observe
+from real2sim.writers.observation_noise import Noise, observe
 from real2sim.writers.v2xpnp import write_views
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.clean.test_clean_faults import repaired, told

@@ -18,12 +18,12 @@ from testing import v2xpnp_original
 from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
-from real2sim.hdmap import HdMap, LaneKind, MapLane
+from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import Category, Recording, Track, View
-from real2sim.writers.noise import Noise, numbered, observe
+from real2sim.writers.observation_noise import Noise, numbered, observe
 from real2sim.writers.v2xpnp import LABELS, write_v2xpnp, write_views
 from real2sim.writers.v2xpnp_map import lane_numbers, write_vector_map
 

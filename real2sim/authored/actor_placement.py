@@ -1,0 +1,133 @@
+"""Authored road users on a network: moved by its offset, on lanes where they follow lanes."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.checks import contacts_at_start
+from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scripted_actor import (
+    Actor,
+    AlongLanes,
+    AlongPath,
+    DistanceTrigger,
+    HardBrake,
+    LaneChange,
+    Motion,
+    PositionTrigger,
+    Replay,
+    StartMotion,
+)
+from real2sim.match.waypoint_matcher import match_waypoints
+
+ON_LANE_M = 1.0
+"""An actor further from the lanes along its path keeps to its path."""
+AHEAD_M = 150.0
+"""How far lanes are followed beyond the end of an actor's path: a lane change takes up to 130 m (protocol 3.4)."""
+
+Offset = tuple[float, float]
+
+
+def placed(actors: Sequence[Actor], roads: RoadMap, offset: Offset) -> tuple[tuple[Actor, ...], tuple[str, ...]]:
+    """The actors in the network's frame, with notes.
+
+    Those that pace drop their authored path and follow its lanes (protocol 3.4), if there are lanes along it.
+    """
+    there: list[Actor] = []
+    notes: list[str] = []
+    for actor in (_moved(actor, offset) for actor in actors):
+        if not isinstance(actor.action, HardBrake | LaneChange) or not actor.action.pacing:
+            there.append(actor)
+        elif (motion := _on_lanes(actor.motion, roads)) is not None:
+            there.append(actor.model_copy(update={"motion": motion}))
+        else:
+            there.append(actor)
+            notes.append(f"{actor.id}: no lanes within {ON_LANE_M:g} m along its path, which it follows instead")
+    return tuple(there), tuple(notes)
+
+
+def starts_in_contact(egos: Sequence[Ego], actors: Sequence[Actor], roads: RoadMap) -> Iterator[str]:
+    """A note for each actor that stands in a CAV at the start; who is there later does not count."""
+    for actor in actors:
+        for ego, _ in contacts_at_start(actor, egos, roads):
+            yield f"{actor.id} overlaps CAV {ego} at the start"
+
+
+def never_set_off(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]:
+    """A note for each actor that stands until a CAV comes near whose route does not."""
+    routes = {ego.id: ego.xy for ego in egos}
+    for actor in actors:
+        trigger = actor.trigger
+        if not isinstance(trigger, DistanceTrigger) or trigger.vehicle not in routes:
+            continue  # an unknown CAV is refused with the scenario
+        if not isinstance(actor.action or StartMotion(), StartMotion):
+            continue
+        gap = float(np.hypot(*(routes[trigger.vehicle] - (actor.start.x, actor.start.y)).T).min())
+        if gap > trigger.distance_m:
+            yield (
+                f"{actor.id} never moves: the route of CAV {trigger.vehicle} comes no nearer than {gap:.1f} m,"
+                f" its trigger is at {trigger.distance_m:g} m"
+            )
+
+
+def _moved(actor: Actor, offset: Offset) -> Actor:
+    start = actor.start
+    trigger = actor.trigger
+    if isinstance(trigger, PositionTrigger):
+        trigger = trigger.model_copy(update={"x": trigger.x + offset[0], "y": trigger.y + offset[1]})
+    return actor.model_copy(
+        update={
+            "start": Pose(x=start.x + offset[0], y=start.y + offset[1], yaw=start.yaw),
+            "motion": _moved_motion(actor.motion, offset),
+            "trigger": trigger,
+        }
+    )
+
+
+def _moved_motion(motion: Motion, offset: Offset) -> Motion:
+    if isinstance(motion, AlongPath):
+        points = tuple((round(x + offset[0], 3), round(y + offset[1], 3)) for x, y in motion.points)
+        return motion.model_copy(update={"points": points})
+    if isinstance(motion, Replay):
+        poses = tuple(
+            (t, round(x + offset[0], 3), round(y + offset[1], 3), round(yaw, 4)) for t, x, y, yaw in motion.poses
+        )
+        return motion.model_copy(update={"poses": poses})
+    return motion
+
+
+def _on_lanes(motion: Motion, roads: RoadMap) -> AlongLanes | None:
+    if not isinstance(motion, AlongPath):
+        return None
+    try:
+        match = match_waypoints(roads, np.array(motion.points))
+    except InputError:  # no lanes there
+        return None
+    if match.left_out or max(abs(foot.d) for foot in match.feet) > ON_LANE_M:
+        return None
+    lanes = match.legs[0].lanes + tuple(lane for leg in match.legs[1:] for lane in leg.lanes[1:])
+    return AlongLanes(lanes=(*lanes, *_ahead(roads, lanes[-1])), speed=motion.speed, start_speed=motion.start_speed)
+
+
+def _ahead(roads: RoadMap, lane: str) -> Iterator[str]:
+    """The lanes that go straightest on from the end of a lane."""
+    left = AHEAD_M
+    here = roads.lanes[lane]
+    seen = {lane}
+    while here.successors and left > 0:
+        end = here.centre.yaw_at(here.centre.length)
+        here = min(
+            (roads.lanes[s] for s in here.successors), key=lambda s: _turn(end, s.centre.yaw_at(s.centre.length))
+        )
+        if here.id in seen:
+            return
+        seen.add(here.id)
+        left -= here.centre.length
+        yield here.id
+
+
+def _turn(before: float, after: float) -> float:
+    return abs(np.angle(np.exp(1j * (after - before))))

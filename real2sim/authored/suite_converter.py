@@ -1,0 +1,64 @@
+"""Authored scenes become a suite: networks, scenarios, and the report of what had to be changed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
+from mdrive_sumo.scenario.statistics import statistics
+from real2sim.atomic_folder import whole_folder
+from real2sim.authored.scenario_builder import OFF_LANE_M, Authored, build_authored
+from real2sim.authored.scene_networks import build_maps
+from real2sim.carla.conversion_report import ConversionReport, write_report
+from real2sim.carla.town_network import Town
+from real2sim.scene import Scene
+
+NETWORKS = "networks"
+
+
+def convert_authored(
+    scenes: Sequence[Scene], out: Path, about: SuiteFile, notes: Sequence[str] = ()
+) -> ConversionReport:
+    """Writes scenes as a suite with its networks and `conversion.{json,md}`; raises InputError.
+
+    All or nothing: `out`, which must be new or empty, appears only when everything is converted. The suite's
+    description is `notes`, and which signs are unknown.
+    """
+    _unique(scenes)
+    with whole_folder(out) as draft:
+        maps = build_maps(scenes, draft / NETWORKS)
+        converted = [build_authored(scene, town.folder) for scene, town in zip(scenes, maps, strict=True)]
+        report = _report(about, notes, maps, converted)
+        described = about.model_copy(update={"description": " ".join(report.notes)})
+        save_suite(Suite(described, draft, tuple(part.scenario for part in converted)))
+        write_report(report, draft)
+    return report
+
+
+def _report(
+    about: SuiteFile, notes: Sequence[str], maps: Sequence[Town], converted: Sequence[Authored]
+) -> ConversionReport:
+    towns = {town.name: town for town in sorted(maps, key=lambda town: town.name)}
+    unknown = [town.name for town in towns.values() if town.stop_signs is None]
+    signs = [f"Stop signs: signs unknown for {', '.join(unknown)}."] if unknown else []
+    return ConversionReport(
+        source=about.title,
+        notes=(*notes, *signs),
+        statistics=statistics([part.scenario for part in converted]),
+        waypoints=sum(part.waypoints for part in converted),
+        towns=tuple(towns.values()),
+        shifts=tuple(shift for part in converted for shift in part.shifts),
+        left_out=tuple(out for part in converted for out in part.left_out),
+        off_lane_threshold_m=OFF_LANE_M,
+        off_lane=tuple(off for part in converted for off in part.off_lane),
+        scenario_notes={part.scenario.id: part.scenario.notes for part in converted if part.scenario.notes},
+    )
+
+
+def _unique(scenes: Sequence[Scene]) -> None:
+    ids = [scene.id for scene in scenes]
+    twice = sorted({id_ for id_ in ids if ids.count(id_) > 1})
+    if not ids or twice:
+        raise InputError(
+            f"expected scenarios of different names, found {', '.join(twice) + ' twice' if ids else 'none'}"
+        )

@@ -1,0 +1,178 @@
+"""What a conversion has to own up to: shifts, points off their lane, maps, signs; as JSON and Markdown."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from mdrive_sumo.scenario.statistics import SuiteStatistics
+from real2sim.carla.town_network import Town
+
+REPORT_JSON = "conversion.json"
+REPORT_MARKDOWN = "conversion.md"
+NETWORKS_JSON = "networks.json"
+NETWORKS_MARKDOWN = "networks.md"
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A waypoint of a CAV: `waypoint` 0 is the start. Coordinates [m] are the map's: CARLA's with y flipped."""
+
+    scenario: str
+    ego: str
+    waypoint: int
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class OffLane:
+    """A waypoint off the centre line of the lane it was matched to; the nearest lane may be another one."""
+
+    point: Point
+    lane: str
+    distance_m: float
+    nearest_lane: str
+    nearest_lane_distance_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A waypoint that the route does not go to."""
+
+    point: Point
+    nearest_lane: str
+    nearest_lane_distance_m: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """A start that was moved forward along its route because its box overlapped another one."""
+
+    scenario: str
+    ego: str
+    distance_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class ConversionReport:
+    """Everything about one conversion."""
+
+    source: str
+    notes: tuple[str, ...]
+    statistics: SuiteStatistics
+    waypoints: int
+    towns: tuple[Town, ...]
+    shifts: tuple[Shift, ...]
+    left_out: tuple[LeftOut, ...]
+    off_lane_threshold_m: float
+    off_lane: tuple[OffLane, ...]
+    scenario_notes: Mapping[str, tuple[str, ...]]
+    """By id of the scenario: what its files hold that was passed over, changed or guessed."""
+
+    @property
+    def starts_off_lane(self) -> int:
+        """Number of starts among the points off their lane."""
+        return sum(off.point.waypoint == 0 for off in self.off_lane)
+
+
+def write_report(report: ConversionReport, folder: Path) -> None:
+    """Writes `conversion.json` and `conversion.md`."""
+    (folder / REPORT_JSON).write_text(json.dumps(_plain(report), indent=1) + "\n")
+    (folder / REPORT_MARKDOWN).write_text(_markdown(report))
+
+
+def write_networks_report(networks: Sequence[Town], folder: Path) -> None:
+    """Writes `networks.json` and `networks.md`: where networks come from, their signs, the error of their offset."""
+    data = {"format": "mdrive-sumo/networks/1", "networks": [_plain_town(town) for town in networks]}
+    (folder / NETWORKS_JSON).write_text(json.dumps(data, indent=1) + "\n")
+    (folder / NETWORKS_MARKDOWN).write_text("# Networks from OpenDRIVE\n\n" + _town_table(networks) + "\n")
+
+
+def _plain(report: ConversionReport) -> dict[str, object]:
+    towns = [_plain_town(town) for town in report.towns]
+    return {"format": "mdrive-sumo/conversion/1", **asdict(report), "towns": towns}
+
+
+def _plain_town(town: Town) -> dict[str, object]:
+    data = asdict(town)
+    del data["folder"]
+    data["offset_error_m"] = None if math.isnan(town.offset_error_m) else round(town.offset_error_m, 5)
+    data["offset_m"] = data.pop("offset")
+    return data
+
+
+def _markdown(report: ConversionReport) -> str:
+    numbers = report.statistics
+    sections = (
+        f"# Conversion of {report.source}",
+        f"{numbers.scenarios} scenarios, {numbers.cavs} CAVs ({numbers.mean_cavs:.2f} a scenario),"
+        f" {report.waypoints} waypoints. Mean route {numbers.mean_route_m:.2f} m, mean cumulative heading"
+        f" change {numbers.mean_heading_change_deg:.2f} deg (over CAVs).",
+        *report.notes,
+        "## Towns",
+        _town_table(report.towns),
+        "## Starts moved apart",
+        _table(
+            ("scenario", "CAV", "forward [m]"),
+            ((s.scenario, s.ego, f"{s.distance_m:.1f}") for s in report.shifts),
+        ),
+        "## Waypoints left out",
+        _table(
+            ("scenario", "CAV", "waypoint", "x, y [m]", "nearest lane", "distance [m]", "why"),
+            (
+                (*_where(out.point), out.nearest_lane, f"{out.nearest_lane_distance_m:.2f}", out.reason)
+                for out in report.left_out
+            ),
+        ),
+        f"## Starts (waypoint 0) and other waypoints over {report.off_lane_threshold_m:g} m off their lane",
+        _table(
+            (
+                "scenario",
+                "CAV",
+                "waypoint",
+                "x, y [m]",
+                "lane",
+                "distance [m]",
+                "nearest lane",
+                "distance [m]",
+            ),
+            map(_off_lane_row, sorted(report.off_lane, key=lambda off: -off.distance_m)),
+        ),
+        "## Notes",
+        _table(
+            ("scenario", "note"),
+            ((id_, note) for id_, notes in report.scenario_notes.items() for note in notes),
+        ),
+    )
+    return "\n\n".join(sections) + "\n"
+
+
+def _town_table(towns: Sequence[Town]) -> str:
+    return _table(("network", "made from", "offset [m]", "offset error [m]", "stop signs"), map(_town_row, towns))
+
+
+def _town_row(town: Town) -> tuple[str, ...]:
+    error = "not measured" if math.isnan(town.offset_error_m) else f"{town.offset_error_m:.4f}"
+    signs = "signs unknown" if town.stop_signs is None else str(town.stop_signs)
+    unplaced = f" (no lane found for {', '.join(town.unplaced_signs)})" if town.unplaced_signs else ""
+    mended = f" (mended: {'; '.join(town.repairs)})" if town.repairs else ""
+    return town.name, town.source + mended, f"{town.offset[0]:g}, {town.offset[1]:g}", error, signs + unplaced
+
+
+def _off_lane_row(off: OffLane) -> tuple[str, ...]:
+    nearest = f"{off.nearest_lane_distance_m:.2f}"
+    return *_where(off.point), off.lane, f"{off.distance_m:.2f}", off.nearest_lane, nearest
+
+
+def _where(point: Point) -> tuple[str, ...]:
+    return point.scenario, point.ego, str(point.waypoint), f"{point.x:g}, {point.y:g}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    if not lines:
+        return "None."
+    return "\n".join(("| " + " | ".join(head) + " |", "|" + "---|" * len(head), *lines))

@@ -1,0 +1,138 @@
+"""CARLA's towns as network folders: from OpenDRIVE through netconvert, or from a ready SUMO net."""
+
+import gzip
+import hashlib
+import math
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.roads import NetworkFile, RoadMap, load
+from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
+from real2sim.carla.opendrive import OpenDrive, offset_error_m, place_stop_signs, read_opendrive
+from real2sim.carla.road_links import mend_links, write_mended
+from real2sim.netconvert import compile_opendrive, netconvert_arguments
+from real2sim.xml_file import Element, read_xml
+
+OFFSET_TOLERANCE_M = 0.01
+"""spec/sumo_pitfalls 8.1: assert the round trip of the offset to under 1 cm."""
+LICENCE = "not stated in the file; the CARLA project publishes its towns under the MIT licence"
+
+
+@dataclass(frozen=True, slots=True)
+class Town:
+    """A converted town, and what the conversion report says about it."""
+
+    name: str
+    folder: Path
+    offset: tuple[float, float]
+    """SUMO x = x_carla + offset x, SUMO y = -y_carla + offset y [m]."""
+    source: str
+    stop_signs: int | None
+    """Number of stop boxes; None: unknown."""
+    unplaced_signs: tuple[str, ...]
+    offset_error_m: float
+    """NaN: could not be measured (ready nets)."""
+    repairs: tuple[str, ...] = ()
+    """What was mended in the map before netconvert saw it."""
+
+
+def build_town(name: str, maps: Path, folder: Path) -> Town:
+    """Makes the network folder of a town whose maps lie in `maps`; raises InputError.
+
+    The `.xodr` is taken where there is one, because the signs are in it; but one without any `<signal>` (the
+    builds of 2019) gives way to a ready net, which then is newer and has the traffic lights.
+    """
+    xodr, net = maps / f"{name}.xodr", maps / f"{name}.net.xml"
+    if not xodr.is_file() and not net.is_file():
+        raise InputError(f"{maps}: expected {xodr.name} or {net.name}, found neither")
+    drive = read_opendrive(xodr) if xodr.is_file() else None
+    if drive is None or (drive.stop_signs is None and net.is_file()):
+        return _from_net(name, net, folder)
+    return _from_opendrive(name, xodr, drive, folder)
+
+
+def build_opendrive(xodr: Path, folder: Path) -> Town:
+    """Makes the network folder of an OpenDRIVE map, named after its file; raises InputError."""
+    return _from_opendrive(xodr.stem, xodr, read_opendrive(xodr), folder)
+
+
+def _from_net(name: str, net: Path, folder: Path) -> Town:
+    source = f"ready net {net.name}, {_sha256(net)}"
+    xml = read_xml(net)
+    about = _about(name, xml, source, ())
+    _write(folder, xml, about)
+    return Town(name, folder, about.offset, source, None, (), math.nan)
+
+
+def _from_opendrive(name: str, xodr: Path, drive: OpenDrive, folder: Path) -> Town:
+    source = f"{xodr.name} of {drive.date or 'unknown date'}, {_sha256(xodr)}"
+    compiled, repairs = _compiled(xodr)
+    xml = ElementTree.fromstring(compiled)
+    about = _about(name, xml, source, netconvert_arguments(xodr.name, "map.net.xml"))
+    with tempfile.TemporaryDirectory() as draft:  # the signs need the lanes, network.json needs the signs
+        _write(Path(draft), xml, about)
+        roads = load(Path(draft))
+    error = _checked_offset(xodr, drive, roads, about.offset)
+    placed = place_stop_signs(drive.stop_signs or (), roads, about.offset)
+    signs = None if drive.stop_signs is None else placed.boxes
+    _write(folder, xml, about.model_copy(update={"stop_signs": signs}))
+    known = None if signs is None else len(signs)
+    return Town(name, folder, about.offset, source, known, placed.unplaced, error, repairs)
+
+
+def _compiled(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
+    """The net, and what had to be mended of the map for it."""
+    root = read_xml(xodr)
+    repairs = mend_links(root)
+    if not repairs:
+        return compile_opendrive(xodr), ()
+    with tempfile.TemporaryDirectory() as folder:
+        return compile_opendrive(write_mended(root, Path(folder), xodr.name)), repairs
+
+
+def _checked_offset(xodr: Path, drive: OpenDrive, roads: RoadMap, offset: tuple[float, float]) -> float:
+    error = offset_error_m(drive.middles, roads, offset)
+    if error >= OFFSET_TOLERANCE_M:
+        raise InputError(f"{xodr}: expected lane borders of the net within {OFFSET_TOLERANCE_M} m, found {error:.3f} m")
+    return error
+
+
+def _about(name: str, xml: Element, source: str, build: Sequence[str]) -> NetworkFile:
+    return NetworkFile(
+        name=name,
+        description=f"CARLA {name}; y flipped, angles negated against CARLA",
+        origin=source,
+        licence=LICENCE,
+        offset=_offset(name, xml),
+        build=tuple(build),
+        checksum=net_checksum(_serialised(xml)),
+    )
+
+
+def _offset(name: str, xml: Element) -> tuple[float, float]:
+    location = xml.find("location")
+    text = "" if location is None else location.get("netOffset", "")
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f'net of {name}: expected <location netOffset="x,y">, found {text!r}') from None
+    return x, y
+
+
+def _write(folder: Path, xml: Element, about: NetworkFile) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / NET_FILE).write_bytes(gzip.compress(_serialised(xml), mtime=0))
+    (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=2) + "\n")
+
+
+def _serialised(xml: Element) -> bytes:
+    """Without the comments, in which netconvert writes date and paths: the same map gives the same bytes."""
+    return ElementTree.tostring(xml, encoding="utf-8", xml_declaration=True)
+
+
+def _sha256(path: Path) -> str:
+    return "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,114 @@
+"""The commands for authored sources: routes and road users written by hand, and bare maps."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mdrive_sumo.core.errors import InputError
+from real2sim.cli.log_options import about, name_option, out_option, paths_argument
+from real2sim.readers.carla_frame import UCLA, CarlaFrame
+from real2sim.xml_file import finite
+
+if TYPE_CHECKING:  # as in `cli.logs`: what runs a command is imported in it
+    from real2sim.carla.conversion_report import ConversionReport
+
+towns_option = click.option(
+    "--towns",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Maps of the CARLA towns: TownNN.xodr (compiled with netconvert) or TownNN.net.xml.",
+)
+
+
+def offset_of(_: click.Context, __: click.Parameter, value: str | None) -> CarlaFrame:
+    """The option --carla-offset."""
+    if value is None:
+        return UCLA
+    try:
+        x, y, *turn = (finite("--carla-offset", part) for part in value.split(","))
+        (yaw,) = turn or (0.0,)
+    except ValueError:
+        raise click.BadParameter(f"expected X,Y or X,Y,YAW, found {value!r}") from None
+    return CarlaFrame(x, y, math.radians(yaw))
+
+
+@click.command()
+@paths_argument
+@towns_option
+@click.option(
+    "--map",
+    "vector_map",
+    type=click.Path(path_type=Path),
+    metavar="PICKLE",
+    help="V2XPnP's vector map, instead of towns.",
+)
+@click.option(
+    "--carla-offset",
+    "frame",
+    callback=offset_of,
+    metavar="X,Y[,YAW]",
+    help=f"Where CARLA's origin lies in the vector map [m, deg] [default: {UCLA.x:g},{UCLA.y:g}].",
+)
+@out_option
+@name_option
+def mdrive(
+    paths: tuple[Path, ...], towns: Path | None, vector_map: Path | None, frame: CarlaFrame, out: Path, name: str | None
+) -> None:
+    """Convert MDrive scenario directories (routes, actors_manifest.json, behaviours), or folders of such."""
+    if (towns is None) == (vector_map is None):
+        raise InputError("mdrive: expected either --towns or --map, found " + ("both" if towns else "neither"))
+    from real2sim.authored.suite_converter import convert_authored
+    from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
+    from real2sim.readers.v2xpnp_map import read_vector_map
+
+    place = VectorMap(read_vector_map(vector_map)[0], frame) if vector_map else towns
+    assert place is not None
+    scenes = [read_mdrive(folder, place) for folder in mdrive_folders(paths)]
+    click.echo(_words(convert_authored(scenes, out, about(out, name)), out))
+
+
+@click.command()
+@paths_argument
+@towns_option
+@out_option
+@name_option
+def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str | None) -> None:
+    """Convert InterDrive's route folders SRC/<scenario>/<name>_<number>.xml into a suite."""
+    if towns is None:
+        raise InputError("interdrive: expected the maps of the CARLA towns, found no --towns")
+    from real2sim.authored.interdrive import convert_interdrive
+
+    click.echo(_words(convert_interdrive(paths, towns, out, about(out, name).name if name else None), out))
+
+
+@click.command()
+@paths_argument
+@out_option
+def opendrive(paths: tuple[Path, ...], out: Path) -> None:
+    """Convert OpenDRIVE maps NAME.xodr into network folders DIR/networks/NAME, ready for scenarios."""
+    from real2sim.carla.conversion_report import NETWORKS_MARKDOWN
+    from real2sim.carla.opendrive_converter import convert_opendrive
+
+    for town in convert_opendrive(paths, out):
+        signs = "stop signs unknown" if town.stop_signs is None else f"{town.stop_signs} stop signs"
+        click.echo(f"{town.name}: {signs}, offset error {town.offset_error_m:.4f} m")
+    click.echo(f"Report: {out / NETWORKS_MARKDOWN}")
+
+
+def _words(report: "ConversionReport", out: Path) -> str:
+    from real2sim.carla.conversion_report import REPORT_MARKDOWN
+
+    numbers = report.statistics
+    lines = (
+        f"{numbers.scenarios} scenarios, {numbers.cavs} CAVs, mean route {numbers.mean_route_m:.2f} m,"
+        f" mean heading change {numbers.mean_heading_change_deg:.2f} deg",
+        f"{len(report.shifts)} starts moved apart; {len(report.left_out)} of {report.waypoints} waypoints"
+        f" left out; {len(report.off_lane)} over {report.off_lane_threshold_m:g} m off their lane"
+        f" ({report.starts_off_lane} starts)",
+        *report.notes,
+        f"Report: {out / REPORT_MARKDOWN}",
+        f"Run it: mdrive-sumo eval --suite {out}",
+    )
+    return "\n".join(lines)

@@ -1,0 +1,120 @@
+"""`mdrive-sumo convert`: recordings and foreign scenario files become suites."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mdrive_sumo.core.errors import InputError
+from real2sim.cli.authored_commands import interdrive, mdrive, opendrive
+from real2sim.cli.log_options import Ask, file_of, folder_of_agents, folder_with, log_options, logs_below, run
+from real2sim.pipeline.log_source import Log
+
+map_option = click.option(
+    "--map",
+    "maps",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Vector map (pickle); of several the one that the tracks lie on.",
+)
+
+
+@click.group(invoke_without_command=True)
+@click.option(
+    "--summary",
+    "suite",
+    type=click.Path(path_type=Path),
+    metavar="SUITE",
+    help="How faithful a suite of converted logs is.",
+)
+@click.option("--json", "as_json", is_flag=True, help="With --summary: all figures as JSON.")
+@click.pass_context
+def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
+    """Turn recordings and foreign scenario files into suites.
+
+    mdrive, interdrive and opendrive are authored sources: there is no log to compare with, so they take neither
+    --report nor --window nor --cavs, and write conversion.md in place of quality.json and its summary.
+
+    \b
+    Exit codes: 0 every scenario meets the thresholds, 1 some do not (listed; the suite is written all the same),
+    2 unusable input (nothing of it is written), 130 interrupted.
+    """
+    if suite is None and ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+        ctx.exit(0)
+    if suite is None:
+        return
+    if ctx.invoked_subcommand is not None:
+        raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
+    from real2sim.pipeline.quality_file import load_qualities
+    from real2sim.pipeline.suite_summary import summary, summary_table
+
+    found = summary(load_qualities(suite))
+    click.echo(found.model_dump_json(indent=1) if as_json else summary_table(found))
+    ctx.exit(0 if found.all.passed else 1)
+
+
+convert.add_command(mdrive)
+convert.add_command(interdrive)
+convert.add_command(opendrive)
+
+
+@convert.command()
+@log_options
+@map_option
+@click.option("--agents", metavar="ID,...", help="Agent folders to read [default: all].")
+@click.pass_context
+def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
+    """Convert V2XPnP scenarios: folders of agent folders with YAML frames, or folders with such in them."""
+    ask = Ask(**options)
+    if not maps:
+        raise InputError("v2xpnp: expected the vector map, found no --map")
+    names = tuple(agents.split(",")) if agents else None
+    paths = logs_below(ask.paths, folder_of_agents, "numbered agent folders")
+    run(ctx, [Log("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
+
+
+@convert.command()
+@log_options
+@click.pass_context
+def scenarionet(ctx: click.Context, **options: Any) -> None:
+    """Convert ScenarioNet descriptions (nuScenes, Waymo, nuPlan): pickles, or folders of them."""
+    ask = Ask(**options)
+    paths = logs_below(ask.paths, file_of("*.pkl"), "*.pkl")
+    run(ctx, [Log("scenarionet", path, window=ask.window) for path in paths], ask)
+
+
+@convert.command()
+@log_options
+@click.pass_context
+def commonroad(ctx: click.Context, **options: Any) -> None:
+    """Convert CommonRoad scenarios: XML files, or folders of them."""
+    ask = Ask(**options)
+    paths = logs_below(ask.paths, file_of("*.xml"), "*.xml")
+    run(ctx, [Log("commonroad", path, window=ask.window) for path in paths], ask)
+
+
+@convert.command()
+@log_options
+@click.pass_context
+def argoverse2(ctx: click.Context, **options: Any) -> None:
+    """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
+    ask = Ask(**options)
+    paths = logs_below(ask.paths, folder_with("*.parquet", "*.feather"), "*.parquet or *.feather")
+    run(ctx, [Log("argoverse2", path, window=ask.window) for path in paths], ask)
+
+
+@convert.command()
+@log_options
+@click.option("--map", "osm", type=click.Path(path_type=Path), metavar="OSM", help="Lanelet2 map, if not beside.")
+@click.pass_context
+def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
+    """Convert INTERACTION: vehicle_tracks_*.csv, or folders of them, with a Lanelet2 map.
+
+    The logs last minutes: choose a part with --window, or cut them with --every.
+    """
+    ask = Ask(**options)
+    maps = (osm,) if osm else ()
+    paths = logs_below(ask.paths, file_of("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
+    run(ctx, [Log("interaction", path, maps, window=ask.window) for path in paths], ask)

@@ -1,0 +1,190 @@
+"""What the commands for logs of all sources share: options, finding the logs in folders, running the batch."""
+
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import get_terminal_size
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
+from real2sim.pipeline.log_source import Log
+from real2sim.readers.time_window import Window
+
+if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
+    from mdrive_sumo.scenario.background import Mode
+    from mdrive_sumo.scenario.catalog import SuiteFile
+    from real2sim.pipeline.batch import Batch
+
+F = TypeVar("F", bound=Callable[..., Any])
+TRAFFIC = ("reactive", "replay", "hybrid")
+SKIPPED = frozenset(("dataset_summary.pkl", "dataset_mapping.pkl"))
+"""What ScenarioNet puts beside its scenarios."""
+
+
+def window_of(_: click.Context, __: click.Parameter, value: str | None) -> Window | None:
+    """The option --window."""
+    if value is None:
+        return None
+    try:
+        start, end = (float(part) for part in value.split(","))
+    except ValueError:
+        raise click.BadParameter(f"expected START,END in seconds, found {value!r}") from None
+    if not 0 <= start < end < float("inf"):
+        raise click.BadParameter(f"expected 0 <= START < END, found {value!r}")
+    return start, end
+
+
+def cavs_of(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
+    """The option --cavs; auto is ()."""
+    names = tuple(part.strip() for part in value.split(","))
+    if not all(names):
+        raise click.BadParameter(f"expected names between commas, or auto, found {value!r}")
+    return () if names == ("auto",) else names
+
+
+paths_argument = click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="PATH...")
+out_option = click.option(
+    "--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="New suite folder."
+)
+name_option = click.option("--name", metavar="NAME", help="Name of the suite [default: that of --out].")
+_OPTIONS = (
+    paths_argument,
+    out_option,
+    name_option,
+    click.option("--window", callback=window_of, metavar="START,END", help="Only this part of each log [s]."),
+    click.option(
+        "--every",
+        "every_s",
+        type=click.FloatRange(2.0, 60.0),
+        metavar="SECONDS",
+        help="Cut each log, or its window, into scenarios of this length.",
+    ),
+    click.option(
+        "--cavs",
+        default="auto",
+        show_default=True,
+        callback=cavs_of,
+        metavar="ID,...|auto",
+        help="Agents or tracks that are driven; auto: those of the source, else the vehicle that is there longest.",
+    ),
+    click.option(
+        "--traffic",
+        type=click.Choice(TRAFFIC),
+        default=TRAFFIC[0],
+        show_default=True,
+        help="SUMO drives along the log; its poses, never reacting; its poses until a CAV is in the way.",
+    ),
+    click.option("--report", is_flag=True, help="Write pages: raw against reconstructed, verdicts."),
+    workers_option,
+)
+
+
+def log_options(command: F) -> F:
+    """PATH... and the options of every source of logs, as one argument `ask`."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class Ask:
+    """What the user wants of a batch of logs: the options of `log_options`."""
+
+    paths: tuple[Path, ...]
+    out: Path
+    name: str | None
+    window: Window | None
+    every_s: float | None
+    cavs: tuple[str, ...]
+    traffic: "Mode"
+    report: bool
+    workers: int
+
+
+def run(ctx: click.Context, logs: Sequence[Log], ask: Ask) -> None:
+    """Converts, tells, and ends with the exit code."""
+    from real2sim.pipeline.batch import Order, convert_logs
+    from real2sim.pipeline.scenario_builder import Wish
+
+    order = Order(Wish(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, told)
+    batch = convert_logs(logs, ask.out, about(ask.out, ask.name), order)
+    click.echo(words(batch, ask))
+    for sentence in batch.refused:
+        click.echo(f"Error: {sentence}", err=True)
+    ctx.exit(2 if batch.refused else 1 if batch.missing else 0)
+
+
+def about(out: Path, name: str | None) -> "SuiteFile":
+    """`suite.json`; raises InputError for a name that is none."""
+    from mdrive_sumo.scenario.catalog import SuiteFile
+
+    wanted = name or re.sub(r"[^A-Za-z0-9_.+-]", "_", out.resolve().name).lstrip("_.+-") or "suite"
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}", wanted):
+        raise InputError(f"--name: expected letters, digits and _.+-, at most 80, found {wanted!r}")
+    return SuiteFile(name=wanted, title=wanted, description="Converted from logs by mdrive-sumo convert.")
+
+
+def words(batch: "Batch", ask: Ask) -> str:
+    """What was written, and what misses its target."""
+
+    lines = [f"{outcome.id}: {miss}" for outcome in batch.missing for miss in outcome.misses]
+    passed, converted = len(batch.outcomes) - len(batch.missing), len(batch.outcomes)
+    lines.append(
+        f"{passed} of {converted} scenarios meet every target"
+        + f"; {len(batch.refused)} {'log' if len(batch.refused) == 1 else 'logs'} unusable" * bool(batch.refused)
+    )
+    if ask.report:
+        lines.append(f"Report: {ask.out / 'conversion.html'}")
+    lines += [f"Figures: mdrive-sumo convert --summary {ask.out}", f"Run it: mdrive-sumo eval --suite {ask.out}"]
+    return "\n".join(lines)
+
+
+def told(done: int, total: int, text: str) -> None:
+    """Progress on standard error: one live bar on a terminal, a line for each log elsewhere."""
+    if not sys.stderr.isatty():
+        click.echo(f"{done}/{total}  {text}", err=True)
+        return
+    bar = "█" * (24 * done // total)
+    width = max(get_terminal_size().columns, 40) - 1
+    line = f"{bar:░<24} {done}/{total}  {text}"[:width]
+    click.echo("\r\x1b[K" + (line if done < total else ""), nl=False, err=True)
+
+
+def logs_below(paths: Sequence[Path], is_log: Callable[[Path], bool], wanted: str) -> list[Path]:
+    """Every path that is a log, or else the logs somewhere in it; a file that is none is for its reader to refuse.
+
+    Raises InputError for a folder without any `wanted`, which is what to call them.
+    """
+    return [found for path in paths for found in _logs_in(path, is_log) or [_no_folder(path, wanted)]]
+
+
+def _no_folder(path: Path, wanted: str) -> Path:
+    if path.is_dir():
+        raise InputError(f"{path}: expected {wanted} in it or below, found none")
+    return path
+
+
+def _logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
+    if is_log(path) or not path.is_dir():
+        return [path] if is_log(path) else []
+    return [found for below in sorted(path.iterdir()) for found in _logs_in(below, is_log)]
+
+
+def file_of(pattern: str) -> Callable[[Path], bool]:
+    """Whether a path is a file of that name."""
+    return lambda path: path.is_file() and path.match(pattern) and path.name not in SKIPPED
+
+
+def folder_with(*patterns: str) -> Callable[[Path], bool]:
+    """Whether a path is a folder that holds such a file."""
+    return lambda path: path.is_dir() and any(any(path.glob(pattern)) for pattern in patterns)
+
+
+def folder_of_agents(path: Path) -> bool:
+    """Whether a path is a V2XPnP scenario: a folder of numbered folders."""
+    return path.is_dir() and any(re.fullmatch(r"-?[0-9]+", p.name) for p in path.iterdir() if p.is_dir())

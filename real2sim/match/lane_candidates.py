@@ -1,0 +1,90 @@
+"""Lanes of a network near many points at once, and distances between lanes along the network."""
+
+import heapq
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float, Int, wrap_angles
+from mdrive_sumo.roads import Lane, RoadMap
+from real2sim.polylines import Lines
+
+
+@dataclass(frozen=True)
+class Near:
+    """Pairs (P,) of a point and a lane near it, by point."""
+
+    point: Int
+    lane: Int
+    """Index into `RoadMap.driving`."""
+    s: Float
+    """Arc length [m] of the foot."""
+    d: Float
+    """Signed lateral distance [m], positive to the left."""
+    turn: Float
+    """Angle [rad] from the lane to the given yaw; NaN where no yaw is known."""
+
+
+@dataclass(frozen=True)
+class Hop:
+    """The shortest way from the beginning of one lane to that of another."""
+
+    length: float
+    """[m]; parallel lanes count as equally long, so that a lane change is 0."""
+    changes: int
+    lanes: tuple[str, ...]
+    """From the first to the last."""
+
+
+@dataclass(frozen=True, eq=False)
+class LaneIndex:
+    """A road map with its spatial index and a memory of the ways already searched."""
+
+    roads: RoadMap
+    lines: Lines
+    _ways: dict[tuple[str, float], dict[str, Hop]] = field(default_factory=dict[tuple[str, float], dict[str, Hop]])
+
+    def near(self, xy: Float, yaw: Float, reach: float) -> Near:
+        """Lanes within `reach` [m] of the points xy (N, 2) [m]; directions yaw (N,) [rad]."""
+        feet = self.lines.feet(xy, reach)
+        side = np.where(feet.left <= 0, 1.0, -1.0)  # the line to the right: the point to the left of it
+        return Near(feet.point, feet.line, feet.s, side * feet.distance, wrap_angles(yaw[feet.point] - feet.yaw))
+
+    def hops(self, start: str, limit: float, change_m: float) -> dict[str, Hop]:
+        """Ways from `start` to all lanes that begin within about `limit` [m]; a lane change costs `change_m`."""
+        rounded = 32.0 * 2.0 ** max(math.ceil(math.log2(max(limit, 1.0) / 32.0)), 0)  # few limits, many repetitions
+        if (start, rounded) not in self._ways:
+            self._ways[start, rounded] = self._search(start, rounded, change_m)
+        return self._ways[start, rounded]
+
+    def _search(self, start: str, limit: float, change_m: float) -> dict[str, Hop]:
+        best: dict[str, Hop] = {}
+        queue: list[tuple[float, tuple[str, ...], float, int]] = [(0.0, (start,), 0.0, 0)]
+        while queue:
+            cost, path, length, changes = heapq.heappop(queue)
+            here = path[-1]
+            if here in best:
+                continue
+            best[here] = Hop(length, changes, path)
+            for there, step in _steps(self.roads.lanes[here]):
+                if there not in best and length + step <= limit + self.roads.lanes[start].centre.length:
+                    extra = step or change_m
+                    heapq.heappush(queue, (cost + extra, (*path, there), length + step, changes + (step == 0.0)))
+        return best
+
+
+def _steps(lane: Lane) -> Iterable[tuple[str, float]]:
+    for successor in lane.successors:
+        yield successor, lane.centre.length
+    for neighbour in (lane.left, lane.right):
+        if neighbour:
+            yield neighbour, 0.0
+
+
+@lru_cache(maxsize=8)
+def lane_index(roads: RoadMap) -> LaneIndex:
+    """The index of a network; cached, for a RoadMap never changes."""
+    return LaneIndex(roads, Lines([lane.centre for lane in roads.driving]))

@@ -1,0 +1,82 @@
+"""Which strip leads into which: the map's own links where geometry bears them out, and those that it forgot."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Bool, Float
+from real2sim.network.lane_segment import Link, Strip
+
+KEPT_GAP_M = 5.0
+KEPT_YAW = np.radians(60)
+"""A link of the map is believed if the ends are this close and point about the same way."""
+ASIDE_M = 0.8
+AHEAD_M = (-1.0, 2.0)
+TOUCH_YAW = np.radians(30)
+"""Ends this close across and along the lane, and in line, are linked even if the map does not say so."""
+EXACT_M = 0.1
+EXACT_YAW = np.radians(50)
+"""The same for ends that coincide."""
+LOOSE_GAP_M = 4.0
+"""The same for two ends that nothing else is linked to."""
+
+
+@dataclass(frozen=True)
+class Links:
+    """Believed links, those of the map that were dropped, and those added by geometry."""
+
+    links: frozenset[Link]
+    dropped: tuple[Link, ...]
+    added: tuple[Link, ...]
+
+
+def rebuild_links(strips: Mapping[str, Strip], said: Iterable[Link]) -> Links:
+    """Checks what the map says by gap and heading, then links ends that meet."""
+    ids = list(strips)
+    if not ids:
+        return Links(frozenset(), (), ())
+    index = {id_: i for i, id_ in enumerate(ids)}
+    gap, turn, chord = _ends(list(strips.values()))
+    believed = (gap <= KEPT_GAP_M) & (turn <= KEPT_YAW)
+    kinds = np.array([strip.kind for strip in strips.values()])
+    alike = (kinds[:, None] == kinds[None]) & ~np.eye(len(ids), dtype=np.bool_)
+    named = {(a, b) for a, b in said if a in index and b in index and a != b}
+    kept = {(a, b) for a, b in named if believed[index[a], index[b]]}
+    linked = np.zeros_like(believed)
+    for a, b in kept:
+        linked[index[a], index[b]] = True
+    exact = (gap <= EXACT_M) & (turn <= EXACT_YAW) & alike
+    ahead, aside = gap * np.cos(chord), gap * np.abs(np.sin(chord))
+    near = (aside <= ASIDE_M) & (ahead >= AHEAD_M[0]) & (ahead <= AHEAD_M[1])
+    touching = (exact | (near & (turn <= TOUCH_YAW) & alike)) & ~linked
+    touching &= exact | ~_over_short_lanes(linked | touching)
+    linked |= touching
+    loose = _loose(linked, gap, turn, chord) & alike
+    added = sorted((ids[i], ids[j]) for i, j in np.argwhere(touching | loose))
+    return Links(frozenset(kept) | frozenset(added), tuple(sorted(named - kept)), tuple(added))
+
+
+def _over_short_lanes(linked: Bool) -> Bool:
+    """Pairs that a lane between them links already."""
+    steps = linked.astype(np.float32)
+    return steps @ steps > 0
+
+
+def _ends(strips: list[Strip]) -> tuple[Float, Float, Float]:
+    """(L, L) from the end of row to the start of column: gap [m], turn [rad], turn from the end to the chord [rad]."""
+    starts, ends = np.array([strip.start for strip in strips]), np.array([strip.end for strip in strips])
+    first, last = np.array([s.start_yaw for s in strips]), np.array([s.end_yaw for s in strips])
+    across = starts[None] - ends[:, None]
+    turn = np.abs(np.angle(np.exp(1j * (first[None] - last[:, None]))))
+    chord = np.abs(np.angle(np.exp(1j * (np.arctan2(across[..., 1], across[..., 0]) - last[:, None]))))
+    return np.hypot(across[..., 0], across[..., 1]), turn, chord
+
+
+def _loose(linked: Bool, gap: Float, turn: Float, chord: Float) -> Bool:
+    """Nearest start ahead of an end, if both are open."""
+    open_ = ~linked.any(axis=1, keepdims=True) & ~linked.any(axis=0, keepdims=True)
+    fits = open_ & (gap <= LOOSE_GAP_M) & (turn <= TOUCH_YAW) & (chord <= TOUCH_YAW)
+    distance = np.where(fits, gap, np.inf)
+    nearest = (distance == distance.min(1, keepdims=True)) & (distance == distance.min(0, keepdims=True))
+    return fits & nearest

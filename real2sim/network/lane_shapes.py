@@ -1,0 +1,84 @@
+"""The planned centre lines put back into a compiled net.
+
+netconvert cuts every lane, also one of given shape, where it meets the outline that it computes for the junction, and
+where outlines overlap it leaves stumps of 0.2 m. A log's lanes end where the map says, so their shapes are restored.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float, Polyline
+from real2sim.network.lane_segment import part
+from real2sim.network.network_plan import Plan, Way
+from real2sim.xml_file import Element
+
+SHORTEST_M = 0.1
+"""SUMO's least length of a lane."""
+
+
+def restore_shapes(net: bytes, plan: Plan, lane_ids: Mapping[str, str]) -> bytes:
+    """The net with the plan's lines as shapes of its lanes, without comments. `lane_ids`: strip id -> SUMO lane id."""
+    root = ElementTree.fromstring(re.sub(rb"<!--.*?-->\s*", b"", net, flags=re.DOTALL))
+    lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
+    for edge in plan.edges:
+        length = float(np.mean([strip.line.length for strip in edge.lanes]))  # SUMO has one length for all lanes
+        for strip in edge.lanes:
+            _set(lanes[lane_ids[strip.id]], strip.line.xy, length)
+    ends = {strip.id: strip.line.xy for edge in plan.edges for strip in edge.lanes}
+    chains = _chains(root)
+    for way in plan.ways:
+        chain = [lanes[id_] for id_ in chains.get((lane_ids[way.start], lane_ids[way.goal]), ())]
+        _restore_way(chain, way, ends)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def _set(lane: Element, xy: Float, length: float) -> None:
+    lane.set("shape", shape_text(xy))
+    lane.set("length", f"{max(length, SHORTEST_M):.3f}")
+
+
+def shape_text(xy: Float) -> str:
+    """Points as SUMO writes them."""
+    return " ".join(f"{x:.3f},{y:.3f}" for x, y in xy)
+
+
+def _chains(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:
+    """Internal lanes between two lanes: one, or two where vehicles wait inside the junction."""
+    onward: dict[str, str] = {}
+    ways: list[tuple[str, str, str]] = []
+    for connection in root.iter("connection"):
+        start = f"{connection.get('from')}_{connection.get('fromLane')}"
+        via = connection.get("via", "")
+        if start.startswith(":"):
+            onward[start] = via
+        else:
+            ways.append((start, f"{connection.get('to')}_{connection.get('toLane')}", via))
+    return {(start, goal): tuple(_follow(via, onward)) for start, goal, via in ways}
+
+
+def _follow(via: str, onward: Mapping[str, str]) -> Iterable[str]:
+    while via:
+        yield via
+        via = onward.get(via, "")
+
+
+def _restore_way(chain: list[Element], way: Way, ends: Mapping[str, Float]) -> None:
+    if not chain:
+        return
+    if way.line is None:
+        gap = np.stack((ends[way.start][-1], ends[way.goal][0]))
+        for lane in chain:
+            _set(lane, gap, SHORTEST_M)
+        return
+    bounds = [0.0, *(_station(lane, way.line) for lane in chain[:-1]), way.line.length]
+    for lane, begin, end in zip(chain, bounds, bounds[1:], strict=False):
+        _set(lane, part(way.line, begin, end).xy, end - begin)
+
+
+def _station(lane: Element, line: Polyline) -> float:
+    """Where on the line an internal lane ends; not at its very ends, for both parts must have a length."""
+    x, y = (float(value) for value in lane.get("shape", "").split()[-1].split(",")[:2])
+    return min(max(line.project(x, y)[0], SHORTEST_M), line.length - SHORTEST_M)

@@ -1,0 +1,98 @@
+"""What is measured of a map and its network: distance of centre lines, observed speeds, side of the traffic."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.roads import RoadMap
+from real2sim.hd_map import LaneKind, MapLane
+from real2sim.polylines import Lines, angle_between, sample
+
+SPACING_M = 1.0
+FAR_M = 20.0
+ALONG = np.radians(60)
+OPPOSED_M = (2.0, 7.0)
+"""Lateral distance [m] of the lane for oncoming traffic."""
+OPPOSED_EVERY_M = 5.0
+OPPOSED_YAW = np.radians(160)
+ON_LANE_M = 1.5
+FASTEST_SHARE = 95
+FEWEST_SAMPLES = 10
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Distances [m] between centre lines: from points of the source to the network, and back."""
+
+    mean: float
+    p95: float
+    max: float
+    back_mean: float
+    back_p95: float
+    back_max: float
+
+
+def measure_fit(source: Sequence[Polyline], roads: RoadMap) -> Fit:
+    """Every metre of all source lanes against the nearest lane of the same direction in the network, and back."""
+    ours = [lane.centre for lane in roads.driving]
+    there, back = line_distances(source, ours), line_distances(ours, source)
+    return Fit(*_figures(there), *_figures(back))
+
+
+def _figures(distance: Float) -> tuple[float, float, float]:
+    return float(distance.mean()), float(np.percentile(distance, 95)), float(distance.max())
+
+
+def line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]) -> Float:
+    """Distance (M,) [m] of points every metre on `lines` to the nearest of `others` within 60 degrees.
+
+    Where none runs in that direction nearby (within `FAR_M`) it counts as that.
+    """
+    points, index = sample(lines, SPACING_M), Lines(others)
+    best = np.full(len(points.xy), FAR_M)
+    open_ = np.arange(len(best))
+    for reach in (1.0, FAR_M):  # most are near, and the wide search is dear
+        feet = index.feet(points.xy[open_], reach)
+        point = open_[feet.point]
+        along = angle_between(feet.yaw, points.yaw[point]) <= ALONG
+        np.minimum.at(best, point[along], feet.distance[along])
+        open_ = np.flatnonzero(best > reach)
+    return best
+
+
+def observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s: float) -> dict[str, float]:
+    """95th percentile [m/s] of the speeds on each lane with enough samples."""
+    driving = {id_: lane for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING}
+    steps = [np.diff(motion[:, :2], axis=0) for motion in motions] or [np.zeros((0, 2))]
+    speed = np.hypot(*np.concatenate(steps).T) / dt_s
+    xy = np.concatenate([motion[1:, :2] for motion in motions]) if motions else np.zeros((0, 2))
+    known = np.isfinite(speed)
+    speed = speed[known]
+    feet = Lines([Polyline(lane.centre) for lane in driving.values()]).feet(xy[known], ON_LANE_M)
+    return {
+        id_: float(np.percentile(speed[feet.point[feet.line == i]], FASTEST_SHARE))
+        for i, id_ in enumerate(driving)
+        if (feet.line == i).sum() >= FEWEST_SAMPLES
+    }
+
+
+def traffic_side(lanes: Mapping[str, MapLane], voted: Mapping[str, int]) -> bool:
+    """Whether traffic keeps to the left: whether most oncoming lanes lie to the right. Lanes are directed by now.
+
+    Lanes with observed motion decide alone if there are any with an oncoming lane; else all directed ones do.
+    """
+    ids = [id_ for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING and not lane.junction]
+    if not ids:
+        return False
+    lines = [Polyline(lanes[id_].centre) for id_ in ids]
+    points = sample(lines, OPPOSED_EVERY_M)
+    feet = Lines(lines).feet(points.xy, OPPOSED_M[1])
+    oncoming = angle_between(feet.yaw, points.yaw[feet.point]) >= OPPOSED_YAW
+    rows = np.flatnonzero(oncoming & (np.abs(feet.left) >= OPPOSED_M[0]))
+    rows = rows[np.lexsort((np.abs(feet.left[rows]), feet.point[rows]))]
+    rows = rows[np.unique(feet.point[rows], return_index=True)[1]]  # the nearest of each point
+    side = -np.sign(feet.left[rows])  # `left` is told in the direction of the oncoming lane
+    seen = np.array([id_ in voted for id_ in ids])[points.line[feet.point[rows]]]
+    return bool((float(side[seen].sum()) or float(side.sum())) < 0)

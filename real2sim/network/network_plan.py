@@ -1,0 +1,223 @@
+"""Plan of a network: strips become lanes of edges or ways through a junction, their ends become nodes."""
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Polyline, polyline
+from real2sim.network.lane_adjacency import find_crossings
+from real2sim.network.lane_segment import Link, Strip, cut_all
+from real2sim.network.segment_splitting import group_strips
+
+STUB_M = 2.0
+"""A way through a junction that the map's border cuts off begins or ends on an edge of this length."""
+FOLD_M = 40.0
+"""Edges up to this length from a junction back to itself are part of it."""
+MOST_WAYS = 64
+"""Ways from one lane through one junction; more do not occur but in broken maps."""
+
+Port = tuple[str, int]
+"""Beginning (0) or end (1) of a strip."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Lanes side by side from right to left, between two nodes."""
+
+    lanes: tuple[Strip, ...]
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Way:
+    """A connection from one edge's lane to another's; `line` is its shape inside the junction, None: they touch."""
+
+    start: str
+    goal: str
+    line: Polyline | None
+    speed: float
+    strips: tuple[str, ...]
+    """Connectors that it runs through."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Edges and ways; nodes are numbers."""
+
+    edges: tuple[Edge, ...]
+    ways: tuple[Way, ...]
+    unused: tuple[str, ...]
+    """Connectors on no way."""
+
+
+class _Sets:
+    """Disjoint sets of ports."""
+
+    def __init__(self) -> None:
+        self._parent: dict[Port, Port] = {}
+
+    def find(self, port: Port) -> Port:
+        root = port
+        while (above := self._parent.get(root, root)) != root:
+            root = above
+        while (above := self._parent.get(port, port)) != root:
+            self._parent[port] = root
+            port = above
+        return root
+
+    def join(self, first: Port, second: Port) -> None:
+        self._parent[self.find(first)] = self.find(second)
+
+
+def plan_network(strips: Mapping[str, Strip], links: Iterable[Link]) -> Plan:
+    """Decides which strips are edges, which are ways through junctions, and which ends share a node."""
+    pieces, joined = _with_stubs(strips, set(links))
+    inside = _connectors(pieces, joined)
+    groups = group_strips({id_: piece for id_, piece in pieces.items() if id_ not in inside})
+    sets = _nodes(pieces, joined, inside, groups)
+    folded = _folded(pieces, joined, groups, sets)
+    inside |= folded
+    groups = [group for group in groups if group[0] not in folded]
+    loops = {id_ for group in groups if _is_loop(sets, group) for id_ in group}
+    if loops:
+        pieces, joined = cut_all(pieces, joined, {id_: [pieces[id_].line.length / 2] for id_ in loops})
+        groups = [half for group in groups for half in _halves(group, loops)]
+        sets = _nodes(pieces, joined, inside, groups)
+    ways = _ways(pieces, joined, inside)
+    used = {id_ for way in ways for id_ in way.strips}
+    return Plan(_edges(pieces, groups, sets), tuple(ways), tuple(sorted(inside - used)))
+
+
+def _halves(group: tuple[str, ...], loops: Collection[str]) -> Iterable[tuple[str, ...]]:
+    if group[0] not in loops:
+        return (group,)
+    return (tuple(f"{id_}~{k}" for id_ in group) for k in (0, 1))
+
+
+def _with_stubs(strips: Mapping[str, Strip], links: set[Link]) -> tuple[dict[str, Strip], set[Link]]:
+    inside = _connectors(strips, links)
+    behind, ahead = {b for _, b in links}, {a for a, _ in links}
+    stations: dict[str, list[float]] = {}
+    for id_ in inside:
+        length = strips[id_].line.length
+        stub = min(STUB_M, length / 4)
+        cuts = ([stub] if id_ not in behind else []) + ([length - stub] if id_ not in ahead else [])
+        if cuts:
+            stations[id_] = cuts
+    return cut_all(strips, links, stations)
+
+
+def _connectors(strips: Mapping[str, Strip], links: Collection[Link]) -> set[str]:
+    """Strips that cross others, and those in a junction of the map that branch off or merge there."""
+    ahead, behind = _neighbours(links)
+    inside = {id_ for pair in find_crossings(strips) for id_ in pair}
+    for id_, strip in strips.items():
+        siblings = any(len(ahead[b]) > 1 for b in behind[id_]) or any(len(behind[a]) > 1 for a in ahead[id_])
+        if strip.junction and siblings:
+            inside.add(id_)
+    return inside
+
+
+def _neighbours(links: Iterable[Link]) -> tuple[defaultdict[str, list[str]], defaultdict[str, list[str]]]:
+    ahead: defaultdict[str, list[str]] = defaultdict(list)
+    behind: defaultdict[str, list[str]] = defaultdict(list)
+    for a, b in sorted(links):
+        ahead[a].append(b)
+        behind[b].append(a)
+    return ahead, behind
+
+
+def _nodes(
+    strips: Mapping[str, Strip], links: Iterable[Link], inside: Collection[str], groups: Sequence[tuple[str, ...]]
+) -> _Sets:
+    sets = _Sets()
+    for a, b in sorted(links):
+        sets.join((a, 1), (b, 0))
+    for id_ in sorted(inside):
+        sets.join((id_, 0), (id_, 1))
+    for first, second in sorted(find_crossings({id_: strips[id_] for id_ in inside})):
+        sets.join((first, 0), (second, 0))
+    for group in groups:
+        for id_ in group[1:]:
+            sets.join((group[0], 0), (id_, 0))
+            sets.join((group[0], 1), (id_, 1))
+    return sets
+
+
+def _is_loop(sets: _Sets, group: tuple[str, ...]) -> bool:
+    return sets.find((group[0], 0)) == sets.find((group[0], 1))
+
+
+def _folded(
+    strips: Mapping[str, Strip], links: Iterable[Link], groups: Sequence[tuple[str, ...]], sets: _Sets
+) -> set[str]:
+    """Short edges within one junction whose lanes all lead on and have something behind them."""
+    ahead, behind = _neighbours(links)
+    return {
+        id_
+        for group in groups
+        if _is_loop(sets, group)
+        and all(strips[one].line.length <= FOLD_M and ahead[one] and behind[one] for one in group)
+        for id_ in group
+    }
+
+
+def _edges(strips: Mapping[str, Strip], groups: Sequence[tuple[str, ...]], sets: _Sets) -> tuple[Edge, ...]:
+    numbers: dict[Port, int] = {}
+    edges: list[Edge] = []
+    for group in groups:
+        begin, end = (numbers.setdefault(sets.find((group[0], side)), len(numbers)) for side in (0, 1))
+        edges.append(Edge(tuple(strips[id_] for id_ in group), begin, end))
+    return tuple(edges)
+
+
+def _ways(strips: Mapping[str, Strip], links: Iterable[Link], inside: Collection[str]) -> list[Way]:
+    ahead, _ = _neighbours(links)
+    ways: dict[Link, Way] = {}
+    for start in (id_ for id_ in strips if id_ not in inside):
+        for path in _paths(start, ahead, inside):
+            way = _way(strips, start, path)
+            key = (way.start, way.goal)
+            if key not in ways or _length(way) < _length(ways[key]):
+                ways[key] = way
+    return list(ways.values())
+
+
+def _length(way: Way) -> float:
+    return 0.0 if way.line is None else way.line.length
+
+
+def _paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[str]) -> list[tuple[str, ...]]:
+    """Chains of connectors from a lane to the next lane of an edge, which comes last."""
+    found: list[tuple[str, ...]] = []
+    open_: list[tuple[str, ...]] = [(next_,) for next_ in reversed(ahead.get(start, ()))]
+    while open_ and len(found) < MOST_WAYS:
+        path = open_.pop()
+        if path[-1] not in inside:
+            found.append(path)
+        else:
+            open_ += [(*path, next_) for next_ in reversed(ahead.get(path[-1], ())) if next_ not in path]
+    return found
+
+
+def _way(strips: Mapping[str, Strip], start: str, path: tuple[str, ...]) -> Way:
+    first, last = strips[start], strips[path[-1]]
+    through = [strips[id_] for id_ in path[:-1]]
+    points = np.concatenate([[first.end], *(strip.line.xy for strip in through), [last.start]])
+    apart = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    line = polyline(_without_dust(points)) if apart > 0.1 else None
+    return Way(start, path[-1], line, min(s.speed for s in (*through, last)), tuple(path[:-1]))
+
+
+def _without_dust(points: np.ndarray) -> np.ndarray:
+    """Points nearer than 5 cm to the one before are left out, but not the last."""
+    keep = [0]
+    for i in range(1, len(points)):
+        if np.hypot(*(points[i] - points[keep[-1]])) > 0.05:
+            keep.append(i)
+        elif i == len(points) - 1 and len(keep) > 1:
+            keep[-1] = i
+    return points[keep]

@@ -1,0 +1,118 @@
+"""Strips cut where a neighbour begins or ends and around crossings, then grouped side by side."""
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+from real2sim.network.lane_adjacency import Beside, find_beside, find_crossings
+from real2sim.network.lane_segment import Link, Strip, cut_all
+
+MARGIN_M = 8.0
+"""No piece is made shorter than this."""
+SAME_CUT_M = 5.0
+"""Cuts nearer to each other are one."""
+CROSSING_HALF_M = 20.0
+"""A lane drawn through a crossing without a break becomes a connector over this distance to both sides."""
+ALIGNED_M = 6.0
+"""Neighbours belong to one edge if they begin and end within this distance of each other, along the lane."""
+ROUNDS = 3
+"""Cuts pass on from neighbour to neighbour; more rounds than lanes of a wide road are pointless."""
+
+Pieces = tuple[dict[str, Strip], set[Link]]
+
+
+def break_strips(strips: Mapping[str, Strip], links: Iterable[Link]) -> Pieces:
+    """Pieces that begin and end where their neighbours do."""
+    pieces, joined = cut_all(strips, links, _crossing_cuts(strips))
+    for _ in range(ROUNDS):
+        stations = _beside_cuts(pieces, _crossing_ids(pieces))
+        if not stations:
+            break
+        pieces, joined = cut_all(pieces, joined, stations)
+    return pieces, joined
+
+
+def _crossing_ids(strips: Mapping[str, Strip]) -> set[str]:
+    return {id_ for pair in find_crossings(strips) for id_ in pair}
+
+
+def _crossing_cuts(strips: Mapping[str, Strip]) -> dict[str, list[float]]:
+    wanted: dict[str, list[float]] = defaultdict(list)
+    for pair, places in find_crossings(strips).items():
+        for k, id_ in enumerate(pair):
+            at = [place[k] for place in places]
+            if not strips[id_].junction:
+                wanted[id_] += [min(at) - CROSSING_HALF_M, max(at) + CROSSING_HALF_M]
+    return _tidied(strips, {id_: _outermost(stations) for id_, stations in wanted.items()})
+
+
+def _outermost(stations: Sequence[float]) -> list[float]:
+    """Of overlapping stretches (begin, end, begin, end...) the bounds of their unions."""
+    bounds: list[float] = []
+    for begin, end in sorted(zip(stations[::2], stations[1::2], strict=True)):
+        if bounds and begin <= bounds[-1] + MARGIN_M:
+            bounds[-1] = max(bounds[-1], end)
+        else:
+            bounds += [begin, end]
+    return bounds
+
+
+def _beside_cuts(strips: Mapping[str, Strip], connectors: Collection[str]) -> dict[str, list[float]]:
+    wanted: dict[str, list[float]] = defaultdict(list)
+    for beside in find_beside({id_: s for id_, s in strips.items() if not s.junction and id_ not in connectors}):
+        strip, other = strips[beside.strip], strips[beside.other]
+        for station, point in ((beside.begin, other.start), (beside.end, other.end)):
+            foot = strip.line.project(float(point[0]), float(point[1]))[0]
+            if abs(foot - station) < SAME_CUT_M:
+                wanted[strip.id].append(foot)
+    return _tidied(strips, wanted)
+
+
+def _tidied(strips: Mapping[str, Strip], wanted: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+    tidy: dict[str, list[float]] = {}
+    for id_, stations in wanted.items():
+        kept: list[float] = []
+        for station in sorted(stations):
+            inside = MARGIN_M <= station <= strips[id_].line.length - MARGIN_M
+            if inside and (not kept or station - kept[-1] >= MARGIN_M):
+                kept.append(station)
+        if kept:
+            tidy[id_] = kept
+    return tidy
+
+
+def group_strips(strips: Mapping[str, Strip]) -> list[tuple[str, ...]]:
+    """Ids of strips that lie side by side from beginning to end, from right to left; every strip is in one group."""
+    left = _mutual([b for b in find_beside(strips) if _aligned(strips, b)])
+    right = {there: here for here, there in left.items()}
+    groups: list[tuple[str, ...]] = []
+    for id_ in strips:
+        if id_ not in right:
+            chain = [id_]
+            while chain[-1] in left:
+                chain.append(left[chain[-1]])
+            groups.append(tuple(chain))
+    return groups
+
+
+def _aligned(strips: Mapping[str, Strip], beside: Beside) -> bool:
+    strip, other = strips[beside.strip], strips[beside.other]
+    long = strip.line.length
+    apart = (
+        other.line.project(*strip.line.at(0.0))[0],
+        other.line.length - other.line.project(*strip.line.at(long))[0],
+    )
+    return max(beside.begin, long - beside.end, *apart) <= ALIGNED_M
+
+
+def _mutual(besides: Sequence[Beside]) -> dict[str, str]:
+    """Left neighbour of every strip where both call each other the nearest."""
+    nearest: dict[tuple[str, bool], Beside] = {}
+    for beside in besides:
+        key = (beside.strip, beside.offset > 0)
+        if key not in nearest or abs(beside.offset) < abs(nearest[key].offset):
+            nearest[key] = beside
+    return {
+        strip: beside.other
+        for (strip, to_left), beside in nearest.items()
+        if to_left and (beside.other, False) in nearest and nearest[beside.other, False].other == strip
+    }

@@ -1,0 +1,144 @@
+"""Makes the V2XPnP bucket: `python -m tools.synthetic_recordings [--count N] [--seed S] [--out DIR]`.
+
+Synthetic recordings in the V2XPnP format, not the V2XPnP data set: drives in SUMO on two maps of our own are recorded
+by CAVs and roadside units, written in the format with its noise (logs and maps stay in OUT.work), and converted as
+`mdrive-sumo convert v2xpnp` does, save that all logs of a map share one network. Of somewhat more recordings than are
+asked for those are kept that come nearest to the paper's table; ones in which a CAV cannot arrive are left out.
+"""
+
+import argparse
+import json
+import math
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate.validation import FULL_SCORE
+from mdrive_sumo.runs.process_pool import Pool, WorkerFailure
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, save_suite, sealed
+from mdrive_sumo.scenario.scenario import load_scenario
+from tools.synthetic_recordings.candidate_selection import Candidate, candidate, choose, means
+from tools.synthetic_recordings.convert_recording import ABOUT, Outcome, Task, convert, network_of, record
+from tools.synthetic_recordings.record_drive import PLACES
+
+COUNT = 67
+SHARES = {("crossing", 2): 28, ("crossing", 1): 7, ("corridor", 2): 26, ("corridor", 1): 6}
+"""Of 67: how many on each map with so many CAVs; 1.81 CAVs a scenario (paper: 1.80)."""
+SPARE = 2.0
+"""Drives for every scenario: in some a CAV stands at a red light, some are not solvable, and the means must fit."""
+LIMIT_S = 600.0
+R = TypeVar("R")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Writes the suite to --out, which must be new."""
+    asked = argparse.ArgumentParser(description="Synthetic recordings in the V2XPnP format, as a suite.")
+    asked.add_argument("--count", type=int, default=COUNT)
+    asked.add_argument("--seed", type=int, default=0)
+    asked.add_argument("--out", type=Path, default=Path("v2xpnp"))
+    asked.add_argument("--workers", type=int, default=2)
+    options = asked.parse_args(arguments)
+    try:
+        make(options.out, options.count, options.seed, options.workers)
+    except InputError as error:
+        sys.exit(f"Error: {error}")
+
+
+def make(out: Path, count: int, seed: int, workers: int) -> None:
+    """Records, converts, chooses, and writes; raises InputError."""
+    work = out.with_name(out.name + ".work")
+    for folder in (out, work):
+        if folder.exists():
+            raise InputError(f"{folder}: expected a new folder, found something there")
+    wanted = kinds(count)
+    tasks = _tasks(wanted, seed, work, out)
+    logs = {task.name for task, log in _all(record, tasks, workers) if isinstance(log, Path)}
+    ready = _with_networks([task for task in tasks if task.name in logs])
+    outcomes = [one for _, one in _all(convert, ready, workers) if not isinstance(one, str)]
+    keep(out, outcomes, {f"{place} {cavs}": number for (place, cavs), number in wanted.items()})
+
+
+def keep(out: Path, outcomes: Sequence[Outcome], wanted: dict[str, int]) -> None:
+    """Chooses among the scenarios that were made, removes the others, completes and seals the suite.
+
+    Left out are those that would not pass `mdrive-sumo validate`; where enough are left also those in which
+    `omniscient` has an infraction.
+    """
+    found: list[Candidate] = []
+    for group, count in wanted.items():
+        here = sorted((one for one in outcomes if one.task.group == group), key=lambda one: one.task.name)
+        sound = [one for one in here if not one.examined.problems]
+        solved = [one for one in sound if one.examined.omniscient_ds == FULL_SCORE]
+        rest = [one for one in sound if one not in solved]
+        kept = [*solved, *rest[: max(count - len(solved), 0)]]
+        found += [candidate(load_scenario(out / one.task.name / SCENARIO_FILE), group) for one in kept]
+    chosen = choose(found, wanted)
+    for one in outcomes:
+        if one.task.name not in {kept.id for kept in chosen}:
+            shutil.rmtree(out / one.task.name)
+    save_suite(Suite(ABOUT, out, ()))
+    save_suite(sealed(load_suite(str(out))))
+    _tell(chosen, outcomes)
+
+
+def kinds(count: int) -> dict[tuple[str, int], int]:
+    """How many of each kind; rounded so that they add up."""
+    exact = {key: share * count / COUNT for key, share in SHARES.items()}
+    found = {key: math.floor(number) for key, number in exact.items()}
+    for key in sorted(exact, key=lambda key: found[key] - exact[key])[: count - sum(found.values())]:
+        found[key] += 1
+    return found
+
+
+def _tasks(wanted: dict[tuple[str, int], int], seed: int, work: Path, out: Path) -> list[Task]:
+    """Numbers run over each map."""
+    tasks: list[Task] = []
+    for place in PLACES:
+        drives = [
+            cavs for (where, cavs), number in wanted.items() if where == place for _ in range(math.ceil(SPARE * number))
+        ]
+        tasks += [Task(place, n, cavs, seed, work, out) for n, cavs in enumerate(drives)]
+    return tasks
+
+
+def _with_networks(tasks: Sequence[Task]) -> list[Task]:
+    """The tasks with the network of their map."""
+    found: list[Task] = []
+    for place in PLACES:
+        here = [task for task in tasks if task.place == place]
+        if here:
+            network = network_of(here)
+            found += [replace(task, network=network) for task in here]
+    return found
+
+
+def _all(function: Callable[[Task], R | str], tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, R | str]]:
+    """What became of every task, as they finish; told on standard error."""
+    with Pool(function, workers, LIMIT_S) as pool:
+        for n, (task, answer) in enumerate(pool.run(tasks), 1):
+            said = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
+            sys.stderr.write(f"{function.__name__} {n}/{len(tasks)} {task.name} {said}\n")
+            yield task, said if isinstance(answer, WorkerFailure) else answer
+
+
+def _tell(chosen: Sequence[Candidate], outcomes: Sequence[Outcome]) -> None:
+    """The means, and how the baselines did, on standard output."""
+    kept = [one for one in outcomes if one.task.name in {other.id for other in chosen}]
+    length, turned, actors = means(chosen).tolist()
+    about = {
+        "scenarios": len(chosen),
+        "mean_cavs": round(sum(one.cavs for one in chosen) / len(chosen), 3),
+        "mean_route_m": round(length, 2),
+        "mean_heading_change_deg": round(turned, 2),
+        "mean_actors": round(actors, 2),
+        "converted": len(outcomes),
+        "not_sound_or_solvable": {one.task.name: one.examined.problems for one in outcomes if one.examined.problems},
+        "below_a_target": {one.task.name: one.misses for one in kept if one.misses},
+        "omniscient_without_infraction": sum(one.examined.omniscient_ds == FULL_SCORE for one in kept),
+        "hidden_until_late": sum(one.examined.hidden for one in kept),
+    }
+    sys.stdout.write(json.dumps(about, indent=1) + "\n")

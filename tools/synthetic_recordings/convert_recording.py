@@ -1,0 +1,138 @@
+"""The V2XPnP bucket: many synthetic recordings, converted onto one network a map, driven, and a choice of them."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate.validation import Examination, Question, examine
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, save_suite
+from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
+from real2sim.clean import clean
+from real2sim.network import NetworkReport, build_network
+from real2sim.pipeline.cav_selection import motions
+from real2sim.pipeline.quality_file import save_quality
+from real2sim.pipeline.scenario_builder import NETWORKS, Wish, build_log
+from real2sim.readers.v2xpnp import read_v2xpnp
+from real2sim.scene import Scene
+from real2sim.writers.episode_map import map_of
+from real2sim.writers.v2xpnp_map import write_vector_map
+from tools.synthetic_recordings.pose_thinning import thinned
+from tools.synthetic_recordings.record_drive import BUCKET, CATEGORY, recorded, window_of, write_log
+
+LOGS, MAPS, QUALITY = "logs", "maps", "quality"
+ABOUT = SuiteFile(
+    name="v2xpnp",
+    title="Synthetic recordings in the V2XPnP format",
+    description="Dense traffic at a crossing and in a corridor of our own, recorded in SUMO by CAVs and roadside units,"
+    " written in the V2XPnP format with its noise, and converted back. Not the V2XPnP data set.",
+)
+VOTERS = 8
+"""Logs whose vehicles tell in which direction lanes are driven, and how fast."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One recording to be made: where its log and its scenario go, and on which network it is converted."""
+
+    place: str
+    number: int
+    cavs: int
+    seed: int
+    work: Path
+    suite: Path
+    network: NetworkReport | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the log and of the scenario."""
+        return f"{self.place}_{self.number:03d}"
+
+    @property
+    def group(self) -> str:
+        """Map and number of CAVs."""
+        return f"{self.place} {self.cavs}"
+
+    @property
+    def log(self) -> Path:
+        """Its folder of agents."""
+        return self.work / LOGS / self.name
+
+    @property
+    def map(self) -> Path:
+        """The vector map."""
+        return self.work / MAPS / f"{self.place}.pkl"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a recording."""
+
+    task: Task
+    misses: tuple[str, ...]
+    """Targets of the conversion that were not met."""
+    examined: Examination
+    """Of the scenario, as `mdrive-sumo validate` sees it."""
+
+
+def record(task: Task) -> Path | str:
+    """Writes the log and the map; where the log lies, or why there is none."""
+    _quiet()
+    drive = recorded(task.place, task.number, task.cavs, task.seed)
+    if (part := window_of(drive)) is None:
+        return f"{task.name}: no part of the drive in which all CAVs drive"
+    write_log(drive, part, task.log, task.seed)
+    task.map.parent.mkdir(parents=True, exist_ok=True)
+    write_vector_map(map_of(drive.roads), task.map.with_suffix(f".{task.number}"))
+    task.map.with_suffix(f".{task.number}").replace(task.map)
+    return task.log
+
+
+def network_of(tasks: Sequence[Task]) -> NetworkReport:
+    """SUITE/networks/<map> from the map of some logs and what moves in the first `VOTERS` of them."""
+    first = tasks[0]
+    name = f"v2xpnp_{first.place}"
+    recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTERS]]
+    seen = [motion for recording in recordings for motion in motions(clean(recording).tracks).values()]
+    return build_network(recordings[0].map, seen, first.suite / NETWORKS / name, name, recordings[0].dt_s)
+
+
+def convert(task: Task) -> Outcome | str:
+    """Converts a log onto its network and drives the scenario; a sentence if that cannot be done."""
+    _quiet()
+    recording = read_v2xpnp(task.log, task.map)
+    scene = Scene(
+        id=task.name,
+        source=recording.source,
+        bucket=BUCKET,
+        category=CATEGORY,
+        map=recording.map,
+        recording=recording,
+        description=f"synthetic recording in the V2XPnP format: {task.place} {task.number}, seed {task.seed}",
+        notes=recording.notes,
+    )
+    try:
+        built = build_log(scene, task.suite, Wish(), task.network)
+    except InputError as error:
+        return f"{task.name}: {error}"
+    folder = task.suite / task.name
+    save_scenario(thinned(built.scenario), folder / SCENARIO_FILE)
+    quality = task.work / QUALITY / task.name
+    quality.mkdir(parents=True, exist_ok=True)
+    save_quality(built.quality, quality)
+    return Outcome(task, built.quality.misses, _examined(task))
+
+
+def _examined(task: Task) -> Examination:
+    """The scenario as it was written, in a suite of its own."""
+    alone = task.work / "alone" / task.name
+    save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
+    if not (alone / NETWORKS).exists():
+        (alone / NETWORKS).symlink_to((task.suite / NETWORKS).resolve())
+    return examine(Question(str(alone), task.name))
+
+
+def _quiet() -> None:
+    """SUMO writes warnings to standard output."""
+    os.dup2(2, 1)
