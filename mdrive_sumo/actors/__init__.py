@@ -1,6 +1,5 @@
 """Scripted road users: what a scenario authors beside SUMO's traffic, moved in Python from frame to frame."""
 
-from mdrive_sumo.actors.merging import Crowd
 from mdrive_sumo.actors.scripted_actors import ActorMode, ScriptedActors
 
-__all__ = ["ActorMode", "ScriptedActors", "Crowd"]
+__all__ = ["ActorMode", "ScriptedActors"]

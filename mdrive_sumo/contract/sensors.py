@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import RoadUsers
 
 NO_OPTIONS: Mapping[str, float | str | bool] = MappingProxyType({})
 
@@ -29,38 +30,15 @@ class SensorSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Objects:
+class Objects(RoadUsers):
     """Boxes of other road users and obstacles. Struct of arrays, all (N,); nearest first."""
 
     ids: tuple[str, ...]
-    """What a sensor sees has track names of the observer's own: the same thing keeps its name from tick to tick, and
-    has another one for every other observer. The privileged sensor tells true ids."""
-    kind: npt.NDArray[np.uint8]
-    """Values of `mdrive_sumo.core.state.Kind`: 0 vehicle, 1 pedestrian, 2 cyclist, 3 static."""
-    x: Float
-    y: Float
-    yaw: Float
-    speed: Float
-    """Along yaw [m/s]."""
-    length: Float
-    width: Float
+    """A sensor names tracks per observer: the same object keeps its name from tick to tick, and other observers give
+    it other names. Only the privileged sensor uses true ids."""
     free_m: Float = field(default_factory=lambda: np.zeros(0))
     """(B,) how far sight is free [m] in B equal sectors, counter-clockwise from straight ahead; each value belongs to
     the ray at the beginning of its sector. Empty unless an objects sensor has the option `free_space`."""
-
-    def picked(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> "Objects":
-        """The same with the chosen rows only."""
-        return Objects(
-            ids=tuple(np.array(self.ids, dtype=object)[rows]),
-            kind=self.kind[rows],
-            x=self.x[rows],
-            y=self.y[rows],
-            yaw=self.yaw[rows],
-            speed=self.speed[rows],
-            length=self.length[rows],
-            width=self.width[rows],
-            free_m=self.free_m,
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,11 @@
 """What is true at one tick. Time is an integer; a Frame is a fact and never changes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum, auto
+from functools import lru_cache
+from itertools import chain
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +17,9 @@ DT = 1 / TICKS_PER_SECOND
 """Length of a tick [s]: 20 Hz (paper, Simulation Setting)."""
 HELD_TICKS = 2 * TICKS_PER_SECOND
 """How long a road user that a CAV struck stands, scripted or driven by SUMO: a surrogate, neither knows an impact."""
+
+MOTION_AND_SIZE = ("x", "y", "yaw", "speed", "length", "width")
+"""Columns of `RoadUsers` that hold floats, in the order of its fields."""
 
 
 class Kind(IntEnum):
@@ -60,26 +66,90 @@ class EgoState:
 
 
 @dataclass(frozen=True, slots=True)
-class Actors:
-    """Everything but the CAVs and the road, present in this tick. Struct of arrays, all (N,), sorted by id."""
+class RoadUsers:
+    """Oriented boxes of road users and obstacles as a struct of arrays; every array has one row (N,) per box."""
 
     ids: tuple[str, ...]
     kind: npt.NDArray[np.uint8]
+    """Values of `Kind`."""
     x: Float
+    """World frame, box centre [m]."""
     y: Float
     yaw: Float
+    """[rad]"""
     speed: Float
+    """Along yaw [m/s]."""
     length: Float
+    """[m]"""
     width: Float
+    """[m]"""
 
     def __len__(self) -> int:
         return len(self.ids)
 
+    @classmethod
+    def empty(cls) -> Self:
+        """Return an instance without rows."""
+        return cls((), np.zeros(0, dtype=np.uint8), *(np.zeros(0) for _ in MOTION_AND_SIZE))
 
-def no_actors() -> Actors:
-    """Actors of an empty road."""
-    empty = np.zeros(0)
-    return Actors((), np.zeros(0, dtype=np.uint8), empty, empty, empty, empty, empty, empty)
+    @classmethod
+    def from_egos(cls, egos: Mapping[str, EgoState], dimensions: Mapping[str, tuple[float, float]]) -> Self:
+        """Return one row per CAV in the order of `egos`; dimensions: (length, width) [m] by CAV id."""
+        rows = [(ego.x, ego.y, ego.yaw, ego.speed, *dimensions[name]) for name, ego in egos.items()]
+        columns = np.array(rows, dtype=np.float64).reshape(-1, len(MOTION_AND_SIZE)).T
+        return cls(tuple(egos), np.full(len(rows), Kind.VEHICLE, dtype=np.uint8), *columns)
+
+    def concat(self, *others: "RoadUsers") -> Self:
+        """Return the own rows followed by those of the others; every field that is not per row stays the own one."""
+        parts = [self, *(other for other in others if other.ids)]
+        if len(parts) == 1:
+            return self
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("kind", *MOTION_AND_SIZE)}
+        return replace(self, ids=tuple(chain.from_iterable(part.ids for part in parts)), **columns)
+
+    def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> Self:
+        """Return the given rows only: indices (M,), a mask (N,) or a slice."""
+        columns = {name: getattr(self, name)[rows] for name in ("kind", *MOTION_AND_SIZE)}
+        return replace(self, ids=tuple(np.array(self.ids, dtype=object)[rows]), **columns)
+
+    def advance(self, seconds: Float | float, turn: Float | float = 0.0) -> Self:
+        """Return the boxes after `seconds` at constant speed, on arcs over which the yaw changes by `turn` [rad].
+
+        seconds, turn: (N,) or one number for all rows.
+        """
+        chord = self.speed * seconds * np.sinc(np.asarray(turn) / 2 / np.pi)
+        direction = self.yaw + np.asarray(turn) / 2
+        x, y = self.x + chord * np.cos(direction), self.y + chord * np.sin(direction)
+        return replace(self, x=x, y=y, yaw=self.yaw + turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Actors(RoadUsers):
+    """All road users and obstacles of one tick except the CAVs, sorted by id."""
+
+    def merge(self, other: "Actors") -> "Actors":
+        """Return the rows of both, sorted by id; the two must not share an id.
+
+        `ids` of the result is the same object in every tick with the same actors, so that callers can cache by it.
+        """
+        if not other.ids:
+            return self
+        if not self.ids:
+            return other
+        ids, order = _sorted_ids(self.ids, other.ids)
+        kind = np.concatenate((self.kind, other.kind)).take(order)
+        columns = np.empty((len(MOTION_AND_SIZE), len(ids)))
+        for column, name in zip(columns, MOTION_AND_SIZE, strict=True):
+            column[: len(self.ids)], column[len(self.ids) :] = getattr(self, name), getattr(other, name)
+        return Actors(ids, kind, *columns.take(order, axis=1))  # one selection for all columns: this runs in every tick
+
+
+@lru_cache(maxsize=16)
+def _sorted_ids(first: tuple[str, ...], second: tuple[str, ...]) -> tuple[tuple[str, ...], npt.NDArray[np.intp]]:
+    """Return the ids of both in order, and the row of each in the concatenation."""
+    ids = first + second
+    order = sorted(range(len(ids)), key=ids.__getitem__)
+    return tuple(ids[row] for row in order), np.array(order, dtype=np.intp)
 
 
 @dataclass(frozen=True, slots=True)

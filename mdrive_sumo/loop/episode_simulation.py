@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from mdrive_sumo.actors import Crowd, ScriptedActors
+from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind, WorldState
@@ -55,7 +55,7 @@ class EpisodeSimulation:
         self._vehicle = replace(VEHICLE, grip=config.friction.grip(scenario.weather))
         self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
         self._walls = contact.walls(building.outline for building in config.roads.buildings)
-        self._scripted, self._crowd = ScriptedActors(scenario, config.roads, config.actor_mode), Crowd()
+        self._scripted = ScriptedActors(scenario, config.roads, config.actor_mode)
         self._controllers: dict[tuple[str, str], control.Controller] = {}
         self._controls: dict[str, Control] = dict.fromkeys(self._vehicle_states, STANDSTILL)
         self._plans: dict[str, Plan] = {}
@@ -101,7 +101,7 @@ class EpisodeSimulation:
             raise RuntimeError("episode: expected one reset(), found a second one")
         states = _ego_states(self._vehicle_states)
         around = self._world.start(states, self._scripted.present)
-        actors = self._crowd.merged(around.actors, self._scripted.present)
+        actors = around.actors.merge(self._scripted.present)
         self._frame = quantised_frame(Frame(0, states, actors, around.signals))
         return self._begin_tick(())
 
@@ -222,7 +222,7 @@ class EpisodeSimulation:
         struck = _find_struck(frame)
         scripted = self._scripted.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
         around = self._world.advance(_ego_states(after), scripted, struck)
-        actors = self._crowd.merged(around.actors, scripted)
+        actors = around.actors.merge(scripted)
         obstacles = contact.obstacles(frame.actors, actors)
         settled, contacts = contact.settle(before, after, self._vehicles, obstacles, self._walls)
         self._vehicle_states |= after if self._config.pass_through else settled

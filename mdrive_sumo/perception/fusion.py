@@ -7,13 +7,12 @@ measurement counts where I have one.
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from mdrive_sumo.contract import Message, Note, Objects, OwnState, VehicleFacts
-from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, MessageError, decode
 
@@ -23,8 +22,6 @@ CAR_GATE_M = 2.5
 """Two cars are never nearer than this with their centres unless one is beside the other; three sigmas of the paper's
 pose error (0.6 m) would be more, and then one car counts twice."""
 WALKER_GATE_M = 1.0
-Kinds: TypeAlias = npt.NDArray[np.uint8]
-COLUMNS: tuple[str, ...] = ("x", "y", "yaw", "speed", "length", "width")
 
 
 class Reach(NamedTuple):
@@ -92,13 +89,13 @@ class Fusion:
 
     def _joined(self, known: Objects, told: Objects, own: OwnState) -> Objects:
         """Known and told things together; what is me, or the same thing, is not added again."""
-        told = told.picked(np.hypot(told.x - own.x, told.y - own.y) > CAR_GATE_M)
+        told = told.take(np.hypot(told.x - own.x, told.y - own.y) > CAR_GATE_M)
         pairs = _matched(known, told)
         for mine, theirs in pairs:
             self._call_same(known.ids[mine], told.ids[theirs])
         new = np.ones(len(told.ids), dtype=np.bool_)
         new[[theirs for _, theirs in pairs]] = False
-        return _together(known, told.picked(new))
+        return known.concat(told.take(new))
 
     def _call_same(self, mine: str, theirs: str) -> None:
         """Gives two names of one thing one meaning: the station's id, or the older of the two."""
@@ -117,9 +114,8 @@ def _stations(tick: int, cams: dict[str, tuple[int, Cam]]) -> Objects:
     said = [cams[name][1] for name in names]
     rows = [(c.pose.x, c.pose.y, c.pose.yaw, c.speed, c.length, c.width) for c in said]
     ages = np.array([(tick - c.pose.tick) * DT for c in said])
-    turned = np.array([c.yaw_rate for c in said]) * ages
-    columns = dict(zip(COLUMNS, np.array(rows).T, strict=True))
-    return _moved_on(tuple(names), np.zeros(len(names), dtype=np.uint8), columns, ages, turned)
+    turn = np.array([c.yaw_rate for c in said]) * ages
+    return Objects(tuple(names), np.zeros(len(names), dtype=np.uint8), *np.array(rows).T).advance(ages, turn)
 
 
 def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
@@ -127,28 +123,7 @@ def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
     objects = cpm.objects
     ages = (tick - cpm.pose.tick + cpm.age.astype(np.float64)) * DT
     names = tuple(f"{sender}:{name}" for name in objects.ids)
-    columns = {name: getattr(objects, name) for name in COLUMNS}
-    return _moved_on(names, objects.kind, columns, ages, np.zeros(len(names)))
-
-
-def moved_on(objects: Objects, age_s: float) -> Objects:
-    """The same where they should be after that time [s], each straight on at its speed."""
-    way = objects.speed * age_s
-    return replace(objects, x=objects.x + way * np.cos(objects.yaw), y=objects.y + way * np.sin(objects.yaw))
-
-
-def _moved_on(
-    ids: tuple[str, ...], kind: npt.NDArray[np.uint8], columns: dict[str, Float], ages: Float, turned: Float
-) -> Objects:
-    """Boxes moved on by their ages [s] on arcs that turn so far [rad]."""
-    chord = columns["speed"] * ages * np.sinc(turned / 2 / np.pi)
-    middle = columns["yaw"] + turned / 2
-    moved = {
-        "x": columns["x"] + chord * np.cos(middle),
-        "y": columns["y"] + chord * np.sin(middle),
-        "yaw": columns["yaw"] + turned,
-    }
-    return Objects(ids, kind, **{**columns, **moved})
+    return replace(objects, ids=names).advance(ages)
 
 
 def _matched(known: Objects, told: Objects) -> list[tuple[int, int]]:
@@ -174,13 +149,6 @@ def _walks(objects: Objects) -> Bool:
     return (objects.kind == Kind.PEDESTRIAN) | (objects.kind == Kind.CYCLIST)
 
 
-def _together(one: Objects, other: Objects) -> Objects:
-    if not other.ids:
-        return one
-    columns = {name: np.concatenate((getattr(one, name), getattr(other, name))) for name in COLUMNS}
-    return Objects(one.ids + other.ids, np.concatenate((one.kind, other.kind)), **columns, free_m=one.free_m)
-
-
 def _renamed(objects: Objects, names: dict[str, str]) -> Objects:
     """The same under common names; who would take another row's name keeps its own: they are two things now."""
     taken = set(objects.ids)
@@ -189,5 +157,4 @@ def _renamed(objects: Objects, names: dict[str, str]) -> Objects:
         common = names.get(name, name)
         ids.append(name if common in taken else common)
         taken.add(ids[-1])
-    columns = {name: getattr(objects, name) for name in COLUMNS}
-    return Objects(tuple(ids), objects.kind, **columns, free_m=objects.free_m)
+    return replace(objects, ids=tuple(ids))

@@ -85,10 +85,8 @@ class Standing:
         if not missed:
             return objects
         x, y, cos, sin, length, width = np.array([stay.mean() for stay in missed.values()]).T
-        more = {"x": x, "y": y, "yaw": np.arctan2(sin, cos), "speed": 0.0 * x, "length": length, "width": width}
-        columns = {name: np.concatenate((getattr(objects, name), values)) for name, values in more.items()}
         kinds = np.full(len(missed), Kind.STATIC, dtype=np.uint8)
-        return replace(objects, ids=(*objects.ids, *missed), kind=np.concatenate((objects.kind, kinds)), **columns)
+        return objects.concat(Objects(tuple(missed), kinds, x, y, np.arctan2(sin, cos), 0.0 * x, length, width))
 
     def settled(self, objects: Objects, which: Bool) -> Objects:
         """The objects; those of `which` (N,) as static ones, where and how they stand on average."""

@@ -9,7 +9,6 @@ from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Senso
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.perception.fusion import moved_on
 from mdrive_sumo.planning.interaction_prediction import Foresight
 from mdrive_sumo.planning.motion_prediction import Motion
 from mdrive_sumo.planning.obstacle_passing import Passing
@@ -49,7 +48,7 @@ class Habits:
     def current(self, seen: Observation) -> Objects:
         """The own detections, moved on to now."""
         assert seen.objects is not None, "the objects sensor is declared"
-        return moved_on(seen.objects, self.latency_ticks * DT) if self.latency_ticks else seen.objects
+        return seen.objects.advance(self.latency_ticks * DT) if self.latency_ticks else seen.objects
 
 
 class Drive:
@@ -98,4 +97,4 @@ class Drive:
 
 def without(objects: Objects, names: Collection[str]) -> Objects:
     """The objects but for those names."""
-    return objects.picked(np.array([name not in names for name in objects.ids], dtype=np.bool_))
+    return objects.take(np.array([name not in names for name in objects.ids], dtype=np.bool_))

@@ -66,7 +66,7 @@ class Passing:
         stood_s = self._standing.seconds(objects)
         fixed = self._fixed(objects, stood_s)
         objects = self._standing.settled(objects, fixed)
-        waits = self._oncoming(seen.tick, objects.picked(~fixed), seen.own, planner)
+        waits = self._oncoming(seen.tick, objects.take(~fixed), seen.own, planner)
         boxes = boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)
         busy = _busy(objects, stood_s)
         # Whoever has not moved yet may be parked, busy or not: too near to him nobody can turn out any more.
@@ -90,7 +90,7 @@ class Passing:
     def _diverted(self, own: OwnState, objects: Objects, parked: Bool, boxes: Float, planner: Planner) -> bool:
         """Whether there is a way around what is parked, and free; it is taken then."""
         detour = around(planner.path, planner.s, max(own.speed, 0.0), boxes[parked], self._briefing)
-        if detour is None or math.isfinite(self._clash(detour, objects.picked(~parked), own, planner.s, IN_HAND_S)):
+        if detour is None or math.isfinite(self._clash(detour, objects.take(~parked), own, planner.s, IN_HAND_S)):
             return False
         planner.divert(detour.path)
         last = max(detour.last, self._detour.last) if self._detour else detour.last

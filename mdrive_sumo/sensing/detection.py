@@ -12,7 +12,7 @@ from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.detection_noise import blurred, false_positives, found, joined
+from mdrive_sumo.sensing.detection_noise import blurred, false_positives, found
 from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
 from mdrive_sumo.sensing.sensor_options import check_names, choice, number
 from mdrive_sumo.sensing.visibility import Buildings, View
@@ -22,10 +22,6 @@ SECTORS = 72
 """Of free sight by default: one every 5 degrees."""
 MAX_SECTORS = 720
 MAX_RANGE_M = 1000.0
-
-
-NONE: Float = np.zeros(0)
-NOTHING = Objects((), np.zeros(0, dtype=np.uint8), NONE, NONE, NONE, NONE, NONE, NONE)
 
 
 class ObjectsSensor:
@@ -52,15 +48,15 @@ class ObjectsSensor:
         self._told.append((scene.tick, self._seen(scene, eye)))
         due_tick = scene.tick - self._profile.latency_ticks
         ready = [seen for tick, seen in self._told if tick <= due_tick]
-        return ready[-1] if ready else replace(NOTHING, free_m=np.zeros(self._sectors))
+        return ready[-1] if ready else replace(Objects.empty(), free_m=np.zeros(self._sectors))
 
     def _seen(self, scene: Scene, eye: Eye) -> Objects:
         view = View(eye, scene, walls_of(self._roads), self._range_m)
-        truth = scene.boxes.picked(self._detected(view))
+        truth = scene.boxes.take(self._detected(view))
         seen = truth if self._exact else self._flawed(view, truth)
-        near = seen.picked(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
+        near = seen.take(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
-        return replace(near, ids=names, free_m=view.free(self._sectors) if self._sectors else NONE)
+        return replace(near, ids=names, free_m=view.free(self._sectors) if self._sectors else np.zeros(0))
 
     def _detected(self, view: View) -> npt.NDArray[np.intp]:
         """Rows of what is detected, but for false positives."""
@@ -93,8 +89,8 @@ class ObjectsSensor:
             between = sector.astype(int) % SECTORS
             sight = np.minimum(free[between], free[(between + 1) % SECTORS])
             open_to = np.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
-            ghosts = ghosts.picked(open_to & self._in_field(ghosts.x, ghosts.y, eye))
-        return joined(blurred(self._profile, self._seed, tick, truth, at), ghosts)
+            ghosts = ghosts.take(open_to & self._in_field(ghosts.x, ghosts.y, eye))
+        return blurred(self._profile, self._seed, tick, truth, at).concat(ghosts)
 
     def _name(self, true_id: str) -> str:
         name = self._names.get(true_id)

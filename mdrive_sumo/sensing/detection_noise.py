@@ -110,14 +110,3 @@ def _ghost(seed: int, cell: str, epoch: int, i: int, j: int, density: float) -> 
     if luck >= density * CELL_M**2:
         return []
     return [(f"ghost {cell} {epoch}", (i + x) * CELL_M, (j + y) * CELL_M, (yaw - 0.5) * TAU)]
-
-
-def joined(first: Objects, second: Objects) -> Objects:
-    """Both one after the other, without free sight."""
-    if not second.ids:
-        return first
-    arrays = {
-        name: np.concatenate((getattr(first, name), getattr(second, name)))
-        for name in ("kind", "x", "y", "yaw", "speed", "length", "width")
-    }
-    return Objects(ids=first.ids + second.ids, **arrays)

@@ -20,7 +20,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.contract.detector_profiles import DetectionProfile, Published
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.sensing.detection_noise import CAR_M, EPOCH_TICKS, blurred, false_positives, found, joined
+from mdrive_sumo.sensing.detection_noise import CAR_M, EPOCH_TICKS, blurred, false_positives, found
 
 FRAMES = 800
 CARS = 12
@@ -55,11 +55,11 @@ def _frames(profile: DetectionProfile, seed: int, hidden: float) -> Iterator[tup
         visible = np.where(rng.random(CARS) < PLAIN, 1.0, rng.uniform(0.1, 1.0, CARS))
         visible[rng.random(CARS) < hidden] = 0.0
         recall = profile.recall_at(np.hypot(truth.x, truth.y), visible)
-        seen = truth.picked(found(seed, tick, truth.ids, recall))
+        seen = truth.take(found(seed, tick, truth.ids, recall))
         ghosts = false_positives(profile, seed, tick, HERE, REACH_M[0])
-        ghosts = ghosts.picked(np.abs(ghosts.y) <= REACH_M[1])
-        told = joined(blurred(profile, seed, tick, seen, HERE), ghosts)
-        yield truth, told.picked(np.argsort(np.hypot(told.x, told.y), kind="stable"))
+        ghosts = ghosts.take(np.abs(ghosts.y) <= REACH_M[1])
+        told = blurred(profile, seed, tick, seen, HERE).concat(ghosts)
+        yield truth, told.take(np.argsort(np.hypot(told.x, told.y), kind="stable"))
 
 
 def _cars(rng: np.random.Generator, frame: int) -> Objects:

@@ -55,7 +55,7 @@ class Meetings:
     top: Float
     owner: Int
 
-    def picked(self, rows: Bool) -> "Meetings":
+    def take(self, rows: Bool) -> "Meetings":
         """Some of them."""
         return Meetings(self.column[rows], self.near[rows], self.far[rows], self.top[rows], self.owner[rows])
 
@@ -155,7 +155,7 @@ def cast(rays: Rays, boxes: Prisms, walls: Walls, height: float, ground: Key) ->
     np.minimum.at(nearest, wall.column, wall.near)
     best = ground.copy()
     for met in (wall, box):
-        before = met.picked(met.near <= nearest[met.column])
+        before = met.take(met.near <= nearest[met.column])
         if rays.shared:
             _hit_by_columns(rays, before, height, best)
         else:
@@ -170,7 +170,7 @@ def _hit_by_columns(rays: Rays, met: Meetings, height: float, best: Key) -> None
     edge = np.searchsorted(rays.climb, met.top / near, side="right")
     which, ray = spread(met.column * channels + foot, np.maximum(edge - foot, 0))
     np.minimum.at(best, ray, keys(near, met.owner)[which])
-    roofs = met.picked(met.top < 0)
+    roofs = met.take(met.top < 0)
     low = edge[met.top < 0]
     end = np.searchsorted(rays.climb, roofs.top / roofs.far, side="right")
     which, ray = spread(roofs.column * channels + low, end - low)

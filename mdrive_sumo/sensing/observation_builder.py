@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation, OwnState, Plan, Privileged, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derived_seed
-from mdrive_sumo.core.state import EgoState, Frame, Kind
+from mdrive_sumo.core.state import EgoState, Frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.sensing.cameras import camera_error
@@ -80,7 +78,7 @@ class Senses:
             states=tuple(own_state(scene.egos[ego]) for ego in ids),
             routes=tuple(self._briefings[ego].route_xy for ego in ids),
             plans=tuple(plans.get(ego) for ego in ids),
-            objects=scene.boxes.picked(slice(len(scene.egos), None)),
+            objects=scene.boxes.take(slice(len(scene.egos), None)),
             rooms=tuple(self._briefings[ego].route_room for ego in ids),
         )
 
@@ -138,18 +136,7 @@ def _unknown(kind: str) -> str:
 
 def scene_of(frame: Frame, sizes: Mapping[str, tuple[float, float]]) -> Scene:
     """Every road user of the frame, CAVs first; sizes: (length, width) [m] of the CAVs."""
-    actors, egos = frame.actors, tuple(frame.egos.values())
-    table = np.array([(e.x, e.y, e.yaw, e.speed, *sizes[ego]) for ego, e in zip(frame.egos, egos, strict=True)])
-    boxes = Objects(
-        ids=(*frame.egos, *actors.ids),
-        kind=np.concatenate((np.full(len(egos), Kind.VEHICLE, dtype=np.uint8), actors.kind)),
-        x=np.concatenate((table[:, 0], actors.x)),
-        y=np.concatenate((table[:, 1], actors.y)),
-        yaw=np.concatenate((table[:, 2], actors.yaw)),
-        speed=np.concatenate((table[:, 3], actors.speed)),
-        length=np.concatenate((table[:, 4], actors.length)),
-        width=np.concatenate((table[:, 5], actors.width)),
-    )
+    boxes = Objects.from_egos(frame.egos, sizes).concat(frame.actors)
     return Scene(frame.tick, boxes, frame.egos)
 
 

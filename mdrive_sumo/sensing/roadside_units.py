@@ -47,6 +47,6 @@ def _sensor(unit: RoadsideUnit, common: Surrounds) -> ObjectsSensor:
 
 def _told(unit: RoadsideUnit, sensor: ObjectsSensor, scene: Scene) -> Message:
     seen = sensor.sense(scene, Eye(unit.x, unit.y, 0.0, None))
-    seen = seen.picked(slice(MAX_OBJECTS))  # the nearest
+    seen = seen.take(slice(MAX_OBJECTS))  # the nearest
     age = np.full(len(seen.ids), PROFILES[unit.profile].latency_ticks, dtype=np.uint8)
     return encode(Cpm(Pose(unit.x, unit.y, 0.0, scene.tick), unit.range_m, seen, age, roadside=True))

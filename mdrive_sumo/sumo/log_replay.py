@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool
-from mdrive_sumo.core.state import Actors, no_actors
+from mdrive_sumo.core.state import Actors
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.sumo.conflict import Mover, meets, mover_of
@@ -27,7 +27,7 @@ class Replay:
         self._following = np.ones(len(self._logs.vehicles), dtype=np.bool_)
         self.releases = background.mode == "hybrid" and bool(self._logs.vehicles)
         """Whether anybody can be released."""
-        self._last = no_actors()
+        self._last = Actors.empty()
 
     def actors(self, tick: int) -> Actors:
         """Those that are on their log in a tick."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float
-from mdrive_sumo.core.state import DT, Actors, Kind, no_actors
+from mdrive_sumo.core.state import DT, Actors, Kind
 from mdrive_sumo.scenario.background import BackgroundVehicle
 
 
@@ -43,7 +43,7 @@ class Logs:
     def actors(self, tick: int, chosen: Bool) -> Actors:
         """Those of the `chosen` vehicles (V,) that are there in a tick."""
         if not len(self.vehicles) or tick >= self.present.shape[1]:
-            return no_actors()
+            return Actors.empty()
         there = np.flatnonzero(chosen & self.present[:, tick])
         x, y, yaw, speed = self.poses[there, tick].T
         ids = tuple(self.vehicles[i].id for i in there)

@@ -2,6 +2,7 @@
 
 # pyright: basic
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain, repeat
 from types import TracebackType
 from typing import Self
@@ -9,9 +10,8 @@ from typing import Self
 import libsumo
 import numpy as np
 
-from mdrive_sumo.actors import Crowd
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo.background_traffic import Traffic
@@ -51,11 +51,10 @@ class SumoWorld:
         self._grip = grip
         self._known: dict[str, tuple[float, float]] = {}
         self._present: Sequence[str] = ()
-        self._cast = self._last = no_actors()
+        self._cast = self._last = Actors.empty()
         self._traffic = Traffic(scenario.background, roads)
         self._egos: tuple[str, ...] = ()
         self._replay = Replay(scenario.background, roads)
-        self._crowd = Crowd()
         self._mirror = Mirror(roads)
         self._scripted = Scripted(scenario.actors)
         self._tick = 0
@@ -136,7 +135,7 @@ class SumoWorld:
             driven = self._actors()
             if offsets := self._traffic.offsets:
                 shifted(driven, offsets)
-            self._last = self._crowd.merged(driven, replayed)
+            self._last = driven.merge(replayed)
             return WorldState(self._last, self._signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
@@ -155,17 +154,8 @@ class SumoWorld:
 
     def _everybody(self, egos: Mapping[str, EgoState], scripted: Actors) -> Actors:
         """CAVs and scripted road users as they are placed for this step, the rest as it was after the last."""
-        rows = [(one.x, one.y, one.yaw, one.speed, *self._sizes[name]) for name, one in egos.items()]
-        x, y, yaw, speed, length, width = np.array(rows).reshape(-1, 6).T
-        kind = np.zeros(len(rows), dtype=np.uint8)
-        cavs = Actors(tuple(EGO + name for name in egos), kind, x, y, yaw, speed, length, width)
-        parts = (cavs, scripted, self._last)
-        ids = tuple(chain.from_iterable(part.ids for part in parts))
-        names = ("kind", "x", "y", "yaw", "speed", "length", "width")
-        kind, x, y, yaw, speed, length, width = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in names
-        )
-        return Actors(ids, kind, x, y, yaw, speed, length, width)
+        cavs = Actors.from_egos(egos, self._sizes)
+        return replace(cavs, ids=tuple(EGO + name for name in cavs.ids)).concat(scripted, self._last)
 
     def _unplanned(self, egos: Mapping[str, EgoState], scripted: Actors) -> list[Mover]:
         """Whatever rolls and keeps to no schedule: CAVs, scripted vehicles and cyclists, traffic that is late."""

@@ -37,4 +37,4 @@ def _sendable(objects: Objects, x: float, y: float) -> Objects:
     reach = np.maximum(np.abs(objects.x - x), np.abs(objects.y - y)) < REACH_M / 2
     rows = np.flatnonzero(reach)[:MAX_OBJECTS]
     assert len(objects.free_m) <= MAX_SECTORS, "the sensor's option free_space is bounded"
-    return objects.picked(rows)
+    return objects.take(rows)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, Replay
@@ -93,7 +93,7 @@ def _egos(cavs: Mapping[str, _Rail], time: float) -> dict[str, EgoState]:
 def _scripted(actors: list[tuple[Actor, _Rail]], time: float) -> Actors:
     now = [(actor, state) for actor, rail in actors if (state := rail.at(time)) is not None]
     if not now:
-        return no_actors()
+        return Actors.empty()
     x, y, yaw, speed = np.array([state for _, state in now]).T
     return Actors(
         tuple(actor.id for actor, _ in now),

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from testing.actors_world import actor
 from testing.worlds import straight_ego, straight_road, straight_scenario
 
-from mdrive_sumo.actors import Crowd, ScriptedActors
+from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.core.state import Actors, EgoState, Frame
 from mdrive_sumo.scenario.scripted_actor import Actor
 
@@ -40,7 +40,7 @@ def actor_rows() -> Iterator[Row]:
     """Median and 95th percentile of `Cast.advance`, and the median of merging with SUMO's vehicles."""
     rng = np.random.default_rng(1)
     world = straight_scenario(straight_ego("0"), straight_ego("1", x=30))
-    cast, merge = ScriptedActors(world.model_copy(update={"actors": tuple(crowd(rng))}), straight_road()), Crowd()
+    cast = ScriptedActors(world.model_copy(update={"actors": tuple(crowd(rng))}), straight_road())
     egos = {"0": EgoState(10, 0, 0, 5.0), "1": EgoState(30, 0, 0, 5.0)}
     one, place = np.ones(BACKGROUND), rng.uniform(-60, 60, (2, BACKGROUND))
     ids = tuple(f"b{i:02}" for i in range(BACKGROUND))
@@ -49,7 +49,7 @@ def actor_rows() -> Iterator[Row]:
     merging: list[float] = []
     for tick in range(TICKS):
         since = time.thread_time()
-        everybody = merge.merged(cars, cast.present)
+        everybody = cars.merge(cast.present)
         between = time.thread_time()
         cast.advance(Frame(tick, egos, everybody, {}), ())
         merging.append(1e3 * (between - since))

@@ -89,7 +89,7 @@ def sensor_rows() -> Iterator[Row]:
     yield "visibility of 100 actors, an observer", visibility, "ms", "<= 0.5"
     objects = ObjectsSensor(SensorSpec("objects", range_m=100.0, options={"free_space": True}), fitting)
     yield "objects sensor with free sight, 100 actors", median_ms(lambda: objects.sense(scene, eye)), "ms", ""
-    near = scene.boxes.picked(slice(1, 21))
+    near = scene.boxes.take(slice(1, 21))
     start = scenario.egos[0].start
     raster = RasterSensor(SensorSpec("bev"), Fitting("me", 1, town, WEATHERS["default"], told))
     here = Eye(start.x, start.y, start.yaw, 0)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.actors import ActorMode, Crowd, ScriptedActors
+from mdrive_sumo.actors import ActorMode, ScriptedActors
 from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.core.state import Actors, EgoState, Frame, no_actors
+from mdrive_sumo.core.state import Actors, EgoState, Frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay
@@ -75,10 +75,10 @@ class Film:
         scenario = straight_scenario(straight_ego("0"), straight_ego("1", x=30.0)).model_copy(
             update={"actors": tuple(actors)}
         )
-        cast, crowd = ScriptedActors(scenario, roads or straight_road(), mode), Crowd()
+        cast = ScriptedActors(scenario, roads or straight_road(), mode)
         self.frames: list[Actors] = [cast.present]
         for tick in range(round(seconds * 20)):
-            merged = crowd.merged(background or no_actors(), cast.present)
+            merged = (background or Actors.empty()).merge(cast.present)
             self.frames.append(cast.advance(Frame(tick, egos(tick), merged, {}), struck(tick)))
 
     def of(self, name: str) -> Float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -87,7 +87,7 @@ class BoxWorld:
         )
         signals = {"L": "r" if self._tick < self._red_until else "g"}
         if not self._boxes:
-            return WorldState(no_actors(), signals)
+            return WorldState(Actors.empty(), signals)
         ones = np.ones(len(table))
         actors = Actors(
             tuple(f"b{i}" for i in range(len(table))),

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind, no_actors
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -111,7 +111,7 @@ def episode(
     for tick in range(max(len(rows) for rows in drives.values())):
         shown = signals.get(tick, shown)
         living = {i: EgoState(*rows[tick]) for i, rows in drives.items() if tick < len(rows)}
-        frame = Frame(tick, living, actors or no_actors(), shown, tuple(hits.get(tick, ())))
+        frame = Frame(tick, living, actors or Actors.empty(), shown, tuple(hits.get(tick, ())))
         recorder.add(quantised_frame(frame), {}, {}, {})
     return recorder.finish([_ending(i, len(rows) - 1, ends[i]) for i, rows in drives.items()])
 
@@ -132,7 +132,7 @@ def judged(
         route, trial = course_of(one), Trial()
         end, lived = None, 0
         for tick, row in enumerate(drives[one.id]):
-            seen = quantised_frame(Frame(tick, {one.id: EgoState(*row)}, no_actors(), {})).egos[one.id]
+            seen = quantised_frame(Frame(tick, {one.id: EgoState(*row)}, Actors.empty(), {})).egos[one.id]
             trial = observe(trial, route, tick, seen.x, seen.y, seen.speed)
             end, lived = verdict(trial, tick, limit), tick + 1
             if end is not None:

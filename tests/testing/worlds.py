@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.core.state import Actors, EgoState, WorldState, no_actors
+from mdrive_sumo.core.state import Actors, EgoState, WorldState
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -42,7 +42,7 @@ class EmptyWorld:
 
     def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
         self.placed.append(tuple(egos))
-        return WorldState(no_actors(), MappingProxyType({}))
+        return WorldState(Actors.empty(), MappingProxyType({}))
 
 
 class Says:

@@ -9,7 +9,7 @@ import shapely
 from testing.worlds import straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import TICKS_PER_SECOND, EgoState, End, Frame, no_actors
+from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, Recorder
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay
@@ -153,7 +153,7 @@ def drive(*legs: tuple[float, float, float]) -> Drive:
     recorder, tick, x, y, yaw = Recorder("straight", {}, {"0": (4.9, 2.06)}), 0, 0.0, 0.0, 0.0
     for seconds, speed, rate in legs:
         for _ in range(round(seconds * TICKS_PER_SECOND)):
-            frame = Frame(tick, {"0": EgoState(x, y, yaw, speed)}, no_actors(), MappingProxyType({}))
+            frame = Frame(tick, {"0": EgoState(x, y, yaw, speed)}, Actors.empty(), MappingProxyType({}))
             recorder.add(frame, {"0": Control(0.0, 0.0, 0.0)}, {}, {})
             yaw += rate / TICKS_PER_SECOND
             x += speed * math.cos(yaw) / TICKS_PER_SECOND

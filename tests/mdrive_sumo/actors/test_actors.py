@@ -1,7 +1,6 @@
 """Scripted road users: how they go along their ways, and that they stop for what is in them."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +9,8 @@ from hypothesis import strategies as st
 from testing.actors_world import Film, actor, nobody, standing_car, two_lanes
 from testing.worlds import straight_road
 
-from mdrive_sumo.actors import ActorMode, Crowd
-from mdrive_sumo.core.state import Actors, EgoState, Kind, no_actors
+from mdrive_sumo.actors import ActorMode
+from mdrive_sumo.core.state import Actors, EgoState, Kind
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scripted_actor import AlongLanes
 
@@ -257,20 +256,6 @@ def test_the_order_in_the_file_does_not_matter(order: list[str], seconds: int) -
     again = Film(*cast.values(), seconds=seconds)
     for name in cast:
         assert np.array_equal(film.of(name), again.of(name))
-
-
-def test_the_crowd_is_in_the_order_of_ids_and_its_ids_stay_the_same_object() -> None:
-    film = Film(actor("b", "static", at=(1, 2)), seconds=0.1)
-    one = np.ones(2)
-    cars = Actors(("a", "c"), np.zeros(2, np.uint8), one, one, one, one, one, one)
-    crowd = Crowd()
-    first = crowd.merged(cars, film.frames[0])
-    second = crowd.merged(replace(cars, x=2 * one), film.frames[1])
-    assert first.ids == ("a", "b", "c")
-    assert second.ids is first.ids
-    assert second.kind.tolist() == [Kind.VEHICLE, Kind.STATIC, Kind.VEHICLE]
-    assert second.x.tolist() == [2.0, 1.0, 2.0]
-    assert crowd.merged(cars, no_actors()) is cars
 
 
 def test_a_route_of_lanes_that_do_not_connect_is_refused() -> None:

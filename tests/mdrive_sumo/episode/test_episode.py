@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Control, Message, Note, Plan
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind, no_actors
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, ThinkTime, load_episode, quantised_frame, save_episode
 from mdrive_sumo.v2x.channel import Fate, Sent
 
@@ -109,7 +109,7 @@ def test_columns_hold_what_the_frames_said() -> None:
 
 @given(st.floats(-1e5, 1e5), st.floats(-4, 4), st.floats(-40, 40))
 def test_quantising_twice_is_quantising_once(x: float, yaw: float, speed: float) -> None:
-    frame = Frame(0, {"0": EgoState(x, -x, yaw, speed)}, no_actors(), {})
+    frame = Frame(0, {"0": EgoState(x, -x, yaw, speed)}, Actors.empty(), {})
     once = quantised_frame(frame)
     assert quantised_frame(once).egos == once.egos
     assert abs(once.egos["0"].x - x) <= 0.5e-3 + 1e-9

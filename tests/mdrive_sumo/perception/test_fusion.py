@@ -13,7 +13,7 @@ from testing.planning import FACTS, LENGTH, own, things
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.perception.fusion import CAR_GATE_M, MEMORY_TICKS, Fusion, Reach, moved_on
+from mdrive_sumo.perception.fusion import CAR_GATE_M, MEMORY_TICKS, Fusion, Reach
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
@@ -252,8 +252,3 @@ def test_what_was_said_earlier_and_comes_later_does_not_count() -> None:
     fusion.hear([cam("b", 20.0, tick=8), cpm("c", things((40.0, 0.0, 0.0, 0.0)), tick=8)])
     fusion.hear([cam("b", 90.0, tick=2), cpm("c", things((90.0, 9.0, 0.0, 0.0)), tick=2)])
     assert places(fusion.fused(8, own(), NOTHING)) == [(20.0, 0.0), (40.0, 0.0)]
-
-
-def test_own_detections_are_moved_on() -> None:
-    moved = moved_on(things((10.0, 0.0, np.pi / 2, 4.0), (5.0, 5.0, 0.3, 0.0)), 0.5)
-    assert places(moved) == [(5.0, 5.0), (10.0, 2.0)]

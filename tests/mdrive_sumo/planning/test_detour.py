@@ -16,7 +16,7 @@ from testing.agents_driving import ego
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
 from mdrive_sumo.core.geometry import Float, Polyline, boxes_corners
-from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -350,7 +350,7 @@ class ThingWorld:
     def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
         self._tick += 1
         if not self._things:
-            return WorldState(no_actors(), {})
+            return WorldState(Actors.empty(), {})
         columns = [(t.x, t.y, t.yaw, t.speed, t.length, t.width) for t in self._things]
         x, y, yaw, speed, length, width = np.array(columns).T
         gone = speed * self._tick * DT

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import Contact, EgoState, End, Failure, Frame, Kind, no_actors
+from mdrive_sumo.core.state import Contact, EgoState, End, Failure, Frame, Kind, Actors
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame, save_episode
 from mdrive_sumo.runs.verify import first_difference, sampled
 from mdrive_sumo.scoring import load_results
@@ -27,7 +27,7 @@ PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
 
 def frame(tick: int, **changes: object) -> Frame:
     egos = {name: EgoState(x=tick * 0.4, y=y, yaw=0.0, speed=8.0) for name, y in (("0", 0.0), ("1", 5.0))}
-    return replace(Frame(tick, egos, no_actors(), {"light": "G"}), **changes)
+    return replace(Frame(tick, egos, Actors.empty(), {"light": "G"}), **changes)
 
 
 def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: int = TICKS - 1) -> EpisodeRecord:

@@ -13,7 +13,7 @@ from testing.worlds import straight_road
 from mdrive_sumo.contract import Briefing, Objects, PointCloud, SensorSpec, VehicleFacts
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners
-from mdrive_sumo.core.state import EgoState, Frame, Kind, no_actors
+from mdrive_sumo.core.state import Actors, EgoState, Frame, Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS
@@ -308,7 +308,7 @@ def test_the_observation_carries_the_scans_of_the_ticks_that_have_one() -> None:
     specs = (SensorSpec("lidar", "top"), SensorSpec("lidar", "slow", options={"profile": "lmdrive"}))
     senses = Senses({"a": specs}, {"a": told()}, Surrounds(town(), WEATHERS["default"], 0))
     for tick, names in ((0, {"top", "slow"}), (1, {"top"})):
-        frame = Frame(tick, {"a": EgoState(5.0, 0.0, 0.0, 0.0)}, no_actors(), {})
+        frame = Frame(tick, {"a": EgoState(5.0, 0.0, 0.0, 0.0)}, Actors.empty(), {})
         seen = senses.observe(frame, scene_of(frame, {"a": (4.9, 2.1)}), {}, {"a": ()})["a"].lidar
         assert set(seen) == names
         assert len(seen["top"].points) > 10_000

@@ -18,7 +18,7 @@ from testing.paths import TESTS
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control, Message
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import EgoState, End, Frame, no_actors
+from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import summary_table
@@ -442,7 +442,7 @@ def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> EpisodeRecord
     recorder = Recorder("s", {}, dict.fromkeys(ids, (4.9, 2.0)))
     for tick, x in enumerate(xs):
         egos = {name: EgoState(x=x if name == ids[-1] else 0.0, y=0.0, yaw=0.0, speed=1.0) for name in ids}
-        recorder.add(quantised_frame(Frame(tick, egos, no_actors(), {})), dict.fromkeys(ids, PEDAL), {}, {})
+        recorder.add(quantised_frame(Frame(tick, egos, Actors.empty(), {})), dict.fromkeys(ids, PEDAL), {}, {})
     return recorder.finish([Ending(ego, len(xs) - 1, End.ARRIVED) for ego in ids])
 
 

@@ -10,7 +10,7 @@ from testing.sumo_crossing import SIZE, car, compiled, overlap, scenario
 
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.core.state import DT, HELD_TICKS, Actors, EgoState, no_actors
+from mdrive_sumo.core.state import DT, HELD_TICKS, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.sumo import SumoWorld
@@ -31,10 +31,10 @@ def standing(roads: RoadMap, ego: EgoState, *vehicles: BackgroundVehicle, ticks:
     """Ticks with an overlap while the ego stands, and the actors at the end."""
     overlaps = 0
     with SumoWorld(scenario(*vehicles), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego}, no_actors())
+        around = world.start({"e": ego}, Actors.empty())
         for _ in range(ticks):
             overlaps += overlap(ego, around.actors)
-            around = world.advance({"e": ego}, no_actors(), ())
+            around = world.advance({"e": ego}, Actors.empty(), ())
     return overlaps, around.actors
 
 
@@ -52,7 +52,7 @@ def test_sumo_says_ninety_degrees_for_east_and_the_nose_for_the_position() -> No
 
 def test_background_poses_are_box_centres(roads: RoadMap) -> None:
     with SumoWorld(scenario(car("bg", pos=20.0, speed=0.0)), roads, {"e": SIZE}, seed=1) as world:
-        actors = world.start({"e": EgoState(0, 100, 0, 0)}, no_actors()).actors
+        actors = world.start({"e": EgoState(0, 100, 0, 0)}, Actors.empty()).actors
     assert actors.ids == ("bg",)
     assert actors.yaw[0] == pytest.approx(0.0, abs=1e-6)
     assert actors.y[0] == pytest.approx(-4.8, abs=0.01)
@@ -64,10 +64,10 @@ def test_background_poses_are_box_centres(roads: RoadMap) -> None:
 def test_a_follower_stops_behind_a_standing_ego(roads: RoadMap, action_step_s: float) -> None:
     ego, overlaps = EgoState(-60.0, -4.8, 0.0, 0.0), 0
     with SumoWorld(scenario(car("bg"), action_step_s=action_step_s), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego}, no_actors())
+        around = world.start({"e": ego}, Actors.empty())
         for _ in range(300):
             overlaps += overlap(ego, around.actors)
-            around = world.advance({"e": ego}, no_actors(), ())
+            around = world.advance({"e": ego}, Actors.empty(), ())
     assert overlaps == 0
     # SUMO lets it pass on the free lane in the end, or it stands behind: either way it has reacted
 
@@ -76,14 +76,14 @@ def test_a_follower_keeps_its_distance_to_a_slow_ego(roads: RoadMap) -> None:
     overlaps, seen = 0, []
     with SumoWorld(scenario(car("bg", edges=("c", "d"))), roads, {"e": SIZE}, seed=1) as world:
         y = -115.0
-        around = world.start({"e": EgoState(1.6, y, math.pi / 2, 4.0)}, no_actors())
+        around = world.start({"e": EgoState(1.6, y, math.pi / 2, 4.0)}, Actors.empty())
         lane_x = float(around.actors.x[0])
         for _ in range(400):
             ego = EgoState(lane_x, y, math.pi / 2, 4.0)
             overlaps += overlap(ego, around.actors)
             seen.append(float(around.actors.speed[0]))
             y += 4.0 * DT
-            around = world.advance({"e": ego}, no_actors(), ())
+            around = world.advance({"e": ego}, Actors.empty(), ())
     assert overlaps == 0
     assert seen[0] > 10.0
     assert seen[-1] == pytest.approx(4.0, abs=0.7)
@@ -127,22 +127,22 @@ def test_crossing_traffic_yields_to_an_ego_that_stands_in_the_junction(roads: Ro
 def test_ghosts_and_egos_are_never_actors_and_leave_with_their_ego(roads: RoadMap) -> None:
     ego = EgoState(-60.0, -3.2, 0.0, 0.0)
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": ego}, no_actors())
+        around = world.start({"e": ego}, Actors.empty())
         for _ in range(200):
             assert around.actors.ids == ("bg",)
-            around = world.advance({"e": ego}, no_actors(), ())
+            around = world.advance({"e": ego}, Actors.empty(), ())
         assert around.actors.speed[0] < 5.0
         for _ in range(100):
-            around = world.advance({}, no_actors(), ())
+            around = world.advance({}, Actors.empty(), ())
         assert around.actors.speed[0] > 5.0
 
 
 def test_a_struck_vehicle_is_held_for_two_seconds(roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(car("bg")), roads, {"e": SIZE}, seed=1) as world:
-        before = world.start(away, no_actors()).actors
+        before = world.start(away, Actors.empty()).actors
         speeds = [
-            float(world.advance(away, no_actors(), ("bg",) if i == 0 else ()).actors.speed[0])
+            float(world.advance(away, Actors.empty(), ("bg",) if i == 0 else ()).actors.speed[0])
             for i in range(HELD_TICKS + 20)
         ]
     assert before.speed[0] > 11.0
@@ -156,9 +156,9 @@ def test_an_ego_survives_off_road_backwards_and_at_the_end_of_the_net(roads: Roa
     path += [EgoState(-60.0, -4.8, 0.0, 0.0)] * 200
     overlaps = 0
     with SumoWorld(scenario(car("late", pos=10.0)), roads, {"e": SIZE}, seed=1) as world:
-        around = world.start({"e": path[0]}, no_actors())
+        around = world.start({"e": path[0]}, Actors.empty())
         for ego in path:
-            around = world.advance({"e": ego}, no_actors(), ())
+            around = world.advance({"e": ego}, Actors.empty(), ())
         overlaps = overlap(path[-1], around.actors)
     assert not overlaps
 
@@ -166,11 +166,11 @@ def test_an_ego_survives_off_road_backwards_and_at_the_end_of_the_net(roads: Roa
 def test_frozen_green_and_programs(lit_roads: RoadMap) -> None:
     away = {"e": EgoState(0, 120, 0, 0)}
     with SumoWorld(scenario(), lit_roads, {"e": SIZE}, seed=1) as world:
-        states = {frozenset(world.start(away, no_actors()).signals.values())}
-        states |= {frozenset(world.advance(away, no_actors(), ()).signals.values()) for _ in range(1000)}
+        states = {frozenset(world.start(away, Actors.empty()).signals.values())}
+        states |= {frozenset(world.advance(away, Actors.empty(), ()).signals.values()) for _ in range(1000)}
     assert all(set(state) == {"g"} for group in states for state in group)
     with SumoWorld(scenario(signals="program"), lit_roads, {"e": SIZE}, seed=1) as world:
-        shown = [world.advance(away, no_actors(), ()).signals["x"] for _ in range(1000)]
+        shown = [world.advance(away, Actors.empty(), ()).signals["x"] for _ in range(1000)]
     assert any("r" in state for state in shown)
     assert len(set(shown)) > 2
 
@@ -180,9 +180,9 @@ def test_the_same_seed_gives_the_same_traffic(roads: RoadMap) -> None:
 
     def run(seed: int) -> list[float]:
         with SumoWorld(scenario(*cars), roads, {"e": SIZE}, seed=seed) as world:
-            around = world.start({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, no_actors())
+            around = world.start({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, Actors.empty())
             for _ in range(200):
-                around = world.advance({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, no_actors(), ())
+                around = world.advance({"e": EgoState(-20.0, -4.8, 0.0, 0.0)}, Actors.empty(), ())
             return [*around.actors.x, *around.actors.y]
 
     assert run(3) == run(3)
@@ -196,7 +196,7 @@ def test_a_second_simulation_is_refused_and_a_closed_one_is_forgotten(roads: Roa
     ):
         SumoWorld(scenario(), roads, {"e": SIZE}, seed=1).__enter__()
     with SumoWorld(scenario(), roads, {"e": SIZE}, seed=1) as world:
-        world.start({"e": EgoState(0, 120, 0, 0)}, no_actors())
+        world.start({"e": EgoState(0, 120, 0, 0)}, Actors.empty())
 
 
 def test_background_on_roads_that_do_not_exist_is_the_files_fault(roads: RoadMap) -> None:

@@ -5,7 +5,7 @@ import pytest
 from testing.sumo_crossing import SIZE, car, compiled, scenario
 
 from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap
-from mdrive_sumo.core.state import Actors, EgoState, Kind, no_actors
+from mdrive_sumo.core.state import Actors, EgoState, Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, KindName
@@ -73,7 +73,7 @@ def test_what_a_scenario_does_not_mirror_is_driven_through(roads: RoadMap) -> No
 
 def test_a_follower_goes_on_when_the_thing_has_gone(roads: RoadMap) -> None:
     there = [thing(lane_x(roads), -80.0, (0.5, 0.5))] * 200
-    around, overlaps = driven(roads, [*there, *[no_actors()] * 200])
+    around, overlaps = driven(roads, [*there, *[Actors.empty()] * 200])
     assert overlaps == 0
     assert around.y[0] > -60.0
 

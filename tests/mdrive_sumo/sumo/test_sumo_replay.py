@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from testing.sumo_crossing import SIZE, car, compiled, overlap, scenario
 
-from mdrive_sumo.core.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Mode, Schedule
 from mdrive_sumo.sumo import SumoWorld
@@ -35,8 +35,8 @@ def logged(speed: float = 10.0, until_s: float = 15.0, aside: float = 0.3, name:
 
 def run(roads: RoadMap, mode: Mode, vehicles: list[BackgroundVehicle], egos: list[EgoState]) -> list[Actors]:
     with SumoWorld(scenario(*vehicles, mode=mode), roads, {"e": SIZE}, seed=1) as world:
-        frames = [world.start({"e": egos[0]}, no_actors()).actors]
-        return frames + [world.advance({"e": ego}, no_actors(), ()).actors for ego in egos[1:]]
+        frames = [world.start({"e": egos[0]}, Actors.empty()).actors]
+        return frames + [world.advance({"e": ego}, Actors.empty(), ()).actors for ego in egos[1:]]
 
 
 def errors(frames: list[Actors], vehicle: BackgroundVehicle) -> list[float]:

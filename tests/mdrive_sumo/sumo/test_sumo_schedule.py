@@ -11,7 +11,7 @@ from testing.sumo_crossing import SIZE, compiled, scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.state import DT, Actors, EgoState, no_actors
+from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
 from mdrive_sumo.sumo import SumoWorld
@@ -53,8 +53,8 @@ def run(roads: RoadMap, vehicles: list[BackgroundVehicle], egos: list[EgoState |
     """Background vehicles in frame 0, 1, ... while the CAV is in those places (None: not there)."""
     states = [{"e": ego} if ego else {} for ego in egos]
     with SumoWorld(scenario(*vehicles), roads, {"e": SIZE}, seed=1) as world:
-        frames = [world.start(states[0], no_actors()).actors]
-        frames += [world.advance(state, no_actors(), ()).actors for state in states[1:]]
+        frames = [world.start(states[0], Actors.empty()).actors]
+        frames += [world.advance(state, Actors.empty(), ()).actors for state in states[1:]]
     return frames
 
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.geometry import Float, box_corners
-from mdrive_sumo.core.state import DT, Actors, Contact, Kind, no_actors
+from mdrive_sumo.core.state import DT, Actors, Contact, Kind
 from mdrive_sumo.vehicle.contact import obstacles, settle, walls
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, Body, Vehicle, step
 
-NOBODY = obstacles(no_actors(), no_actors())
+NOBODY = obstacles(Actors.empty(), Actors.empty())
 NOTHING = walls([])
 LIGHT = Vehicle(mass=1000.0, yaw_inertia=2000.0)
 

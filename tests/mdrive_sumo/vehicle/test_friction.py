@@ -12,7 +12,7 @@ from testing.suite_fakes import make_suite
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import STANDSTILL, Control
-from mdrive_sumo.core.state import DT, no_actors
+from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
@@ -169,7 +169,7 @@ def speeds(grip: float) -> list[float]:
         id="s", bucket="T", category="t", network="motorway", egos=(ego,), background=Background(vehicles=(car,))
     )
     with SumoWorld(made, roads, {}, 1, grip) as world:
-        frames = [world.start({}, no_actors()), *(world.advance({}, no_actors(), ()) for _ in range(300))]
+        frames = [world.start({}, Actors.empty()), *(world.advance({}, Actors.empty(), ()) for _ in range(300))]
     return [float(frame.actors.speed[0]) for frame in frames if len(frame.actors)]
 
 
