@@ -6,24 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.core.text_table import text_table
 from mdrive_sumo.scoring import Results, ScenarioResult
 
-RESAMPLES = 10_000
-CONFIDENCE = 0.95
-SEED = 0
 TIE = 0.005
 """Driving scores closer than this are a tie: half of the last digit that tables show."""
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A mean and its confidence interval."""
-
-    mean: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +36,8 @@ class Comparison:
     names: tuple[str, str]
     pairs: tuple[Pair, ...]
     """Sorted by difference, B's worst losses first."""
-    ds: Interval
-    sr: Interval
+    ds: ConfidenceInterval
+    sr: ConfidenceInterval
     left_out: tuple[str, ...]
     """Scenarios that could not be paired, each with the reason."""
     warnings: tuple[str, ...]
@@ -60,18 +48,6 @@ class Comparison:
         wins = sum(d > TIE for d in differences)
         losses = sum(d < -TIE for d in differences)
         return wins, len(differences) - wins - losses, losses
-
-
-def bootstrap(differences: Float) -> Interval:
-    """Mean of paired differences (N,), N >= 1, with its percentile bootstrap interval (Efron 1979).
-
-    Scenarios are what is drawn anew, so the interval says how the mean would vary over suites like this one.
-    Deterministic: the draws always come from the same seed.
-    """
-    draws = np.random.default_rng(SEED).integers(len(differences), size=(RESAMPLES, len(differences)))
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(differences[draws].mean(axis=1), (tail, 1 - tail))
-    return Interval(float(differences.mean()), float(low), float(high))
 
 
 def compare(a: Results, b: Results) -> Comparison:
@@ -92,8 +68,8 @@ def compare(a: Results, b: Results) -> Comparison:
     return Comparison(
         names=(a.run.agent, b.run.agent),
         pairs=tuple(sorted(pairs, key=lambda pair: (pair.difference, pair.scenario))),
-        ds=bootstrap(np.array([pair.difference for pair in pairs])),
-        sr=bootstrap(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
+        ds=bootstrap_mean(np.array([pair.difference for pair in pairs])),
+        sr=bootstrap_mean(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
         left_out=(
             *(f"{name}: only in A" for name in first if name not in second),
             *(f"{name}: only in B" for name in second if name not in first),
@@ -147,7 +123,7 @@ def comparison_table(comparison: Comparison) -> str:
     )
 
 
-def _interval_row(name: str, interval: Interval) -> Sequence[str]:
+def _interval_row(name: str, interval: ConfidenceInterval) -> Sequence[str]:
     return (name, f"{interval.mean:+.2f}", f"{interval.low:+.2f}", f"{interval.high:+.2f}")
 
 

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.compare import Interval
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.study.conditions import Condition, Factor, Level
 from mdrive_sumo.study.study_summary import Line
 
@@ -113,7 +113,7 @@ def _draw_curve(axes: Axes, curve: Curve, what: tuple[str, Mapping[Level, float]
         axes.axhline(value.mean, color=colour, linestyle=":", label=f"{curve.agent}, channel off")
 
 
-def _of(line: Line, name: str) -> Interval | None:
+def _of(line: Line, name: str) -> ConfidenceInterval | None:
     return line.ds if name == "ds" else line.sr
 
 

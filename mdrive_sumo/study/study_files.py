@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.text_table import Row as Cells
 from mdrive_sumo.report.markdown import markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, agent_name, captured_cell
-from mdrive_sumo.runs.compare import Interval
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.study_summary import Line
 from mdrive_sumo.v2x.comm import described
@@ -148,5 +148,5 @@ def _condition(line: Line) -> str:
     return line.row.condition.name + (" *" if line.row.reused else "")
 
 
-def _interval(value: Interval | None, sign: str = "") -> str:
+def _interval(value: ConfidenceInterval | None, sign: str = "") -> str:
     return "" if value is None else f"{value.mean:{sign}.1f} [{value.low:{sign}.1f}, {value.high:{sign}.1f}]"

@@ -3,13 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
 from mdrive_sumo.report.result_tables import Captured
-from mdrive_sumo.runs.compare import Interval
-from mdrive_sumo.scoring import ScoreMode
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode
 from mdrive_sumo.study.captured_cooperation import captured_of
-from mdrive_sumo.study.statistics import by_scenario, difference_interval, score_interval
 from mdrive_sumo.study.study_runs import BEST, Row
+
+ResultTable = Mapping[str, Mapping[int, ScenarioResult]]
+"""Results by scenario id and seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,11 +21,11 @@ class Line:
     """One agent in one condition. Intervals are None where every scenario is void."""
 
     row: Row
-    ds: Interval | None
-    sr: Interval | None
-    ds_difference: Interval | None
+    ds: ConfidenceInterval | None
+    sr: ConfidenceInterval | None
+    ds_difference: ConfidenceInterval | None
     """To the same agent in the base condition, paired by scenario and seed; None for the base condition itself."""
-    sr_difference: Interval | None
+    sr_difference: ConfidenceInterval | None
     captured: Captured | None
     void: int
 
@@ -33,15 +37,15 @@ def lines(rows: Sequence[Row]) -> tuple[Line, ...]:
 
 
 def _line(row: Row, rows: Mapping[tuple[str, str], Row]) -> Line:
-    table = by_scenario(row.scenarios)
-    base = by_scenario(rows[row.agent, "base"].scenarios)
+    table = group_by_scenario(row.scenarios)
+    base = group_by_scenario(rows[row.agent, "base"].scenarios)
     is_base = row.condition.name == "base"
     return Line(
         row,
-        ds=score_interval(table, "ds"),
-        sr=score_interval(table, "sr"),
-        ds_difference=None if is_base else difference_interval(table, base, "ds"),
-        sr_difference=None if is_base else difference_interval(table, base, "sr"),
+        ds=compute_score_interval(table, "ds"),
+        sr=compute_score_interval(table, "sr"),
+        ds_difference=None if is_base else compute_difference_interval(table, base, "ds"),
+        sr_difference=None if is_base else compute_difference_interval(table, base, "sr"),
         captured=_captured(row, rows),
         void=sum(scenario.status == "void" for scenario in row.scenarios),
     )
@@ -56,3 +60,27 @@ def _captured(row: Row, rows: Mapping[tuple[str, str], Row]) -> Captured | None:
         return captured_of(row.scenarios, off.scenarios, best.scenarios, mode)
     except InputError:  # all void: the table says so in its own column
         return None
+
+
+def group_by_scenario(results: Sequence[ScenarioResult]) -> dict[str, dict[int, ScenarioResult]]:
+    """Return results by scenario id and seed; scenarios with a void result are left out, so that all count the same."""
+    found: dict[str, dict[int, ScenarioResult]] = {}
+    for result in results:
+        found.setdefault(result.id, {})[result.seed] = result
+    return {name: by_seed for name, by_seed in found.items() if all(one.status == "ok" for one in by_seed.values())}
+
+
+def compute_score_interval(table: ResultTable, name: str) -> ConfidenceInterval | None:
+    """Return mean and interval of "ds" or "sr" [%]; None if the table is empty."""
+    values = [[getattr(one, name) for _, one in sorted(by_seed.items())] for by_seed in table.values()]
+    return bootstrap_clustered_mean(np.array(values)) if values else None
+
+
+def compute_difference_interval(table: ResultTable, base: ResultTable, name: str) -> ConfidenceInterval | None:
+    """Return mean and interval of the paired differences to the base condition; None if they share no scenario."""
+    values = [
+        [getattr(table[scenario][seed], name) - getattr(base[scenario][seed], name) for seed in sorted(table[scenario])]
+        for scenario in table
+        if scenario in base
+    ]
+    return bootstrap_clustered_mean(np.array(values)) if values else None

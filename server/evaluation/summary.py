@@ -1,13 +1,13 @@
 """The numbers of a finished submission: overall, of every bucket, of every category, with confidence intervals."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from statistics import fmean
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.runs.compare import CONFIDENCE, RESAMPLES, SEED
+from mdrive_sumo.core.statistics import bootstrap_stratified_mean
 from mdrive_sumo.scoring import Means, ScenarioResult, buckets, categories, overall
 from server.store.standings import Figures, Summary
 from server.store.tables import Job
@@ -31,19 +31,11 @@ def summarise(jobs: Sequence[Job]) -> Summary:
 def _figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -> Figures:
     figures: Figures = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip")}
     for name in NAMES:
-        figures[f"{name}_low"], figures[f"{name}_high"] = interval([_values(group, name) for group in groups])
+        found = bootstrap_stratified_mean([_values(group, name) for group in groups])
+        figures[f"{name}_low"], figures[f"{name}_high"] = round(found.low, 6), round(found.high, 6)
     results = [one for group in groups for one in group]
     kinds = Counter(found.kind for one in results for ego in one.egos for found in ego.infractions)
     return figures | {"scenarios": len({one.id for one in results}), "infractions": dict(sorted(kinds.items()))}
-
-
-def interval(groups: Iterable[Float]) -> tuple[float, float]:
-    """95 % percentile bootstrap interval of the mean of the groups' means; always the same for the same numbers."""
-    random = np.random.default_rng(SEED)
-    drawn = [values[random.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in groups]
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(np.mean(drawn, axis=0), (tail, 1 - tail))
-    return round(float(low), 6), round(float(high), 6)
 
 
 def _values(results: Sequence[ScenarioResult], name: str) -> Float:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.compare import bootstrap, compare, comparison_table
+from mdrive_sumo.runs.compare import compare, comparison_table
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarise
 
 
@@ -52,23 +52,6 @@ def test_differences_are_b_minus_a_and_sorted_by_loss() -> None:
     assert found.sr.mean == pytest.approx(50 / 3)
     assert found.tally() == (1, 1, 1)
     assert found.warnings == ()
-
-
-def test_interval_of_two_equally_likely_values_is_the_binomial_one() -> None:
-    """The mean of 100 draws of 0 or 1 has standard deviation 0.05: 95 % lie within 1.96 of it."""
-    found = bootstrap(np.array([0.0, 1.0] * 50))
-    assert found.mean == 0.5
-    assert found.low == pytest.approx(0.5 - 1.96 * 0.05, abs=0.011)
-    assert found.high == pytest.approx(0.5 + 1.96 * 0.05, abs=0.011)
-
-
-@given(st.lists(st.floats(-100, 100), min_size=1, max_size=20))
-def test_interval_is_deterministic_and_within_the_differences(values: list[float]) -> None:
-    differences = np.array(values)
-    found = bootstrap(differences)
-    assert found == bootstrap(differences)
-    slack = 1e-9
-    assert min(values) - slack <= found.low <= found.high <= max(values) + slack
 
 
 def test_no_difference_has_an_interval_of_no_width() -> None:

@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
@@ -22,15 +21,19 @@ from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import summary_table
-from mdrive_sumo.runs.compare import bootstrap
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarise
 from mdrive_sumo.study.ablation import Effect, chosen_mutes, parting, ranked
 from mdrive_sumo.study.captured_cooperation import LEAST_GAIN_DS, captured, captured_of, share
 from mdrive_sumo.study.conditions import FACTORS, Condition, conditions, levels_of, pose_levels
 from mdrive_sumo.study.plots import curves, draw
-from mdrive_sumo.study.statistics import by_scenario, difference_interval, interval, score_interval
 from mdrive_sumo.study.study_runs import Row, agent_folder, is_silent
-from mdrive_sumo.study.study_summary import Line, lines
+from mdrive_sumo.study.study_summary import (
+    Line,
+    compute_difference_interval,
+    compute_score_interval,
+    group_by_scenario,
+    lines,
+)
 from mdrive_sumo.v2x.channel import Fate, Sent
 from mdrive_sumo.v2x.comm import PRESETS, Comm, Link, comm_text
 
@@ -121,40 +124,20 @@ def test_folders_of_agents_differ_where_classes_have_one_name() -> None:
     assert len(set(names)) == 2 and all(name.startswith("x_Same-") for name in names)
 
 
-# ------------------------------------------------------------------------------------------------------ intervals
-
-
-@given(st.lists(st.floats(-100, 100), min_size=1, max_size=8))
-def test_with_one_seed_the_interval_is_that_of_compare(values: list[float]) -> None:
-    assert interval(np.array(values)[:, None]) == bootstrap(np.array(values))
-
-
-def test_seeds_that_agree_add_no_certainty_about_other_scenarios() -> None:
-    """Four equal seeds of each of 25 scenarios are 25 values and not 100: the interval is that of one seed."""
-    values = np.array([0.0, 1.0] * 50)[:25, None]
-    one, four = interval(values), interval(np.repeat(values, 4, axis=1))
-    assert four.mean == one.mean
-    assert (four.low, four.high) == pytest.approx((one.low, one.high), abs=0.02)
-
-
-def test_seeds_that_differ_widen_the_interval_of_equal_scenarios() -> None:
-    """All scenarios are alike, the standard deviation of a seed is 0.5, so that of a mean of 3 x 2 about 0.5 / √6."""
-    found = interval(np.tile([0.0, 1.0], (3, 1)))
-    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.5 / 6**0.5, abs=0.2)
-
-
 def test_differences_are_paired_and_void_scenarios_are_left_out() -> None:
-    base = by_scenario([scenario("a", 50), scenario("b", 10), scenario("c", 0, status="void"), scenario("d", 5)])
-    worse = by_scenario([scenario("a", 40), scenario("b", 0), scenario("c", 99), scenario("d", 0, status="void")])
+    base = group_by_scenario([scenario("a", 50), scenario("b", 10), scenario("c", 0, status="void"), scenario("d", 5)])
+    worse = group_by_scenario([scenario("a", 40), scenario("b", 0), scenario("c", 99), scenario("d", 0, status="void")])
     assert set(worse) == {"a", "b", "c"}
-    found = difference_interval(worse, base, "ds")
+    found = compute_difference_interval(worse, base, "ds")
     assert found is not None
     assert (found.mean, found.low, found.high) == (-10.0, -10.0, -10.0)
-    assert score_interval(by_scenario([scenario("a", 0, status="void")]), "ds") is None
+    assert compute_score_interval(group_by_scenario([scenario("a", 0, status="void")]), "ds") is None
 
 
 def test_a_scenario_that_is_void_with_one_seed_is_left_out_with_all() -> None:
-    assert set(by_scenario([scenario("a", 1, 0), scenario("a", 1, 1, status="void"), scenario("b", 1, 0)])) == {"b"}
+    assert set(group_by_scenario([scenario("a", 1, 0), scenario("a", 1, 1, status="void"), scenario("b", 1, 0)])) == {
+        "b"
+    }
 
 
 # ------------------------------------------------------------------------------------------- captured cooperation

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
-import numpy as np
 import pytest
 from testing import databases
 from testing.evaluation_bench import Bench, S
@@ -18,7 +17,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import overall
 from server.enums import FEWEST, JobState, State, Track, Verdict
 from server.evaluation.archive_cache import tidy
-from server.evaluation.summary import interval, summarise
+from server.evaluation.summary import summarise
 from server.store import StoreUnavailable, submissions
 from server.store.tables import Job
 from server.tracks import check_style
@@ -214,14 +213,6 @@ def test_a_summary_is_that_of_the_library_with_intervals() -> None:
     assert summary["overall"]["ds_low"] < summary["overall"]["ds"] < summary["overall"]["ds_high"]
     assert summary["buckets"]["B"]["ds_low"] >= 12.0
     assert summarise(rows) == summary
-
-
-def test_an_interval_draws_scenarios_of_each_bucket_apart() -> None:
-    low, high = interval([np.array([0.0, 0.0]), np.array([100.0, 100.0])])
-    assert low == high == 50.0
-    spread = np.random.default_rng(1).normal(50, 10, 400)
-    low, high = interval([spread])
-    assert high - low == pytest.approx(2 * 1.96 * 10 / 20, rel=0.15)
 
 
 def test_only_what_nobody_needs_is_cleared_up(tmp_path: Path) -> None:
