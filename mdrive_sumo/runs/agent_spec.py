@@ -7,17 +7,17 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.agent_process.child_process import BoxPlan, Program
-from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
-from mdrive_sumo.agent_process.joint_agent import Crew
 from mdrive_sumo.agent_process.agent_connection import Line
 from mdrive_sumo.agent_process.agent_lookup import carla_file, split_locator
+from mdrive_sumo.agent_process.child_process import BoxPlan, Program
+from mdrive_sumo.agent_process.joint_agent import Crew
 from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
+from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.sensing.observation_builder import KINDS
+from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.sensing.cameras import camera_error
+from mdrive_sumo.sensing.observation_builder import KINDS
 
 PRIVILEGED = "privileged"
 SCANNING, MOST_SCANNING = ("lidar", "bev"), 8

@@ -9,16 +9,16 @@ from typing import Protocol
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.scenario import Scenario, first_problem
-from mdrive_sumo.scoring import (Results, ScenarioResult, save_results, summarise, void_result)
-from mdrive_sumo.runs.result_transfer import Carried, carrying, kept
-from mdrive_sumo.runs.make_executor import engine
 from mdrive_sumo.runs.executor import outcomes
 from mdrive_sumo.runs.job import run_job
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
-from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, cannot_write
+from mdrive_sumo.runs.make_executor import engine
 from mdrive_sumo.runs.preparation import TRANSCRIPTS_FOLDER, Prepared, recording
+from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, cannot_write
+from mdrive_sumo.runs.result_transfer import Carried, carrying, kept
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, gathered
+from mdrive_sumo.scenario.scenario import Scenario, first_problem
+from mdrive_sumo.scoring import Results, ScenarioResult, save_results, summarise, void_result
 
 RESULTS_FILE = "results.json"
 TRIES = 2

@@ -7,14 +7,14 @@ from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
 
-from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, carla_file, split_locator
+from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.roads import network_folder
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.catalog import Suite, packaged_suites
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import Settings, config_text
+from mdrive_sumo.scenario.catalog import Suite, packaged_suites
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.v2x.comm import comm_text
 
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")

@@ -10,17 +10,17 @@ from typing import Any
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.agent_process.remote_driver import Limits
 from mdrive_sumo.core.clock import clock_of
-from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, hired
+from mdrive_sumo.runs.transcript import save_transcript
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
-from mdrive_sumo.core.seeding import derived_seed
-from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, hired
-from mdrive_sumo.runs.transcript import save_transcript
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.comm import comm_from
 

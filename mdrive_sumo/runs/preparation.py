@@ -3,20 +3,20 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.scenario.catalog import Suite, load_suite
-from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring import RunInfo
-from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.runs.agent_spec import Hiring, declaration
 from mdrive_sumo.runs.fingerprint import fingerprint, located, versions
 from mdrive_sumo.runs.job import Job
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import Settings, config_hash, default_folder
+from mdrive_sumo.scenario.catalog import Suite, load_suite
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import RunInfo
 from mdrive_sumo.v2x.comm import comm_text, described
 
 EPISODES_FOLDER = "episodes"

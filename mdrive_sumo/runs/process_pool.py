@@ -8,7 +8,7 @@ from multiprocessing.connection import wait
 from typing import Generic, TypeVar
 
 from mdrive_sumo.runs.executor import Key, Waitable, outcomes
-from mdrive_sumo.runs.worker_process import (FailureKind, Hand, WorkerFailure, cannot_write, without_interrupts)
+from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure, cannot_write, without_interrupts
 
 __all__ = ["FailureKind", "Pool", "WorkerFailure", "available_cores", "cannot_write"]
 

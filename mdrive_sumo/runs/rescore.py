@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarise
+from mdrive_sumo.runs.evaluate import writing
 from mdrive_sumo.runs.job import rescore
 from mdrive_sumo.runs.preparation import Prepared
-from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarise
 
 
 def rescored(run: Prepared, results: Results, mode: ScoreMode) -> Results:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.runs.job import Job
+from mdrive_sumo.scoring import ScenarioResult
 
 RECORDING, LOGS, TRANSCRIPTS = "recording.npz", "logs", "transcripts"
 

@@ -8,14 +8,14 @@ from typing import Any
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.scenario.weather import Friction
-from mdrive_sumo.scoring import Results, ScoreMode, load_results
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.fingerprint import code_checksum, versions
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.preparation import Prepared
-from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.run_config import Settings
+from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scoring import Results, ScoreMode, load_results
 from mdrive_sumo.v2x.comm import comm_from
 
 

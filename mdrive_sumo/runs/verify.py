@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.episode import EpisodeRecord, load_episode
-from mdrive_sumo.episode.quantization import from_quanta
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.core.state import DT, End
+from mdrive_sumo.episode import EpisodeRecord, load_episode
+from mdrive_sumo.episode.quantization import from_quanta
 from mdrive_sumo.runs.job import Job, reexecute
-from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
 from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
 from mdrive_sumo.runs.transcript import transcript_path
+from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.v2x.channel import Fate
 
 STATE_NAMES = ("x", "y", "yaw", "speed")

@@ -1,6 +1,5 @@
 """Executors: the pool, and a real Dask cluster; the same outcomes, whoever dies."""
 
-from testing.paths import TESTS
 import importlib
 import os
 import signal
@@ -12,11 +11,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from testing import databases
-from testing import processes
 import pytest
+from testing import databases, processes
 from testing.dask_cluster import Cluster, cluster
 from testing.evaluation_fakes import challenge, fake, fast_clock, scored, submitted
+from testing.paths import TESTS
 from testing.processes import alive, written
 
 from mdrive_sumo.core.errors import InputError
@@ -33,8 +32,8 @@ from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure
 from mdrive_sumo.scoring import ScenarioResult
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.stop_request import Stop
-from server.store.tables import Job as Job_
 from server.phase_suites import LoadedSuites
+from server.store.tables import Job as Job_
 
 wait_for = partial(processes.wait_for, limit_s=60.0)
 

@@ -1,6 +1,5 @@
 """The worker pool: whatever happens to a worker, every job ends with a result or a reason."""
 
-from testing.paths import TESTS
 import os
 import signal
 import subprocess
@@ -9,8 +8,9 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 
-from testing import processes
 import pytest
+from testing import processes
+from testing.paths import TESTS
 from testing.processes import alive, written
 
 from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure, available_cores

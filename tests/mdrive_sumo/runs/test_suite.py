@@ -1,18 +1,17 @@
 """`evaluate` with a stand-in for the simulation: order, resume, retries, voids, settings."""
 
-from testing.paths import TESTS
 import json
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from testing.paths import TESTS
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.preparation import prepare
 from mdrive_sumo.runs.run_config import Settings, default_folder, load_agent_config
 from mdrive_sumo.scoring import Results, ScenarioResult, load_results
-
 
 
 class Notes:

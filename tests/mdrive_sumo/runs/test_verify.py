@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import Contact, EgoState, End, Failure, Frame, Kind, Actors
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame, save_episode
 from mdrive_sumo.runs.verify import first_difference, sampled
 from mdrive_sumo.scoring import load_results
