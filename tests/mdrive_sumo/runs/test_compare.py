@@ -1,9 +1,6 @@
 """Paired comparison of two runs."""
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.compare import compare, comparison_table
