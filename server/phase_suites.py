@@ -4,7 +4,7 @@ from threading import Lock
 from typing import Any, Protocol
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.fingerprint import code_checksum, versions
+from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from server import environments
 from server.enums import FEWEST
@@ -32,7 +32,7 @@ class LoadedSuites:
         self._settings = settings
         self._lock = Lock()
         self._known: dict[str, tuple[Suite, str]] = {}
-        self._code = versions() | {"code": code_checksum()}
+        self._code = read_versions() | {"code": compute_code_checksum()}
 
     def jobs(self, phase: Phase) -> list[tuple[str, int]]:
         """By scenario, then seed. Raises InputError, see `Suites`."""

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from mdrive_sumo.agent_process.agent_connection import Limits as LineLimits
+from mdrive_sumo.agent_process.agent_connection import AgentLimits as LineLimits
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import first_problem

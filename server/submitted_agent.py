@@ -4,11 +4,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from mdrive_sumo.agent_process.child_process import BoxPlan
-from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.sandbox import BoxLimits
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.agent_spec import ANYBODY, Declaration, Hiring, box_text, opened
-from mdrive_sumo.runs.job import Job
+from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode
 from mdrive_sumo.sensing.cameras import camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
@@ -35,7 +35,7 @@ class Entrant:
     environment: Environment | None
     """None: a plain child of ours, for a user's own agent on their own machine."""
     box: BoxLimits = field(default_factory=BoxLimits)
-    limits: Limits = field(default_factory=Limits)
+    limits: AgentLimits = field(default_factory=AgentLimits)
     backend: str = "bubblewrap"
 
     def plan(self) -> BoxPlan | None:
@@ -61,10 +61,10 @@ class Entrant:
             return Hiring(self.manifest.locator(folder), self.manifest.agent_config(folder), self.limits)
         return Hiring(self.manifest.entry, self.manifest.agent_config(), self.limits, box_text(plan))
 
-    def job(self, suite_folder: Path, scenario: str, seed: int, recording: str = "", logs: str = "") -> Job:
+    def job(self, suite_folder: Path, scenario: str, seed: int, recording: str = "", logs: str = "") -> EpisodeJob:
         """To drive one scenario."""
         hiring = self.hiring()
-        return Job(
+        return EpisodeJob(
             suite_folder=str(suite_folder),
             scenario=scenario,
             agent=hiring.agent,

@@ -17,7 +17,7 @@ from mdrive_sumo.generate.generation_search import WEATHER, Order, search
 from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.generate.selection import selected
-from mdrive_sumo.runs.process_pool import Pool, WorkerFailure
+from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import SuiteFile
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -83,7 +83,7 @@ def interaction(folder: Path) -> None:
     check_new(folder)
     work = folder.with_name(f"{folder.name}.work")
     tasks = [Task(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]
-    with Pool[Task, list[Recipe]](chosen, WORKERS, LIMIT_S) as pool:
+    with ProcessPool[Task, list[Recipe]](chosen, WORKERS, LIMIT_S) as pool:
         for task, found in pool.run([task for task in tasks if not (work / task.category).is_dir()]):
             if isinstance(found, WorkerFailure):
                 raise RuntimeError(f"{task.category}: {found.reason}")

@@ -14,9 +14,9 @@ from itertools import pairwise
 from typing import Any, NoReturn, TypeVar
 
 from mdrive_sumo.agent_process import wire_protocol
-from mdrive_sumo.agent_process.child_process import Child
+from mdrive_sumo.agent_process.child_process import AgentProcess
 from mdrive_sumo.agent_process.frame_file import FrameFolder
-from mdrive_sumo.agent_process.reply_decoding import AgentCrashError, InvalidReplyError, value_of
+from mdrive_sumo.agent_process.reply_decoding import AgentCrashError, InvalidReplyError, decode_answer
 from mdrive_sumo.core.state import Failure
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
@@ -28,7 +28,7 @@ AT_ONCE = 2**18
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class AgentLimits:
     """What an agent may take: wall-clock seconds, and bytes of an answer."""
 
     start_s: float = 60.0
@@ -43,17 +43,17 @@ class Limits:
     """All answers of an episode together: messages and notes are kept in memory and go into its recording."""
 
 
-class Line:
+class AgentConnection:
     """To one process. Every method but `close` raises AgentFailure; after one the process is gone."""
 
-    def __init__(self, child: Child, frames: FrameFolder, limits: Limits) -> None:
+    def __init__(self, child: AgentProcess, frames: FrameFolder, limits: AgentLimits) -> None:
         """Owns both."""
         self._child, self._frames, self.limits = child, frames, limits
         self._call, self._tick, self._asked_at, self._spent_s, self._told_bytes = "", 0, 0.0, 0.0, 0
         self._open = True
         self.failure = ""
         """Why it ended, if the agent failed."""
-        self.thought_s: list[float] = []
+        self.think_times_s: list[float] = []
         """How long the agent took for each answer of the episode."""
         child.socket.setblocking(False)
 
@@ -64,7 +64,9 @@ class Line:
             self._fail(Failure.INVALID, "expected no answer before the request, found one")
         self._frames.begin()
         limit_s = self.limits.tick_s if tick >= 0 else self.limits.start_s
-        self._write(wire_protocol.framed({"call": call, "tick": tick, "value": value}, self._frames.store), limit_s)
+        self._write(
+            wire_protocol.encode_frame({"call": call, "tick": tick, "value": value}, self._frames.store), limit_s
+        )
         self._asked_at = time.monotonic()
 
     def receive(self, read: Callable[[Any], T]) -> T:
@@ -73,11 +75,11 @@ class Line:
             return self._answer(time.monotonic() + self.limits.start_s, read)
         left_s = self.limits.episode_s - self._spent_s
         answer = self._answer(self._asked_at + min(self.limits.tick_s, left_s), read)
-        self.thought_s.append(time.monotonic() - self._asked_at)
-        self._spent_s += self.thought_s[-1]
+        self.think_times_s.append(time.monotonic() - self._asked_at)
+        self._spent_s += self.think_times_s[-1]
         return answer
 
-    def end(self, failure: Failure, text: str) -> NoReturn:
+    def fail(self, failure: Failure, text: str) -> NoReturn:
         """Ends the process for what its answers say; raises AgentFailure."""
         self.failure = text
         self.close()
@@ -98,19 +100,19 @@ class Line:
         if self._told_bytes > (most := self.limits.episode_bytes):
             self._fail(Failure.INVALID, f"expected answers of at most {most} bytes in an episode, found more")
         try:
-            return read(value_of(data, self._tick))
+            return read(decode_answer(data, self._tick))
         except InvalidReplyError as error:
             self._fail(Failure.INVALID, str(error))
         except AgentCrashError as error:
-            self.end(Failure.CRASHED, str(error))
+            self.fail(Failure.CRASHED, str(error))
         except AgentFailure as error:
-            self.end(error.failure, error.text)
+            self.fail(error.failure, error.text)
 
     def _read(self, deadline: float) -> bytes:
         """One frame. Its length is believed only below the limit, and nothing may follow it."""
         data, size, most = b"", 0, self.limits.reply_bytes
         while not size or len(data) < wire_protocol.LENGTH.size + size:
-            if not self._child.ready(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
+            if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
                 self._fail(Failure.TIMEOUT, "no answer within the time limit")
             data += self._received(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
             if not size and len(data) >= wire_protocol.LENGTH.size:
@@ -146,18 +148,18 @@ class Line:
         while not select.select([], [self._child.socket], [], 0.01)[1]:
             if time.monotonic() > deadline:
                 self._fail(Failure.TIMEOUT, "the agent does not read within the time limit")
-            self._child.ready(0.0)  # what it prints must flow, or it waits for us
+            self._child.wait_readable(0.0)  # what it prints must flow, or it waits for us
 
     def _gone(self) -> NoReturn:
-        how = self._child.ended() if self._open else "it was ended"
+        how = self._child.describe_exit() if self._open else "it was ended"
         self._fail(Failure.CRASHED, f"the agent's process ended ({how})")
 
     def _fail(self, failure: Failure, text: str) -> NoReturn:
-        self.end(failure, f"{self._call}: {text}")
+        self.fail(failure, f"{self._call}: {text}")
 
-    def record(self) -> dict[str, Any]:
+    def usage_record(self) -> dict[str, Any]:
         """Of a closed line: how the process ended, what it used, how long it thought [ms, by `HISTOGRAM_MS`]."""
-        thought_ms = sorted(round(1000 * seconds, 3) for seconds in self.thought_s)
+        thought_ms = sorted(round(1000 * seconds, 3) for seconds in self.think_times_s)
         count = len(thought_ms)
         return {
             "failure": self.failure,
@@ -169,7 +171,7 @@ class Line:
                 "sum": round(sum(thought_ms), 3),
                 "counts": [after - before for before, after in pairwise((0, *_up_to(thought_ms), count))],
             },
-            **self._child.record(),
+            **self._child.usage_record(),
         }
 
 

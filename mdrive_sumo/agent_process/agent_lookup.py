@@ -15,7 +15,7 @@ CARLA_PREFIX = "carla:"
 """Before the file of an agent of the CARLA leaderboard, which drives all CAVs of a scenario together."""
 
 
-def carla_file(locator: str) -> Path | None:
+def find_carla_file(locator: str) -> Path | None:
     """The file of an agent of the CARLA leaderboard; None for other agents."""
     if not locator.startswith(CARLA_PREFIX) or not locator.endswith(".py"):
         return None
@@ -33,10 +33,10 @@ def split_locator(locator: str) -> tuple[str, str]:
     return place, name
 
 
-def agent_class(locator: str) -> Callable[[Config], Agent]:
+def load_agent_class(locator: str) -> Callable[[Config], Agent]:
     """Imports the class that `module:Class` or `path.py:Class` names; raises InputError. Runs the user's code."""
     place, name = split_locator(locator)
-    module = module_from_file(Path(place)) if place.endswith(".py") else _from_name(place)
+    module = load_module_from_file(Path(place)) if place.endswith(".py") else _from_name(place)
     found: Any = getattr(module, name, None)
     if not callable(found):
         raise InputError(f"agent {locator!r}: expected a class {name} in {place}, found none")
@@ -50,7 +50,7 @@ def _from_name(name: str) -> Any:
         raise InputError(f"agent module {name!r}: expected an importable module, found none ({error})") from None
 
 
-def module_from_file(path: Path) -> Any:
+def load_module_from_file(path: Path) -> Any:
     """Runs a Python file as a module of its name, with its folder to import from; raises InputError."""
     if not path.is_file():
         raise InputError(f"agent file {path}: expected a Python file, found none")

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.agent_process.agent_lookup import module_from_file
+from mdrive_sumo.agent_process.agent_lookup import load_module_from_file
 from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation, Transform, install, set_up
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
@@ -37,7 +37,7 @@ ASIDE_RAD = math.radians(4)
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class CarlaSensor:
     """One declared sensor: the agent's name for it, its kind here, and where it sits ahead, to the left, up [m]."""
 
     id: str
@@ -45,20 +45,20 @@ class Sensor:
     at: tuple[float, float, float]
 
 
-class CarlaStyle:
+class CarlaAgentAdapter:
     """Such an agent behind the calls of `host`."""
 
     def __init__(self, path: str, config: Mapping[str, Any], cavs: Sequence[str]) -> None:
         """config: `config` is the file that `setup` is told. Raises InputError, and whatever the agent raises."""
         install()
-        module = module_from_file(Path(path))
+        module = load_module_from_file(Path(path))
         entry: Any = getattr(module, "get_entry_point", None)
         cls: Any = getattr(module, str(entry()), None) if callable(entry) else None
         if not callable(cls):
             raise InputError(f"agent {path}: expected get_entry_point() to name a class of the module, found none")
         self._cavs = tuple(cavs)
         self._agent = _made(cls, str(config.get("config", "")), len(cavs))
-        self._sensors: tuple[Sensor, ...] = ()
+        self._sensors: tuple[CarlaSensor, ...] = ()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """What it declares, in our terms; kinds that do not exist here keep their name and are refused by it."""
@@ -112,19 +112,19 @@ def _made(cls: Any, config: str, vehicles: int) -> Any:
     return cls(config, vehicles)
 
 
-def _sensor(row: Mapping[str, Any]) -> Sensor:
+def _sensor(row: Mapping[str, Any]) -> CarlaSensor:
     name, kind = row.get("id"), str(row.get("type"))
     if not isinstance(name, str):
         raise InputError(f"sensors(): expected an id for every sensor, found {name!r} for {kind!r}")
     kind = "lidar" if kind == LIDAR else KINDS.get(kind, kind)
-    return Sensor(name, kind, (_metres(row, "x"), -_metres(row, "y"), _metres(row, "z")))
+    return CarlaSensor(name, kind, (_metres(row, "x"), -_metres(row, "y"), _metres(row, "z")))
 
 
 def _metres(row: Mapping[str, Any], name: str) -> float:
     return float(row.get(name, 0.0))
 
 
-def _lidar(row: Mapping[str, Any], sensor: Sensor, slow: bool) -> SensorSpec:
+def _lidar(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> SensorSpec:
     """Only its pose is honoured, as in the original. Mirrored: y, yaw and pitch change their sign."""
     x, y, z = sensor.at
     turns = {"roll_deg": _metres(row, "roll"), "pitch_deg": -_metres(row, "pitch"), "yaw_deg": -_metres(row, "yaw")}
@@ -133,13 +133,13 @@ def _lidar(row: Mapping[str, Any], sensor: Sensor, slow: bool) -> SensorSpec:
     )
 
 
-def _read(sensors: Sequence[Sensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
+def _read(sensors: Sequence[CarlaSensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
     """What one CAV's sensors read: (tick, data) by the sensor's id with the CAV's number behind it."""
     read = {f"{sensor.id}_{number}": READERS[sensor.kind](sensor, seen) for sensor in sensors}
     return {name: (seen.tick, data) for name, data in read.items() if data is not None}
 
 
-def _points(sensor: Sensor, seen: Observation) -> Any:
+def _points(sensor: CarlaSensor, seen: Observation) -> Any:
     """(N, 4) float32: x ahead, y to the right, z up [m], intensity; None between two scans."""
     if sensor.id not in seen.lidar:
         return None
@@ -148,7 +148,7 @@ def _points(sensor: Sensor, seen: Observation) -> Any:
     return points
 
 
-def _gnss(sensor: Sensor, seen: Observation) -> Any:
+def _gnss(sensor: CarlaSensor, seen: Observation) -> Any:
     """Latitude, longitude [degrees], altitude [m] of the receiver where it was put: ours is at the box centre."""
     assert seen.gnss is not None
     ahead, left, up = sensor.at
@@ -164,20 +164,20 @@ def _gnss(sensor: Sensor, seen: Observation) -> Any:
     )
 
 
-def _imu(_: Sensor, seen: Observation) -> Any:
+def _imu(_: CarlaSensor, seen: Observation) -> Any:
     """Acceleration [m/s2], angular rate [rad/s], compass [rad]. Mirrored: a polar and an axial vector."""
     assert seen.imu is not None
     (ax, ay, az), (gx, gy, gz) = seen.imu.acceleration, seen.imu.angular_rate
     return np.array((ax, -ay, az, -gx, gy, -gz, seen.imu.compass))
 
 
-def _speed(_: Sensor, seen: Observation) -> dict[str, float]:
+def _speed(_: CarlaSensor, seen: Observation) -> dict[str, float]:
     """[m/s]"""
     assert seen.speedometer is not None
     return {"speed": seen.speedometer}
 
 
-READERS: Mapping[str, Callable[[Sensor, Observation], Any]] = {
+READERS: Mapping[str, Callable[[CarlaSensor, Observation], Any]] = {
     "lidar": _points, "gnss": _gnss, "imu": _imu, "speedometer": _speed
 }  # fmt: skip
 

@@ -27,7 +27,7 @@ ENDING_S = 2.0
 """How long a process may take to end after it has closed its socket."""
 
 
-class Child(Protocol):
+class AgentProcess(Protocol):
     """A process with a socket."""
 
     @property
@@ -35,11 +35,11 @@ class Child(Protocol):
         """Our end."""
         ...
 
-    def ready(self, timeout_s: float) -> bool:
+    def wait_readable(self, timeout_s: float) -> bool:
         """Waits until there is something to read, or nobody who could write; keeps what it prints flowing."""
         ...
 
-    def ended(self) -> str:
+    def describe_exit(self) -> str:
         """How a process ended that has closed its socket, e.g. "exit code 3"; it is gone afterwards."""
         ...
 
@@ -47,13 +47,13 @@ class Child(Protocol):
         """Ends it."""
         ...
 
-    def record(self) -> Mapping[str, Any]:
+    def usage_record(self) -> Mapping[str, Any]:
         """Of a process that is gone: how it ended and what it used, plain values for a file."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class AgentProgram:
     """What a child runs: a style of agent that `host` knows, where it is, and where its output goes."""
 
     locator: str
@@ -83,10 +83,10 @@ class BoxPlan:
     """Fields of `sandbox.BoxLimits` that are not the default."""
 
 
-class PlainChild:
+class PlainAgentProcess:
     """As free as the user who started it: only the clock and the contract are enforced."""
 
-    def __init__(self, program: Program, frames: Path) -> None:
+    def __init__(self, program: AgentProgram, frames: Path) -> None:
         """Raises OSError."""
         self.socket, theirs = socket.socketpair()
         with theirs:
@@ -101,11 +101,11 @@ class PlainChild:
         self._poller = select.poll()
         self._poller.register(self.socket, select.POLLIN)
 
-    def ready(self, timeout_s: float) -> bool:
+    def wait_readable(self, timeout_s: float) -> bool:
         """See Child."""
         return bool(self._poller.poll(max(timeout_s, 0.0) * 1000))
 
-    def ended(self) -> str:
+    def describe_exit(self) -> str:
         """See Child."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=ENDING_S)
@@ -118,15 +118,15 @@ class PlainChild:
         self.socket.close()
         self._process.wait()
 
-    def record(self) -> Mapping[str, Any]:
+    def usage_record(self) -> Mapping[str, Any]:
         """See Child."""
         return {"backend": "", "exit_code": self._process.returncode}
 
 
-class BoxedChild:
+class BoxedAgentProcess:
     """In a box of its own. Only from the main thread, see `sandbox.open_box`."""
 
-    def __init__(self, program: Program, frames: Path, plan: BoxPlan) -> None:
+    def __init__(self, program: AgentProgram, frames: Path, plan: BoxPlan) -> None:
         """Raises InputError if there is no such box here, and BoxError."""
         interpreter, shown = _interpreter(plan)
         spec = sandbox.BoxSpec(
@@ -147,11 +147,11 @@ class BoxedChild:
         """See Child."""
         return self._box.socket
 
-    def ready(self, timeout_s: float) -> bool:
+    def wait_readable(self, timeout_s: float) -> bool:
         """See Child."""
         return self._box.ready(max(timeout_s, 0.0))
 
-    def ended(self) -> str:
+    def describe_exit(self) -> str:
         """See Child."""
         end = time.monotonic() + ENDING_S
         while self._box.alive() and time.monotonic() < end:
@@ -173,7 +173,7 @@ class BoxedChild:
             if self._log is not None:
                 self._log.write_bytes(self._box.log())
 
-    def record(self) -> Mapping[str, Any]:
+    def usage_record(self) -> Mapping[str, Any]:
         """See Child."""
         assert self._report is not None
         return {"backend": self._backend, **asdict(self._report)}

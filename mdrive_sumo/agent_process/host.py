@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from mdrive_sumo.agent_process import wire_protocol
-from mdrive_sumo.agent_process.agent_lookup import agent_class
+from mdrive_sumo.agent_process.agent_lookup import load_agent_class
 from mdrive_sumo.agent_process.frame_file import FrameReader
 from mdrive_sumo.contract import Agent
 
@@ -43,7 +43,7 @@ def main() -> None:
         data = _read(line, wire_protocol.LENGTH.unpack(size)[0])
         if data is None:
             return
-        request = wire_protocol.unpacked(data, reader.load)
+        request = wire_protocol.decode(data, reader.load)
         line.sendall(_answered(handle, request))
 
 
@@ -78,11 +78,11 @@ def _answered(handle: Handler, request: Mapping[str, Any]) -> bytes:
         import traceback
 
         traceback.print_exc()
-        return wire_protocol.framed({"tick": tick, "crashed": f"{type(error).__name__}: {error}"[:1000]})
+        return wire_protocol.encode_frame({"tick": tick, "crashed": f"{type(error).__name__}: {error}"[:1000]})
     try:
-        return wire_protocol.framed({"tick": tick, "value": answer})
+        return wire_protocol.encode_frame({"tick": tick, "value": answer})
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        return wire_protocol.framed({"tick": tick, "invalid": str(error)[:1000]})
+        return wire_protocol.encode_frame({"tick": tick, "invalid": str(error)[:1000]})
 
 
 def _own_style(locator: str) -> Handler:
@@ -91,7 +91,7 @@ def _own_style(locator: str) -> Handler:
 
     def handle(call: str, value: Any) -> Any:
         if call == "create":
-            agent.append(agent_class(locator)(value))
+            agent.append(load_agent_class(locator)(value))
             return {"label": str(getattr(agent[0], "label", "single")), "sensors": tuple(agent[0].sensors())}
         if call == "start":
             agent[0].start(value)
@@ -103,13 +103,13 @@ def _own_style(locator: str) -> Handler:
 
 def _carla_style(path: str) -> Handler:
     """An agent of the CARLA leaderboard for all CAVs."""
-    from mdrive_sumo.agent_process.carla_adapter import CarlaStyle
+    from mdrive_sumo.agent_process.carla_adapter import CarlaAgentAdapter
 
-    agent: list[CarlaStyle] = []
+    agent: list[CarlaAgentAdapter] = []
 
     def handle(call: str, value: Any) -> Any:
         if call == "create":
-            agent.append(CarlaStyle(path, value["config"], value["cavs"]))
+            agent.append(CarlaAgentAdapter(path, value["config"], value["cavs"]))
             return {"label": "joint", "sensors": agent[0].sensors()}
         if call == "start":
             agent[0].start(value["briefings"], value["gps"])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.agent_process import reply_decoding
-from mdrive_sumo.agent_process.agent_connection import Line
+from mdrive_sumo.agent_process.agent_connection import AgentConnection
 from mdrive_sumo.agent_process.remote_driver import SensorCheck
 from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
@@ -20,7 +20,7 @@ from mdrive_sumo.sensing.navigation import to_gnss
 LABEL = "joint"
 
 
-class Crew:
+class JointAgentSession:
     """The program and its CAVs; `drivers` has a Driver for each of them.
 
     It is asked once a tick for all CAVs that are asked in that tick. If it fails, all of them fail; if its reply for
@@ -28,11 +28,11 @@ class Crew:
     """
 
     def __init__(
-        self, line: Line, config: Mapping[str, Any], egos: Sequence[str], check: SensorCheck | None = None
+        self, line: AgentConnection, config: Mapping[str, Any], egos: Sequence[str], check: SensorCheck | None = None
     ) -> None:
         """Owns the line. check: refuses sensors by an exception."""
         self._line, self._egos, self._check_sensors = line, tuple(egos), check
-        self._declared: reply_decoding.Declared | None = None
+        self._declared: reply_decoding.AgentDeclaration | None = None
         self._failure: AgentFailure | None = None
         self._briefings: dict[str, Briefing] = {}
         self._asked: dict[str, Observation] = {}
@@ -51,7 +51,7 @@ class Crew:
         self._check()
         if self._declared is None:
             with _Kept(self):
-                self._declared = self._line.receive(reply_decoding.declared)
+                self._declared = self._line.receive(reply_decoding.read_declaration)
         self._check()
         assert self._declared is not None
         if self._check_sensors is not None:
@@ -66,7 +66,7 @@ class Crew:
             gps = {ego: _on_globe(briefing) for ego, briefing in self._briefings.items()}
             with _Kept(self):
                 self._line.send("start", START_TICK, {"briefings": self._briefings, "gps": gps})
-                self._line.receive(reply_decoding.nothing)
+                self._line.receive(reply_decoding.read_none)
             self._check()
 
     def ask(self, ego: str, seen: Observation) -> None:
@@ -80,7 +80,7 @@ class Crew:
             self._think()
         self._check()
         try:
-            return reply_decoding.reply(self._answers.pop(ego))
+            return reply_decoding.read_reply(self._answers.pop(ego))
         except reply_decoding.InvalidReplyError as error:
             raise AgentFailure(Failure.INVALID, f"{ego}: {error}") from None
 
@@ -88,9 +88,9 @@ class Crew:
         """Ends the program."""
         self._line.close()
 
-    def record(self) -> Mapping[str, Any]:
+    def usage_record(self) -> Mapping[str, Any]:
         """Of a closed crew, see `Line.record`."""
-        return self._line.record()
+        return self._line.usage_record()
 
     def _think(self) -> None:
         self._check()
@@ -99,8 +99,8 @@ class Crew:
         with _Kept(self):
             self._line.send("act", tick, asked)
             egos = tuple(asked)
-            self._answers = dict(self._line.receive(lambda value: reply_decoding.by_ego(value, egos)))
-            self.thought_s = self._line.thought_s[-1]
+            self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, egos)))
+            self.thought_s = self._line.think_times_s[-1]
 
     def _check(self) -> None:
         if self._failure is not None:
@@ -110,7 +110,7 @@ class Crew:
 class _Kept:
     """Keeps a failure of the program for all CAVs instead of raising it for one."""
 
-    def __init__(self, crew: Crew) -> None:
+    def __init__(self, crew: JointAgentSession) -> None:
         self._crew = crew
 
     def __enter__(self) -> None:
@@ -128,7 +128,7 @@ class JointDriver:
 
     label = LABEL
 
-    def __init__(self, crew: Crew, ego: str) -> None:
+    def __init__(self, crew: JointAgentSession, ego: str) -> None:
         self._crew, self._ego = crew, ego
 
     @property

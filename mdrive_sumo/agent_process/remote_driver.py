@@ -4,15 +4,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mdrive_sumo.agent_process import reply_decoding
-from mdrive_sumo.agent_process.agent_connection import Limits, Line
-from mdrive_sumo.agent_process.child_process import BoxedChild, BoxPlan, PlainChild, Program
+from mdrive_sumo.agent_process.agent_connection import AgentConnection, AgentLimits
+from mdrive_sumo.agent_process.child_process import AgentProgram, BoxedAgentProcess, BoxPlan, PlainAgentProcess
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
 from mdrive_sumo.contract import LABELS, Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.core.state import Failure
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
-__all__ = ["Limits", "RemoteDriver", "SensorCheck", "opened_line"]
+__all__ = ["AgentLimits", "RemoteDriver", "SensorCheck", "open_agent_connection"]
 
 SensorCheck = Callable[[tuple[SensorSpec, ...]], None]
 
@@ -20,10 +20,10 @@ SensorCheck = Callable[[tuple[SensorSpec, ...]], None]
 class RemoteDriver:
     """A Driver whose agent runs in `host`. Every method raises AgentFailure; after one the process is gone."""
 
-    def __init__(self, line: Line, config: Mapping[str, Any], check: SensorCheck | None = None) -> None:
+    def __init__(self, line: AgentConnection, config: Mapping[str, Any], check: SensorCheck | None = None) -> None:
         """Owns the line; the agent is being made when this returns. check: refuses sensors by an exception."""
         self._line, self._check = line, check
-        self._declared: reply_decoding.Declared | None = None
+        self._declared: reply_decoding.AgentDeclaration | None = None
         self._failure: AgentFailure | None = None
         self.thought_s = 0.0
         try:
@@ -36,7 +36,7 @@ class RemoteDriver:
         """What the agent calls itself."""
         label = self._declaration().label
         if label not in LABELS:
-            self._line.end(Failure.INVALID, f"label: expected one of {', '.join(LABELS)}, found {label!r:.60}")
+            self._line.fail(Failure.INVALID, f"label: expected one of {', '.join(LABELS)}, found {label!r:.60}")
         return label
 
     def sensors(self) -> tuple[SensorSpec, ...]:
@@ -49,7 +49,7 @@ class RemoteDriver:
     def start(self, briefing: Briefing) -> None:
         """See Driver."""
         self._line.send("start", START_TICK, briefing)
-        self._line.receive(reply_decoding.nothing)
+        self._line.receive(reply_decoding.read_none)
 
     def ask(self, seen: Observation) -> None:
         """See Driver."""
@@ -57,32 +57,34 @@ class RemoteDriver:
 
     def answer(self) -> Reply:
         """See Driver."""
-        reply = self._line.receive(reply_decoding.reply)
-        self.thought_s = self._line.thought_s[-1]
+        reply = self._line.receive(reply_decoding.read_reply)
+        self.thought_s = self._line.think_times_s[-1]
         return reply
 
     def close(self) -> None:
         """See Driver."""
         self._line.close()
 
-    def record(self) -> Mapping[str, Any]:
+    def usage_record(self) -> Mapping[str, Any]:
         """Of a closed driver, see `Line.record`."""
-        return self._line.record()
+        return self._line.usage_record()
 
-    def _declaration(self) -> reply_decoding.Declared:
+    def _declaration(self) -> reply_decoding.AgentDeclaration:
         if self._failure is not None:
             raise self._failure
         if self._declared is None:
-            self._declared = self._line.receive(reply_decoding.declared)
+            self._declared = self._line.receive(reply_decoding.read_declaration)
         return self._declared
 
 
-def opened_line(program: Program, limits: Limits, plan: BoxPlan | None = None) -> Line:
+def open_agent_connection(program: AgentProgram, limits: AgentLimits, plan: BoxPlan | None = None) -> AgentConnection:
     """A line to a new process: a plain child, or one in a box. Raises InputError, BoxError, OSError."""
     frames = FrameFolder()
     try:
-        child = PlainChild(program, frames.path) if plan is None else BoxedChild(program, frames.path, plan)
+        child = (
+            PlainAgentProcess(program, frames.path) if plan is None else BoxedAgentProcess(program, frames.path, plan)
+        )
     except BaseException:
         frames.close()
         raise
-    return Line(child, frames, limits)
+    return AgentConnection(child, frames, limits)

@@ -35,14 +35,14 @@ class AgentCrashError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Declared:
+class AgentDeclaration:
     """What an agent says of itself."""
 
     label: str
     sensors: tuple[SensorSpec, ...]
 
 
-def value_of(data: bytes, tick: int) -> Any:
+def decode_answer(data: bytes, tick: int) -> Any:
     """The plain value of the answer to the request of a tick. Raises InvalidReplyError and AgentCrashError."""
     answer = _unpacked(data)
     if type(answer) is not dict or len(answer) != 2 or "tick" not in answer:
@@ -57,21 +57,21 @@ def value_of(data: bytes, tick: int) -> Any:
     return answer["value"]
 
 
-def nothing(value: object) -> None:
+def read_none(value: object) -> None:
     """The answer to a briefing."""
     if value is not None:
         raise InvalidReplyError(f"expected no value, found {_named(value)}")
 
 
-def declared(value: object) -> Declared:
+def read_declaration(value: object) -> AgentDeclaration:
     """The answer to a creation."""
     names = ("label", "sensors")
     fields = _exactly(_pairs(value, "what an agent declares", len(names)), names, "what an agent declares")
     sensors = _listed(fields["sensors"], "sensors()", MAX_SENSORS)
-    return Declared(_typed(fields["label"], str, "label"), tuple(_sensor(spec) for spec in sensors))
+    return AgentDeclaration(_typed(fields["label"], str, "label"), tuple(_sensor(spec) for spec in sensors))
 
 
-def reply(value: object) -> Reply:
+def read_reply(value: object) -> Reply:
     """One CAV's reply, checked; raises AgentFailure too."""
     if value is None:
         return validate_reply(None)
@@ -86,7 +86,7 @@ def reply(value: object) -> Reply:
     )
 
 
-def by_ego(value: object, egos: tuple[str, ...]) -> Mapping[str, object]:
+def read_replies_by_ego(value: object, egos: tuple[str, ...]) -> Mapping[str, object]:
     """A joint agent's answer: for every CAV that was asked one plain value, for `reply`."""
     items = _pairs(value, "a reply for every CAV", len(egos))
     if items.keys() != set(egos):

@@ -43,18 +43,20 @@ class WireError(ValueError):
     """Bytes that are no message of ours."""
 
 
-def framed(fields: Mapping[str, object], store: Callable[[Array], int] | None = None) -> bytes:
+def encode_frame(fields: Mapping[str, object], store: Callable[[Array], int] | None = None) -> bytes:
     """A request or an answer as it travels: its length [4 bytes, little-endian], and a map of its fields' `plain`s."""
-    data = cast(bytes, msgpack.packb({name: plain(field, store) for name, field in fields.items()}, use_bin_type=True))
+    data = cast(
+        bytes, msgpack.packb({name: to_plain(field, store) for name, field in fields.items()}, use_bin_type=True)
+    )
     return LENGTH.pack(len(data)) + data
 
 
-def packed(message: object) -> bytes:
+def encode(message: object) -> bytes:
     """Any value of the contract as bytes; TypeError for others."""
-    return cast(bytes, msgpack.packb(plain(message), use_bin_type=True))
+    return cast(bytes, msgpack.packb(to_plain(message), use_bin_type=True))
 
 
-def unpacked(data: bytes | bytearray, load: Callable[[Array, int], None] | None = None) -> Any:
+def decode(data: bytes | bytearray, load: Callable[[Array, int], None] | None = None) -> Any:
     """The inverse of `packed`; tuples come back as tuples. Raises WireError.
 
     load: fills an array with what was stored at an offset.
@@ -65,7 +67,7 @@ def unpacked(data: bytes | bytearray, load: Callable[[Array, int], None] | None 
         raise WireError(f"not a message of {contract.CONTRACT}: {error}") from None
 
 
-def plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
+def to_plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
     """What msgpack can carry of a value of the contract (dataclasses, mappings, tuples, arrays, scalars).
 
     store: takes a large array somewhere else and says at which offset; None keeps all arrays in the message.
@@ -74,13 +76,13 @@ def plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
     if value is None or isinstance(value, bool | int | float | str | bytes):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, list | tuple):
-        return [plain(item, store) for item in value]
+        return [to_plain(item, store) for item in value]
     if isinstance(value, np.ndarray):
         return _plain_array(value, store)
     if isinstance(value, Mapping):
-        return {"": "map", "items": [(key, plain(item, store)) for key, item in value.items()]}
+        return {"": "map", "items": [(key, to_plain(item, store)) for key, item in value.items()]}
     if is_dataclass(value) and not isinstance(value, type):
-        content = {name: plain(getattr(value, name), store) for name in _field_names(type(value))}
+        content = {name: to_plain(getattr(value, name), store) for name in _field_names(type(value))}
         return {"": type(value).__name__, **content}
     if isinstance(value, np.generic):
         return value.item()

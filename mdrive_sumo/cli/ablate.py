@@ -8,16 +8,23 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.text_table import text_table
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.runs.preparation import Prepared, recording
-from mdrive_sumo.runs.stored_run import changed_since, open_run
+from mdrive_sumo.runs.preparation import PreparedRun, recording_path
+from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
 from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.study.ablation import Ablated, Effect, ablate, chosen_mutes, ranked, ttc_change
+from mdrive_sumo.study.ablation import (
+    AblationResult,
+    MuteEffect,
+    ablate,
+    choose_mutes,
+    compute_ttc_change,
+    rank_effects,
+)
 
 HEADER = ("without", "messages", "DS", "change", "SR", "min TTC [s]", "change", "parts at tick")
 
@@ -44,37 +51,37 @@ def command(
     Exit codes: 0 done, 1 the recording itself comes out differently, 2 unusable input, 130 interrupted.
     """
     run, results = open_run(run_folder, suite)
-    if changed := changed_since(run):
+    if changed := describe_version_changes(run):
         click.echo(f"warning: the run was made with another {changed}", err=True)
     recorded = _recorded(run, results, scenario)
-    messages = load_episode(recording(run.folder, recorded.id)).messages
-    mutes = chosen_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
+    messages = load_episode(recording_path(run.folder, recorded.id)).messages
+    mutes = choose_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
     effects = ablate(run, recorded, mutes, choice["workers"])
     if differing := next(effects).difference:
         click.echo(f"{recorded.id}: the recording itself comes out differently: {differing}", err=True)
         ctx.exit(1)
-    found = ranked(recorded, _watched(effects, len(mutes)))
+    found = rank_effects(recorded, _watched(effects, len(mutes)))
     click.echo(ablation_json(found) if as_json else ablation_table(found))
 
 
-def _recorded(run: Prepared, results: Results, pattern: str) -> ScenarioResult:
-    chosen = the_one(replace(run.suite, scenarios=run.scenarios), pattern)
+def _recorded(run: PreparedRun, results: Results, pattern: str) -> ScenarioResult:
+    chosen = find_one_scenario(replace(run.suite, scenarios=run.scenarios), pattern)
     result = next(result for result in results.scenarios if result.id == chosen.id)
-    if result.status == "void" or not recording(run.folder, result.id).is_file():
+    if result.status == "void" or not recording_path(run.folder, result.id).is_file():
         raise InputError(f"{run.folder}: expected a recording of {result.id}, found none")
     return result
 
 
-def _watched(effects: Iterator[Effect], total: int) -> list[Effect]:
+def _watched(effects: Iterator[MuteEffect], total: int) -> list[MuteEffect]:
     """All effects; a line on stderr as each comes."""
-    found: list[Effect] = []
+    found: list[MuteEffect] = []
     for effect in effects:
         found.append(effect)
         click.echo(f"{len(found)}/{total}  without {' '.join(effect.mute)}", err=True)
     return found
 
 
-def ablation_table(found: Ablated) -> str:
+def ablation_table(found: AblationResult) -> str:
     """For the terminal: what was, then what would have been."""
     was = found.recorded
     rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _seconds(was.min_ttc), "", "")]
@@ -82,8 +89,8 @@ def ablation_table(found: Ablated) -> str:
     return f"{was.id}: {was.ticks} ticks\n\n" + text_table(HEADER, rows)
 
 
-def _cells(was: ScenarioResult, effect: Effect) -> tuple[str, str, str, str, str, str, str, str]:
-    now, change = effect.result, ttc_change(was, effect.result)
+def _cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, str, str, str, str, str, str, str]:
+    now, change = effect.result, compute_ttc_change(was, effect.result)
     return (
         " ".join(effect.mute),
         str(effect.messages),
@@ -100,7 +107,7 @@ def _seconds(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-def ablation_json(found: Ablated) -> str:
+def ablation_json(found: AblationResult) -> str:
     """All of it, for programs."""
     was = found.recorded
     page = {
@@ -113,8 +120,8 @@ def ablation_json(found: Ablated) -> str:
     return json.dumps(page, indent=1, allow_nan=False)
 
 
-def _effect_values(was: ScenarioResult, effect: Effect) -> dict[str, object]:
-    now, change = effect.result, ttc_change(was, effect.result)
+def _effect_values(was: ScenarioResult, effect: MuteEffect) -> dict[str, object]:
+    now, change = effect.result, compute_ttc_change(was, effect.result)
     return {
         "mute": effect.mute,
         "messages": effect.messages,

@@ -5,7 +5,7 @@ from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario
 
 
-def the_one(suite: Suite, pattern: str) -> Scenario:
+def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
     """The only scenario whose id (or category) fits a glob; raises InputError if none or several do."""
     found = suite.matching(pattern)
     if len(found) == 1:

@@ -2,7 +2,7 @@
 
 import click
 
-from mdrive_sumo.agent_process.sandbox import layers
+from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.report.installation import doctor_table, examine, sandbox_table
 
 NEEDED_LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "rlimits")
@@ -17,7 +17,7 @@ def command(sandbox: bool) -> None:
     Exits 1 if something is missing that the core commands need, with --sandbox if no sandbox can be had.
     """
     if sandbox:
-        found = layers()
+        found = examine_layers()
         click.echo(sandbox_table(found))
         complete = all(layer.active for layer in found if layer.name in NEEDED_LAYERS)
     else:

@@ -13,13 +13,13 @@ from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import Captured, summary_table
-from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, writing
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, report_write_errors
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.preparation import EPISODES_FOLDER, Prepared, prepare
-from mdrive_sumo.runs.run_config import Settings, load_agent_config
+from mdrive_sumo.runs.preparation import EPISODES_FOLDER, PreparedRun, prepare
+from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.scoring import Results, ScoreMode
-from mdrive_sumo.study.reference_runs import captured_by
+from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
@@ -110,7 +110,7 @@ def command(
     if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
         raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
     comm, clock = channel_of(options)
-    settings = Settings(
+    settings = RunConfig(
         **options,  # pyright: ignore[reportArgumentType] - click has made them what the fields say
         agent_config=config,
         comm=comm,
@@ -122,24 +122,24 @@ def command(
     run = prepare(settings)
     whole = evaluated(ctx, run)
     shares = with_references(ctx, whole, settings) if captured else None
-    with writing(run.folder / REPORT_FILE):
+    with report_write_errors(run.folder / REPORT_FILE):
         (run.folder / REPORT_FILE).write_text(report_markdown(whole, shares))
     click.echo(summary_table(whole, shares))
     click.echo("\n" + _written(run))
     ctx.exit(1 if whole.void else 0)
 
 
-def with_references(ctx: click.Context, results: Results, settings: Settings) -> Captured:
+def with_references(ctx: click.Context, results: Results, settings: RunConfig) -> Captured:
     """Captured cooperation of a run; its two references are found finished or driven. Raises InputError."""
 
-    def evaluate_reference(run: Prepared) -> Results:
-        click.echo(f"reference {run.settings.agent}, --comm {run.settings.comm.preset}: {run.folder}", err=True)
+    def evaluate_reference(run: PreparedRun) -> Results:
+        click.echo(f"reference {run.config.agent}, --comm {run.config.comm.preset}: {run.folder}", err=True)
         return evaluated(ctx, run)
 
-    return captured_by(results, settings, evaluate_reference)
+    return evaluate_captured_cooperation(results, settings, evaluate_reference)
 
 
-def evaluated(ctx: click.Context, run: Prepared) -> Results:
+def evaluated(ctx: click.Context, run: PreparedRun) -> Results:
     """Drives a run under the eyes of the user; Ctrl-C ends in exit code 130."""
     progress = ProgressDisplay(sys.stderr)
     try:
@@ -147,15 +147,15 @@ def evaluated(ctx: click.Context, run: Prepared) -> Results:
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         progress.close()
-        again = "the same command" + (" without --fresh" if run.settings.fresh else "")
+        again = "the same command" + (" without --fresh" if run.config.fresh else "")
         click.echo(f"interrupted; {again} continues {run.folder}", err=True)
         ctx.exit(130)
     finally:
         progress.close()
 
 
-def _written(run: Prepared) -> str:
+def _written(run: PreparedRun) -> str:
     files = {RESULTS_FILE: "all numbers", REPORT_FILE: "to read", JOURNAL_FILE: "what was done"}
-    if run.settings.record:
+    if run.config.record:
         files[f"{EPISODES_FOLDER}/"] = "one recording a scenario, for view, verify and rescore"
     return "\n".join(f"{run.folder / name}  {what}" for name, what in files.items())

@@ -13,7 +13,7 @@ from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
-from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, Certificate, load_certificates
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
 STATISTICS_HEADER: Row = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
@@ -81,7 +81,7 @@ def _scenario_row(scenario: Scenario) -> Row:
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
 
 
-def _hidden_cells(certificate: Certificate | None) -> Row:
+def _hidden_cells(certificate: OcclusionCertificate | None) -> Row:
     if certificate is None:
         return ("?", "?")
     if not certificate.occluded:

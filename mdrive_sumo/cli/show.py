@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.evaluate import with_references
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
@@ -13,8 +13,8 @@ from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import summary_table
 from mdrive_sumo.report.scenario_picture import draw_scenario
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.runs.evaluate import RESULTS_FILE, writing
-from mdrive_sumo.runs.stored_run import changed_since, open_run
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
+from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
 from mdrive_sumo.scenario.catalog import load_suite
 
 
@@ -52,20 +52,20 @@ def command(ctx: click.Context, what: str, suite: str | None, out: Path | None, 
 def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | None, workers: int) -> None:
     """workers: for the references of captured cooperation; 0: without it."""
     run, results = open_run(folder, suite)
-    if workers and (changed := changed_since(run)):
+    if workers and (changed := describe_version_changes(run)):
         click.echo(f"warning: the run was made with another {changed} than its references", err=True)
-    settings = replace(run.settings, suite=suite or run.settings.suite, workers=workers)
+    settings = replace(run.config, suite=suite or run.config.suite, workers=workers)
     shares = with_references(ctx, results, settings) if workers else None
     click.echo(summary_table(results, shares))
     if out is not None:
-        with writing(out):
+        with report_write_errors(out):
             out.write_text(report_markdown(results, shares), encoding="utf-8")
         click.echo(f"\n{out}")
 
 
 def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     loaded = load_suite(suite)
-    chosen = the_one(loaded, pattern)
+    chosen = find_one_scenario(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
     try:
         draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.home(chosen.id))), path)

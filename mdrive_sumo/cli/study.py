@@ -14,24 +14,24 @@ from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.text_table import text_table
-from mdrive_sumo.runs.evaluate import writing
-from mdrive_sumo.runs.preparation import Prepared, prepare
-from mdrive_sumo.runs.run_config import Settings, load_agent_config
+from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.runs.preparation import PreparedRun, prepare
+from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.conditions import (
     FACTORS,
     GRIDS,
-    Condition,
+    ChannelCondition,
     Level,
-    conditions,
-    levels_of,
-    pose_levels,
-    without_channel,
+    make_conditions,
+    make_off_condition,
+    parse_levels,
+    parse_pose_levels,
 )
-from mdrive_sumo.study.plots import curves, draw
-from mdrive_sumo.study.study_files import About, study_json, study_markdown, table_of
-from mdrive_sumo.study.study_runs import BEST, Row, Study
-from mdrive_sumo.study.study_summary import Line, lines
+from mdrive_sumo.study.plots import draw_curves, make_curves
+from mdrive_sumo.study.study_files import StudyDescription, study_json, study_markdown, table_of
+from mdrive_sumo.study.study_runs import BEST, Study, StudyRow
+from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm import PRESETS, Comm
 
 command = click.Group("study", help="Measure what cooperation is worth: over worse channels, and message by message.")
@@ -98,11 +98,11 @@ def comm_command(ctx: click.Context, **options: object) -> None:
     """
     asked = _Asked(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     varied = asked.varied()
-    found = conditions(asked.base(), varied, asked.grid)
+    found = make_conditions(asked.base(), varied, asked.grid)
     study = asked.study(found)
     rows = _driven(ctx, study)
-    told = lines(rows)
-    about = About(
+    told = summarise_rows(rows)
+    about = StudyDescription(
         suite=rows[0].results[0].run.suite,
         scenario=asked.scenario,
         grid=asked.grid,
@@ -152,16 +152,16 @@ class _Asked:
         found: dict[str, tuple[Level, ...]] = {}
         for name, text in (("latency", self.latency), ("loss", self.loss)):
             if text is not None:
-                found[name] = levels_of(name, text)
+                found[name] = parse_levels(name, text)
         if self.pose_error is not None:
-            found["pose-error"] = pose_levels(self.pose_error, self.rotation_error)
+            found["pose-error"] = parse_pose_levels(self.pose_error, self.rotation_error)
         elif self.rotation_error is not None:
             raise InputError("study: --rotation-error: expected --pose-error with it, found none")
         if not found:
             raise InputError("study: expected at least one of --latency, --loss and --pose-error, found none")
         return found
 
-    def study(self, found: tuple[Condition, ...]) -> Study:
+    def study(self, found: tuple[ChannelCondition, ...]) -> Study:
         """Tries every agent; raises InputError."""
         names = [name.strip() for name in self.agents.split(",")]
         if "" in names or len(set(names)) < len(names):
@@ -172,7 +172,7 @@ class _Asked:
         agents = {name: self._prepared(name, configs.get(name)) for name in names}
         best = agents.get(BEST) or self._prepared(BEST, None) if self.captured else None
         seeds = tuple(range(self.seed, self.seed + self.seeds))
-        return Study(agents, best, found, without_channel() if self.captured else None, seeds, self.out)
+        return Study(agents, best, found, make_off_condition() if self.captured else None, seeds, self.out)
 
     def _configs(self, names: Sequence[str]) -> dict[str, Path]:
         found: dict[str, Path] = {}
@@ -183,9 +183,9 @@ class _Asked:
             found[name] = Path(path)
         return found
 
-    def _prepared(self, agent: str, config: Path | None) -> Prepared:
+    def _prepared(self, agent: str, config: Path | None) -> PreparedRun:
         return prepare(
-            Settings(
+            RunConfig(
                 suite=self.suite,
                 scenario=self.scenario,
                 agent=agent,
@@ -202,7 +202,7 @@ class _Asked:
         )
 
 
-def _driven(ctx: click.Context, study: Study) -> list[Row]:
+def _driven(ctx: click.Context, study: Study) -> list[StudyRow]:
     progress = StudyDisplay(sys.stderr, study.episodes())
     try:
         return list(study.rows(progress))
@@ -214,7 +214,9 @@ def _driven(ctx: click.Context, study: Study) -> list[Row]:
         progress.close()
 
 
-def _drawn(told: Sequence[Line], varied: Mapping[str, Sequence[Level]], base: Condition, out: Path) -> list[Path]:
+def _drawn(
+    told: Sequence[StudyLine], varied: Mapping[str, Sequence[Level]], base: ChannelCondition, out: Path
+) -> list[Path]:
     first = told[0].row.results
     title = (
         f"{first[0].run.suite}: mean of {len(first[0].scenarios)} scenarios"
@@ -222,12 +224,12 @@ def _drawn(told: Sequence[Line], varied: Mapping[str, Sequence[Level]], base: Co
     )
     pictures: list[Path] = []
     for name in varied:
-        found = curves(told, FACTORS[name], base)
+        found = make_curves(told, FACTORS[name], base)
         if found:
-            pictures += draw(found, FACTORS[name], title, out / name)
+            pictures += draw_curves(found, FACTORS[name], title, out / name)
     return pictures
 
 
 def _write(path: Path, text: str) -> None:
-    with writing(path):
+    with report_write_errors(path):
         path.write_text(text, encoding="utf-8")

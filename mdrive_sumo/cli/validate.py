@@ -6,9 +6,9 @@ import click
 
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.generate.validation import Examination, examine_suite, sampled, suite_notes, suite_problems
-from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scenario.catalog import Suite, load_suite
-from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, CertificateFile, save_certificates
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificateFile, save_certificates
 
 
 @click.command("validate")
@@ -65,6 +65,6 @@ def _write(suite: Suite, found: Sequence[Examination]) -> None:
     """Certificates in the order of the suite, of all its scenarios that could be driven."""
     by_name = {one.scenario: one.certificate for one in found}
     kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)
-    with writing(suite.folder / CERTIFICATE_FILE):
-        save_certificates(suite.folder, CertificateFile(suite_checksum=suite.checksum(), certificates=kept))
+    with report_write_errors(suite.folder / CERTIFICATE_FILE):
+        save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
     click.echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")

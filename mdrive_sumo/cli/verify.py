@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.runs.stored_run import changed_since, open_run
-from mdrive_sumo.runs.verify import sampled, verify
+from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
+from mdrive_sumo.runs.verify import sample_results, verify
 
 
 @click.command("verify")
@@ -24,11 +24,11 @@ def command(ctx: click.Context, run_folder: Path, sample: int | None, suite: str
     Exit codes: 0 all identical, 1 something differs, 2 unusable input.
     """
     run, results = open_run(run_folder, suite)
-    if changed := changed_since(run):
+    if changed := describe_version_changes(run):
         click.echo(f"warning: the run was made with another {changed}", err=True)
-    if not run.settings.record:
+    if not run.config.record:
         click.echo("warning: the run has no recordings; only final digests are compared", err=True)
-    chosen = sampled(results, sample)
+    chosen = sample_results(results, sample)
     different = 0
     for verdict in verify(run, chosen, workers):
         click.echo(f"{verdict.scenario}: {verdict.text}")

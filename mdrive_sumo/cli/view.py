@@ -5,14 +5,14 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.choice import the_one
+from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.replay import viewer_html
 from mdrive_sumo.report.replay_marks import marks_of
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.runs.evaluate import writing
-from mdrive_sumo.runs.preparation import Prepared, recording
+from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.runs.preparation import PreparedRun, recording_path
 from mdrive_sumo.runs.stored_run import open_run
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import Results, ScenarioResult
@@ -30,10 +30,10 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
     The page is one self-contained HTML file that never reaches the network; `?` in it lists the keys.
     """
     run, results = open_run(run_folder, suite)
-    chosen = the_one(run.suite, scenario) if scenario else run.scenarios[0]
+    chosen = find_one_scenario(run.suite, scenario) if scenario else run.scenarios[0]
     path = export or run_folder / "view" / f"{chosen.id}.html"
     page = _page(run, chosen, _result(results, chosen))
-    with writing(path):
+    with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
     click.echo(path)
@@ -50,9 +50,9 @@ def _result(results: Results, scenario: Scenario) -> ScenarioResult:
     return found
 
 
-def _page(run: Prepared, scenario: Scenario, result: ScenarioResult) -> str:
-    if not run.settings.record:
+def _page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
+    if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
-    episode = load_episode(recording(run.folder, scenario.id))
+    episode = load_episode(recording_path(run.folder, scenario.id))
     roads = load(network_folder(scenario.network, run.suite.home(scenario.id)))
     return viewer_html(episode, scenario, roads, marks_of(episode, result))

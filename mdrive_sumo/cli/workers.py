@@ -6,9 +6,11 @@ import click
 def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
     """The option --workers: a positive number, or every core that this process may use."""
     if value == "auto":
-        from mdrive_sumo.runs.process_pool import available_cores  # here, so that `convert --help` need not import it
+        from mdrive_sumo.runs.process_pool import (
+            count_available_cores,  # here, so that `convert --help` need not import it
+        )
 
-        return available_cores()
+        return count_available_cores()
     if not value.isdecimal() or int(value) < 1:
         raise click.BadParameter(f"expected a positive number or auto, found {value!r}")
     return int(value)

@@ -7,7 +7,7 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.pipeline import Rejected, built
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
-from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scenario.catalog import (
     RECIPE_FILE,
     SCENARIO_FILE,
@@ -24,7 +24,7 @@ from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 
 def check_new(folder: Path) -> None:
     """Raises InputError unless the folder is new or empty, and can be written beside its neighbours."""
-    with writing(folder):
+    with report_write_errors(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder}: expected a new or empty folder to write to, found something there")
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -36,7 +36,10 @@ def write_generated(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], f
     """Writes a sealed suite and its recipes; the folder appears when everything is written. Raises InputError."""
     check_new(folder)
     pairs = list(made)
-    with writing(folder), tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch:
+    with (
+        report_write_errors(folder),
+        tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch,
+    ):
         draft = Path(scratch) / "suite"
         save_suite(Suite(about.model_copy(update={"checksum": ""}), draft, tuple(one for _, one in pairs)))
         save_suite(sealed(load_suite(str(draft))))  # of what is read again: files hold rounded numbers

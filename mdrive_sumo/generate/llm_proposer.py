@@ -21,7 +21,7 @@ from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.negotiation.language_model import EXCHANGE, Model, ModelSettings, check_settings
 from mdrive_sumo.negotiation.llm_endpoint import Answer
 from mdrive_sumo.negotiation.transcript import outcomes
-from mdrive_sumo.runs.evaluate import writing
+from mdrive_sumo.runs.evaluate import report_write_errors
 
 MAX_TOKENS = 4096
 MAX_ANSWER_CHARS = 32_000
@@ -127,7 +127,7 @@ def _failure(category: Category, reason: str) -> Rejected | InputError:
 def _keep(notes: Sequence[Note], category: Category, path: Path) -> None:
     """Writes a line of JSON for every exchange: request, answer or error, and what was wrong with the answer."""
     lines = [_line(note.text, category) for note in notes if note.kind == EXCHANGE]
-    with writing(path):
+    with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(lines), encoding="utf-8")
 

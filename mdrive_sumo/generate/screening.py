@@ -11,7 +11,7 @@ from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
-from mdrive_sumo.study.occlusion_certificate import Drive, certify
+from mdrive_sumo.study.occlusion_certificate import ReferenceDrive, find_occluded_intervals
 from mdrive_sumo.sumo import SumoWorld
 
 SEED = 0
@@ -53,8 +53,8 @@ def screen(scenario: Scenario, roads: RoadMap) -> Screened:
     if ttc is None or ttc >= NEAR_MISS_TTC_S:
         return Screened(ttc, 0.0)
     solved = driven(scenario, roads, "omniscient")
-    drives: dict[Drive, EpisodeRecord] = {"constant-speed": blind, "omniscient": solved}
-    hidden = [found for drive, episode in drives.items() for found in certify(drive, episode, scenario, roads)]
+    drives: dict[ReferenceDrive, EpisodeRecord] = {"constant-speed": blind, "omniscient": solved}
+    hidden = [found for drive, episode in drives.items() for found in find_occluded_intervals(drive, episode, scenario, roads)]
     return Screened(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
 
 

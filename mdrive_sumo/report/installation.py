@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from mdrive_sumo.agent_process.sandbox import GAPS, Layer
+from mdrive_sumo.agent_process.sandbox import GAPS, SandboxLayer
 from mdrive_sumo.core.text_table import text_table
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
@@ -129,7 +129,7 @@ def doctor_table(checks: Iterable[Check]) -> str:
     )
 
 
-def sandbox_table(layers: Iterable[Layer]) -> str:
+def sandbox_table(layers: Iterable[SandboxLayer]) -> str:
     """The layers around a box on this machine for the terminal, then what they do not cover."""
     rows = [(layer.name, "in force" if layer.active else "absent", layer.detail) for layer in layers]
     return "\n".join(

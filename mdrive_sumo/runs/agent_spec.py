@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import Line
-from mdrive_sumo.agent_process.agent_lookup import carla_file, split_locator
-from mdrive_sumo.agent_process.child_process import BoxPlan, Program
-from mdrive_sumo.agent_process.joint_agent import Crew
-from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
+from mdrive_sumo.agent_process.child_process import BoxPlan, AgentProgram
+from mdrive_sumo.agent_process.joint_agent import JointAgentSession
+from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
@@ -33,7 +33,7 @@ class Hiring:
 
     agent: str
     config: Mapping[str, Any]
-    limits: Limits
+    limits: AgentLimits
     box: str = ""
     """See `box_text`; "" is a plain child."""
     logs: str = ""
@@ -115,7 +115,7 @@ def opened(hiring: Hiring, egos: Sequence[str], stack: ExitStack | None = None) 
         if hiring.box:
             raise InputError(f"agent {hiring.agent!r}: expected a third-party agent for a box, found a built-in one")
         return {ego: LocalDriver(AGENTS[hiring.agent](hiring.config)) for ego in egos}
-    if carla_file(hiring.agent) is not None:
+    if find_carla_file(hiring.agent) is not None:
         return _crew(hiring, egos, stack)
     split_locator(hiring.agent)
     check = _allowed if hiring.box else None
@@ -127,19 +127,19 @@ def opened(hiring: Hiring, egos: Sequence[str], stack: ExitStack | None = None) 
 
 
 def _crew(hiring: Hiring, egos: Sequence[str], stack: ExitStack) -> dict[str, AgentDriver]:
-    crew = Crew(_line(hiring, "all"), hiring.config, egos, _allowed if hiring.box else None)
+    crew = JointAgentSession(_line(hiring, "all"), hiring.config, egos, _allowed if hiring.box else None)
     stack.callback(_end, crew, hiring, "all")
     return dict(crew.drivers)
 
 
-def _line(hiring: Hiring, name: str) -> Line:
-    file = carla_file(hiring.agent)
+def _line(hiring: Hiring, name: str) -> AgentConnection:
+    file = find_carla_file(hiring.agent)
     style, locator = ("agent", hiring.agent) if file is None else ("carla", str(file))
     log = Path(f"{hiring.logs}.{name}.log") if hiring.logs else None
-    return opened_line(Program(locator, style, log), hiring.limits, box_plan(hiring.box) if hiring.box else None)
+    return open_agent_connection(AgentProgram(locator, style, log), hiring.limits, box_plan(hiring.box) if hiring.box else None)
 
 
-def _end(driver: RemoteDriver | Crew, hiring: Hiring, name: str) -> None:
+def _end(driver: RemoteDriver | JointAgentSession, hiring: Hiring, name: str) -> None:
     driver.close()
     if hiring.logs and hiring.box:
-        Path(f"{hiring.logs}.{name}.json").write_text(json.dumps(driver.record()))
+        Path(f"{hiring.logs}.{name}.json").write_text(json.dumps(driver.usage_record()))

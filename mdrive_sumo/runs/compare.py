@@ -15,7 +15,7 @@ TIE = 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class ScenarioPair:
     """One scenario in both runs. Scores in percent."""
 
     scenario: str
@@ -24,17 +24,17 @@ class Pair:
     sr: tuple[float, float]
 
     @property
-    def difference(self) -> float:
+    def ds_difference(self) -> float:
         """Driving score of B minus that of A."""
         return self.ds[1] - self.ds[0]
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class RunComparison:
     """B against A. Differences are B minus A: positive means that B is better."""
 
     names: tuple[str, str]
-    pairs: tuple[Pair, ...]
+    pairs: tuple[ScenarioPair, ...]
     """Sorted by difference, B's worst losses first."""
     ds: ConfidenceInterval
     sr: ConfidenceInterval
@@ -42,15 +42,15 @@ class Comparison:
     """Scenarios that could not be paired, each with the reason."""
     warnings: tuple[str, ...]
 
-    def tally(self) -> tuple[int, int, int]:
+    def count_wins_ties_losses(self) -> tuple[int, int, int]:
         """Scenarios that B wins, ties and loses by driving score."""
-        differences = [pair.difference for pair in self.pairs]
+        differences = [pair.ds_difference for pair in self.pairs]
         wins = sum(d > TIE for d in differences)
         losses = sum(d < -TIE for d in differences)
         return wins, len(differences) - wins - losses, losses
 
 
-def compare(a: Results, b: Results) -> Comparison:
+def compare(a: Results, b: Results) -> RunComparison:
     """Pairs two runs by scenario id; void scenarios are left out, for they say nothing about the agents.
 
     Raises InputError when the numbers mean different things (score mode) or no scenario is left.
@@ -65,10 +65,10 @@ def compare(a: Results, b: Results) -> Comparison:
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
     pairs = [_pair(first[name], second[name]) for name in common]
-    return Comparison(
+    return RunComparison(
         names=(a.run.agent, b.run.agent),
-        pairs=tuple(sorted(pairs, key=lambda pair: (pair.difference, pair.scenario))),
-        ds=bootstrap_mean(np.array([pair.difference for pair in pairs])),
+        pairs=tuple(sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario))),
+        ds=bootstrap_mean(np.array([pair.ds_difference for pair in pairs])),
         sr=bootstrap_mean(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
         left_out=(
             *(f"{name}: only in A" for name in first if name not in second),
@@ -83,8 +83,8 @@ def _scored(a: ScenarioResult, b: ScenarioResult) -> bool:
     return "void" not in (a.status, b.status)
 
 
-def _pair(a: ScenarioResult, b: ScenarioResult) -> Pair:
-    return Pair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr))
+def _pair(a: ScenarioResult, b: ScenarioResult) -> ScenarioPair:
+    return ScenarioPair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr))
 
 
 def _warnings(a: Results, b: Results) -> list[str]:
@@ -97,15 +97,15 @@ def _warnings(a: Results, b: Results) -> list[str]:
     return [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
 
 
-def comparison_table(comparison: Comparison) -> str:
+def comparison_table(comparison: RunComparison) -> str:
     """The comparison for the terminal: what to beware of, overall, then scenario by scenario."""
-    wins, ties, losses = comparison.tally()
+    wins, ties, losses = comparison.count_wins_ties_losses()
     means = text_table(
         ("B - A", "mean", "95 % from", "to"),
         [_interval_row("DS", comparison.ds), _interval_row("SR", comparison.sr)],
     )
     rows = [
-        (p.scenario, p.category, *(f"{v:.2f}" for v in (*p.ds, *p.sr)), f"{p.difference:+.2f}")
+        (p.scenario, p.category, *(f"{v:.2f}" for v in (*p.ds, *p.sr)), f"{p.ds_difference:+.2f}")
         for p in comparison.pairs
     ]
     header = ("scenario", "category", "DS A", "DS B", "SR A", "SR B", "DS B - A")

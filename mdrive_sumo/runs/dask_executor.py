@@ -20,8 +20,8 @@ from distributed import Client, Future
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Key, Waitable
-from mdrive_sumo.runs.fingerprint import code_checksum, versions
-from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure
+from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerProcess, WorkerFailure
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -59,13 +59,13 @@ class DaskExecutor(Generic[J, R]):
     def __exit__(self, *_: object) -> None:
         for key in tuple(self._running):
             with suppress(ExecutorLostError):
-                self.end(key)
+                self.cancel(key)
         with suppress(OSError):
             self._client.close(timeout=5)
         os.close(self._reading)
 
     @property
-    def free(self) -> int:
+    def free_slots(self) -> int:
         """See Executor."""
         self._look()
         return max(self._threads - len(self._running), 0)
@@ -74,12 +74,12 @@ class DaskExecutor(Generic[J, R]):
         """See Executor."""
         name = self._prefix + key
         task = self._client.submit(
-            in_child, name, self._function, job, self._limit_s, _state_of_code(), key=name, pure=False
+            run_in_child_process, name, self._function, job, self._limit_s, _state_of_code(), key=name, pure=False
         )
         self._running[key] = task
         task.add_done_callback(partial(self._arrived, key))
 
-    def ready(
+    def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[Key, R | WorkerFailure]]:
         """See Executor. Raises ExecutorLostError, also if there have been no workers for a while."""
@@ -94,7 +94,7 @@ class DaskExecutor(Generic[J, R]):
             if not self._running and end is None:
                 return []
 
-    def end(self, key: Key) -> None:
+    def cancel(self, key: Key) -> None:
         """See Executor."""
         future = self._running.pop(key, None)
         if future is None or self._client.status != "running":
@@ -155,15 +155,15 @@ def _failure(future: Future[Any]) -> WorkerFailure | None:
 
 @lru_cache(maxsize=1)
 def _state_of_code() -> dict[str, str]:
-    return versions() | {"code": code_checksum()}
+    return read_versions() | {"code": compute_code_checksum()}
 
 
 _hands = threading.local()
-_jobs: dict[str, Hand[Any, Any]] = {}
+_jobs: dict[str, WorkerProcess[Any, Any]] = {}
 """On a worker: what runs, for `end_task`."""
 
 
-def in_child(name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]) -> R | WorkerFailure:
+def run_in_child_process(name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]) -> R | WorkerFailure:
     """On a worker, in a thread of it: does a job in this thread's child process."""
     here = _state_of_code()
     if here != code:
@@ -172,9 +172,9 @@ def in_child(name: str, function: Callable[[J], R], job: J, limit_s: float, code
     hand = _hand(function)
     _jobs[name] = hand
     try:
-        hand.give(job)
+        hand.start_job(job)
         wait([hand.pipe], timeout=limit_s)
-        outcome = hand.outcome()
+        outcome = hand.poll_outcome()
     finally:
         _jobs.pop(name, None)
     if outcome is None:
@@ -190,13 +190,13 @@ def end_task(name: str) -> None:
         hand.kill()
 
 
-def _hand(function: Callable[[Any], Any]) -> Hand[Any, Any]:
+def _hand(function: Callable[[Any], Any]) -> WorkerProcess[Any, Any]:
     """This thread's child, kept from job to job: it ends with the thread."""
     for_what = pickle.dumps(function)
-    kept: tuple[bytes, Hand[Any, Any]] | None = getattr(_hands, "kept", None)
-    if kept is not None and kept[0] == for_what and kept[1].usable:
+    kept: tuple[bytes, WorkerProcess[Any, Any]] | None = getattr(_hands, "kept", None)
+    if kept is not None and kept[0] == for_what and kept[1].is_usable:
         return kept[1]
-    if kept is not None and kept[1].usable:
+    if kept is not None and kept[1].is_usable:
         kept[1].end()
-    _hands.kept = (for_what, Hand[Any, Any](function))
+    _hands.kept = (for_what, WorkerProcess[Any, Any](function))
     return _hands.kept[1]

@@ -9,14 +9,14 @@ from typing import Protocol
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.executor import outcomes
+from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.job import run_job
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
-from mdrive_sumo.runs.make_executor import engine
-from mdrive_sumo.runs.preparation import TRANSCRIPTS_FOLDER, Prepared, recording
-from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, cannot_write
-from mdrive_sumo.runs.result_transfer import Carried, carrying, kept
-from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, gathered
+from mdrive_sumo.runs.make_executor import make_executor
+from mdrive_sumo.runs.preparation import TRANSCRIPTS_FOLDER, PreparedRun, recording_path
+from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_write_error
+from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
+from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts
 from mdrive_sumo.scenario.scenario import Scenario, first_problem
 from mdrive_sumo.scoring import Results, ScenarioResult, save_results, summarise, void_result
 
@@ -41,20 +41,20 @@ class Progress(Protocol):
         ...
 
 
-def evaluate(run: Prepared, progress: Progress) -> Results:
+def evaluate(run: PreparedRun, progress: Progress) -> Results:
     """Drives what the journal does not hold yet, and writes `results.json`.
 
     Results of earlier starts are kept, void ones are tried again. Raises InputError and KeyboardInterrupt;
     the journal then keeps what was finished.
     """
-    with open_journal(run.folder, run.fingerprint, fresh=run.settings.fresh) as journal:
+    with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
         found = _kept(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
         progress.begin(len(run.scenarios), found)
         todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
         if todo:
-            with writing(run.folder):
+            with report_write_errors(run.folder):
                 run.make_folders()
                 (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
             for result in _driven(run, todo, journal, progress):
@@ -62,29 +62,29 @@ def evaluate(run: Prepared, progress: Progress) -> Results:
                 found[result.id] = result
                 progress.done(result)
         whole = summarise(run.info, [found[scenario.id] for scenario in run.scenarios])
-        with writing(run.folder / RESULTS_FILE):
+        with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
             _gather_transcripts(run)
     return whole
 
 
-def _gather_transcripts(run: Prepared) -> None:
+def _gather_transcripts(run: PreparedRun) -> None:
     """Puts what language models said into one file, which `eval --transcript` replays."""
-    text = gathered(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
+    text = concatenate_transcripts(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
     if text:
         (run.folder / TRANSCRIPT_FILE).write_text(text, encoding="utf-8")
 
 
 @contextmanager
-def writing(path: Path) -> Generator[None]:
+def report_write_errors(path: Path) -> Generator[None]:
     """Turns a full disk or a missing permission into an InputError."""
     try:
         yield
     except OSError as error:
-        raise InputError(cannot_write(error, path)) from None
+        raise InputError(describe_write_error(error, path)) from None
 
 
-def _kept(run: Prepared, journal: Journal) -> dict[str, ScenarioResult]:
+def _kept(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
     """Results of earlier starts: not void, and with their recording if there shall be one."""
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
@@ -93,24 +93,24 @@ def _kept(run: Prepared, journal: Journal) -> dict[str, ScenarioResult]:
     return {
         entry.id: entry
         for entry in entries
-        if entry.status == "ok" and (not run.settings.record or recording(run.folder, entry.id).is_file())
+        if entry.status == "ok" and (not run.config.record or recording_path(run.folder, entry.id).is_file())
     }
 
 
 def _driven(
-    run: Prepared, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
+    run: PreparedRun, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
 ) -> Generator[ScenarioResult]:
     """A result for every scenario as they finish. Long ones start first: no worker idles at the end."""
-    jobs = [run.job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
-    workers = min(run.settings.workers, len(jobs))
-    scheduler = run.settings.scheduler
-    function = partial(carrying, run_job) if scheduler else run_job  # machines of a cluster need not share our disk
-    with engine(function, workers, run.limit_s(), scheduler) as executor:
+    jobs = [run.make_job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
+    workers = min(run.config.workers, len(jobs))
+    scheduler = run.config.scheduler
+    function = partial(run_with_output_files, run_job) if scheduler else run_job  # machines of a cluster need not share our disk
+    with make_executor(function, workers, run.limit_s(), scheduler) as executor:
         for tries_left in reversed(range(TRIES)):
             failed = jobs[:0]
-            for job, outcome in outcomes(executor, jobs):
+            for job, outcome in run_jobs(executor, jobs):
                 if not isinstance(outcome, WorkerFailure):
-                    yield kept(job, outcome) if isinstance(outcome, Carried) else outcome
+                    yield store_output_files(job, outcome) if isinstance(outcome, TransferableResult) else outcome
                     continue
                 if outcome.kind is FailureKind.INPUT:
                     raise InputError(outcome.reason)

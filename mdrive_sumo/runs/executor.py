@@ -24,7 +24,7 @@ class Executor(Protocol[J_contra, R]):
     """Runs one function on jobs."""
 
     @property
-    def free(self) -> int:
+    def free_slots(self) -> int:
         """How many more jobs would begin at once. Raises InputError if there is nobody left to run any."""
         ...
 
@@ -32,7 +32,7 @@ class Executor(Protocol[J_contra, R]):
         """Begins a job."""
         ...
 
-    def ready(
+    def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[Key, R | WorkerFailure]]:
         """Outcomes that are there, after waiting for one, for something to read in `also`, or for the time to be over.
@@ -41,19 +41,19 @@ class Executor(Protocol[J_contra, R]):
         """
         ...
 
-    def end(self, key: Key) -> None:
+    def cancel(self, key: Key) -> None:
         """Ends a job and whatever it started; it will have no outcome. Nothing happens if it had one."""
         ...
 
 
-def outcomes(executor: Executor[J, R], jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
+def run_jobs(executor: Executor[J, R], jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
     """Every job with its result or failure, in the order in which they finish."""
     queue = deque(enumerate(jobs))
     running: dict[Key, J] = {}
     while queue or running:
-        while queue and executor.free > 0:
+        while queue and executor.free_slots > 0:
             number, job = queue.popleft()
             running[str(number)] = job
             executor.submit(str(number), job)
-        for key, outcome in executor.ready():
+        for key, outcome in executor.collect_outcomes():
             yield running.pop(key), outcome

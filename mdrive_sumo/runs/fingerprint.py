@@ -7,12 +7,12 @@ from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
 
-from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, carla_file, split_locator
+from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.roads import network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.run_config import Settings, config_text
+from mdrive_sumo.runs.run_config import RunConfig, config_text
 from mdrive_sumo.scenario.catalog import Suite, packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.v2x.comm import comm_text
@@ -20,7 +20,7 @@ from mdrive_sumo.v2x.comm import comm_text
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
 
 
-def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
+def compute_fingerprint(settings: RunConfig, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
     """Of an evaluation; raises InputError for a network that is not there."""
     packaged = suite.folder == packaged_suites().get(settings.suite)
     return {
@@ -28,7 +28,7 @@ def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...
         "suite_checksum": suite.checksum(),
         "networks": _networks_checksum(suite, scenarios),
         "scenario": settings.scenario,
-        "agent": located(settings.agent),
+        "agent": resolve_locator(settings.agent),
         "agent_config": config_text(settings.agent_config),
         "agent_code": _agent_checksum(settings.agent),
         "seed": settings.seed,
@@ -38,22 +38,22 @@ def fingerprint(settings: Settings, suite: Suite, scenarios: tuple[Scenario, ...
         "actors": settings.actors,
         "friction": settings.friction,
         "record": settings.record,
-        "code": code_checksum(),
-        **versions(),
+        "code": compute_code_checksum(),
+        **read_versions(),
     }
 
 
-def located(agent: str) -> str:
+def resolve_locator(agent: str) -> str:
     """The agent as any process will find it: the path of a file is made absolute."""
     if agent in AGENTS:
         return agent
-    if (file := carla_file(agent)) is not None:
+    if (file := find_carla_file(agent)) is not None:
         return f"{CARLA_PREFIX}{file.resolve()}"
     place, name = split_locator(agent)
     return f"{Path(place).resolve()}:{name}" if place.endswith(".py") else agent
 
 
-def versions() -> dict[str, str]:
+def read_versions() -> dict[str, str]:
     """What results depend on."""
     return {"python": python_version()} | {package: version(package) for package in PACKAGES}
 
@@ -70,7 +70,7 @@ def _agent_checksum(agent: str) -> str:
     """Of the file in which a third-party agent's class is; "" for a built-in one, whose code is `code`."""
     if agent in AGENTS:
         return ""
-    if (file := carla_file(agent)) is not None:
+    if (file := find_carla_file(agent)) is not None:
         return _checksum({str(file): file} if file.is_file() else {})
     place, _ = split_locator(agent)
     if not place.endswith(".py"):
@@ -79,7 +79,7 @@ def _agent_checksum(agent: str) -> str:
     return _checksum({place: Path(place)} if place else {})
 
 
-def code_checksum() -> str:
+def compute_code_checksum() -> str:
     """Of this library, so that episodes of two states of its code never mix in one run."""
     root = Path(__file__).parents[1]
     return _checksum({str(path.relative_to(root)): path for path in root.rglob("*.py")})

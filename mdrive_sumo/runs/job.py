@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.actors import ActorMode
-from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derived_seed
@@ -26,7 +26,7 @@ from mdrive_sumo.v2x.comm import comm_from
 
 
 @dataclass(frozen=True)
-class Job:
+class EpisodeJob:
     """Which episode to run, and how. Plain values, so that it can be sent to any process or machine."""
 
     suite_folder: str
@@ -39,7 +39,7 @@ class Job:
     """Path of the episode file to write; "" for none."""
     log_folder: str = ""
     """Where third-party agents' output goes; "" throws it away."""
-    limits: Limits = field(default_factory=Limits)
+    limits: AgentLimits = field(default_factory=AgentLimits)
     comm: str = "{}"
     """The V2X channel, as `v2x.settings.comm_text` writes it."""
     clock: str = "ideal"
@@ -57,12 +57,12 @@ class Job:
     """Where third-party agents live, as `drivers.box_text` writes it; "" is a plain child process."""
 
 
-def run_job(job: Job) -> ScenarioResult:
+def run_job(job: EpisodeJob) -> ScenarioResult:
     """Drives, scores and (if asked to) records one scenario.
 
     Raises WorldError, InputError or OSError; RejectedError for an agent in a box that asks for what it cannot have.
     """
-    scenario, roads = prepared(job)
+    scenario, roads = load_job_scenario(job)
     episode = _driven(job, scenario, roads)
     if job.recording:
         save_episode(episode, Path(job.recording))
@@ -71,18 +71,18 @@ def run_job(job: Job) -> ScenarioResult:
     return score_episode(episode, scenario, roads, ScoreMode(job.score_mode), job.seed)
 
 
-def reexecute(job: Job) -> EpisodeRecord:
+def reexecute(job: EpisodeJob) -> EpisodeRecord:
     """Drives one scenario again, for comparison with its recording."""
-    return _driven(job, *prepared(job))
+    return _driven(job, *load_job_scenario(job))
 
 
-def rescore(job: Job) -> ScenarioResult:
+def rescore(job: EpisodeJob) -> ScenarioResult:
     """Scores the recording of a job without simulating. Raises InputError."""
-    scenario, roads = prepared(job)
+    scenario, roads = load_job_scenario(job)
     return score_episode(load_episode(Path(job.recording)), scenario, roads, ScoreMode(job.score_mode), job.seed)
 
 
-def prepared(job: Job) -> tuple[Scenario, RoadMap]:
+def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
     """The scenario of a job and its network. Raises InputError."""
     suite = _suite(job.suite_folder)
     scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
@@ -96,7 +96,7 @@ def _suite(folder: str) -> Suite:
     return load_suite(folder)
 
 
-def _driven(job: Job, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
+def _driven(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
     about = {
         "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors,
         "friction": job.friction,

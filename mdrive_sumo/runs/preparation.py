@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.runs.agent_spec import Hiring, declaration
-from mdrive_sumo.runs.fingerprint import fingerprint, located, versions
-from mdrive_sumo.runs.job import Job
+from mdrive_sumo.runs.fingerprint import compute_fingerprint, resolve_locator, read_versions
+from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.run_config import Settings, config_hash, default_folder
+from mdrive_sumo.runs.run_config import RunConfig, config_hash, default_folder
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
@@ -22,34 +22,34 @@ from mdrive_sumo.v2x.comm import comm_text, described
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
 TRANSCRIPTS_FOLDER = "transcripts"
-LIMITS = Limits(reply_bytes=2**20, episode_bytes=2**30)
+LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30)
 """A user's own agent may use up what the contract allows: notes alone may have 200 000 characters."""
 SIMULATION_LIMIT_S = 600.0
 """Wall clock for all but the agents in one episode; only a simulator that hangs takes longer."""
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
+class PreparedRun:
     """An evaluation that is ready to start."""
 
-    settings: Settings
+    config: RunConfig
     suite: Suite
     scenarios: tuple[Scenario, ...]
     folder: Path
     info: RunInfo
     fingerprint: Fingerprint
 
-    def job(self, scenario: Scenario) -> Job:
+    def make_job(self, scenario: Scenario) -> EpisodeJob:
         """The job that drives one of its scenarios."""
-        settings = self.settings
-        return Job(
+        settings = self.config
+        return EpisodeJob(
             suite_folder=str(self.suite.folder.resolve()),
             scenario=scenario.id,
-            agent=located(settings.agent),
+            agent=resolve_locator(settings.agent),
             agent_config=settings.agent_config,
             seed=settings.seed,
             score_mode=settings.score_mode,
-            recording=str(recording(self.folder, scenario.id)) if settings.record else "",
+            recording=str(recording_path(self.folder, scenario.id)) if settings.record else "",
             comm=comm_text(settings.comm),
             clock=settings.clock.text,
             actors=settings.actors,
@@ -61,20 +61,20 @@ class Prepared:
 
     def make_folders(self) -> None:
         """Makes what the jobs write into; raises OSError."""
-        if self.settings.record:
+        if self.config.record:
             (self.folder / EPISODES_FOLDER).mkdir(parents=True, exist_ok=True)
-        if self.settings.agent not in AGENTS:
+        if self.config.agent not in AGENTS:
             (self.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
 
     def limit_s(self) -> float:
         """Wall clock after which an episode counts as hung: more than its agents may take together."""
-        if self.settings.agent in AGENTS:
+        if self.config.agent in AGENTS:
             return SIMULATION_LIMIT_S
         most = max(len(scenario.egos) for scenario in self.scenarios)
         return SIMULATION_LIMIT_S + most * (2 * LIMITS.start_s + LIMITS.episode_s)
 
 
-def prepare(settings: Settings) -> Prepared:
+def prepare(settings: RunConfig) -> PreparedRun:
     """Loads the suite and tries the agent; raises InputError for whatever the user has to mend."""
     suite = load_suite(settings.suite)
     scenarios = suite.matching(settings.scenario)
@@ -92,19 +92,19 @@ def prepare(settings: Settings) -> Prepared:
         agent_clock=settings.clock.text,
         actors=settings.actors,
         friction=settings.friction,
-        versions=versions(),
+        versions=read_versions(),
         command=settings.command,
     )
     folder = settings.out or default_folder(settings, suite.name)
-    return Prepared(settings, suite, scenarios, folder, info, fingerprint(settings, suite, scenarios))
+    return PreparedRun(settings, suite, scenarios, folder, info, compute_fingerprint(settings, suite, scenarios))
 
 
-def recording(run_folder: Path, scenario: str) -> Path:
+def recording_path(run_folder: Path, scenario: str) -> Path:
     """Where a run keeps the episode of a scenario."""
     return run_folder / EPISODES_FOLDER / f"{scenario}.npz"
 
 
-def _labels(settings: Settings) -> tuple[str, ...]:
+def _labels(settings: RunConfig) -> tuple[str, ...]:
     """What the agent calls itself, and "privileged" if it declares that sensor; one is made to find out."""
     agent = settings.agent
     family = agent.partition(":")[0]
@@ -112,7 +112,7 @@ def _labels(settings: Settings) -> tuple[str, ...]:
     if agent not in AGENTS and (":" not in agent or ours):
         raise InputError(f"agent {agent!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
     try:
-        found = declaration(Hiring(located(agent), settings.agent_config, LIMITS))
+        found = declaration(Hiring(resolve_locator(agent), settings.agent_config, LIMITS))
     except AgentFailure as error:
         raise InputError(f"agent {agent!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
     own, privileged = found.label, any(sensor.kind == "privileged" for sensor in found.sensors)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Generic, TypeVar
 
-from mdrive_sumo.runs.executor import Key, Waitable, outcomes
-from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure, cannot_write, without_interrupts
+from mdrive_sumo.runs.executor import Key, Waitable, run_jobs
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerProcess, WorkerFailure, describe_write_error, block_interrupts
 
-__all__ = ["FailureKind", "Pool", "WorkerFailure", "available_cores", "cannot_write"]
+__all__ = ["FailureKind", "ProcessPool", "WorkerFailure", "count_available_cores", "describe_write_error"]
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -19,11 +19,11 @@ R = TypeVar("R")
 @dataclass(frozen=True, slots=True)
 class _Busy(Generic[J, R]):
     key: Key
-    hand: Hand[J, R]
+    hand: WorkerProcess[J, R]
     started: float
 
 
-class Pool(Generic[J, R]):
+class ProcessPool(Generic[J, R]):
     """The local Executor: runs `function` (top-level, picklable) in `workers` processes; use it as a context manager.
 
     A job that takes longer than `limit_s` [s, wall clock] is ended. Workers are reused, dead ones replaced.
@@ -31,34 +31,34 @@ class Pool(Generic[J, R]):
 
     def __init__(self, function: Callable[[J], R], workers: int, limit_s: float) -> None:
         self._function, self._size, self._limit_s = function, workers, limit_s
-        self._idle: list[Hand[J, R]] = []
+        self._idle: list[WorkerProcess[J, R]] = []
         self._busy: list[_Busy[J, R]] = []
 
-    def __enter__(self) -> "Pool[J, R]":
+    def __enter__(self) -> "ProcessPool[J, R]":
         return self
 
     def __exit__(self, *_: object) -> None:
-        with without_interrupts():  # a second Ctrl-C must not leave workers behind
+        with block_interrupts():  # a second Ctrl-C must not leave workers behind
             for hand in (*self._idle, *(busy.hand for busy in self._busy)):
                 hand.end()
             self._idle, self._busy = [], []
 
     def run(self, jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
         """Every job with its result or failure, in the order in which they finish."""
-        return outcomes(self, jobs)
+        return run_jobs(self, jobs)
 
     @property
-    def free(self) -> int:
+    def free_slots(self) -> int:
         """See Executor."""
         return self._size - len(self._busy)
 
     def submit(self, key: Key, job: J) -> None:
         """See Executor."""
-        hand = self._idle.pop() if self._idle else Hand(self._function)
+        hand = self._idle.pop() if self._idle else WorkerProcess(self._function)
         self._busy.append(_Busy(key, hand, time.monotonic()))
-        hand.give(job)
+        hand.start_job(job)
 
-    def ready(
+    def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[Key, R | WorkerFailure]]:
         """See Executor."""
@@ -71,7 +71,7 @@ class Pool(Generic[J, R]):
                 found.append((busy.key, outcome))
         return found
 
-    def end(self, key: Key) -> None:
+    def cancel(self, key: Key) -> None:
         """See Executor."""
         for busy in tuple(self._busy):
             if busy.key == key:
@@ -80,7 +80,7 @@ class Pool(Generic[J, R]):
 
     def _let_go(self, busy: _Busy[J, R]) -> None:
         self._busy.remove(busy)
-        if busy.hand.usable:
+        if busy.hand.is_usable:
             self._idle.append(busy.hand)
 
     def _wait_s(self, timeout_s: float | None) -> float | None:
@@ -91,13 +91,13 @@ class Pool(Generic[J, R]):
         return left_s if timeout_s is None else min(left_s, timeout_s)
 
     def _outcome(self, busy: _Busy[J, R]) -> "R | WorkerFailure | None":
-        outcome = busy.hand.outcome()
+        outcome = busy.hand.poll_outcome()
         if outcome is None and time.monotonic() - busy.started >= self._limit_s:
             busy.hand.end()
             return WorkerFailure(FailureKind.HUNG, f"hung: no result within {self._limit_s:g} s")
         return outcome
 
 
-def available_cores() -> int:
+def count_available_cores() -> int:
     """Cores that this process may use: what `--workers auto` means."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

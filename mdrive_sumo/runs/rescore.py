@@ -6,28 +6,28 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import writing
 from mdrive_sumo.runs.job import rescore
-from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarise
 
 
-def rescored(run: Prepared, results: Results, mode: ScoreMode) -> Results:
+def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
     """Scores every recording anew; void ones stay void. Raises InputError, for a corrupt recording too."""
-    if not run.settings.record:
+    if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
 
     def again(result: ScenarioResult) -> ScenarioResult:
         if result.status == "void":
             return result
-        return rescore(replace(run.job(scenarios[result.id]), score_mode=mode))
+        return rescore(replace(run.make_job(scenarios[result.id]), score_mode=mode))
 
     info = results.run.model_copy(update={"score_mode": str(mode)})
     return summarise(info, [again(result) for result in results.scenarios])
 
 
-def save_rescored(run: Prepared, results: Results) -> Path:
+def save_rescored(run: PreparedRun, results: Results) -> Path:
     """Writes RUN/results-MODE.json beside the run's own results; returns its path. Raises InputError."""
     path = run.folder / f"results-{results.run.score_mode}.json"
-    with writing(path):
+    with report_write_errors(path):
         save_results(results, path)
     return path

@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mdrive_sumo.runs.job import Job
+from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 
 RECORDING, LOGS, TRANSCRIPTS = "recording.npz", "logs", "transcripts"
 
 
 @dataclass(frozen=True, slots=True)
-class Carried:
+class TransferableResult:
     """A result, and the files of its job by their path in a folder of its own."""
 
     result: ScenarioResult
     files: Mapping[str, bytes]
 
 
-def carrying(function: Callable[[Job], ScenarioResult], job: Job) -> Carried:
+def run_with_output_files(function: Callable[[EpisodeJob], ScenarioResult], job: EpisodeJob) -> TransferableResult:
     """Runs `function` (`run_job`) where its files are to be carried away."""
     with TemporaryDirectory(prefix="mdrive-job-") as name:
         folder = Path(name)
@@ -32,10 +32,10 @@ def carrying(function: Callable[[Job], ScenarioResult], job: Job) -> Carried:
         )
         result = function(inside)
         written = sorted(path for path in folder.rglob("*") if path.is_file())
-        return Carried(result, {str(path.relative_to(folder)): path.read_bytes() for path in written})
+        return TransferableResult(result, {str(path.relative_to(folder)): path.read_bytes() for path in written})
 
 
-def kept(job: Job, carried: Carried) -> ScenarioResult:
+def store_output_files(job: EpisodeJob, carried: TransferableResult) -> ScenarioResult:
     """Writes the files to where the job wanted them; raises OSError."""
     homes = {LOGS: job.log_folder, TRANSCRIPTS: job.transcripts}
     for name, data in carried.files.items():

@@ -20,7 +20,7 @@ RUNS_FOLDER = Path("runs")
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class RunConfig:
     """An evaluation: scenarios of a suite that match a glob, driven by an agent, scored in a mode."""
 
     suite: str = "interdrive"
@@ -74,7 +74,7 @@ def config_hash(config: Mapping[str, Scalar]) -> str:
     return "sha256:" + hashlib.sha256(config_text(config).encode()).hexdigest() if config else ""
 
 
-def default_folder(settings: Settings, suite_name: str) -> Path:
+def default_folder(settings: RunConfig, suite_name: str) -> Path:
     """Where a run is kept that names no folder: the same for the same command, another one for another."""
     parts = [
         suite_name,

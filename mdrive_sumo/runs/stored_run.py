@@ -9,17 +9,17 @@ from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.fingerprint import code_checksum, versions
+from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
-from mdrive_sumo.runs.preparation import Prepared
-from mdrive_sumo.runs.run_config import Settings
+from mdrive_sumo.runs.preparation import PreparedRun
+from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.weather import Friction
 from mdrive_sumo.scoring import Results, ScoreMode, load_results
 from mdrive_sumo.v2x.comm import comm_from
 
 
-def open_run(folder: Path, suite: str | None = None) -> tuple[Prepared, Results]:
+def open_run(folder: Path, suite: str | None = None) -> tuple[PreparedRun, Results]:
     """The evaluation and its results; `suite`: where the suite is now, if it has moved. Raises InputError."""
     results = load_results(folder / RESULTS_FILE)
     fingerprint = read_fingerprint(folder)
@@ -32,20 +32,20 @@ def open_run(folder: Path, suite: str | None = None) -> tuple[Prepared, Results]
         )
     ids = {result.id for result in results.scenarios}
     scenarios = tuple(scenario for scenario in loaded.scenarios if scenario.id in ids)
-    return Prepared(settings, loaded, scenarios, folder, results.run, fingerprint), results
+    return PreparedRun(settings, loaded, scenarios, folder, results.run, fingerprint), results
 
 
-def changed_since(run: Prepared) -> str:
+def describe_version_changes(run: PreparedRun) -> str:
     """What differs between the run and this installation, as far as results depend on it; "" if nothing."""
-    now = versions() | {"code": code_checksum()}
+    now = read_versions() | {"code": compute_code_checksum()}
     then = run.fingerprint
     found = [name if name == "code" else f"{name} {then.get(name)}" for name in now if now[name] != then.get(name)]
     return ", ".join(found)
 
 
-def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> Settings:
+def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> RunConfig:
     try:
-        return Settings(
+        return RunConfig(
             suite=fingerprint["suite"],
             scenario=fingerprint["scenario"],
             agent=fingerprint["agent"],

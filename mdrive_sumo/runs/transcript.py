@@ -25,7 +25,7 @@ def save_transcript(episode: EpisodeRecord, folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def gathered(folder: Path, scenarios: tuple[str, ...]) -> str:
+def concatenate_transcripts(folder: Path, scenarios: tuple[str, ...]) -> str:
     """The transcripts of these scenarios, one after the other; "" if there are none."""
     paths = (transcript_path(folder, scenario) for scenario in scenarios)
     return "".join(path.read_text(encoding="utf-8") for path in paths if path.is_file())

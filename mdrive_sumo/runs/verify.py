@@ -12,9 +12,9 @@ from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.core.state import DT, End
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.episode.quantization import from_quanta
-from mdrive_sumo.runs.job import Job, reexecute
-from mdrive_sumo.runs.preparation import Prepared
-from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.runs.job import EpisodeJob, reexecute
+from mdrive_sumo.runs.preparation import PreparedRun
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.runs.transcript import transcript_path
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.v2x.channel import Fate
@@ -24,15 +24,15 @@ CONTROL_NAMES = ("throttle", "brake", "steer")
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class VerificationJob:
     """A scenario to execute again, and the digest that it had: all there is without a recording."""
 
-    job: Job
+    job: EpisodeJob
     digest: str
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class VerificationResult:
     """Whether a scenario came out the same, and what the comparison found."""
 
     scenario: str
@@ -41,14 +41,14 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class EpisodeDifference:
     """The first tick in which two episodes differ, and one thing that differs in it."""
 
     tick: int
     text: str
 
 
-def sampled(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
+def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
     """The scenarios to verify, in the order of the suite: all that are not void, or `size` of them.
 
     Which ones depends on the run's seed and their ids only.
@@ -58,63 +58,63 @@ def sampled(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
     return tuple(result for result in found if result in drawn)
 
 
-def verify(run: Prepared, chosen: Sequence[ScenarioResult], workers: int) -> Iterator[Verdict]:
+def verify(run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int) -> Iterator[VerificationResult]:
     """A verdict for every chosen scenario, in the order in which they finish. Raises InputError."""
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
-    checks = [Check(run.job(scenarios[result.id]), result.digest) for result in chosen]
-    with Pool[Check, Verdict](checked, min(workers, max(len(checks), 1)), run.limit_s()) as pool:
+    checks = [VerificationJob(run.make_job(scenarios[result.id]), result.digest) for result in chosen]
+    with ProcessPool[VerificationJob, VerificationResult](verify_episode, min(workers, max(len(checks), 1)), run.limit_s()) as pool:
         for check, outcome in pool.run(checks):
             if not isinstance(outcome, WorkerFailure):
                 yield outcome
             elif outcome.kind is FailureKind.INPUT:
                 raise InputError(outcome.reason)
             else:
-                yield Verdict(check.job.scenario, False, outcome.reason)
+                yield VerificationResult(check.job.scenario, False, outcome.reason)
 
 
-def checked(check: Check) -> Verdict:
+def verify_episode(check: VerificationJob) -> VerificationResult:
     """Executes one scenario again; runs in a worker."""
     job = replace(check.job, log_folder="", transcripts="")
     if not job.recording:
         again = reexecute(job)
         same = again.digest == check.digest
         text = f"final digest {again.digest}" + ("" if same else f", was {check.digest}") + " (no recording)"
-        return Verdict(job.scenario, same, text)
+        return VerificationResult(job.scenario, same, text)
     recorded = load_episode(Path(job.recording))
     if recorded.digest != check.digest:
-        return Verdict(
+        return VerificationResult(
             job.scenario,
             False,
             f"the recording's digest is {recorded.digest}, that of the results {check.digest}",
         )
     failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
     again = replace(job, replayed=failures, thought=recorded.thinking)
-    difference = first_difference(recorded, reexecute(_from_transcript(again, check.job.transcripts)))
+    difference = find_first_difference(recorded, reexecute(_from_transcript(again, check.job.transcripts)))
     if difference is None:
-        return Verdict(job.scenario, True, f"identical ({recorded.ticks} ticks)")
+        return VerificationResult(job.scenario, True, f"identical ({recorded.ticks} ticks)")
     seconds = difference.tick * DT
     text = f"first difference at tick {difference.tick} ({seconds:.2f} s): {difference.text}"
-    return Verdict(job.scenario, False, text)
+    return VerificationResult(job.scenario, False, text)
 
 
-def _from_transcript(job: Job, folder: str) -> Job:
+def _from_transcript(job: EpisodeJob, folder: str) -> EpisodeJob:
     """The job with the answers of its language models taken from the run's transcript, if it has one."""
     path = transcript_path(Path(folder), job.scenario)
     return replace(job, agent_config={**job.agent_config, "transcript": str(path)}) if path.is_file() else job
 
 
-def first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Difference | None:
+def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:
     """Where and in what `again` leaves `recorded`; None if every tick and every ending is the same."""
     ticks = min(recorded.ticks, again.ticks)
     differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
     if len(differing):
         tick = int(differing[0])
-        return Difference(tick, next(_details(recorded, again, tick), "the digest differs"))
+        return EpisodeDifference(tick, next(_details(recorded, again, tick), "the digest differs"))
     if recorded.ticks != again.ticks:
-        return Difference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
+        return EpisodeDifference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
     for now, then in zip(again.endings, recorded.endings, strict=True):
         if (now.tick, now.end) != (then.tick, then.end):
-            return Difference(
+            return EpisodeDifference(
                 min(now.tick, then.tick),
                 f"{now.ego!r} ends {now.end} in tick {now.tick}, ended {then.end} in tick {then.tick}",
             )

@@ -50,7 +50,7 @@ class WorkerFailure:
     reason: str
 
 
-class Hand(Generic[J, R]):
+class WorkerProcess(Generic[J, R]):
     """A worker process for `function`, which is top-level and picklable."""
 
     def __init__(self, function: Callable[[J], R]) -> None:
@@ -62,21 +62,21 @@ class Hand(Generic[J, R]):
         """To wait on: readable when there is an outcome."""
         # A daemon: should a second Ctrl-C come before its owner holds it back, the interpreter still ends the worker.
         self._process = context.Process(target=_serve, args=(theirs, function), name="mdrive-sumo worker", daemon=True)
-        with without_interrupts():  # the child inherits it, until it has left our process group
+        with block_interrupts():  # the child inherits it, until it has left our process group
             self._process.start()
         theirs.close()
 
     @property
-    def usable(self) -> bool:
+    def is_usable(self) -> bool:
         """Whether it can take another job; not after `end`."""
         return not self.pipe.closed
 
-    def give(self, job: J) -> None:
+    def start_job(self, job: J) -> None:
         """Starts a job; the one before must be over."""
         with suppress(BrokenPipeError, ConnectionResetError):  # died idle: seen as a dead worker by `outcome`
             self.pipe.send(job)
 
-    def outcome(self) -> R | WorkerFailure | None:
+    def poll_outcome(self) -> R | WorkerFailure | None:
         """Of the job, None if it still runs. After DIED the hand is ended."""
         try:
             return self.pipe.recv() if self.pipe.poll() else None
@@ -87,7 +87,7 @@ class Hand(Generic[J, R]):
 
     def kill(self) -> None:
         """Ends the job with its worker, also from another thread; `outcome` then says DIED."""
-        if self.usable:
+        if self.is_usable:
             self._kill()
 
     def _kill(self) -> None:
@@ -104,7 +104,7 @@ class Hand(Generic[J, R]):
 
 
 @contextmanager
-def without_interrupts() -> Generator[None]:
+def block_interrupts() -> Generator[None]:
     """Holds SIGINT back until the end of the block."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -113,7 +113,7 @@ def without_interrupts() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def cannot_write(error: OSError, path: str | Path | None) -> str:
+def describe_write_error(error: OSError, path: str | Path | None) -> str:
     """One sentence for a full disk, a missing permission and the like."""
     return f"{path or 'the run folder'}: cannot be written: {error.strerror}"
 
@@ -160,7 +160,7 @@ def _answer(function: Callable[[Any], Any], job: Any) -> Any:
         return WorkerFailure(FailureKind.RAISED, str(error))
     except OSError as error:
         if error.errno in _CANNOT_WRITE:
-            return WorkerFailure(FailureKind.INPUT, cannot_write(error, error.filename))
+            return WorkerFailure(FailureKind.INPUT, describe_write_error(error, error.filename))
         return WorkerFailure(FailureKind.RAISED, _one_line(error))
     except Exception as error:  # noqa: BLE001 - the border where our own failure becomes a void, with its reason
         return WorkerFailure(FailureKind.RAISED, _one_line(error))

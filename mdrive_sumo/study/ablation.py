@@ -11,11 +11,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import EpisodeRecord, load_episode
-from mdrive_sumo.runs.job import Job, prepared, reexecute
-from mdrive_sumo.runs.preparation import Prepared
-from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
+from mdrive_sumo.runs.preparation import PreparedRun
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.runs.transcript import transcript_path
-from mdrive_sumo.runs.verify import first_difference
+from mdrive_sumo.runs.verify import find_first_difference
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
 from mdrive_sumo.v2x.channel import Fate, Sent
@@ -26,15 +26,15 @@ Mute = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Ablation:
+class AblationJob:
     """A job whose recording is to be executed again without some messages."""
 
-    job: Job
+    job: EpisodeJob
     mute: Mute
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class MuteEffect:
     """What became of the episode without those messages."""
 
     mute: Mute
@@ -48,22 +48,22 @@ class Effect:
 
 
 @dataclass(frozen=True, slots=True)
-class Ablated:
+class AblationResult:
     """An episode, and what it would have been without single senders, types or messages."""
 
     recorded: ScenarioResult
-    effects: tuple[Effect, ...]
+    effects: tuple[MuteEffect, ...]
     """The largest change of DS first, then of minimum TTC, then the earliest parting."""
 
 
-def patterns(messages: Sequence[Sent]) -> tuple[str, ...]:
+def list_sender_and_type_patterns(messages: Sequence[Sent]) -> tuple[str, ...]:
     """Every sender and every type of message that reached somebody, each alone."""
     reached = [sent.message for sent in messages if _reached(sent)]
     senders, types = ({getattr(message, name) for message in reached} for name in ("sender", "type"))
     return (*(f"{sender}/*" for sender in sorted(senders)), *(f"*/{kind}" for kind in sorted(types)))
 
 
-def each_message(messages: Sequence[Sent], kind: str) -> tuple[str, ...]:
+def list_message_patterns(messages: Sequence[Sent], kind: str) -> tuple[str, ...]:
     """Every message of a type that reached somebody, each alone; several that one sender sent in a tick go together."""
     reached = (sent.message for sent in messages if sent.message.type == kind and _reached(sent))
     return tuple(dict.fromkeys(f"{message.sender}/{kind}@{message.tick}" for message in reached))
@@ -73,16 +73,16 @@ def _reached(sent: Sent) -> bool:
     return any(fate is Fate.DELIVERED for fate, _ in sent.fates.values())
 
 
-def ablate(run: Prepared, recorded: ScenarioResult, mutes: Sequence[str], workers: int) -> Iterator[Effect]:
+def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], workers: int) -> Iterator[MuteEffect]:
     """First the recording unchanged, then each pattern alone, as they finish. Raises InputError.
 
     The first is to be identical (`Effect.difference` is ""): otherwise the others tell nothing, and are not driven
     if the caller stops there.
     """
     scenario = next(scenario for scenario in run.scenarios if scenario.id == recorded.id)
-    job = run.job(scenario)
-    with Pool[Ablation, Effect](ablated, min(workers, max(len(mutes), 1)), run.limit_s()) as pool:
-        for wanted in ([Ablation(job, ())], [Ablation(job, (mute,)) for mute in mutes]):
+    job = run.make_job(scenario)
+    with ProcessPool[AblationJob, MuteEffect](ablate_episode, min(workers, max(len(mutes), 1)), run.limit_s()) as pool:
+        for wanted in ([AblationJob(job, ())], [AblationJob(job, (mute,)) for mute in mutes]):
             for _, outcome in pool.run(wanted):
                 if not isinstance(outcome, WorkerFailure):
                     yield outcome
@@ -92,42 +92,42 @@ def ablate(run: Prepared, recorded: ScenarioResult, mutes: Sequence[str], worker
                     raise InputError(f"{recorded.id}: cannot be executed again: {outcome.reason}")
 
 
-def ablated(ablation: Ablation) -> Effect:
+def ablate_episode(ablation: AblationJob) -> MuteEffect:
     """Executes one episode again, as `verify` does: failures, thinking times and transcripts are replayed."""
     job = ablation.job
     recorded = load_episode(Path(job.recording))
     again = reexecute(_as_recorded(job, recorded, ablation.mute))
-    scenario, roads = prepared(job)
-    difference = first_difference(recorded, again)
+    scenario, roads = load_job_scenario(job)
+    difference = find_first_difference(recorded, again)
     muted = Comm(mute=ablation.mute).muted
-    return Effect(
+    return MuteEffect(
         mute=ablation.mute,
         messages=sum(muted.has(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
         result=score_episode(again, scenario, roads, ScoreMode(job.score_mode), job.seed),
-        parted=parting(recorded, again),
+        parted=find_divergence_tick(recorded, again),
         difference=f"tick {difference.tick}: {difference.text}" if difference else "",
     )
 
 
-def ranked(recorded: ScenarioResult, effects: Sequence[Effect]) -> Ablated:
+def rank_effects(recorded: ScenarioResult, effects: Sequence[MuteEffect]) -> AblationResult:
     """The effects by their size."""
 
-    def rank(effect: Effect) -> tuple[float, float, float, Mute]:
+    def rank(effect: MuteEffect) -> tuple[float, float, float, Mute]:
         was, now = (HORIZON_S if one.min_ttc is None else one.min_ttc for one in (recorded, effect.result))
         parted = np.inf if effect.parted is None else effect.parted
         return (-abs(effect.result.ds - recorded.ds), -abs(now - was), parted, effect.mute)
 
-    return Ablated(recorded, tuple(sorted(effects, key=rank)))
+    return AblationResult(recorded, tuple(sorted(effects, key=rank)))
 
 
-def ttc_change(recorded: ScenarioResult, again: ScenarioResult) -> float | None:
+def compute_ttc_change(recorded: ScenarioResult, again: ScenarioResult) -> float | None:
     """Change of minimum TTC [s]; None if either was never within the horizon."""
     if recorded.min_ttc is None or again.min_ttc is None:
         return None
     return again.min_ttc - recorded.min_ttc
 
 
-def parting(recorded: EpisodeRecord, again: EpisodeRecord) -> int | None:
+def find_divergence_tick(recorded: EpisodeRecord, again: EpisodeRecord) -> int | None:
     """The first tick in which states differ: unlike digests, what was heard does not count. None: in no tick.
 
     Where one episode goes on alone, it is the length of the other.
@@ -153,7 +153,7 @@ def _apart(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int)
     return (here != there) | (here & moved)
 
 
-def _as_recorded(job: Job, recorded: EpisodeRecord, mute: Mute) -> Job:
+def _as_recorded(job: EpisodeJob, recorded: EpisodeRecord, mute: Mute) -> EpisodeJob:
     failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
     comm = comm_from(json.loads(job.comm))
     transcript = transcript_path(Path(job.transcripts), job.scenario)
@@ -169,7 +169,7 @@ def _as_recorded(job: Job, recorded: EpisodeRecord, mute: Mute) -> Job:
     )
 
 
-def chosen_mutes(
+def choose_mutes(
     messages: Sequence[Sent], given: Sequence[str], each: str | None = None, most: int = 100
 ) -> tuple[str, ...]:
     """What to mute, each alone: `given` patterns and `each` message of a type; without either every sender and type.
@@ -182,10 +182,10 @@ def chosen_mutes(
         muted = Comm(mute=(pattern,)).muted
         if not any(muted.has(s.message.sender, s.message.type, s.message.tick) for s in messages):
             raise InputError(f"ablate: --mute: expected a pattern that fits a message, found {pattern!r}")
-    found = (*dict.fromkeys(given), *(each_message(messages, each) if each else ()))
+    found = (*dict.fromkeys(given), *(list_message_patterns(messages, each) if each else ()))
     if each and len(found) == len(set(given)):
         raise InputError(f"ablate: --each-message: expected a type of message that reached somebody, found {each!r}")
-    found = found or patterns(messages)
+    found = found or list_sender_and_type_patterns(messages)
     if not found:
         raise InputError("ablate: expected an episode in which a message reached somebody, found none")
     if len(found) > most:

@@ -11,7 +11,7 @@ LEAST_GAIN_DS = 2.0
 """Where perfect cooperation gains less driving score than this, a share of it would be noise and is left blank."""
 
 
-def captured(agent: Results, off: Results, omniscient: Results) -> Captured:
+def compute_captured_cooperation(agent: Results, off: Results, omniscient: Results) -> Captured:
     """(agent - off) / (omniscient - off) on mean DS, over the scenarios that are void in none of the three runs.
 
     off: the same agent with the channel switched off. Raises InputError for runs that do not belong together.
@@ -24,10 +24,10 @@ def captured(agent: Results, off: Results, omniscient: Results) -> Captured:
                     f"captured cooperation: expected runs of one {name.replace('_', ' ')}, found {ours} and {theirs}"
                 )
     mode = ScoreMode(agent.run.score_mode)
-    return captured_of(agent.scenarios, off.scenarios, omniscient.scenarios, mode)
+    return compute_captured_from_scenarios(agent.scenarios, off.scenarios, omniscient.scenarios, mode)
 
 
-def captured_of(
+def compute_captured_from_scenarios(
     agent: Sequence[ScenarioResult],
     off: Sequence[ScenarioResult],
     omniscient: Sequence[ScenarioResult],
@@ -47,14 +47,14 @@ def captured_of(
 
     totals = [overall(scenarios) for scenarios in (ours, without, best)]
     return Captured(
-        bucket_mean=share(*(total.bucket_mean.ds for total in totals)),
-        scenario_mean=share(*(total.scenario_mean.ds for total in totals)),
+        bucket_mean=compute_captured_share(*(total.bucket_mean.ds for total in totals)),
+        scenario_mean=compute_captured_share(*(total.scenario_mean.ds for total in totals)),
         buckets=_shares(buckets(ours), buckets(without), buckets(best)),
         categories=_shares(groups(ours), groups(without), groups(best)),
     )
 
 
-def share(agent: float, off: float, omniscient: float) -> float | None:
+def compute_captured_share(agent: float, off: float, omniscient: float) -> float | None:
     """The share of omniscient's gain [DS] that the agent gains; None if that gain is under `LEAST_GAIN_DS`."""
     gain = omniscient - off
     return (agent - off) / gain if gain >= LEAST_GAIN_DS else None
@@ -63,4 +63,4 @@ def share(agent: float, off: float, omniscient: float) -> float | None:
 def _shares(
     agent: Mapping[str, Means], off: Mapping[str, Means], omniscient: Mapping[str, Means]
 ) -> dict[str, float | None]:
-    return {name: share(agent[name].ds, off[name].ds, omniscient[name].ds) for name in agent}
+    return {name: compute_captured_share(agent[name].ds, off[name].ds, omniscient[name].ds) for name in agent}

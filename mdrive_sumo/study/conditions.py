@@ -16,7 +16,7 @@ Level = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Factor:
+class ChannelFactor:
     """One property of the channel that a study varies."""
 
     name: str
@@ -43,20 +43,22 @@ class Factor:
         return f"{self.name} " + (f"{numbers[0]} m {numbers[1]}°" if len(level) > 1 else f"{numbers[0]}{self.unit}")
 
 
-FACTORS: Mapping[str, Factor] = MappingProxyType(
+FACTORS: Mapping[str, ChannelFactor] = MappingProxyType(
     {
         factor.name: factor
         for factor in (
-            Factor("latency", "latency [ticks of 0.05 s]", ("latency_ticks",), " ticks"),
-            Factor("loss", "probability of loss", ("loss",), ""),
-            Factor("pose-error", "pose error, standard deviation [m and °]", ("pose_error_m", "pose_error_deg"), ""),
+            ChannelFactor("latency", "latency [ticks of 0.05 s]", ("latency_ticks",), " ticks"),
+            ChannelFactor("loss", "probability of loss", ("loss",), ""),
+            ChannelFactor(
+                "pose-error", "pose error, standard deviation [m and °]", ("pose_error_m", "pose_error_deg"), ""
+            ),
         )
     }
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class ChannelCondition:
     """A channel of a study. `levels`: by factor, only where it is not the base channel's."""
 
     name: str
@@ -69,7 +71,7 @@ class Condition:
         return re.sub(r"[^A-Za-z0-9.+-]+", "_", self.name).strip("_")
 
 
-def conditions(base: Comm, varied: Mapping[str, Sequence[Level]], grid: str) -> tuple[Condition, ...]:
+def make_conditions(base: Comm, varied: Mapping[str, Sequence[Level]], grid: str) -> tuple[ChannelCondition, ...]:
     """The base condition first, then all others once each. Raises InputError for unusable levels.
 
     varied: levels by factor. grid: "one-at-a-time" sets one factor at a time and leaves the others at the base
@@ -80,16 +82,16 @@ def conditions(base: Comm, varied: Mapping[str, Sequence[Level]], grid: str) -> 
     for name, levels in varied.items():
         if len(set(levels)) != len(levels):
             raise InputError(f"study: --{name}: expected different values, found one twice")
-    found = {"base": Condition("base", base, MappingProxyType({}))}
+    found = {"base": ChannelCondition("base", base, MappingProxyType({}))}
     for levels in _choices(varied, grid):
         condition = _condition(base, levels)
         found.setdefault(condition.name, condition)
     return tuple(found.values())
 
 
-def without_channel() -> Condition:
+def make_off_condition() -> ChannelCondition:
     """The reference: nothing is ever delivered."""
-    return Condition("off", PRESETS["off"], MappingProxyType({}))
+    return ChannelCondition("off", PRESETS["off"], MappingProxyType({}))
 
 
 def _choices(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[str, Level]]:
@@ -102,23 +104,26 @@ def _choices(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[
             yield {name: level}
 
 
-def _condition(base: Comm, levels: Mapping[str, Level]) -> Condition:
+def _condition(base: Comm, levels: Mapping[str, Level]) -> ChannelCondition:
     changed = {name: level for name, level in levels.items() if FACTORS[name].of(base) != level}
     comm = base
     for name, level in changed.items():
         comm = FACTORS[name].set(comm, level)
     name = ", ".join(FACTORS[name].text(level) for name, level in changed.items()) or "base"
-    return Condition(name, comm, MappingProxyType(changed))
+    return ChannelCondition(name, comm, MappingProxyType(changed))
 
 
-def levels_of(name: str, text: str) -> tuple[Level, ...]:
+def parse_levels(name: str, text: str) -> tuple[Level, ...]:
     """The levels that a user lists, e.g. "0,2,6"; latencies are whole numbers. Raises InputError."""
     return tuple((_number(name, part.strip()),) for part in text.split(","))
 
 
-def pose_levels(metres: str, degrees: str | None) -> tuple[Level, ...]:
+def parse_pose_levels(metres: str, degrees: str | None) -> tuple[Level, ...]:
     """Pairs of metres and degrees; without degrees they have the metres' numbers, as the paper's 0.6 m and 0.6°."""
-    rows = [levels_of("pose-error", metres), levels_of("rotation-error", degrees if degrees is not None else metres)]
+    rows = [
+        parse_levels("pose-error", metres),
+        parse_levels("rotation-error", degrees if degrees is not None else metres),
+    ]
     if len(rows[0]) != len(rows[1]):
         raise InputError(
             f"study: --rotation-error: expected {len(rows[0])} values, as --pose-error has, found {len(rows[1])}"

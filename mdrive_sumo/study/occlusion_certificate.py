@@ -40,18 +40,18 @@ LEAST_S = 1.0
 LATE_S = 4.0
 """An interval matters if it ends less than this before the conflict: from then on braking is all that is left."""
 
-Drive = Literal["constant-speed", "omniscient"]
-DRIVES: tuple[Drive, ...] = ("constant-speed", "omniscient")
+ReferenceDrive = Literal["constant-speed", "omniscient"]
+DRIVES: tuple[ReferenceDrive, ...] = ("constant-speed", "omniscient")
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Hidden(_Part):
+class OccludedInterval(_Part):
     """From start_s to end_s `actor` is hidden from `ego`, which meets it at conflict_s, but known to each of `by`."""
 
-    drive: Drive
+    drive: ReferenceDrive
     ego: str
     actor: str
     start_s: float
@@ -66,11 +66,11 @@ class Hidden(_Part):
         return self.end_s - self.start_s >= LEAST_S and self.conflict_s - self.end_s < LATE_S
 
 
-class Certificate(_Part):
+class OcclusionCertificate(_Part):
     """All such intervals of a scenario; empty if there are none."""
 
     scenario: str
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[OccludedInterval, ...]
 
     @property
     def occluded(self) -> bool:
@@ -88,19 +88,19 @@ class Certificate(_Part):
         return any(set(interval.by) - {interval.actor} for interval in self.hidden if interval.matters)
 
 
-class CertificateFile(_Part):
+class OcclusionCertificateFile(_Part):
     """`occlusion.json` of a suite."""
 
     format: Literal["mdrive-sumo/occlusion/1"] = "mdrive-sumo/occlusion/1"
     suite_checksum: str
-    certificates: tuple[Certificate, ...]
+    certificates: tuple[OcclusionCertificate, ...]
 
-    def of(self, suite: Suite) -> Mapping[str, Certificate]:
+    def of(self, suite: Suite) -> Mapping[str, OcclusionCertificate]:
         """By scenario; none if they were made for anything else than this very suite."""
         return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
 
 
-def load_certificates(suite: Suite) -> Mapping[str, Certificate]:
+def load_certificates(suite: Suite) -> Mapping[str, OcclusionCertificate]:
     """Certificates by scenario that lie beside a suite, or beside its parts; none of one that has changed since.
 
     Raises InputError for a file that is not readable as one.
@@ -109,27 +109,27 @@ def load_certificates(suite: Suite) -> Mapping[str, Certificate]:
     return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
 
 
-def read_certificates(folder: Path) -> CertificateFile | None:
+def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
     """The certificates in the folder of a suite, whatever it was when they were made; raises InputError."""
     path = folder / CERTIFICATE_FILE
     if not path.is_file():
         return None
     try:
-        return CertificateFile.model_validate_json(path.read_bytes())
+        return OcclusionCertificateFile.model_validate_json(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from None
 
 
-def save_certificates(folder: Path, content: CertificateFile) -> None:
+def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
     """Writes `occlusion.json`, one certificate a line."""
     lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
     head = content.model_dump_json(include={"format", "suite_checksum"})
     (folder / CERTIFICATE_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
-def certify(drive: Drive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[Hidden, ...]:
+def find_occluded_intervals(drive: ReferenceDrive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[OccludedInterval, ...]:
     """The intervals of one recorded drive, by CAV and time."""
     sights = _Sights(episode, scenario, roads)
     found = [hidden for ego in range(episode.egos) for hidden in sights.of(drive, ego)]
@@ -193,7 +193,7 @@ class _Sights:
         for rsu in self.scenario.rsus:
             yield rsu.id, Eye(rsu.x, rsu.y, 0.0, None)
 
-    def of(self, drive: Drive, ego: int) -> Iterator[Hidden]:
+    def of(self, drive: ReferenceDrive, ego: int) -> Iterator[OccludedInterval]:
         """The intervals of one CAV."""
         for actor in range(len(self.episode.ids)):
             meeting = self._meeting(ego, actor) if actor != ego else None
@@ -214,7 +214,7 @@ class _Sights:
                 first = int(met[0])
         return first
 
-    def _intervals(self, drive: Drive, ego: int, actor: int, meeting: int) -> Iterator[Hidden]:
+    def _intervals(self, drive: ReferenceDrive, ego: int, actor: int, meeting: int) -> Iterator[OccludedInterval]:
         ids, valid = self.episode.ids, self.episode.valid[self.ticks][: meeting + 1]
         near = np.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
         hidden = valid[:, ego] & valid[:, actor] & (near < RANGE_M) & ~self.seen[ids[ego]][: meeting + 1, actor]
@@ -227,7 +227,7 @@ class _Sights:
             by = tuple(name for name, sees in known.items() if sees[first : last + 1].mean() >= 0.5)
             times = (round(float(self.ticks[i]) * DT, 2) for i in (first, last, meeting))
             start_s, end_s, conflict_s = times
-            yield Hidden(
+            yield OccludedInterval(
                 drive=drive, ego=ids[ego], actor=ids[actor], start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by
             )
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval
-from mdrive_sumo.study.conditions import Condition, Factor, Level
-from mdrive_sumo.study.study_summary import Line
+from mdrive_sumo.study.conditions import ChannelCondition, ChannelFactor, Level
+from mdrive_sumo.study.study_summary import StudyLine
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (Color Universal Design, 2008), which people with colour blindness can tell apart."""
@@ -32,33 +32,33 @@ STYLE: Mapping[Any, Any] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class FactorCurve:
     """One agent's lines of the table along a factor, by level; `off`: its line with the channel off."""
 
     agent: str
-    lines: Mapping[Level, Line]
-    off: Line | None
+    lines: Mapping[Level, StudyLine]
+    off: StudyLine | None
 
 
-def curves(lines: Sequence[Line], factor: Factor, base: Condition) -> tuple[Curve, ...]:
+def make_curves(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> tuple[FactorCurve, ...]:
     """A curve for every agent that has two levels or more while all other factors are the base channel's."""
     agents = dict.fromkeys(line.row.agent for line in lines)
     found = (_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
     return tuple(curve for curve in found if len(curve.lines) > 1)
 
 
-def _curve(lines: Sequence[Line], factor: Factor, base: Condition) -> Curve:
-    found: dict[Level, Line] = {}
+def _curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> FactorCurve:
+    found: dict[Level, StudyLine] = {}
     for line in lines:
         condition = line.row.condition
         level = factor.of(base.comm) if condition.name == base.name else condition.levels.get(factor.name)
         if level is not None and set(condition.levels) <= {factor.name}:
             found[level] = line
     off = next((line for line in lines if line.row.condition.name == "off" and not line.row.reused), None)
-    return Curve(lines[0].row.agent, dict(sorted(found.items())), off)
+    return FactorCurve(lines[0].row.agent, dict(sorted(found.items())), off)
 
 
-def draw(found: Sequence[Curve], factor: Factor, title: str, stem: Path) -> tuple[Path, Path]:
+def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str, stem: Path) -> tuple[Path, Path]:
     """Writes STEM.png and STEM.svg, the same bytes for the same numbers. Raises InputError if it cannot."""
     places = _places({level for curve in found for level in curve.lines})
     with rc_context(dict(STYLE)):
@@ -89,7 +89,7 @@ def _tick(level: Level) -> str:
     return f"{level[0]:g}" if same else f"{level[0]:g} m\n{level[1]:g}°"
 
 
-def _draw_curve(axes: Axes, curve: Curve, what: tuple[str, Mapping[Level, float]], i: int) -> None:
+def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, float]], i: int) -> None:
     name, places = what
     colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
     known = [(places[level], value) for level, line in curve.lines.items() if (value := _of(line, name))]
@@ -113,7 +113,7 @@ def _draw_curve(axes: Axes, curve: Curve, what: tuple[str, Mapping[Level, float]
         axes.axhline(value.mean, color=colour, linestyle=":", label=f"{curve.agent}, channel off")
 
 
-def _of(line: Line, name: str) -> ConfidenceInterval | None:
+def _of(line: StudyLine, name: str) -> ConfidenceInterval | None:
     return line.ds if name == "ds" else line.sr
 
 

@@ -6,17 +6,17 @@ from dataclasses import replace
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import Captured
-from mdrive_sumo.runs.preparation import Prepared, prepare
-from mdrive_sumo.runs.run_config import Settings
+from mdrive_sumo.runs.preparation import PreparedRun, prepare
+from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.study.captured_cooperation import captured
+from mdrive_sumo.study.captured_cooperation import compute_captured_cooperation
 from mdrive_sumo.study.study_runs import BEST
 from mdrive_sumo.v2x.comm import PRESETS
 
-Evaluate = Callable[[Prepared], Results]
+Evaluate = Callable[[PreparedRun], Results]
 
 
-def references(settings: Settings) -> tuple[Settings, Settings]:
+def make_reference_configs(settings: RunConfig) -> tuple[RunConfig, RunConfig]:
     """The same agent with the channel off, and omniscient: suite, scenarios, seed and score mode as in `settings`.
 
     They have no `out`, so they lie where `eval` puts them by default: one reference serves many runs. `fresh` does
@@ -28,15 +28,15 @@ def references(settings: Settings) -> tuple[Settings, Settings]:
     return off, best
 
 
-def captured_by(results: Results, settings: Settings, evaluate: Evaluate) -> Captured:
+def evaluate_captured_cooperation(results: Results, settings: RunConfig, evaluate: Evaluate) -> Captured:
     """Captured cooperation of a finished run; `evaluate` drives the references, or finds them finished.
 
     Raises InputError, and what `evaluate` raises.
     """
     try:
-        off, best = (evaluate(prepare(reference)) for reference in references(settings))
+        off, best = (evaluate(prepare(reference)) for reference in make_reference_configs(settings))
     except InputError as error:
         problem, stale, _ = str(error).partition("; --fresh")
         mend = "; remove that folder to have it driven anew" if stale else ""
         raise InputError(f"reference for captured cooperation: {problem}{mend}") from None
-    return captured(results, off, best)
+    return compute_captured_cooperation(results, off, best)

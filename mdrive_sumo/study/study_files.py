@@ -12,7 +12,7 @@ from mdrive_sumo.core.text_table import Row as Cells
 from mdrive_sumo.report.markdown import markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, agent_name, captured_cell
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.study.study_summary import Line
+from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.v2x.comm import described
 
 FORMAT = "mdrive-sumo/study/1"
@@ -34,7 +34,7 @@ the scenario mean of DS; blank where perfect cooperation gains less than 2 DS.""
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class StudyDescription:
     """What was asked for."""
 
     suite: str
@@ -45,7 +45,7 @@ class About:
     command: Sequence[str]
 
 
-def study_json(about: About, lines: Sequence[Line]) -> str:
+def study_json(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     """All numbers; a line's runs name the folders' seeds, scores, minimum TTC and what the channel counted."""
     run = lines[0].row.results[0].run
     page = {
@@ -60,7 +60,7 @@ def study_json(about: About, lines: Sequence[Line]) -> str:
     return json.dumps(page, indent=1, allow_nan=False) + "\n"
 
 
-def _line_values(line: Line) -> dict[str, Any]:
+def _line_values(line: StudyLine) -> dict[str, Any]:
     row = line.row
     numbers = {name: getattr(line, name) for name in ("ds", "sr", "ds_difference", "sr_difference", "captured")}
     return {
@@ -85,7 +85,7 @@ def _run_values(results: Results) -> dict[str, Any]:
     }
 
 
-def study_markdown(about: About, lines: Sequence[Line], pictures: Sequence[Path]) -> str:
+def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures: Sequence[Path]) -> str:
     """The study as a page: what ran, how to read it, the table, the pictures that lie beside it."""
     header, rows = table_of(lines)
     parts = (
@@ -99,7 +99,7 @@ def study_markdown(about: About, lines: Sequence[Line], pictures: Sequence[Path]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _facts(about: About, lines: Sequence[Line]) -> str:
+def _facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     run = lines[0].row.results[0].run
     channel = ", ".join(f"{name} {value}" for name, value in described(lines[0].row.condition.comm).items())
     facts = {
@@ -116,7 +116,7 @@ def _facts(about: About, lines: Sequence[Line]) -> str:
     return "\n".join(f"- {name}: {value}" for name, value in facts.items())
 
 
-def table_of(lines: Sequence[Line], *, brief: bool = False) -> tuple[Cells, list[Cells]]:
+def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[Cells, list[Cells]]:
     """Header and rows; `brief`: for the terminal, with intervals of DS only."""
     header, rows = (BRIEF, [_brief(line) for line in lines]) if brief else (HEADER, [_cells(line) for line in lines])
     if not any(line.captured for line in lines):
@@ -127,7 +127,7 @@ def table_of(lines: Sequence[Line], *, brief: bool = False) -> tuple[Cells, list
     ]
 
 
-def _cells(line: Line) -> Cells:
+def _cells(line: StudyLine) -> Cells:
     return (
         agent_name(line.row.results[0]),
         _condition(line),
@@ -139,12 +139,12 @@ def _cells(line: Line) -> Cells:
     )
 
 
-def _brief(line: Line) -> Cells:
+def _brief(line: StudyLine) -> Cells:
     ds, sr = _interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
     return (line.row.agent, _condition(line), ds, sr, _interval(line.ds_difference, "+"), str(line.void))
 
 
-def _condition(line: Line) -> str:
+def _condition(line: StudyLine) -> str:
     return line.row.condition.name + (" *" if line.row.reused else "")
 
 

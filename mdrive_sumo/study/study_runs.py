@@ -9,10 +9,10 @@ from typing import Protocol
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.runs.evaluate import Progress, evaluate
-from mdrive_sumo.runs.fingerprint import fingerprint, located
-from mdrive_sumo.runs.preparation import Prepared
+from mdrive_sumo.runs.fingerprint import compute_fingerprint, resolve_locator
+from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
-from mdrive_sumo.study.conditions import Condition
+from mdrive_sumo.study.conditions import ChannelCondition
 from mdrive_sumo.v2x.comm import described
 
 RUNS_FOLDER = "runs"
@@ -36,12 +36,12 @@ class StudyProgress(Progress, Protocol):
 class Study:
     """What to run. `agents`: by name, prepared with the base channel and the first seed."""
 
-    agents: Mapping[str, Prepared]
-    best: Prepared | None
+    agents: Mapping[str, PreparedRun]
+    best: PreparedRun | None
     """The omniscient agent, if captured cooperation is wanted."""
-    conditions: tuple[Condition, ...]
+    conditions: tuple[ChannelCondition, ...]
     """The base condition first."""
-    off: Condition | None
+    off: ChannelCondition | None
     """The reference for captured cooperation."""
     seeds: tuple[int, ...]
     folder: Path
@@ -52,18 +52,18 @@ class Study:
         reference = len(self.best.scenarios) if self.best and BEST not in self.agents else 0
         return (sum(whole) + reference) * len(self.seeds)
 
-    def _all(self) -> tuple[Condition, ...]:
+    def _all(self) -> tuple[ChannelCondition, ...]:
         base, *others = self.conditions
         return (base, *([self.off] if self.off else ()), *others)
 
-    def rows(self, progress: StudyProgress) -> Iterator["Row"]:
+    def rows(self, progress: StudyProgress) -> Iterator["StudyRow"]:
         """Drives what is not finished yet. Raises InputError and KeyboardInterrupt; what is finished is kept."""
         for name, prepared in self.agents.items():
             yield from self._agent_rows(name, prepared, progress)
         if self.best and BEST not in self.agents:
             yield self._row(BEST, self.best, self.conditions[0], progress)
 
-    def _agent_rows(self, name: str, prepared: Prepared, progress: StudyProgress) -> Iterator["Row"]:
+    def _agent_rows(self, name: str, prepared: PreparedRun, progress: StudyProgress) -> Iterator["StudyRow"]:
         base, *others = self._all()
         first = self._row(name, prepared, base, progress)
         yield first
@@ -76,21 +76,23 @@ class Study:
         for condition in others:
             yield replace(first, condition=condition, reused=True)
 
-    def _row(self, name: str, prepared: Prepared, condition: Condition, progress: StudyProgress) -> "Row":
+    def _row(
+        self, name: str, prepared: PreparedRun, condition: ChannelCondition, progress: StudyProgress
+    ) -> "StudyRow":
         results: list[Results] = []
         for seed in self.seeds:
             run = _cell(prepared, condition, seed, self.folder / RUNS_FOLDER)
             progress.run(f"{name}, {condition.name}, seed {seed}")
             results.append(evaluate(run, progress))
-        return Row(name, condition, tuple(results), reused=False)
+        return StudyRow(name, condition, tuple(results), reused=False)
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class StudyRow:
     """One agent in one condition: a result for every seed."""
 
     agent: str
-    condition: Condition
+    condition: ChannelCondition
     results: tuple[Results, ...]
     reused: bool
     """Whether these are the base condition's, because the agent says nothing."""
@@ -101,21 +103,21 @@ class Row:
         return tuple(scenario for results in self.results for scenario in results.scenarios)
 
 
-def is_silent(row: Row) -> bool:
+def is_silent(row: StudyRow) -> bool:
     """Whether nobody said anything in any scenario: no channel can make a difference. Void ones tell nothing."""
     return all(scenario.status == "ok" and not scenario.comm for scenario in row.scenarios)
 
 
-def _cell(prepared: Prepared, condition: Condition, seed: int, folder: Path) -> Prepared:
+def _cell(prepared: PreparedRun, condition: ChannelCondition, seed: int, folder: Path) -> PreparedRun:
     """The run of one agent in one condition with one seed."""
-    settings = replace(prepared.settings, comm=condition.comm, seed=seed)
+    settings = replace(prepared.config, comm=condition.comm, seed=seed)
     changed = {"comm": described(condition.comm), "seed": seed}
     return replace(
         prepared,
         settings=settings,
         folder=folder / agent_folder(settings.agent) / condition.folder / f"seed{seed}",
         info=RunInfo.model_validate(prepared.info.model_dump() | changed),
-        fingerprint=fingerprint(settings, prepared.suite, prepared.scenarios),
+        fingerprint=compute_fingerprint(settings, prepared.suite, prepared.scenarios),
     )
 
 
@@ -123,5 +125,5 @@ def agent_folder(agent: str) -> str:
     """A folder's name for an agent; a third-party one gets a checksum, for two may have classes of one name."""
     if agent in AGENTS:
         return agent
-    checksum = hashlib.sha256(located(agent).encode()).hexdigest()[:6]
+    checksum = hashlib.sha256(resolve_locator(agent).encode()).hexdigest()[:6]
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", re.sub(r"^.*/|\.py(?=:)", "", agent)) + "-" + checksum

@@ -9,18 +9,18 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
 from mdrive_sumo.report.result_tables import Captured
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode
-from mdrive_sumo.study.captured_cooperation import captured_of
-from mdrive_sumo.study.study_runs import BEST, Row
+from mdrive_sumo.study.captured_cooperation import compute_captured_from_scenarios
+from mdrive_sumo.study.study_runs import BEST, StudyRow
 
 ResultTable = Mapping[str, Mapping[int, ScenarioResult]]
 """Results by scenario id and seed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class StudyLine:
     """One agent in one condition. Intervals are None where every scenario is void."""
 
-    row: Row
+    row: StudyRow
     ds: ConfidenceInterval | None
     sr: ConfidenceInterval | None
     ds_difference: ConfidenceInterval | None
@@ -30,17 +30,17 @@ class Line:
     void: int
 
 
-def lines(rows: Sequence[Row]) -> tuple[Line, ...]:
+def summarise_rows(rows: Sequence[StudyRow]) -> tuple[StudyLine, ...]:
     """A line for every row; captured cooperation where the rows of the references are there."""
     by_name = {(row.agent, row.condition.name): row for row in rows}
     return tuple(_line(row, by_name) for row in rows)
 
 
-def _line(row: Row, rows: Mapping[tuple[str, str], Row]) -> Line:
+def _line(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> StudyLine:
     table = group_by_scenario(row.scenarios)
     base = group_by_scenario(rows[row.agent, "base"].scenarios)
     is_base = row.condition.name == "base"
-    return Line(
+    return StudyLine(
         row,
         ds=compute_score_interval(table, "ds"),
         sr=compute_score_interval(table, "sr"),
@@ -51,13 +51,13 @@ def _line(row: Row, rows: Mapping[tuple[str, str], Row]) -> Line:
     )
 
 
-def _captured(row: Row, rows: Mapping[tuple[str, str], Row]) -> Captured | None:
+def _captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> Captured | None:
     off, best = rows.get((row.agent, "off")), rows.get((BEST, "base"))
     if off is None or best is None:
         return None
     mode = ScoreMode(row.results[0].run.score_mode)
     try:
-        return captured_of(row.scenarios, off.scenarios, best.scenarios, mode)
+        return compute_captured_from_scenarios(row.scenarios, off.scenarios, best.scenarios, mode)
     except InputError:  # all void: the table says so in its own column
         return None
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from real2sim.atomic_folder import whole_folder
 from real2sim.fidelity_report.index_page import write_index
@@ -73,7 +73,7 @@ def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order)
     with whole_folder(out) as draft:
         parts = draft / PARTS
         tasks, refused = _tasks(logs, parts, order)
-        with Pool(_converted, min(order.workers, max(len(tasks), 1)), LIMIT_S) as pool:
+        with ProcessPool(_converted, min(order.workers, max(len(tasks), 1)), LIMIT_S) as pool:
             answers = dict(_answers(pool.run(tasks), len(tasks), order))
         outcomes: list[Outcome] = []
         for task in tasks:
@@ -100,7 +100,7 @@ def _tasks(logs: Sequence[Log], parts: Path, order: Order) -> tuple[list[Task], 
     if order.every_s is None:
         return tasks, refused
     whole = [replace(task, every_s=order.every_s) for task in tasks]
-    with Pool(_windows, min(order.workers, max(len(whole), 1)), LIMIT_S) as pool:
+    with ProcessPool(_windows, min(order.workers, max(len(whole), 1)), LIMIT_S) as pool:
         found = {task.number: _checked(answer) for task, answer in pool.run(whole)}
     cut = [replace(log, window=window) for i, log in enumerate(once) for window in _of(found[i])]
     refused += [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Executor
-from mdrive_sumo.runs.worker_process import WorkerFailure, cannot_write
+from mdrive_sumo.runs.worker_process import WorkerFailure, describe_write_error
 from server.clock import now_us
 from server.enums import JobState, Verdict
 from server.evaluation import spot_checks
@@ -93,7 +93,7 @@ class Dispatcher:
         if self._held and there:
             due_us = min(held.beat_us for held in self._held.values()) + self._beat_us
             wait_s = max(0.0, min(wait_s, (due_us - self._clock()) / SECOND_US))
-        self._unsaved.extend(self._executor.ready(wait_s, [stop.fd]))
+        self._unsaved.extend(self._executor.collect_outcomes(wait_s, [stop.fd]))
         self._save()
         self._or_later(self._beat)
 
@@ -133,7 +133,7 @@ class Dispatcher:
             workers.gone(session, self._owner)
 
     def _claim(self) -> None:
-        while self._clock() >= self._resume_us and self._executor.free > 0:
+        while self._clock() >= self._resume_us and self._executor.free_slots > 0:
             if self._spots:  # before new jobs: a queue that is never empty must not put them off for ever
                 self._begin_spot()
             elif not (self._waiting() and self._has_room() and self._claim_one()):
@@ -194,7 +194,7 @@ class Dispatcher:
             self._held[key].beat_us = now
         for key in lost:
             if key not in waiting:
-                self._executor.end(key)
+                self._executor.cancel(key)
                 self._forget(key)
 
     def _prolonged(self, session: Session, task: JobTask, now: int) -> bool:
@@ -220,7 +220,7 @@ class Dispatcher:
         try:
             self._write(task, outcome)
         except OSError as error:
-            why = f"the files of a result: {cannot_write(error, error.filename)}"
+            why = f"the files of a result: {describe_write_error(error, error.filename)}"
             self._write(task, JobOutcome(Verdict.FAILED_OURS, None, failure=why))
 
     def _write(self, task: JobTask, outcome: JobOutcome) -> None:
@@ -273,7 +273,7 @@ class Dispatcher:
 
         if self._held:
             for key in self._held:
-                self._executor.end(key)
+                self._executor.cancel(key)
             self._or_later(release)
         self._or_later(self._sign_out)
         for key in tuple(self._held):

@@ -8,7 +8,7 @@ from sqlalchemy import make_url
 
 from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.make_executor import check_cluster
+from mdrive_sumo.runs.make_executor import check_scheduler_address
 from mdrive_sumo.scenario.catalog import packaged_suites
 from server import environments
 from server.settings import Settings
@@ -23,7 +23,7 @@ def check_machine(settings: Settings) -> None:
     """
     _check_secrets(settings)
     if settings.work.scheduler:
-        check_cluster(settings.work.scheduler)
+        check_scheduler_address(settings.work.scheduler)
     else:
         try:
             sandbox.check_layers(settings.sandbox.required, settings.sandbox.backend)

@@ -13,7 +13,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.runs.process_pool import Pool
+from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
 from server.enums import JobState, State, Verdict
 from server.evaluation.job_task import Driven, JobTask, Rejection, task_of
@@ -97,7 +97,7 @@ def verify(
         draw = audit.head(session)
         ids = [job.id for one in chosen if _comparable(session, one, suites) for job in sample(session, one, draw)]
     tasks = [task(store, job_id, settings) for job_id in ids]
-    with Pool[JobTask, Driven](function, max(1, min(settings.work.processes, len(tasks))), LIMIT_S) as pool:
+    with ProcessPool[JobTask, Driven](function, max(1, min(settings.work.processes, len(tasks))), LIMIT_S) as pool:
         for done, outcome in pool.run(tasks):
             found = note(store, done.job, outcome, clock())
             if found is not None:

@@ -13,7 +13,7 @@ from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import RejectedError
-from mdrive_sumo.runs.job import Job, run_job
+from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.scenario.catalog import packaged_suites
 from mdrive_sumo.v2x.comm import comm_text
 from server.archive import ArchiveRefused
@@ -89,7 +89,7 @@ def _entrant(task: JobTask) -> Entrant:
     )
 
 
-def _job(task: JobTask, entrant: Entrant) -> Job:
+def _job(task: JobTask, entrant: Entrant) -> EpisodeJob:
     suite = packaged_suites().get(task.suite, Path(task.suite))
     recording = str(task.stage / f"{task.scenario}.npz") if task.public else ""
     job = entrant.job(suite.absolute(), task.scenario, task.seed, recording, str(task.stage))

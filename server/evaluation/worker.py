@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.preparation import SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
@@ -60,7 +60,7 @@ def work(settings: Settings, stop: Stop, function: Callable[[JobTask], Driven], 
     try:
         suites = LoadedSuites(settings)
         limit_s = _limit_s(store, settings, suites)
-        with engine(function, 1, limit_s, work.scheduler) as executor:
+        with make_executor(function, 1, limit_s, work.scheduler) as executor:
             Dispatcher(store, settings, suites, executor, owner(), clock).run(stop)
     finally:
         store.close()

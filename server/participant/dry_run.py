@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mdrive_sumo.agent_process.sandbox import layers
+from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import RejectedError
-from mdrive_sumo.runs.job import Job, run_job
-from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure
+from mdrive_sumo.runs.job import EpisodeJob, run_job
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.summary import means
@@ -82,7 +82,7 @@ def _say_what_is_missing() -> None:
     """An agent may pass here that a server's boxes would end, so the difference is told."""
     required = _of_a_server().required
     if lacks := "; ".join(
-        f"{each.name} ({each.detail})" for each in layers() if each.name in required and not each.active
+        f"{each.name} ({each.detail})" for each in examine_layers() if each.name in required and not each.active
     ):
         click.echo(f"note: boxes here lack what a server's have by default: {lacks}", err=True)
 
@@ -104,7 +104,7 @@ def _of_a_server() -> "Sandbox":
 
 def driven(
     entrant: Entrant, track: Track, course: Course
-) -> Generator[tuple[Job, ScenarioResult | Rejected | WorkerFailure]]:
+) -> Generator[tuple[EpisodeJob, ScenarioResult | Rejected | WorkerFailure]]:
     """Every scenario with its outcome, as they finish. Raises InputError."""
     suite = load_suite(course.suite)
     scenarios = suite.matching(course.scenario)
@@ -124,11 +124,11 @@ def driven(
     ]
     most = max(len(one.egos) for one in scenarios)
     limit_s = SIMULATION_S + most * (2 * entrant.limits.start_s + entrant.limits.episode_s)
-    with Pool[Job, ScenarioResult | Rejected](drive, min(course.workers, len(jobs)), limit_s) as pool:
+    with ProcessPool[EpisodeJob, ScenarioResult | Rejected](drive, min(course.workers, len(jobs)), limit_s) as pool:
         yield from pool.run(jobs)
 
 
-def drive(job: Job) -> ScenarioResult | Rejected:
+def drive(job: EpisodeJob) -> ScenarioResult | Rejected:
     """In a worker process, whose main thread opens the boxes."""
     try:
         return run_job(job)

@@ -47,7 +47,7 @@ def show_machine(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Re
     return page(
         request,
         "admin_machine.html",
-        layers=using.aside.call(LOOK_S, sandbox.layers, wanted.backend),
+        layers=using.aside.call(LOOK_S, sandbox.examine_layers, wanted.backend),
         required=wanted.required,
         backend=wanted.backend,
         gaps=sandbox.GAPS.get(wanted.backend, ()),

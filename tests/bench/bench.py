@@ -20,7 +20,7 @@ from typing import Any
 import libsumo
 import numpy as np
 
-from mdrive_sumo.agent_process.remote_driver import Limits
+from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.contract import Reply
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import TICKS_PER_SECOND
@@ -181,7 +181,7 @@ def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
     ticks = [tick for _ in range(ROUNDS) for tick in evaluator_ticks(scenario, roads, "constant-speed")]
     yield "tick, 4 CAVs, no background", statistics.mean(ticks) * 1e3, "ms", "<= 1.0"
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    drivers = opened(Hiring("constant-speed", {}, Limits()), [ego.id for ego in scenario.egos])
+    drivers = opened(Hiring("constant-speed", {}, AgentLimits()), [ego.id for ego in scenario.egos])
     with SumoWorld(scenario, roads, sizes, 1) as world:
         episode = run_episode(EpisodeConfig(scenario, roads, 0), world, drivers)
     save_episode(episode, folder / "e.npz")

@@ -14,8 +14,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from mdrive_sumo.agent_process.child_process import BoxPlan, Program
-from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
+from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
+from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
@@ -107,10 +107,10 @@ def main() -> None:
         plan = BoxPlan(made, python=sys.executable, site=str(Path(np.__file__).parents[1]))
 
         def plain() -> RemoteDriver:
-            return RemoteDriver(opened_line(Program(f"{made}/agents.py:Agent"), Limits()), {})
+            return RemoteDriver(open_agent_connection(AgentProgram(f"{made}/agents.py:Agent"), AgentLimits()), {})
 
         def boxed() -> RemoteDriver:
-            return RemoteDriver(opened_line(Program("/agent/agents.py:Agent"), Limits(), plan), {})
+            return RemoteDriver(open_agent_connection(AgentProgram("/agent/agents.py:Agent"), AgentLimits(), plan), {})
 
         click.echo("| a tick [ms] | p10 | p50 | p99 |\n|---|---|---|---|")
         for what, sensors in SENSORS.items():

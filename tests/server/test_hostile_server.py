@@ -21,10 +21,10 @@ from testing.hostile_server import Door, Watch, serving, told
 from testing.paths import ROOT
 from testing.sandbox_runs import AGENTS
 
-from mdrive_sumo.agent_process.sandbox import layers
+from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
-from mdrive_sumo.runs.fingerprint import code_checksum
+from mdrive_sumo.runs.fingerprint import compute_code_checksum
 from server.enums import FEWEST
 from server.settings import Sandbox
 from server.store import Store
@@ -42,7 +42,7 @@ SENTENCE = re.compile(r"[^\n]{10,400}")
 
 def need_layers() -> None:
     reasons = {"namespaces": "needs bubblewrap", "uid": "needs root", "cgroup": "needs control groups"}
-    missing = set(Sandbox().required) - {layer.name for layer in layers() if layer.active}
+    missing = set(Sandbox().required) - {layer.name for layer in examine_layers() if layer.active}
     if missing:
         pytest.skip(next((why for name, why in reasons.items() if name in missing), "needs bubblewrap"))
 
@@ -52,7 +52,7 @@ def need_layers() -> None:
 @pytest.mark.timeout(1800)
 def test_hostile_server(tmp_path: Path) -> None:
     need_layers()
-    code = code_checksum()
+    code = compute_code_checksum()
     with socket.socket(socket.AF_UNIX) as local, serving(tmp_path) as door:
         name = f"mdrive-test-{tmp_path.stat().st_ino}"
         local.bind(f"\0{name}")
@@ -75,7 +75,7 @@ def test_hostile_server(tmp_path: Path) -> None:
         check_honest(door)
     LOG.info(watch.told())
     assert watch.failures == [] and len(watch.seconds) > 20, watch.told()
-    assert (code_checksum(), given(tmp_path)) == (code, before)
+    assert (compute_code_checksum(), given(tmp_path)) == (code, before)
 
 
 def agents_of(door: Door, folder: Path, date_s: float, local: str) -> Mapping[str, bytes]:

@@ -31,13 +31,13 @@ class Inline:
         self.waits: list[float | None] = []
 
     @property
-    def free(self) -> int:
+    def free_slots(self) -> int:
         return self.slots - len(self.waiting)
 
     def submit(self, key: str, job: JobTask) -> None:
         self.waiting[key] = job
 
-    def ready(
+    def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[str, Driven | WorkerFailure]]:
         self.waits.append(timeout_s)
@@ -46,7 +46,7 @@ class Inline:
             del self.waiting[key]
         return over
 
-    def end(self, key: str) -> None:
+    def cancel(self, key: str) -> None:
         self.ended.append(key)
         self.waiting.pop(key, None)
 

@@ -132,6 +132,6 @@ def scored(scenario: str, bucket: str = "Tiny", failed: bool = False) -> Scenari
 if __name__ == "__main__":
     from testing import evaluation_fakes  # so that the worker's own child finds `fake` by that name
 
-    phase_suites.code_checksum = steady
+    phase_suites.compute_code_checksum = steady
     jobs.MOST_FAILURES = 1000  # one job may be killed more often here than ever elsewhere
     sys.exit(worker.main(evaluation_fakes.fake, evaluation_fakes.fast_clock))

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from mdrive_sumo import cli
 from mdrive_sumo.runs import evaluate
-from mdrive_sumo.runs.job import Job
+from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import ScenarioResult, void_result
 from mdrive_sumo.v2x.comm import comm_from
 from testing.pool_fakes import Task, perform
 
 
-def drive(job: Job) -> ScenarioResult:
+def drive(job: EpisodeJob) -> ScenarioResult:
     """Omniscient has DS 90, idm 30 and says nothing; all others have 70 less latency, 40 x loss and 10 x pose error.
 
     Without a channel they have 30; the second seed adds 1. The deed in the scenario's description is done first.
@@ -36,11 +36,11 @@ def drive(job: Job) -> ScenarioResult:
 
 
 class Inline:
-    """An executor without processes; made as `engine` makes one."""
+    """An executor without processes; created like those of `make_executor`."""
 
-    free = 1
+    free_slots = 1
 
-    def __init__(self, function: Callable[[Job], ScenarioResult], *_: object) -> None:
+    def __init__(self, function: Callable[[EpisodeJob], ScenarioResult], *_: object) -> None:
         self._function = function
         self._done: list[tuple[str, ScenarioResult]] = []
 
@@ -50,10 +50,10 @@ class Inline:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def submit(self, key: str, job: Job) -> None:
+    def submit(self, key: str, job: EpisodeJob) -> None:
         self._done.append((key, self._function(job)))
 
-    def ready(self) -> list[tuple[str, ScenarioResult]]:
+    def collect_outcomes(self) -> list[tuple[str, ScenarioResult]]:
         done, self._done = self._done, []
         return done
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from mdrive_sumo import cli
 from mdrive_sumo.roads.network_file import net_checksum
 from mdrive_sumo.runs import evaluate
-from mdrive_sumo.runs.job import Job
+from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -48,7 +48,7 @@ def _scenario(name: str, deed: str) -> Scenario:
     return Scenario(id=name, bucket="Tiny", category="deed", network="flat", description=deed, egos=(ego,))
 
 
-def drive(job: Job) -> ScenarioResult:
+def drive(job: EpisodeJob) -> ScenarioResult:
     """Stands in for `run_job`: does the deed that the scenario's description names, and notes that it was called."""
     run_folder = Path(job.recording).parents[1] if job.recording else Path(job.suite_folder)
     with (run_folder / "calls").open("a") as calls:

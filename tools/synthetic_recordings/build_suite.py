@@ -18,7 +18,7 @@ from typing import TypeVar
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import FULL_SCORE
-from mdrive_sumo.runs.process_pool import Pool, WorkerFailure
+from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, save_suite, sealed
 from mdrive_sumo.scenario.scenario import load_scenario
 from tools.synthetic_recordings.candidate_selection import Candidate, candidate, choose, means
@@ -118,7 +118,7 @@ def _with_networks(tasks: Sequence[Task]) -> list[Task]:
 
 def _all(function: Callable[[Task], R | str], tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, R | str]]:
     """What became of every task, as they finish; told on standard error."""
-    with Pool(function, workers, LIMIT_S) as pool:
+    with ProcessPool(function, workers, LIMIT_S) as pool:
         for n, (task, answer) in enumerate(pool.run(tasks), 1):
             said = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
             sys.stderr.write(f"{function.__name__} {n}/{len(tasks)} {task.name} {said}\n")

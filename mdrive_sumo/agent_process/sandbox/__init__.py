@@ -3,7 +3,7 @@
 from mdrive_sumo.agent_process.sandbox.box import Box, BoxReport
 from mdrive_sumo.agent_process.sandbox.box_spec import BACKENDS, BoxSpec
 from mdrive_sumo.agent_process.sandbox.launch import BoxError
-from mdrive_sumo.agent_process.sandbox.layers import GAPS, Layer, check_layers, layers, shown
+from mdrive_sumo.agent_process.sandbox.layers import GAPS, SandboxLayer, check_layers, examine_layers, shown
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.open_box import open_box
 
@@ -15,9 +15,9 @@ __all__ = [
     "BoxLimits",
     "BoxReport",
     "BoxSpec",
-    "Layer",
+    "SandboxLayer",
     "check_layers",
-    "layers",
+    "examine_layers",
     "open_box",
     "shown",
 ]

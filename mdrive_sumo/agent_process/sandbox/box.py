@@ -11,10 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.agent_process.sandbox.cgroups import Group
+from mdrive_sumo.agent_process.sandbox.cgroups import Cgroup
 from mdrive_sumo.agent_process.sandbox.launch import BoxError
 from mdrive_sumo.agent_process.sandbox.output_log import LogRing
-from mdrive_sumo.agent_process.sandbox.user_slots import Slot
+from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot
 
 DYING_S = 20.0
 """A killed process may need this long: version 1 groups under memory pressure with a small share of a core."""
@@ -48,15 +48,15 @@ class BoxReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class BoxParts:
     """What a box holds of the kernel; `Box` ends with all of it given back."""
 
     pid: int
     pidfd: int
     status: int
     """Reading end of bubblewrap's own report."""
-    slot: Slot
-    group: Group | None
+    slot: UserSlot
+    group: Cgroup | None
     began: float
     folder: Path | None
     """Of the box alone, removed with it; None where it needs none."""
@@ -65,7 +65,7 @@ class Parts:
 class Box:
     """One program behind walls. Made by `open_box`; whoever opened it closes it."""
 
-    def __init__(self, parts: Parts, own_end: socket.socket, log: LogRing, backend: str) -> None:
+    def __init__(self, parts: BoxParts, own_end: socket.socket, log: LogRing, backend: str) -> None:
         self.socket = own_end
         """Our end of the socketpair, blocking; a stream."""
         self._parts = parts
@@ -204,7 +204,7 @@ def _last_words(log: bytes) -> str:
     return said[-1][:MOST_WORDS] if said else "it did not say why"
 
 
-def _used(group: Group | None) -> tuple[int | None, float | None, bool]:
+def _used(group: Cgroup | None) -> tuple[int | None, float | None, bool]:
     """Peak memory [bytes], CPU time [s], and whether memory ran out."""
     if group is None:
         return None, None, False

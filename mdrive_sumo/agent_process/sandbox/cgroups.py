@@ -20,7 +20,7 @@ PAUSE_S = 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Hierarchy:
+class CgroupHierarchy:
     """Where groups of boxes are made."""
 
     version: int
@@ -32,7 +32,7 @@ class Hierarchy:
         return f"version {self.version}: {', '.join(self.folders)}"
 
 
-def find(proc: Path = Path("/proc/self")) -> Hierarchy | None:
+def find_hierarchy(proc: Path = Path("/proc/self")) -> CgroupHierarchy | None:
     """The hierarchy in which this process may make groups with memory and pids controllers; None if there is none."""
     own = _own_groups((proc / "cgroup").read_text())
     mounts = _mounts((proc / "mountinfo").read_text())
@@ -65,7 +65,7 @@ def _folder(group: str, root: str, point: Path) -> Path | None:
     return folder if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK) else None
 
 
-def _version_2(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> Hierarchy | None:
+def _version_2(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> CgroupHierarchy | None:
     """The own group or, if its processes sit in a leaf, the one above: whichever hands its controllers down.
 
     A group of version 2 cannot hold both processes and controlled groups, hence the leaf (systemd: DelegateSubgroup=).
@@ -75,18 +75,18 @@ def _version_2(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, P
         for folder in (leaf, leaf.parent) if leaf is not None and leaf != point else ():
             handed_down = _words(folder / "cgroup.subtree_control")
             if os.access(folder, os.W_OK) and set(NEEDED) <= set(handed_down):
-                return Hierarchy(2, {name: folder for name in (*NEEDED, *WANTED) if name in handed_down})
+                return CgroupHierarchy(2, {name: folder for name in (*NEEDED, *WANTED) if name in handed_down})
     return None
 
 
-def _version_1(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> Hierarchy | None:
+def _version_1(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> CgroupHierarchy | None:
     folders: dict[str, Path] = {}
     for name in (*NEEDED, *WANTED):
         for options, root, point in mounts:
             folder = _folder(own[name], root, point) if name in own and {"cgroup", name} <= options else None
             if folder is not None:
                 folders[name] = folder
-    return Hierarchy(1, folders) if set(NEEDED) <= set(folders) else None
+    return CgroupHierarchy(1, folders) if set(NEEDED) <= set(folders) else None
 
 
 def _words(file: Path) -> list[str]:
@@ -97,19 +97,19 @@ def _words(file: Path) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class Cgroup:
     """Control group of one box."""
 
     version: int
     folders: Mapping[str, Path]
 
     @staticmethod
-    def make(hierarchy: Hierarchy, name: str, limits: BoxLimits) -> "Group":
+    def make(hierarchy: CgroupHierarchy, name: str, limits: BoxLimits) -> "Cgroup":
         """Makes the group afresh; what an evaluator that was killed left under this name is killed and removed.
 
         Raises OSError if the kernel refuses.
         """
-        group = Group(hierarchy.version, {key: folder / name for key, folder in hierarchy.folders.items()})
+        group = Cgroup(hierarchy.version, {key: folder / name for key, folder in hierarchy.folders.items()})
         group.remove(wait_s=1.0)
         for folder in group._places():
             folder.mkdir()

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import bubblewrap, gvisor, seccomp
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.exit_reasons import Ends
-from mdrive_sumo.agent_process.sandbox.launch import STAGE, Launch
+from mdrive_sumo.agent_process.sandbox.exit_reasons import PipeEnds
+from mdrive_sumo.agent_process.sandbox.launch import STAGE, LaunchPlan
 from mdrive_sumo.agent_process.sandbox.rlimits import rlimits
 from mdrive_sumo.core.errors import InputError
 
@@ -17,7 +17,7 @@ CAP_SYS_ADMIN = 1 << 21
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BoxPlacement:
     """Where and as whom a box runs."""
 
     uid: int | None
@@ -28,12 +28,12 @@ class Place:
     """A temporary folder that lasts as long as the box; only gVisor needs one."""
 
 
-def launch(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
+def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     """What to start. Raises InputError if the backend cannot be had here."""
     return {"bubblewrap": _bubblewrapped, "gvisor": _in_gvisor, "none": _bare}[spec.backend](spec, ends, place)
 
 
-def _bubblewrapped(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
+def _bubblewrapped(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     program = _program("bwrap", "bubblewrap")
     seen, staged = _staged(bubblewrap.sources(spec))
     words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
@@ -41,10 +41,10 @@ def _bubblewrapped(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
     descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing)
     argv = (program, "--args", str(bubblewrap.ARGS_FD), "--", *spec.command)
     limits = rlimits(spec.limits, own_uid=place.uid is not None, grouped=bool(place.entries))
-    return Launch(argv, {}, descriptors, limits, place.entries, place.uid, staged)
+    return LaunchPlan(argv, {}, descriptors, limits, place.entries, place.uid, staged)
 
 
-def _in_gvisor(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
+def _in_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     """gVisor's own kernel keeps the limits inside; of the outer ones it bears only the control group."""
     program, folder = _program("runsc", "gvisor"), place.folder
     assert folder is not None
@@ -52,17 +52,17 @@ def _in_gvisor(spec: BoxSpec, ends: Ends, place: Place) -> Launch:
     gvisor.write_bundle(spec, seen, folder, place.uid)
     descriptors = (ends.agent.fileno(), ends.log_writing, ends.log_writing)
     env = {"PATH": os.defpath, "TMPDIR": str(folder)}
-    return Launch(gvisor.command(program, folder), env, descriptors, (), place.entries, place.uid, staged)
+    return LaunchPlan(gvisor.command(program, folder), env, descriptors, (), place.entries, place.uid, staged)
 
 
-def _bare(spec: BoxSpec, ends: Ends, _place: Place) -> Launch:
+def _bare(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> LaunchPlan:
     """No box and no limits: the same program with the paths of the outside."""
     words = [_outside(word, spec) for word in spec.command]
     argv = (shutil.which(words[0]) or words[0], *words[1:])
     values = bubblewrap.ENVIRONMENT | dict(spec.env)
     env = {name: ":".join(_outside(word, spec) for word in text.split(":")) for name, text in values.items()}
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
-    return Launch(argv, env, first, (), nice=0, cwd=_outside(bubblewrap.working_folder(spec), spec))
+    return LaunchPlan(argv, env, first, (), nice=0, cwd=_outside(bubblewrap.working_folder(spec), spec))
 
 
 def _staged(seen: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[tuple[Path, str], ...]]:

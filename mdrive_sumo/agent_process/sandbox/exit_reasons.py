@@ -10,7 +10,7 @@ SOCKET_BUFFER = 4 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Ends:
+class PipeEnds:
     """Descriptors made for one launch: ours stay open if it succeeds, theirs are closed in any case."""
 
     own: socket.socket
@@ -28,7 +28,7 @@ class Ends:
     """Closes ours, if the launch fails."""
 
     @staticmethod
-    def make() -> "Ends":
+    def make() -> "PipeEnds":
         """A socketpair and two pipes."""
         own, agent = socket.socketpair()
         for end in (own, agent):
@@ -37,7 +37,7 @@ class Ends:
         log, log_writing = os.pipe()
         status, status_writing = os.pipe()
         nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
-        ends = Ends(own, log, status, agent, log_writing, status_writing, nothing, ExitStack())
+        ends = PipeEnds(own, log, status, agent, log_writing, status_writing, nothing, ExitStack())
         for fd in (log, status):
             os.set_blocking(fd, False)
             ends.undo.callback(os.close, fd)

@@ -32,7 +32,7 @@ class BoxError(WorldError):
 
 
 @dataclass(frozen=True, slots=True)
-class Launch:
+class LaunchPlan:
     """A program, and what is arranged before it begins."""
 
     argv: tuple[str, ...]
@@ -51,7 +51,7 @@ class Launch:
     cwd: str = "/"
 
 
-def start(launch: Launch) -> int:
+def start(launch: LaunchPlan) -> int:
     """Process id of the running program. Raises BoxError if it could not be started."""
     if launch.staged:
         _make_stage()
@@ -77,7 +77,7 @@ def _make_stage() -> None:
         raise BoxError(f"sandbox: the mount point {STAGE} cannot be made: {error}") from error
 
 
-def _become(launch: Launch, report: int) -> Never:
+def _become(launch: LaunchPlan, report: int) -> Never:
     """In the child: ends in `exec`, or tells the parent why not."""
     parent = os.getppid()
     step = "leave the session"
@@ -111,7 +111,7 @@ def _take(descriptors: tuple[int, ...], report: int) -> int:
     return report
 
 
-def _drop(launch: Launch, parent: int) -> None:
+def _drop(launch: LaunchPlan, parent: int) -> None:
     for which, soft, hard in launch.rlimits:
         resource.setrlimit(which, (soft, hard))
     os.nice(launch.nice)

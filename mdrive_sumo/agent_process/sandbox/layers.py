@@ -45,7 +45,7 @@ GAPS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Layer:
+class SandboxLayer:
     """One mechanism, and whether boxes on this machine have it."""
 
     name: str
@@ -60,7 +60,7 @@ def shown(rootfs: Path | None = None) -> frozenset[Path]:
     return frozenset(path.resolve() for path in seen if not path.is_symlink())  # links are made anew inside
 
 
-def layers(backend: str = "bubblewrap") -> tuple[Layer, ...]:
+def examine_layers(backend: str = "bubblewrap") -> tuple[SandboxLayer, ...]:
     """Opens a box of this backend, looks around in it, and says what was found."""
     limits = BoxLimits()
     try:
@@ -83,12 +83,12 @@ def _rows(text: str) -> dict[str, str]:
     return dict(line.split(" ", 1) for line in text.splitlines() if " " in line)
 
 
-def _nothing(problem: str) -> tuple[Layer, ...]:
+def _nothing(problem: str) -> tuple[SandboxLayer, ...]:
     """No box, no layers."""
-    return (*(Layer(name, False, problem) for name in LAYERS), *_optional())
+    return (*(SandboxLayer(name, False, problem) for name in LAYERS), *_optional())
 
 
-def _around(seen: Mapping[str, str], backend: str) -> tuple[Layer, ...]:
+def _around(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, ...]:
     """gVisor's kernel shows nothing of the host's, so that it is another one is all that can be seen of its walls."""
     host = Path("/proc/version").read_text().strip()
     walled = backend == "gvisor" and seen.get("kernel", host) != host
@@ -100,10 +100,10 @@ def _around(seen: Mapping[str, str], backend: str) -> tuple[Layer, ...]:
     filtered = walled or seen.get("Seccomp:") == "2"
     how = "gVisor's own kernel" if walled else f"{backend}; shared with the host: {', '.join(shared) or 'none'}"
     return (
-        Layer("namespaces", walled or not shared, how),
-        Layer("read-only", root == "read-only", f"root of the box is {root}, temporary folders are sized"),
-        Layer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
-        Layer("seccomp", filtered, _filter(walled) if filtered else "no filter in force"),
+        SandboxLayer("namespaces", walled or not shared, how),
+        SandboxLayer("read-only", root == "read-only", f"root of the box is {root}, temporary folders are sized"),
+        SandboxLayer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
+        SandboxLayer("seccomp", filtered, _filter(walled) if filtered else "no filter in force"),
     )
 
 
@@ -111,35 +111,35 @@ def _filter(walled: bool) -> str:
     return "system calls end in gVisor's own kernel" if walled else "filter of system calls"
 
 
-def _uid(outside: Mapping[str, str]) -> Layer:
+def _uid(outside: Mapping[str, str]) -> SandboxLayer:
     found = outside.get("Uid:", "").partition(" ")[0]
     own = found.isdigit() and int(found) >= FIRST_UID and os.geteuid() == 0
     how = f"{FIRST_UID} + slot" if own else "all boxes run as the user who starts them; only root can change that"
-    return Layer("uid", own, how)
+    return SandboxLayer("uid", own, how)
 
 
-def _grouped() -> Layer:
-    hierarchy = cgroups.find()
+def _grouped() -> SandboxLayer:
+    hierarchy = cgroups.find_hierarchy()
     why_not = "none writable with memory and pids: memory is limited for each process only, not for all together"
-    return Layer("cgroup", hierarchy is not None, hierarchy.describe() if hierarchy else why_not)
+    return SandboxLayer("cgroup", hierarchy is not None, hierarchy.describe() if hierarchy else why_not)
 
 
-def _limited(seen: Mapping[str, str], limits: BoxLimits) -> Layer:
+def _limited(seen: Mapping[str, str], limits: BoxLimits) -> SandboxLayer:
     found = seen.get("open-files", "")
     how = "processes, CPU time, file size, open files, no core files"
-    return Layer("rlimits", found == str(limits.open_files), how)
+    return SandboxLayer("rlimits", found == str(limits.open_files), how)
 
 
-def _optional() -> tuple[Layer, ...]:
+def _optional() -> tuple[SandboxLayer, ...]:
     runsc = shutil.which("runsc")
-    gvisor = Layer("gvisor", runsc is not None, runsc or "optional; runsc is not installed")
-    rootfs = Layer("rootfs", Path("/usr").is_dir(), "the host's /usr, or an unpacked image where one is named")
+    gvisor = SandboxLayer("gvisor", runsc is not None, runsc or "optional; runsc is not installed")
+    rootfs = SandboxLayer("rootfs", Path("/usr").is_dir(), "the host's /usr, or an unpacked image where one is named")
     return (gvisor, rootfs)
 
 
 def check_layers(required: Sequence[str], backend: str = "bubblewrap") -> tuple[str, ...]:
     """What boxes of this backend have here. Raises InputError, one sentence, if they lack any of these layers."""
-    found = {layer.name: layer for layer in layers(backend)}
+    found = {layer.name: layer for layer in examine_layers(backend)}
     unknown = [name for name in required if name not in found]
     if unknown:
         raise InputError(f"sandbox: expected layers among {', '.join(found)}, found {', '.join(unknown)}")

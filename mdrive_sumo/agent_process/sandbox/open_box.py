@@ -9,13 +9,13 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import cgroups, gvisor
-from mdrive_sumo.agent_process.sandbox.box import Box, Parts
+from mdrive_sumo.agent_process.sandbox.box import Box, BoxParts
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.command_lines import Place, launch
-from mdrive_sumo.agent_process.sandbox.exit_reasons import Ends
+from mdrive_sumo.agent_process.sandbox.command_lines import BoxPlacement, launch
+from mdrive_sumo.agent_process.sandbox.exit_reasons import PipeEnds
 from mdrive_sumo.agent_process.sandbox.launch import BoxError, start
 from mdrive_sumo.agent_process.sandbox.output_log import LogRing
-from mdrive_sumo.agent_process.sandbox.user_slots import Slot, take
+from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take
 
 GVISOR_START_S = 30.0
 
@@ -56,24 +56,24 @@ def _await_begin(box: Box) -> None:
         raise BoxError(f"sandbox: gVisor did not start: {box.log().decode(errors='replace').strip()}")
 
 
-def _group(spec: BoxSpec, slot: Slot) -> cgroups.Group | None:
-    hierarchy = None if spec.backend == "none" else cgroups.find()
+def _group(spec: BoxSpec, slot: UserSlot) -> cgroups.Cgroup | None:
+    hierarchy = None if spec.backend == "none" else cgroups.find_hierarchy()
     if hierarchy is None:
         return None
     limits = gvisor.with_its_own(spec.limits) if spec.backend == "gvisor" else spec.limits
     try:
-        return cgroups.Group.make(hierarchy, f"mdrive-box-{slot.number}", limits)
+        return cgroups.Cgroup.make(hierarchy, f"mdrive-box-{slot.number}", limits)
     except OSError as error:
         raise BoxError(f"sandbox: no control group for slot {slot.number}: {error}") from error
 
 
-def _started(spec: BoxSpec, slot: Slot, group: cgroups.Group | None, folder: Path | None) -> Box:
-    ends = Ends.make()
+def _started(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: Path | None) -> Box:
+    ends = PipeEnds.make()
     with ends.theirs, ends.undo:
         entries = () if group is None else group.entries()
         for fd in entries:
             ends.theirs.callback(os.close, fd)
-        pid = start(launch(spec, ends, Place(slot.uid, entries, folder)))
-        parts = Parts(pid, os.pidfd_open(pid), ends.status, slot, group, time.monotonic(), folder)
+        pid = start(launch(spec, ends, BoxPlacement(slot.uid, entries, folder)))
+        parts = BoxParts(pid, os.pidfd_open(pid), ends.status, slot, group, time.monotonic(), folder)
         ends.undo.pop_all()
     return Box(parts, ends.own, LogRing(ends.log, spec.limits.log_bytes), spec.backend)

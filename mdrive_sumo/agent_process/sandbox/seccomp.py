@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class SyscallRule:
     """Calls refused for one reason."""
 
     reason: str
@@ -24,38 +24,38 @@ class Refusal:
 
 
 REFUSALS = (
-    Refusal("reads, writes or traces another process", ("ptrace", "process_vm_readv", "process_vm_writev")),
-    Refusal("advises the kernel about another process's memory", ("process_madvise", "process_mrelease")),
-    Refusal("compares kernel objects of two processes, which leaks addresses", ("kcmp",)),
-    Refusal("takes file descriptors out of another process", ("pidfd_open", "pidfd_getfd")),
-    Refusal("makes or enters namespaces, where one has every capability", ("unshare", "setns")),
-    Refusal("changes what is mounted", ("mount", "umount2", "pivot_root", "chroot", "mount_setattr")),
-    Refusal("changes what is mounted", ("fsopen", "fsmount", "fsconfig", "fspick", "move_mount")),
-    Refusal("changes what is mounted", ("open_tree", "open_tree_attr")),
-    Refusal("loads programs into the kernel", ("bpf",)),
-    Refusal("measures other programs; large and often faulty", ("perf_event_open",)),
-    Refusal("runs calls past this filter", ("io_uring_setup", "io_uring_enter", "io_uring_register")),
-    Refusal("stops the kernel in the middle of a copy, a tool of exploits", ("userfaultfd",)),
-    Refusal("keyrings are not divided by namespaces", ("keyctl", "add_key", "request_key")),
-    Refusal("memory that no one can account for or look into", ("memfd_secret",)),
-    Refusal("watches files of the whole mount", ("fanotify_init", "fanotify_mark")),
-    Refusal("another kernel", ("kexec_load", "kexec_file_load", "reboot")),
-    Refusal("kernel modules", ("init_module", "finit_module", "delete_module")),
-    Refusal("swap and disk quotas of the host", ("swapon", "swapoff", "quotactl", "quotactl_fd")),
-    Refusal("accounts and log of the host", ("acct", "syslog")),
-    Refusal("hangs up the host's terminal", ("vhangup",)),
-    Refusal("ports of the hardware", ("iopl", "ioperm")),
-    Refusal("names the host", ("sethostname", "setdomainname")),
-    Refusal("sets the host's clock", ("clock_settime", "settimeofday", "adjtimex", "clock_adjtime")),
-    Refusal("opens files past the mounts", ("open_by_handle_at", "name_to_handle_at")),
-    Refusal("device nodes", ("mknod", "mknodat")),
-    Refusal("switches off address randomisation and other guards", ("personality",)),
-    Refusal("segments of 16-bit programs, often faulty", ("modify_ldt",)),
-    Refusal("places memory on the host's nodes", ("move_pages", "mbind", "set_mempolicy", "migrate_pages")),
-    Refusal("places memory on the host's nodes", ("set_mempolicy_home_node",)),
-    Refusal("nothing has used it for decades", ("uselib", "ustat", "sysfs", "lookup_dcookie", "nfsservctl")),
-    Refusal("nothing has used it for decades", ("_sysctl", "create_module", "get_kernel_syms", "query_module")),
-    Refusal("its flags lie behind a pointer; C libraries fall back to `clone`", ("clone3",), errno.ENOSYS),
+    SyscallRule("reads, writes or traces another process", ("ptrace", "process_vm_readv", "process_vm_writev")),
+    SyscallRule("advises the kernel about another process's memory", ("process_madvise", "process_mrelease")),
+    SyscallRule("compares kernel objects of two processes, which leaks addresses", ("kcmp",)),
+    SyscallRule("takes file descriptors out of another process", ("pidfd_open", "pidfd_getfd")),
+    SyscallRule("makes or enters namespaces, where one has every capability", ("unshare", "setns")),
+    SyscallRule("changes what is mounted", ("mount", "umount2", "pivot_root", "chroot", "mount_setattr")),
+    SyscallRule("changes what is mounted", ("fsopen", "fsmount", "fsconfig", "fspick", "move_mount")),
+    SyscallRule("changes what is mounted", ("open_tree", "open_tree_attr")),
+    SyscallRule("loads programs into the kernel", ("bpf",)),
+    SyscallRule("measures other programs; large and often faulty", ("perf_event_open",)),
+    SyscallRule("runs calls past this filter", ("io_uring_setup", "io_uring_enter", "io_uring_register")),
+    SyscallRule("stops the kernel in the middle of a copy, a tool of exploits", ("userfaultfd",)),
+    SyscallRule("keyrings are not divided by namespaces", ("keyctl", "add_key", "request_key")),
+    SyscallRule("memory that no one can account for or look into", ("memfd_secret",)),
+    SyscallRule("watches files of the whole mount", ("fanotify_init", "fanotify_mark")),
+    SyscallRule("another kernel", ("kexec_load", "kexec_file_load", "reboot")),
+    SyscallRule("kernel modules", ("init_module", "finit_module", "delete_module")),
+    SyscallRule("swap and disk quotas of the host", ("swapon", "swapoff", "quotactl", "quotactl_fd")),
+    SyscallRule("accounts and log of the host", ("acct", "syslog")),
+    SyscallRule("hangs up the host's terminal", ("vhangup",)),
+    SyscallRule("ports of the hardware", ("iopl", "ioperm")),
+    SyscallRule("names the host", ("sethostname", "setdomainname")),
+    SyscallRule("sets the host's clock", ("clock_settime", "settimeofday", "adjtimex", "clock_adjtime")),
+    SyscallRule("opens files past the mounts", ("open_by_handle_at", "name_to_handle_at")),
+    SyscallRule("device nodes", ("mknod", "mknodat")),
+    SyscallRule("switches off address randomisation and other guards", ("personality",)),
+    SyscallRule("segments of 16-bit programs, often faulty", ("modify_ldt",)),
+    SyscallRule("places memory on the host's nodes", ("move_pages", "mbind", "set_mempolicy", "migrate_pages")),
+    SyscallRule("places memory on the host's nodes", ("set_mempolicy_home_node",)),
+    SyscallRule("nothing has used it for decades", ("uselib", "ustat", "sysfs", "lookup_dcookie", "nfsservctl")),
+    SyscallRule("nothing has used it for decades", ("_sysctl", "create_module", "get_kernel_syms", "query_module")),
+    SyscallRule("its flags lie behind a pointer; C libraries fall back to `clone`", ("clone3",), errno.ENOSYS),
 )
 
 NAMESPACE_FLAGS = (0x00020000, 0x02000000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000)

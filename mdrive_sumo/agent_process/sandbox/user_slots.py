@@ -12,7 +12,7 @@ FIRST_UID = 60001
 
 
 @dataclass(frozen=True, slots=True)
-class Slot:
+class UserSlot:
     """A place taken by this process."""
 
     number: int
@@ -32,7 +32,7 @@ class Slot:
             self.lock.detach()
 
 
-def take(number: int | None) -> Slot:
+def take(number: int | None) -> UserSlot:
     """This slot, or the first that is free. Raises InputError if it is taken by a living box."""
     for candidate in range(SLOTS) if number is None else (number,):
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -43,6 +43,6 @@ def take(number: int | None) -> Slot:
             if error.errno != errno.EADDRINUSE:
                 raise
         else:
-            return Slot(candidate, lock)
+            return UserSlot(candidate, lock)
     which = f"slot {number}" if number is not None else f"one of {SLOTS} slots"
     raise InputError(f"sandbox: expected {which} to be free on this host, found a box in it")

@@ -9,13 +9,18 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation.requirements import is_difficult, unmet
 from mdrive_sumo.generate.validation.spawn_overlaps import crowded
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.runs.job import Job, prepared, reexecute
-from mdrive_sumo.runs.process_pool import Pool, WorkerFailure
+from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
+from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScoreMode, score_episode
-from mdrive_sumo.study.occlusion_certificate import DRIVES, Certificate, Drive, certify
+from mdrive_sumo.study.occlusion_certificate import (
+    DRIVES,
+    OcclusionCertificate,
+    ReferenceDrive,
+    find_occluded_intervals,
+)
 
 LIMIT_S = 300.0
 """Wall clock for one scenario."""
@@ -38,7 +43,7 @@ class Examination:
     blind_ttc_s: float | None = None
     """Least time to collision of constant-speed driving; None: never within 1.8 s, or not driven."""
     omniscient_ds: float | None = None
-    certificate: Certificate | None = None
+    certificate: OcclusionCertificate | None = None
     """Where somebody is hidden from a CAV on the way to a conflict; None if it was not driven."""
 
     @property
@@ -69,7 +74,7 @@ def _places(part: Suite) -> Iterator[tuple[float, int, str]]:
 def examine_suite(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[Examination]:
     """Examines scenarios of a suite in worker processes; they come in the order in which they finish."""
     questions = [Question(str(suite.folder.resolve()), scenario.id) for scenario in scenarios]
-    with Pool[Question, Examination](examine, min(workers, len(questions)), LIMIT_S) as pool:
+    with ProcessPool[Question, Examination](examine, min(workers, len(questions)), LIMIT_S) as pool:
         for question, found in pool.run(questions):
             failed = isinstance(found, WorkerFailure)
             yield Examination(question.scenario, (found.reason,)) if failed else found
@@ -77,17 +82,17 @@ def examine_suite(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> 
 
 def examine(question: Question) -> Examination:
     """Drives a scenario blind and omniscient and says what is wrong with it. Raises WorldError."""
-    scenario, roads = prepared(_job(question, "omniscient"))
+    scenario, roads = load_job_scenario(_job(question, "omniscient"))
     if unsound := tuple(_unsound(scenario, roads)):
         return Examination(scenario.id, unsound)
-    drives: dict[Drive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
+    drives: dict[ReferenceDrive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
     blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
     problems = unmet(scenario.bucket, blind, solved)
     return Examination(scenario.id, problems, blind.min_ttc, solved.ds, _certificate(scenario, roads, drives))
 
 
-def _job(question: Question, agent: str) -> Job:
-    return Job(question.suite_folder, question.scenario, agent, {}, 0, ScoreMode.MDRIVE)
+def _job(question: Question, agent: str) -> EpisodeJob:
+    return EpisodeJob(question.suite_folder, question.scenario, agent, {}, 0, ScoreMode.MDRIVE)
 
 
 def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
@@ -99,6 +104,6 @@ def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
         yield from crowded(scenario, roads)
 
 
-def _certificate(scenario: Scenario, roads: RoadMap, drives: Mapping[Drive, EpisodeRecord]) -> Certificate:
-    hidden = (interval for drive, episode in drives.items() for interval in certify(drive, episode, scenario, roads))
-    return Certificate(scenario=scenario.id, hidden=tuple(hidden))
+def _certificate(scenario: Scenario, roads: RoadMap, drives: Mapping[ReferenceDrive, EpisodeRecord]) -> OcclusionCertificate:
+    hidden = (interval for drive, episode in drives.items() for interval in find_occluded_intervals(drive, episode, scenario, roads))
+    return OcclusionCertificate(scenario=scenario.id, hidden=tuple(hidden))

@@ -43,7 +43,9 @@ def seen(yaw: float = 0.0, **sensors: object) -> Observation:
     return Observation(40, OwnState(10.0, 20.0, yaw, 5.0, 1.0, 0.2, 0.0), **sensors)  # type: ignore[arg-type]
 
 
-def style(*declared: dict[str, object], cavs: tuple[str, ...] = ("a",), **more: object) -> carla_adapter.CarlaStyle:
+def style(
+    *declared: dict[str, object], cavs: tuple[str, ...] = ("a",), **more: object
+) -> carla_adapter.CarlaAgentAdapter:
     """A CarlaStyle around an agent made here."""
 
     class Agent:
@@ -56,7 +58,7 @@ def style(*declared: dict[str, object], cavs: tuple[str, ...] = ("a",), **more: 
             self.seen = data, timestamp
             return more.get("controls", [VehicleControl()] * len(cavs))
 
-    made = carla_adapter.CarlaStyle.__new__(carla_adapter.CarlaStyle)
+    made = carla_adapter.CarlaAgentAdapter.__new__(carla_adapter.CarlaAgentAdapter)
     made._agent, made._cavs, made._sensors = Agent(), cavs, ()
     return made
 

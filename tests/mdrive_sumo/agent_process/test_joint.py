@@ -8,9 +8,9 @@ import pytest
 from testing import carla_agents
 from testing.worlds import EmptyWorld, straight_ego, straight_road, straight_scenario
 
-from mdrive_sumo.agent_process.child_process import Program
-from mdrive_sumo.agent_process.joint_agent import Crew
-from mdrive_sumo.agent_process.remote_driver import Limits, opened_line
+from mdrive_sumo.agent_process.child_process import AgentProgram
+from mdrive_sumo.agent_process.joint_agent import JointAgentSession
+from mdrive_sumo.agent_process.remote_driver import AgentLimits, open_agent_connection
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, Failure
@@ -24,8 +24,12 @@ from mdrive_sumo.scenario.scenario import Ego, Scenario
 EGOS = ("b", "a")
 
 
-def crew(path: Path, egos: tuple[str, ...] = EGOS) -> Crew:
-    return Crew(opened_line(Program(str(path), "carla"), Limits(tick_s=20.0)), {"config": "config/my.yaml"}, egos)
+def crew(path: Path, egos: tuple[str, ...] = EGOS) -> JointAgentSession:
+    return JointAgentSession(
+        open_agent_connection(AgentProgram(str(path), "carla"), AgentLimits(tick_s=20.0)),
+        {"config": "config/my.yaml"},
+        egos,
+    )
 
 
 def bends(name: str, start: tuple[float, float], signs: tuple[int, ...]) -> Ego:
@@ -41,7 +45,7 @@ def bends(name: str, start: tuple[float, float], signs: tuple[int, ...]) -> Ego:
     return Ego(id=name, start=Pose(x=start[0], y=start[1], yaw=0.0), lanes=("r_0",), route=route)
 
 
-def drive(scenario: Scenario, one: Crew, clock: str = "ideal") -> EpisodeRecord:
+def drive(scenario: Scenario, one: JointAgentSession, clock: str = "ideal") -> EpisodeRecord:
     setting = EpisodeConfig(scenario, straight_road(), seed=0, clock=clock_of(clock))
     try:
         return run_episode(setting, EmptyWorld(), one.drivers)
@@ -61,7 +65,7 @@ def test_an_agent_of_the_leaderboard_follows_its_routes_unchanged(tmp_path: Path
     one = crew(carla_agents.write(tmp_path, carla_agents.FOLLOWER), ("left", "right"))
     episode = drive(scenario, one, clock)
     assert {ending.ego: ending.end for ending in episode.endings} == {"left": End.ARRIVED, "right": End.ARRIVED}
-    assert one.record()["answers"] > 100
+    assert one.usage_record()["answers"] > 100
 
 
 def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: Scenario) -> None:
@@ -70,7 +74,7 @@ def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: 
     episode = drive(two, one)
     assert [ending.end for ending in episode.endings] == [End.ARRIVED, End.ARRIVED]
     assert episode.ending("a").tick < episode.ending("b").tick
-    assert one.record()["answers"] == episode.ticks - 1  # one request a tick
+    assert one.usage_record()["answers"] == episode.ticks - 1  # one request a tick
 
 
 @pytest.mark.parametrize(
@@ -115,7 +119,7 @@ def test_a_dead_program_fails_every_call(tmp_path: Path) -> None:
 def test_a_camera_is_refused_with_one_sentence(tmp_path: Path) -> None:
     path = carla_agents.write(tmp_path, carla_agents.CAMERA)
     with pytest.raises(InputError, match=r"sensor 'sensor\.camera\.rgb': expected .* found a camera"):
-        declaration(Hiring(f"carla:{path}", {}, Limits()))
+        declaration(Hiring(f"carla:{path}", {}, AgentLimits()))
 
 
 @pytest.mark.parametrize(
@@ -128,19 +132,19 @@ def test_a_camera_is_refused_with_one_sentence(tmp_path: Path) -> None:
 )
 def test_a_module_that_is_no_agent(tmp_path: Path, source: str, text: str) -> None:
     with pytest.raises(AgentFailure, match=text):
-        declaration(Hiring(f"carla:{carla_agents.write(tmp_path, source)}", {}, Limits()))
+        declaration(Hiring(f"carla:{carla_agents.write(tmp_path, source)}", {}, AgentLimits()))
 
 
 def test_a_folder_called_carla_is_no_carla(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "carla"
     folder.mkdir()
     monkeypatch.chdir(tmp_path)
-    assert declaration(Hiring(f"carla:{carla_agents.plain(folder, 'good')}", {}, Limits())).label == "joint"
+    assert declaration(Hiring(f"carla:{carla_agents.plain(folder, 'good')}", {}, AgentLimits())).label == "joint"
 
 
 def test_a_job_hires_a_crew(tmp_path: Path) -> None:
     path = carla_agents.plain(tmp_path, "good")
-    hiring = Hiring(f"carla:{path}", {}, Limits(), logs=str(tmp_path / "s"))
+    hiring = Hiring(f"carla:{path}", {}, AgentLimits(), logs=str(tmp_path / "s"))
     assert declaration(hiring).label == "joint"
     with hired(hiring, EGOS) as drivers:
         assert [[spec.kind for spec in driver.sensors()] for driver in drivers.values()] == [["speedometer"]] * 2

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mdrive_sumo.agent_process.child_process import Program
-from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
+from mdrive_sumo.agent_process.child_process import AgentProgram
+from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.contract import Observation, OwnState, PointCloud
 from mdrive_sumo.core.state import Failure
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -72,11 +72,13 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def driver(path: Path, mode: str, name: str = "Driver", **limits: float) -> RemoteDriver:
-    return RemoteDriver(opened_line(Program(f"{path}:{name}"), Limits(**limits)), {"mode": mode})
+    return RemoteDriver(open_agent_connection(AgentProgram(f"{path}:{name}"), AgentLimits(**limits)), {"mode": mode})
 
 
 def test_a_good_agent_answers(path: Path, tmp_path: Path) -> None:
-    remote = RemoteDriver(opened_line(Program(f"{path}:Driver", log=tmp_path / "log"), Limits()), {})
+    remote = RemoteDriver(
+        open_agent_connection(AgentProgram(f"{path}:Driver", log=tmp_path / "log"), AgentLimits()), {}
+    )
     assert remote.label == "single"
     assert remote.sensors()[0].range_m == 30.0
     for _ in range(3):
@@ -91,7 +93,7 @@ def test_a_good_agent_answers(path: Path, tmp_path: Path) -> None:
 def test_the_memory_of_an_observation_is_kept_for_the_next(tmp_path: Path) -> None:
     """Given back to the kernel, the 90 pages of a LiDAR's points would be asked for anew with every tick."""
     (tmp_path / "counts.py").write_text(COUNTS)
-    remote = RemoteDriver(opened_line(Program(f"{tmp_path}/counts.py:Counts"), Limits()), {})
+    remote = RemoteDriver(open_agent_connection(AgentProgram(f"{tmp_path}/counts.py:Counts"), AgentLimits()), {})
     remote.sensors()
     faults: list[float] = []
     for tick in range(60):
@@ -160,7 +162,7 @@ def test_an_episode_has_a_time_limit_too(path: Path) -> None:
     ],
 )
 def test_an_agent_that_cannot_be_made(path: Path, locator: str, failure: Failure, text: str) -> None:
-    remote = RemoteDriver(opened_line(Program(locator.format(path=path)), Limits()), {})
+    remote = RemoteDriver(open_agent_connection(AgentProgram(locator.format(path=path)), AgentLimits()), {})
     with pytest.raises(AgentFailure) as caught:
         remote.sensors()
     assert (caught.value.failure, caught.value.text[: len(text)]) == (failure, text)

@@ -15,14 +15,14 @@ from testing.hostile_protocol import CASES, DEEDS, LATE, write_agent
 from testing.sandbox_runs import needs_bubblewrap
 
 from mdrive_sumo.agent_process import frame_file
-from mdrive_sumo.agent_process.child_process import BoxPlan, Program
-from mdrive_sumo.agent_process.remote_driver import Limits, RemoteDriver, opened_line
+from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
+from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.contract import Control, Message, Observation, OwnState, PointCloud
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Failure
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, box_plan, box_text, declaration, hired
-from mdrive_sumo.runs.job import Job, run_job
+from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.scenario.catalog import load_suite
 
 SITE = Path(np.__file__).parents[1]
@@ -35,9 +35,9 @@ def plan(folder: Path, **limits: int) -> BoxPlan:
     return BoxPlan(str(folder), python=sys.executable, site=str(SITE), limits=limits)
 
 
-def driver(folder: Path, limits: Limits, **box: int) -> RemoteDriver:
-    program = Program("/agent/agents.py:Driver", log=folder / "log")
-    return RemoteDriver(opened_line(program, limits, plan(folder, **box)), {})
+def driver(folder: Path, limits: AgentLimits, **box: int) -> RemoteDriver:
+    program = AgentProgram("/agent/agents.py:Driver", log=folder / "log")
+    return RemoteDriver(open_agent_connection(program, limits, plan(folder, **box)), {})
 
 
 @pytest.fixture
@@ -68,11 +68,11 @@ def drive(remote: RemoteDriver, tick: int, large: bool) -> Control | None:
 def test_an_abuse_ends_with_its_verdict(name: str, where: str, folder: Path) -> None:
     case = CASES[name]
     path = write_agent(folder, name)
-    limits = Limits(tick_s=case.tick_s)
+    limits = AgentLimits(tick_s=case.tick_s)
     if where == "box":
         remote = driver(folder, limits)
     else:
-        remote = RemoteDriver(opened_line(Program(f"{path}:Driver"), limits), {})
+        remote = RemoteDriver(open_agent_connection(AgentProgram(f"{path}:Driver"), limits), {})
     assert remote.sensors() == ()
     for tick in range(LATE):
         assert drive(remote, tick, False) == Control(0.25, 0.0, 0.1)
@@ -114,7 +114,7 @@ class Driver:
 @boxed
 def test_a_boxed_agent_reads_its_frames_and_nothing_else(folder: Path) -> None:
     (folder / "agents.py").write_text(CURIOUS)
-    remote = driver(folder, Limits())
+    remote = driver(folder, AgentLimits())
     assert remote.sensors()[0].kind == "lidar"
     for tick in range(4):
         points = np.full((60_000, 4), tick / 10, dtype=np.float32)
@@ -125,7 +125,7 @@ def test_a_boxed_agent_reads_its_frames_and_nothing_else(folder: Path) -> None:
     log = (folder / "log").read_text()
     assert "WRITABLE" not in log and log.count("OSError 30") + log.count("PermissionError 13") == 4
     assert "'frames'" in log and "'agent'" in log and " False " in log and "'root'" not in log and "'home'" not in log
-    record = remote.record()
+    record = remote.usage_record()
     assert (record["backend"], record["answers"], record["failure"], record["clean"]) == ("bubblewrap", 4, "", True)
 
 
@@ -144,13 +144,13 @@ class Driver:
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root")
 def test_out_of_memory_is_the_agents_failure(folder: Path) -> None:
     (folder / "agents.py").write_text(HUNGRY)
-    remote = driver(folder, Limits(tick_s=60.0), memory_bytes=150_000_000)
+    remote = driver(folder, AgentLimits(tick_s=60.0), memory_bytes=150_000_000)
     remote.sensors()
     with pytest.raises(AgentFailure) as caught:
         drive(remote, 0, False)
     assert caught.value.failure is Failure.CRASHED
     assert caught.value.text in ("act: the agent's process ended (out of memory)", "MemoryError:")
-    assert remote.record()["oom_killed"] is True
+    assert remote.usage_record()["oom_killed"] is True
 
 
 @boxed
@@ -160,8 +160,8 @@ def test_drivers_of_a_job_in_boxes_leave_a_record_and_a_log(tmp_path: Path, fold
     write_agent(folder, "exit", late=1)
     box = box_text(plan(folder))
     assert box_plan(box) == plan(folder)
-    hiring = Hiring("/agent/agents.py:Driver", {}, Limits(), box, str(logs / "crossing"))
-    assert declaration(Hiring("/agent/agents.py:Driver", {}, Limits(), box)).label == "single"
+    hiring = Hiring("/agent/agents.py:Driver", {}, AgentLimits(), box, str(logs / "crossing"))
+    assert declaration(Hiring("/agent/agents.py:Driver", {}, AgentLimits(), box)).label == "single"
     with hired(hiring, ("a", "b")) as drivers:
         for ego in ("a", "b"):
             drivers[ego].sensors()
@@ -194,7 +194,7 @@ class Driver:
 def test_an_agent_cannot_make_its_end_ours(folder: Path, target: str) -> None:
     """Whom it kills, itself and the first process of its box included: it is the agent that failed."""
     (folder / "agents.py").write_text(KILLER.replace("TARGET", target))
-    remote = driver(folder, Limits())
+    remote = driver(folder, AgentLimits())
     remote.sensors()
     with pytest.raises(AgentFailure, match=r"process ended \(exit code|No such process") as caught:
         drive(remote, 0, False)
@@ -220,7 +220,7 @@ class Driver:
 def test_nothing_of_an_earlier_run_is_found(folder: Path) -> None:
     (folder / "agents.py").write_text(DIARY.replace("WHEN", "1e12"))
     for _ in range(2):
-        remote = driver(folder, Limits())
+        remote = driver(folder, AgentLimits())
         remote.sensors()
         assert drive(remote, 0, False) == Control(0.0, 0.0, 0.0)
         remote.close()
@@ -240,7 +240,7 @@ def test_a_sensor_asked_for_in_a_race_only_is_refused_there(folder: Path, agent:
     """An agent may behave until a date: what it declares is looked at in every run."""
     (folder / "agents.py").write_text(agent)
     suite = load_suite("interdrive")
-    job = Job(str(suite.folder), suite.scenarios[0].id, "/agent/agents.py:Driver", {}, 0, "mdrive")
+    job = EpisodeJob(str(suite.folder), suite.scenarios[0].id, "/agent/agents.py:Driver", {}, 0, "mdrive")
     with pytest.raises(RejectedError, match=text):
         run_job(replace(job, box=box_text(plan(folder))))
     with pytest.raises(InputError, match="expected a third-party agent for a box"):
@@ -257,7 +257,7 @@ def test_a_box_that_is_none(text: str) -> None:
 def test_a_scenario_driven_in_boxes_is_the_same_bit_for_bit(folder: Path, tmp_path: Path) -> None:
     (folder / "agents.py").write_text("from mdrive_sumo.agents.sharing import SharingAgent as Driver\n")
     suite = load_suite("interdrive")
-    plain = Job(str(suite.folder), suite.scenarios[0].id, "sharing", {}, 3, "mdrive")
+    plain = EpisodeJob(str(suite.folder), suite.scenarios[0].id, "sharing", {}, 3, "mdrive")
     inside = replace(plain, agent="/agent/agents.py:Driver", box=box_text(plan(folder)), log_folder=str(tmp_path))
     results = [run_job(job) for job in (plain, inside)]
     assert results[0].digest == results[1].digest
@@ -271,7 +271,7 @@ def test_a_scenario_driven_in_boxes_is_the_same_bit_for_bit(folder: Path, tmp_pa
 def test_a_joint_agent_drives_a_scenario_in_one_box(folder: Path, tmp_path: Path) -> None:
     carla_agents.write(folder, carla_agents.FOLLOWER)
     suite = load_suite("interdrive")
-    job = Job(str(suite.folder), suite.scenarios[0].id, "carla:/agent/agents.py", {}, 0, "mdrive")
+    job = EpisodeJob(str(suite.folder), suite.scenarios[0].id, "carla:/agent/agents.py", {}, 0, "mdrive")
     result = run_job(replace(job, box=box_text(plan(folder)), log_folder=str(tmp_path)))
     assert result.rc > 50.0 and "agent-failed" not in result.model_dump_json()
     [record] = [json.loads(path.read_text()) for path in tmp_path.glob("*.all.json")]

@@ -12,7 +12,7 @@ import pytest
 from testing.hostile_protocol import GOOD, answer
 
 from mdrive_sumo.agent_process import reply_decoding
-from mdrive_sumo.agent_process.agent_connection import Limits, Line
+from mdrive_sumo.agent_process.agent_connection import AgentConnection, AgentLimits
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.wire_protocol import LENGTH
 from mdrive_sumo.contract import Control
@@ -28,21 +28,21 @@ class FakeChild:
         self.drip = b""
         self.closed = 0
 
-    def ready(self, timeout_s: float) -> bool:
+    def wait_readable(self, timeout_s: float) -> bool:
         if self.drip:
             time.sleep(0.02)
             self.theirs.send(self.drip[:1])
             self.drip = self.drip[1:]
         return bool(select.select([self.socket], [], [], max(timeout_s, 0.0))[0])
 
-    def ended(self) -> str:
+    def describe_exit(self) -> str:
         return "exit code 7"
 
     def close(self) -> None:
         self.closed += 1
         self.socket.close()
 
-    def record(self) -> Mapping[str, Any]:
+    def usage_record(self) -> Mapping[str, Any]:
         return {"exit_code": 7}
 
 
@@ -59,69 +59,69 @@ def child() -> Iterator[FakeChild]:
 
 
 @pytest.fixture
-def line(child: FakeChild, tmp_path: Path) -> Iterator[Line]:
-    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=60.0))
+def line(child: FakeChild, tmp_path: Path) -> Iterator[AgentConnection]:
+    line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(tick_s=60.0))
     yield line
     line.close()
 
 
 @pytest.fixture
-def hasty(child: FakeChild, tmp_path: Path) -> Iterator[Line]:
+def hasty(child: FakeChild, tmp_path: Path) -> Iterator[AgentConnection]:
     """A line that soon gives up waiting."""
-    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=0.3))
+    line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(tick_s=0.3))
     yield line
     line.close()
 
 
-def fails(line: Line, failure: Failure, text: str) -> None:
+def fails(line: AgentConnection, failure: Failure, text: str) -> None:
     with pytest.raises(AgentFailure) as caught:
         line.send("act", 1, None)
-        line.receive(reply_decoding.reply)
+        line.receive(reply_decoding.read_reply)
     assert (caught.value.failure, caught.value.text) == (failure, text)
-    assert line.record()["failure"] == text
+    assert line.usage_record()["failure"] == text
 
 
-def test_one_request_one_answer(child: FakeChild, line: Line) -> None:
+def test_one_request_one_answer(child: FakeChild, line: AgentConnection) -> None:
     for tick in range(3):
         line.send("act", tick, {"x": tick})
         size = LENGTH.unpack(child.theirs.recv(4))[0]
         told = msgpack.unpackb(child.theirs.recv(size))
         assert (told["call"], told["tick"]) == ("act", tick)
         child.theirs.send(framed(answer(tick, GOOD)))
-        assert line.receive(reply_decoding.reply).control == Control(0.25, 0.0, 0.1)
+        assert line.receive(reply_decoding.read_reply).control == Control(0.25, 0.0, 0.1)
     line.close()
-    record = line.record()
+    record = line.usage_record()
     assert (record["answers"], record["failure"], record["exit_code"]) == (3, "", 7)
     assert 0 < record["thought_ms"]["p50"] <= record["thought_ms"]["max"] <= record["thought_ms"]["sum"]
 
 
-def test_an_answer_before_the_request_answers_nothing(child: FakeChild, line: Line) -> None:
+def test_an_answer_before_the_request_answers_nothing(child: FakeChild, line: AgentConnection) -> None:
     child.theirs.send(framed(answer(1, GOOD)))
     fails(line, Failure.INVALID, "act: expected no answer before the request, found one")
     assert child.closed == 1
 
 
-def test_two_answers_are_one_too_many(child: FakeChild, line: Line) -> None:
+def test_two_answers_are_one_too_many(child: FakeChild, line: AgentConnection) -> None:
     line.send("act", 1, None)
     child.theirs.send(framed(answer(1, GOOD)) + framed(answer(2, GOOD)))
     with pytest.raises(AgentFailure, match="expected one answer, found more"):
-        line.receive(reply_decoding.reply)
+        line.receive(reply_decoding.read_reply)
 
 
-def test_the_answer_of_another_tick_is_none(child: FakeChild, line: Line) -> None:
+def test_the_answer_of_another_tick_is_none(child: FakeChild, line: AgentConnection) -> None:
     line.send("act", 5, None)
     child.theirs.send(framed(answer(4, GOOD)))
     with pytest.raises(AgentFailure, match="act: expected the answer of tick 5, found that of 4"):
-        line.receive(reply_decoding.reply)
+        line.receive(reply_decoding.read_reply)
 
 
-def test_silence_runs_out_of_time(hasty: Line) -> None:
+def test_silence_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
     fails(hasty, Failure.TIMEOUT, "act: no answer within the time limit")
     assert 0.2 < time.monotonic() - begin < 30.0
 
 
-def test_the_deadline_is_for_the_whole_answer(child: FakeChild, hasty: Line) -> None:
+def test_the_deadline_is_for_the_whole_answer(child: FakeChild, hasty: AgentConnection) -> None:
     child.drip = framed(answer(1, GOOD))
     begin = time.monotonic()
     fails(hasty, Failure.TIMEOUT, "act: no answer within the time limit")
@@ -130,14 +130,14 @@ def test_the_deadline_is_for_the_whole_answer(child: FakeChild, hasty: Line) -> 
 
 
 def test_an_answer_in_pieces_in_time_is_one(child: FakeChild, tmp_path: Path) -> None:
-    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=60.0))
+    line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(tick_s=60.0))
     child.drip = framed(answer(1, GOOD))
     line.send("act", 1, None)
-    assert line.receive(reply_decoding.reply).control == Control(0.25, 0.0, 0.1)
+    assert line.receive(reply_decoding.read_reply).control == Control(0.25, 0.0, 0.1)
     line.close()
 
 
-def test_who_does_not_read_runs_out_of_time(hasty: Line) -> None:
+def test_who_does_not_read_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="act: the agent does not read within the time limit") as caught:
         hasty.send("act", 1, b"x" * 50_000_000)
@@ -145,59 +145,59 @@ def test_who_does_not_read_runs_out_of_time(hasty: Line) -> None:
     assert time.monotonic() - begin < 30.0
 
 
-def test_lengths_beyond_the_limit_are_not_read(child: FakeChild, line: Line) -> None:
+def test_lengths_beyond_the_limit_are_not_read(child: FakeChild, line: AgentConnection) -> None:
     line.send("act", 1, None)
     child.theirs.send(LENGTH.pack(65537))
     with pytest.raises(AgentFailure, match="expected an answer of at most 65536 bytes, found 65537") as caught:
-        line.receive(reply_decoding.reply)
+        line.receive(reply_decoding.read_reply)
     assert caught.value.failure is Failure.INVALID
 
 
 def test_the_limit_is_a_setting(child: FakeChild, tmp_path: Path) -> None:
     notes = [{"": "Note", "kind": "llm", "text": "x" * 100_000}]
-    line = Line(child, FrameFolder(tmp_path), Limits(reply_bytes=200_000))
+    line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(reply_bytes=200_000))
     line.send("act", 1, None)
     child.theirs.sendall(framed(answer(1, {**GOOD, "notes": notes})))
-    assert len(line.receive(reply_decoding.reply).notes[0].text) == 100_000
+    assert len(line.receive(reply_decoding.read_reply).notes[0].text) == 100_000
     line.close()
 
 
 def test_all_answers_of_an_episode_together_have_a_limit_of_bytes(child: FakeChild, tmp_path: Path) -> None:
-    line = Line(child, FrameFolder(tmp_path), Limits(episode_bytes=500))
+    line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(episode_bytes=500))
     with pytest.raises(
         AgentFailure, match="act: expected answers of at most 500 bytes in an episode, found more"
     ) as found:
         for tick in range(100):
             line.send("act", tick, None)
             child.theirs.sendall(framed(answer(tick, GOOD)))
-            line.receive(reply_decoding.reply)
+            line.receive(reply_decoding.read_reply)
     assert found.value.failure is Failure.INVALID
-    assert 2 <= line.record()["answers"] < 10
+    assert 2 <= line.usage_record()["answers"] < 10
 
 
-def test_the_end_of_the_process_is_seen_at_once(child: FakeChild, line: Line) -> None:
+def test_the_end_of_the_process_is_seen_at_once(child: FakeChild, line: AgentConnection) -> None:
     line.send("act", 1, None)
     child.theirs.send(b"\x05")
     child.theirs.close()
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match=r"act: the agent's process ended \(exit code 7\)") as caught:
-        line.receive(reply_decoding.reply)
+        line.receive(reply_decoding.read_reply)
     assert caught.value.failure is Failure.CRASHED
     assert time.monotonic() - begin < 30.0
 
 
-def test_descriptors_that_are_passed_along_are_dropped(child: FakeChild, line: Line) -> None:
+def test_descriptors_that_are_passed_along_are_dropped(child: FakeChild, line: AgentConnection) -> None:
     line.send("act", 1, None)
     before = len(list(Path("/proc/self/fd").iterdir()))
     socket.send_fds(child.theirs, [framed(answer(1, GOOD))], [child.theirs.fileno()] * 50)
-    assert line.receive(reply_decoding.reply).control == Control(0.25, 0.0, 0.1)
+    assert line.receive(reply_decoding.read_reply).control == Control(0.25, 0.0, 0.1)
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
 def test_all_answers_of_an_episode_have_a_limit(child: FakeChild, tmp_path: Path) -> None:
-    line = Line(child, FrameFolder(tmp_path), Limits(tick_s=60.0, episode_s=0.1))
+    line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(tick_s=60.0, episode_s=0.1))
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="no answer within the time limit"):
         line.send("act", 1, None)
-        line.receive(reply_decoding.reply)
+        line.receive(reply_decoding.read_reply)
     assert time.monotonic() - begin < 30.0

@@ -128,16 +128,16 @@ def test_each_slot_has_a_user_of_its_own_and_one_box_at_a_time() -> None:
 
 
 def test_a_slot_that_could_not_be_cleaned_stays_taken_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    if cgroups.find() is None:
+    if cgroups.find_hierarchy() is None:
         pytest.skip("needs control groups")
-    removed = cgroups.Group.remove
+    removed = cgroups.Cgroup.remove
 
-    def refuses(group: cgroups.Group, wait_s: float) -> bool:
+    def refuses(group: cgroups.Cgroup, wait_s: float) -> bool:
         removed(group, wait_s)
         return False
 
     with open_box(shell("sleep 600", slot=SLOT + 1)) as box:
-        monkeypatch.setattr(cgroups.Group, "remove", refuses)
+        monkeypatch.setattr(cgroups.Cgroup, "remove", refuses)
         report = box.close()
     monkeypatch.undo()
     assert not report.clean

@@ -14,7 +14,7 @@ import pytest
 from hostile.verdicts import VERDICTS
 from testing.sandbox_runs import AGENTS, MEBIBYTE, PATIENCE_S, SMALL, left_behind, own_slot, python_spec, run
 
-from mdrive_sumo.agent_process.sandbox import layers, open_box
+from mdrive_sumo.agent_process.sandbox import examine_layers, open_box
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 
 SLOT = own_slot()
@@ -22,7 +22,7 @@ SLOT = own_slot()
 
 @cache
 def here() -> frozenset[str]:
-    return frozenset(layer.name for layer in layers() if layer.active)
+    return frozenset(layer.name for layer in examine_layers() if layer.active)
 
 
 def need(*names: str) -> None:
@@ -158,5 +158,5 @@ def test_a_bomb_does_not_stop_its_neighbour() -> None:
 
 def test_the_page_names_every_program_and_every_layer() -> None:
     page = (AGENTS.parents[2] / "docs" / "sandbox.md").read_text()
-    names = {path.stem for path in AGENTS.glob("*.py")} - {"tell"} | {layer.name for layer in layers()}
+    names = {path.stem for path in AGENTS.glob("*.py")} - {"tell"} | {layer.name for layer in examine_layers()}
     assert {name for name in names if f"`{name}`" not in page} == set()

@@ -11,7 +11,15 @@ import pyseccomp
 import pytest
 from testing.sandbox_runs import SMALL, needs_bubblewrap, needs_root, own_slot, python_spec, shell_spec
 
-from mdrive_sumo.agent_process.sandbox import BoxLimits, BoxSpec, cgroups, check_layers, layers, open_box, seccomp
+from mdrive_sumo.agent_process.sandbox import (
+    BoxLimits,
+    BoxSpec,
+    cgroups,
+    check_layers,
+    examine_layers,
+    open_box,
+    seccomp,
+)
 from mdrive_sumo.core.errors import InputError
 
 SLOT = own_slot()
@@ -79,7 +87,7 @@ def test_every_refused_call_has_a_reason_and_is_named_once() -> None:
 
 def test_limits_are_set_on_the_boxs_group_and_not_on_the_evaluators() -> None:
     """A limit on the parent would hold for all boxes together."""
-    hierarchy = cgroups.find()
+    hierarchy = cgroups.find_hierarchy()
     if hierarchy is None or hierarchy.version != 1:
         pytest.skip("needs control groups")
     own = hierarchy.folders["memory"] / "memory.limit_in_bytes"
@@ -107,10 +115,10 @@ def fake_version_2(folder: Path, controllers: str) -> Path:
 
 def test_version_2_is_used_where_it_is_delegated(tmp_path: Path) -> None:
     service = fake_version_2(tmp_path, "cpu memory pids\n")
-    hierarchy = cgroups.find(tmp_path)
+    hierarchy = cgroups.find_hierarchy(tmp_path)
     assert hierarchy is not None
     assert (hierarchy.version, set(hierarchy.folders.values())) == (2, {service})
-    group = cgroups.Group.make(hierarchy, "mdrive-box-0", BoxLimits())
+    group = cgroups.Cgroup.make(hierarchy, "mdrive-box-0", BoxLimits())
     folder = service / "mdrive-box-0"
     assert {path.name: path.read_text() for path in folder.iterdir()} == {
         "memory.max": str(BoxLimits().memory_bytes),
@@ -125,23 +133,23 @@ def test_version_2_is_used_where_it_is_delegated(tmp_path: Path) -> None:
 
 def test_version_2_without_memory_is_not_taken_for_a_limit(tmp_path: Path) -> None:
     fake_version_2(tmp_path, "hugetlb\n")
-    assert cgroups.find(tmp_path) is None
+    assert cgroups.find_hierarchy(tmp_path) is None
 
 
 def test_a_plain_user_gets_a_box_and_is_told_what_it_lacks() -> None:
     seccomp.compiled()
-    found = in_a_child(PLAIN_USER, lambda: {layer.name: (layer.active, layer.detail) for layer in layers()})
+    found = in_a_child(PLAIN_USER, lambda: {layer.name: (layer.active, layer.detail) for layer in examine_layers()})
     assert isinstance(found, dict)
     assert [
         name for name in ("namespaces", "read-only", "privileges", "seccomp", "rlimits") if not found[name][0]
     ] == []
     assert found["uid"] == [False, "all boxes run as the user who starts them; only root can change that"]
-    assert found["cgroup"][0] is (PLAIN_USER is None and cgroups.find() is not None)
+    assert found["cgroup"][0] is (PLAIN_USER is None and cgroups.find_hierarchy() is not None)
     assert found["cgroup"][0] or "for each process only" in found["cgroup"][1]
 
 
 def test_a_plain_users_box_limits_the_memory_of_each_process() -> None:
-    if PLAIN_USER is None and cgroups.find() is not None:
+    if PLAIN_USER is None and cgroups.find_hierarchy() is not None:
         pytest.skip("needs root")
     text = "ulimit -v; ulimit -n"
 
@@ -162,7 +170,7 @@ def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(InputError, match=r"expected layers among namespaces, .*found walls"):
         check_layers(("namespaces", "walls"))
     monkeypatch.setenv("PATH", "/nowhere")
-    assert [layer.name for layer in layers() if layer.active] == ["rootfs"]
+    assert [layer.name for layer in examine_layers() if layer.active] == ["rootfs"]
     with pytest.raises(InputError, match=r"found no seccomp .*needs the program bwrap, which is not installed here"):
         check_layers(("seccomp",))
 
@@ -171,7 +179,7 @@ def test_layers_of_gvisor_are_those_of_its_own_box() -> None:
     needs_root()
     if shutil.which("runsc") is None:
         pytest.skip("needs gVisor's runsc")
-    found = {layer.name: layer for layer in layers("gvisor")}
+    found = {layer.name: layer for layer in examine_layers("gvisor")}
     assert "gVisor's own kernel" in found["namespaces"].detail and "gVisor's own kernel" in found["seccomp"].detail
     assert {"namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits"} <= set(check_layers((), "gvisor"))
 

@@ -36,7 +36,7 @@ def folder(tmp_path: Path):
 
 def test_an_observation_arrives_as_it_was() -> None:
     first = seen(4, CLOUD)
-    assert same(wire_protocol.unpacked(wire_protocol.packed(first)), first)
+    assert same(wire_protocol.decode(wire_protocol.encode(first)), first)
 
 
 def test_large_arrays_travel_through_the_frame_file(folder: frame_file.FrameFolder) -> None:
@@ -44,9 +44,9 @@ def test_large_arrays_travel_through_the_frame_file(folder: frame_file.FrameFold
     for tick in range(4):
         first = seen(tick, CLOUD + tick)
         folder.begin()
-        data = wire_protocol.framed({"tick": tick, "value": first}, folder.store)
+        data = wire_protocol.encode_frame({"tick": tick, "value": first}, folder.store)
         assert len(data) < 1500
-        found = wire_protocol.unpacked(data[wire_protocol.LENGTH.size :], reader.load)
+        found = wire_protocol.decode(data[wire_protocol.LENGTH.size :], reader.load)
         assert found["tick"] == tick and same(found["value"], first)
 
 
@@ -54,8 +54,10 @@ def test_an_agent_may_keep_what_it_was_shown(folder: frame_file.FrameFolder) -> 
     reader, kept = frame_file.FrameReader(folder.path), []
     for tick in range(5):
         folder.begin()
-        data = wire_protocol.framed({"value": seen(tick, CLOUD + tick)}, folder.store)[wire_protocol.LENGTH.size :]
-        kept.append(wire_protocol.unpacked(data, reader.load)["value"].lidar["top"].points)
+        data = wire_protocol.encode_frame({"value": seen(tick, CLOUD + tick)}, folder.store)[
+            wire_protocol.LENGTH.size :
+        ]
+        kept.append(wire_protocol.decode(data, reader.load)["value"].lidar["top"].points)
     assert [int(points[0, 0]) for points in kept] == [0, 1, 2, 3, 4]
 
 
@@ -72,8 +74,8 @@ def test_the_frame_before_can_be_read_while_the_next_is_written(folder: frame_fi
 def test_several_arrays_of_a_frame_lie_beside_each_other(folder: frame_file.FrameFolder) -> None:
     arrays = [np.full((1000 + i, 3), i, dtype=np.float64) for i in range(5)]
     folder.begin()
-    data = wire_protocol.framed({"value": arrays}, folder.store)[wire_protocol.LENGTH.size :]
-    found = wire_protocol.unpacked(data, frame_file.FrameReader(folder.path).load)["value"]
+    data = wire_protocol.encode_frame({"value": arrays}, folder.store)[wire_protocol.LENGTH.size :]
+    found = wire_protocol.decode(data, frame_file.FrameReader(folder.path).load)["value"]
     assert all(np.array_equal(a, b) for a, b in zip(arrays, found, strict=True))
 
 
@@ -104,9 +106,9 @@ def test_a_place_beyond_the_frame_is_an_error(folder: frame_file.FrameFolder) ->
         reader.load(np.zeros(10), 1 << 40)
     with pytest.raises(wire_protocol.WireError, match="expected a frame of at least"):
         array = {"": "array", "dtype": "<f8", "shape": (9,), "offset": 0}
-        wire_protocol.unpacked(wire_protocol.msgpack.packb(array), reader.load)
+        wire_protocol.decode(wire_protocol.msgpack.packb(array), reader.load)
     with pytest.raises(wire_protocol.WireError, match="expected no array outside the message"):
-        wire_protocol.unpacked(wire_protocol.msgpack.packb(array))
+        wire_protocol.decode(wire_protocol.msgpack.packb(array))
 
 
 def test_a_closed_folder_is_gone_and_readers_keep_what_they_have(tmp_path: Path) -> None:
@@ -146,15 +148,15 @@ def test_a_briefing_arrives_as_it_was(folder: frame_file.FrameFolder) -> None:
     xy = np.random.default_rng(0).normal(size=(400, 2))
     first = Briefing("a", 1, 0.05, 60.0, facts, xy, *(np.arange(400.0) for _ in range(4)))
     folder.begin()
-    data = wire_protocol.framed({"value": first}, folder.store)[wire_protocol.LENGTH.size :]
-    found = wire_protocol.unpacked(data, frame_file.FrameReader(folder.path).load)["value"]
+    data = wire_protocol.encode_frame({"value": first}, folder.store)[wire_protocol.LENGTH.size :]
+    found = wire_protocol.decode(data, frame_file.FrameReader(folder.path).load)["value"]
     assert np.array_equal(found.route_xy, xy) and found.vehicle == facts
 
 
 @pytest.mark.parametrize("value", [object(), {1, 2}, np.zeros(2, dtype=complex).dtype, lambda: 0])
 def test_what_the_contract_does_not_know_does_not_travel(value: object) -> None:
     with pytest.raises(TypeError, match="expected a value of the contract"):
-        wire_protocol.packed(value)
+        wire_protocol.encode(value)
 
 
 def test_the_agents_side_imports_little() -> None:

@@ -17,7 +17,7 @@ TICK = 7
 
 
 def read(data: bytes) -> Reply:
-    return reply_decoding.reply(reply_decoding.value_of(data, TICK))
+    return reply_decoding.read_reply(reply_decoding.decode_answer(data, TICK))
 
 
 @pytest.mark.parametrize("name", ANSWERS)
@@ -45,7 +45,7 @@ def test_an_abuse_is_invalid(name: str) -> None:
     ids=("control", "plan", "messages"),
 )
 def test_a_good_reply_arrives_as_it_was_sent(reply: Reply) -> None:
-    data = wire_protocol.framed({"tick": TICK, "value": reply})[wire_protocol.LENGTH.size :]
+    data = wire_protocol.encode_frame({"tick": TICK, "value": reply})[wire_protocol.LENGTH.size :]
     found = read(data)
     assert (found.control, found.messages, found.notes) == (reply.control, reply.messages, reply.notes)
     assert found.plan is None or (reply.plan is not None and found.plan.points.tolist() == reply.plan.points.tolist())
@@ -53,9 +53,11 @@ def test_a_good_reply_arrives_as_it_was_sent(reply: Reply) -> None:
 
 def test_numbers_of_numpy_and_lists_of_points_are_numbers() -> None:
     control = Control(np.float32(0.5), np.array(0.0), np.int64(1))  # type: ignore[arg-type]
-    assert read(wire_protocol.framed({"tick": TICK, "value": Reply(control)})[4:]).control == Control(0.5, 0.0, 1.0)
+    assert read(wire_protocol.encode_frame({"tick": TICK, "value": Reply(control)})[4:]).control == Control(
+        0.5, 0.0, 1.0
+    )
     plan = Plan([(1, 2), (3, 4.5)], 0.2)  # type: ignore[arg-type]
-    found = read(wire_protocol.framed({"tick": TICK, "value": Reply(plan=plan)})[4:]).plan
+    found = read(wire_protocol.encode_frame({"tick": TICK, "value": Reply(plan=plan)})[4:]).plan
     assert found is not None and found.points.tolist() == [[1.0, 2.0], [3.0, 4.5]]
 
 
@@ -66,8 +68,10 @@ def test_nobody_can_pose_as_another() -> None:
 
 def test_what_an_agent_declares() -> None:
     specs = (SensorSpec("objects", range_m=30.0), SensorSpec("lidar", "top", options={"noise_m": 0.1, "hit_ids": True}))
-    data = wire_protocol.framed({"tick": -2, "value": {"label": "sharing", "sensors": specs}})[4:]
-    assert reply_decoding.declared(reply_decoding.value_of(data, -2)) == reply_decoding.Declared("sharing", specs)
+    data = wire_protocol.encode_frame({"tick": -2, "value": {"label": "sharing", "sensors": specs}})[4:]
+    assert reply_decoding.read_declaration(reply_decoding.decode_answer(data, -2)) == reply_decoding.AgentDeclaration(
+        "sharing", specs
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,23 +89,23 @@ def test_what_an_agent_declares() -> None:
     ],
 )
 def test_what_an_agent_may_not_declare(value: object, text: str | None) -> None:
-    data = wire_protocol.framed({"tick": -2, "value": value})[4:]
+    data = wire_protocol.encode_frame({"tick": -2, "value": value})[4:]
     if text is None:
-        reply_decoding.declared(reply_decoding.value_of(data, -2))
+        reply_decoding.read_declaration(reply_decoding.decode_answer(data, -2))
     else:
         with pytest.raises(reply_decoding.InvalidReplyError, match=text):
-            reply_decoding.declared(reply_decoding.value_of(data, -2))
+            reply_decoding.read_declaration(reply_decoding.decode_answer(data, -2))
 
 
 def test_a_joint_agent_answers_for_whom_it_was_asked() -> None:
     def told(egos: dict[str, object]) -> object:
-        return reply_decoding.value_of(wire_protocol.framed({"tick": 1, "value": egos})[4:], 1)
+        return reply_decoding.decode_answer(wire_protocol.encode_frame({"tick": 1, "value": egos})[4:], 1)
 
-    assert list(reply_decoding.by_ego(told({"b": None, "a": None}), ("a", "b"))) == ["b", "a"]
+    assert list(reply_decoding.read_replies_by_ego(told({"b": None, "a": None}), ("a", "b"))) == ["b", "a"]
     with pytest.raises(reply_decoding.InvalidReplyError, match="expected replies for a, b"):
-        reply_decoding.by_ego(told({"a": None}), ("a", "b"))
+        reply_decoding.read_replies_by_ego(told({"a": None}), ("a", "b"))
     with pytest.raises(reply_decoding.InvalidReplyError, match="expected a tuple of at most 2"):
-        reply_decoding.by_ego(told({"a": None, "b": None, "c": None}), ("a", "b"))
+        reply_decoding.read_replies_by_ego(told({"a": None, "b": None, "c": None}), ("a", "b"))
 
 
 scalars = (
@@ -137,4 +141,4 @@ def test_anything_is_a_reply_or_refused_with_a_reason(value: object) -> None:
 @given(st.binary(max_size=64))
 def test_any_bytes_are_an_answer_or_refused(data: bytes) -> None:
     with pytest.raises((reply_decoding.InvalidReplyError, reply_decoding.AgentCrashError)):
-        reply_decoding.value_of(data, TICK)
+        reply_decoding.decode_answer(data, TICK)

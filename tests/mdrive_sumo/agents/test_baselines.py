@@ -23,7 +23,7 @@ from mdrive_sumo.negotiation import Parley
 from mdrive_sumo.perception.fusion import Fusion
 from mdrive_sumo.planning.space_time_planner import Barrier, Planner
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.runs.job import Job, prepared, reexecute
+from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.scenario.catalog import packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScoreMode, score_episode
@@ -42,9 +42,9 @@ TALKING: Mapping[str, frozenset[str]] = {
 }
 
 
-def job(scenario: str, agent: str, comm: str = "{}", seed: int = 0, **options: float | str) -> Job:
+def job(scenario: str, agent: str, comm: str = "{}", seed: int = 0, **options: float | str) -> EpisodeJob:
     """One of the packaged suite's scenarios."""
-    return Job(str(packaged_suites()["interdrive"]), scenario, agent, options, seed, "mdrive", comm=comm)
+    return EpisodeJob(str(packaged_suites()["interdrive"]), scenario, agent, options, seed, "mdrive", comm=comm)
 
 
 @lru_cache
@@ -59,7 +59,7 @@ def test_baselines_arrive_unharmed(agent: str, scenario: str) -> None:
     episode = driven(scenario, agent)
     assert {ending.end for ending in episode.endings} == {End.ARRIVED}
     assert episode.notes == ()
-    result = score_episode(episode, *prepared(job(scenario, agent)), ScoreMode.MDRIVE, 0)
+    result = score_episode(episode, *load_job_scenario(job(scenario, agent)), ScoreMode.MDRIVE, 0)
     assert (result.sr, result.ds) == (100.0, 100.0)
 
 

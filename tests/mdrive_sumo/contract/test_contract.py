@@ -123,13 +123,13 @@ def test_every_message_survives_the_wire() -> None:
         ),
         (SensorSpec("objects", range_m=50.0, options={"fov": 1.0}),),
     ):
-        assert same(message, wire_protocol.unpacked(wire_protocol.packed(message)))
+        assert same(message, wire_protocol.decode(wire_protocol.encode(message)))
 
 
 @given(st.binary(max_size=200))
 def test_garbage_on_the_wire_is_a_wire_error(data: bytes) -> None:
     try:
-        value = wire_protocol.unpacked(data)
+        value = wire_protocol.decode(data)
     except wire_protocol.WireError:
         return
     assert value is None or isinstance(value, bool | int | float | str | bytes | tuple | dict)
@@ -137,6 +137,6 @@ def test_garbage_on_the_wire_is_a_wire_error(data: bytes) -> None:
 
 def test_an_array_of_objects_does_not_cross() -> None:
     with pytest.raises(wire_protocol.WireError, match="expected an array of one of"):
-        wire_protocol.unpacked(wire_protocol.packed(np.array(["text"])))
+        wire_protocol.decode(wire_protocol.encode(np.array(["text"])))
     with pytest.raises(TypeError, match="found object"):
-        wire_protocol.packed(object())
+        wire_protocol.encode(object())

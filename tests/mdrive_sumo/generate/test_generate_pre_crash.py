@@ -22,7 +22,12 @@ from mdrive_sumo.roads import Lane, RoadMap, load, network_folder
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, DistanceTrigger, HardBrake
 from mdrive_sumo.scoring import ScoreMode, score_episode
-from mdrive_sumo.study.occlusion_certificate import DRIVES, Certificate, Drive, certify
+from mdrive_sumo.study.occlusion_certificate import (
+    DRIVES,
+    OcclusionCertificate,
+    ReferenceDrive,
+    find_occluded_intervals,
+)
 
 NUMBERS = sorted(pre_crash_typologies.TYPOLOGIES)
 SEEDS = 8
@@ -181,10 +186,12 @@ def test_arrival_is_that_of_blind_driving_and_later_in_bends() -> None:
 def test_conflicts_are_hidden_and_dangerous_but_can_be_solved(number: int) -> None:
     scenario = first_made(number, network="town_crossing" if number in (25, 30) else "")
     roads = load(network_folder(scenario.network))
-    drives: dict[Drive, EpisodeRecord] = {drive: driven(scenario, roads, drive) for drive in DRIVES}
+    drives: dict[ReferenceDrive, EpisodeRecord] = {drive: driven(scenario, roads, drive) for drive in DRIVES}
     scores = {drive: score_episode(episode, scenario, roads, ScoreMode.MDRIVE, 0) for drive, episode in drives.items()}
     ttc = scores["constant-speed"].min_ttc
-    hidden = [one for drive, episode in drives.items() for one in certify(drive, episode, scenario, roads)]
+    hidden = [
+        one for drive, episode in drives.items() for one in find_occluded_intervals(drive, episode, scenario, roads)
+    ]
     assert ttc is not None and ttc < 0.9
     assert scores["omniscient"].ds == 100.0
-    assert Certificate(scenario=scenario.id, hidden=tuple(hidden)).occluded
+    assert OcclusionCertificate(scenario=scenario.id, hidden=tuple(hidden)).occluded

@@ -11,9 +11,14 @@ from testing import paper_like
 from mdrive_sumo.generate.validation import Examination, sampled, suite_notes, suite_problems, suite_validation
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite, sealed
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.study.occlusion_certificate import Certificate, CertificateFile, Hidden, save_certificates
+from mdrive_sumo.study.occlusion_certificate import (
+    OccludedInterval,
+    OcclusionCertificate,
+    OcclusionCertificateFile,
+    save_certificates,
+)
 
-LATE = Hidden(drive="omniscient", ego="0", actor="1", start_s=0.0, end_s=3.0, conflict_s=4.0, by=("1",))
+LATE = OccludedInterval(drive="omniscient", ego="0", actor="1", start_s=0.0, end_s=3.0, conflict_s=4.0, by=("1",))
 
 
 @cache
@@ -21,8 +26,8 @@ def interdrive() -> Suite:
     return load_suite("interdrive")
 
 
-def certificate(scenario: str, hidden: bool) -> Certificate:
-    return Certificate(scenario=scenario, hidden=(LATE,) if hidden else ())
+def certificate(scenario: str, hidden: bool) -> OcclusionCertificate:
+    return OcclusionCertificate(scenario=scenario, hidden=(LATE,) if hidden else ())
 
 
 def examined(suite: Suite, hidden: bool = True) -> tuple[Examination, ...]:
@@ -143,7 +148,9 @@ def test_hidden_conflicts_are_not_counted_while_some_are_unknown(interaction: Su
 
 def test_kept_certificates_count_where_only_a_sample_was_driven(interaction: Suite) -> None:
     kept = tuple(certificate(s.id, hidden=False) for s in interaction.scenarios)
-    save_certificates(interaction.folder, CertificateFile(suite_checksum=interaction.checksum(), certificates=kept))
+    save_certificates(
+        interaction.folder, OcclusionCertificateFile(suite_checksum=interaction.checksum(), certificates=kept)
+    )
     assert len(suite_problems(interaction, ())) == 2
 
 
@@ -159,7 +166,7 @@ def small(tmp_path: Path) -> Suite:
 
 def keep(suite: Suite, hidden: bool = True) -> None:
     kept = tuple(certificate(s.id, hidden) for s in suite.scenarios)
-    save_certificates(suite.folder, CertificateFile(suite_checksum=suite.checksum(), certificates=kept))
+    save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
 
 
 def test_nothing_is_asked_of_a_suite_of_ones_own(small: Suite) -> None:

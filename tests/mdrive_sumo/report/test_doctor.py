@@ -5,7 +5,7 @@ import sys
 import pytest
 from click.testing import CliRunner, Result
 
-from mdrive_sumo.agent_process.sandbox import Layer
+from mdrive_sumo.agent_process.sandbox import SandboxLayer
 from mdrive_sumo.cli import doctor as cli_doctor
 from mdrive_sumo.cli.doctor import NEEDED_LAYERS, command
 from mdrive_sumo.report import installation
@@ -47,8 +47,8 @@ def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPa
 
 def of_sandbox(monkeypatch: pytest.MonkeyPatch, *absent: str) -> Result:
     names = (*NEEDED_LAYERS, "uid", "cgroup", "gvisor")
-    found = tuple(Layer(name, name not in absent, f"how {name}") for name in names)
-    monkeypatch.setattr(cli_doctor, "layers", lambda: found)
+    found = tuple(SandboxLayer(name, name not in absent, f"how {name}") for name in names)
+    monkeypatch.setattr(cli_doctor, "examine_layers", lambda: found)
     return CliRunner().invoke(command, ["--sandbox"])
 
 

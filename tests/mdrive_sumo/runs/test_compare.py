@@ -44,10 +44,10 @@ def test_differences_are_b_minus_a_and_sorted_by_loss() -> None:
     a = run(scenario("r1", 50.0), scenario("r2", 80.0, 50.0), scenario("r3", 100.0, 100.0))
     b = run(scenario("r3", 100.0, 100.0), scenario("r2", 60.0), scenario("r1", 100.0, 100.0), agent="omniscient")
     found = compare(a, b)
-    assert [(p.scenario, p.difference) for p in found.pairs] == [("r2", -20.0), ("r3", 0.0), ("r1", 50.0)]
+    assert [(p.scenario, p.ds_difference) for p in found.pairs] == [("r2", -20.0), ("r3", 0.0), ("r1", 50.0)]
     assert found.ds.mean == pytest.approx(10.0)
     assert found.sr.mean == pytest.approx(50 / 3)
-    assert found.tally() == (1, 1, 1)
+    assert found.count_wins_ties_losses() == (1, 1, 1)
     assert found.warnings == ()
 
 

@@ -21,14 +21,14 @@ from testing.processes import alive, written
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.dask_executor import ExecutorLostError
 from mdrive_sumo.runs.evaluate import evaluate
-from mdrive_sumo.runs.executor import Executor, outcomes
-from mdrive_sumo.runs.job import Job
-from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.runs.executor import Executor, run_jobs
+from mdrive_sumo.runs.job import EpisodeJob
+from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.preparation import prepare
-from mdrive_sumo.runs.process_pool import Pool
-from mdrive_sumo.runs.result_transfer import carrying, kept
-from mdrive_sumo.runs.run_config import Settings
-from mdrive_sumo.runs.worker_process import FailureKind, Hand, WorkerFailure
+from mdrive_sumo.runs.process_pool import ProcessPool
+from mdrive_sumo.runs.result_transfer import run_with_output_files, store_output_files
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerProcess, WorkerFailure
 from mdrive_sumo.scoring import ScenarioResult
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.stop_request import Stop
@@ -51,49 +51,49 @@ def two_workers(tmp_path_factory: pytest.TempPathFactory) -> Generator[Cluster]:
 
 
 def opened(fakes: ModuleType, scheduler: str = "", workers: int = 2, limit_s: float = 120.0) -> Any:
-    return engine(fakes.perform, workers, limit_s, scheduler)
+    return make_executor(fakes.perform, workers, limit_s, scheduler)
 
 
 def names(executor: Executor[Any, str], tasks: list[Any]) -> dict[str, str]:
     return {
         task.name: outcome.kind if isinstance(outcome, WorkerFailure) else outcome.split()[0]
-        for task, outcome in outcomes(executor, tasks)
+        for task, outcome in run_jobs(executor, tasks)
     }
 
 
 def test_an_ended_job_is_gone_with_its_worker_and_has_no_outcome(fakes: ModuleType, tmp_path: Path) -> None:
-    with Pool[Any, str](fakes.perform, 2, 60.0) as pool:
+    with ProcessPool[Any, str](fakes.perform, 2, 60.0) as pool:
         pool.submit("slow", fakes.Task("slow", "hang", str(tmp_path)))
         wait_for(lambda: written(tmp_path / "slow.started"))
-        assert pool.free == 1
-        pool.end("slow")
-        assert pool.free == 2
+        assert pool.free_slots == 1
+        pool.cancel("slow")
+        assert pool.free_slots == 2
         assert not alive(int((tmp_path / "slow.started").read_text()))
         pool.submit("quick", fakes.Task("quick"))
-        assert [key for key, _ in pool.ready()] == ["quick"]
-        pool.end("quick")  # too late: nothing happens
+        assert [key for key, _ in pool.collect_outcomes()] == ["quick"]
+        pool.cancel("quick")  # too late: nothing happens
 
 
 def test_a_worker_that_dies_while_it_answers_is_a_dead_worker(fakes: ModuleType, tmp_path: Path) -> None:
-    hand = Hand[Any, bytes](fakes.dies_answering)
-    hand.give(fakes.Task("x", folder=str(tmp_path)))
+    hand = WorkerProcess[Any, bytes](fakes.dies_answering)
+    hand.start_job(fakes.Task("x", folder=str(tmp_path)))
     started = tmp_path / "x.started"
     wait_for(lambda: written(started) and not alive(int(started.read_text())))
-    outcome = hand.outcome()
+    outcome = hand.poll_outcome()
     assert isinstance(outcome, WorkerFailure)
     assert (outcome.kind, outcome.reason) == (FailureKind.DIED, "the worker process was ended by SIGKILL")
-    assert not hand.usable
+    assert not hand.is_usable
 
 
 def test_waiting_ends_for_something_else_to_read_and_with_the_time(fakes: ModuleType) -> None:
     reading, writing = os.pipe()
     try:
-        with Pool[Any, str](fakes.perform, 1, 60.0) as pool:
+        with ProcessPool[Any, str](fakes.perform, 1, 60.0) as pool:
             pool.submit("slow", fakes.Task("slow", "hang"))
-            assert pool.ready(0.01) == []
+            assert pool.collect_outcomes(0.01) == []
             threading.Timer(0.1, lambda: os.write(writing, b".")).start()
             since = time.monotonic()
-            assert pool.ready(30.0, [reading]) == []
+            assert pool.collect_outcomes(30.0, [reading]) == []
             assert time.monotonic() - since < 20
     finally:
         os.close(reading)
@@ -131,8 +131,8 @@ def test_a_cluster_gives_the_outcomes_of_the_pool(fakes: ModuleType, two_workers
 @pytest.mark.slow
 def test_a_cluster_works_in_children_of_its_workers_at_once(fakes: ModuleType, two_workers: Cluster) -> None:
     with opened(fakes, two_workers.address) as dask:
-        wait_for(lambda: dask.free == 2)
-        found = [outcome for _, outcome in outcomes(dask, [fakes.Task(str(i), "nap") for i in range(6)])]
+        wait_for(lambda: dask.free_slots == 2)
+        found = [outcome for _, outcome in run_jobs(dask, [fakes.Task(str(i), "nap") for i in range(6)])]
     pids = {int(outcome.split()[1]) for outcome in found}
     assert len(pids) == 2  # each thread keeps its child
     assert not pids & {worker.pid for worker in two_workers.workers}
@@ -147,9 +147,9 @@ def test_a_hung_and_an_ended_job_of_a_cluster_are_killed(
         dask.submit("hung", fakes.Task("hung", "hang", str(tmp_path)))
         pids = [tmp_path / "ended.started", tmp_path / "hung.started"]
         wait_for(lambda: all(map(written, pids)))
-        dask.end("ended")
+        dask.cancel("ended")
         wait_for(lambda: not alive(int(pids[0].read_text())))
-        assert dask.ready() == [("hung", WorkerFailure(FailureKind.HUNG, "hung: no result within 20 s"))]
+        assert dask.collect_outcomes() == [("hung", WorkerFailure(FailureKind.HUNG, "hung: no result within 20 s"))]
         wait_for(lambda: not alive(int(pids[1].read_text())))
 
 
@@ -157,7 +157,7 @@ def test_a_hung_and_an_ended_job_of_a_cluster_are_killed(
 def test_other_code_is_refused(fakes: ModuleType, two_workers: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mdrive_sumo.runs.dask_executor._state_of_code", lambda: {"code": "sha256:other"})
     with opened(fakes, two_workers.address) as dask:
-        [(_, outcome)] = outcomes(dask, [fakes.Task("x")])
+        [(_, outcome)] = run_jobs(dask, [fakes.Task("x")])
     assert outcome.kind is FailureKind.INPUT
     assert outcome.reason.startswith("a worker of Dask: expected the same code as here, found code sha256:")
 
@@ -165,18 +165,18 @@ def test_other_code_is_refused(fakes: ModuleType, two_workers: Cluster, monkeypa
 @pytest.mark.full
 def test_jobs_outlive_a_worker_of_a_cluster_and_not_its_scheduler(fakes: ModuleType, tmp_path: Path) -> None:
     with cluster(tmp_path) as own, opened(fakes, own.address) as dask:
-        wait_for(lambda: dask.free == 2)
+        wait_for(lambda: dask.free_slots == 2)
         dask.submit("a", fakes.Task("a", "hang once", str(tmp_path)))
         wait_for(lambda: written(tmp_path / "a.started"))
         child = int((tmp_path / "a.started").read_text())
         os.killpg(_worker_of(child, own), signal.SIGKILL)
         wait_for(lambda: not alive(child))
-        assert [key for key, _ in dask.ready(60.0)] == ["a"]  # the other worker did it
+        assert [key for key, _ in dask.collect_outcomes(60.0)] == ["a"]  # the other worker did it
         dask.submit("b", fakes.Task("b", "hang", str(tmp_path)))
         wait_for(lambda: written(tmp_path / "b.started"))
         own.kill_scheduler()
         with pytest.raises(ExecutorLostError, match="is lost"):
-            dask.ready(60.0)
+            dask.collect_outcomes(60.0)
         wait_for(lambda: not alive(int((tmp_path / "b.started").read_text())), limit_s=90.0)
 
 
@@ -195,7 +195,7 @@ def _worker_of(child: int, own: Cluster) -> int:
 
 
 def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:
-    def writes(job: Job) -> ScenarioResult:
+    def writes(job: EpisodeJob) -> ScenarioResult:
         Path(job.recording).write_text("episode")
         (Path(job.log_folder) / "s0.log").write_text("printed")
         Path(job.transcripts).mkdir()
@@ -204,10 +204,10 @@ def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:
         return scored("s0")
 
     home = tmp_path / "run"
-    job = Job("", "s0", "idm", {}, 0, "mdrive", str(home / "e.npz"), str(home / "logs"), transcripts=str(home / "t"))
-    carried = carrying(writes, job)
+    job = EpisodeJob("", "s0", "idm", {}, 0, "mdrive", str(home / "e.npz"), str(home / "logs"), transcripts=str(home / "t"))
+    carried = run_with_output_files(writes, job)
     assert not home.exists()
-    assert kept(job, carried) == scored("s0")
+    assert store_output_files(job, carried) == scored("s0")
     found = {str(path.relative_to(home)): path.read_text() for path in home.rglob("*") if path.is_file()}
     assert found == {"e.npz": "episode", "logs/s0.log": "printed", "t/s0.jsonl": "said"}
 
@@ -219,7 +219,7 @@ def test_eval_on_a_cluster_gives_the_same_bytes(two_workers: Cluster, tmp_path: 
 
     def evaluated(name: str, scheduler: str) -> dict[str, bytes]:
         out = tmp_path / name
-        settings = Settings(scenario="i07_*", agent="idm", workers=1, scheduler=scheduler, out=out)
+        settings = RunConfig(scenario="i07_*", agent="idm", workers=1, scheduler=scheduler, out=out)
         results = evaluate(prepare(settings), Quiet())
         assert results.void == 0
         return {path.name: path.read_bytes() for path in [out / "results.json", *sorted((out / "episodes").iterdir())]}
@@ -246,7 +246,7 @@ def test_the_server_on_a_cluster_scores_once_and_gives_back_what_is_lost(
     options = challenge(tmp_path, store, *deeds)
     submission = submitted(store, options, fast_clock())
     (tmp_path / "dask").mkdir()
-    with cluster(tmp_path / "dask") as own, engine(fake, 1, 120.0, own.address) as executor:
+    with cluster(tmp_path / "dask") as own, make_executor(fake, 1, 120.0, own.address) as executor:
         dispatcher = Dispatcher(store, options, LoadedSuites(options), executor, "one", fast_clock)
         tried = tmp_path / "s14.tried"
         while not written(tried):

@@ -13,7 +13,7 @@ from testing import processes
 from testing.paths import TESTS
 from testing.processes import alive, written
 
-from mdrive_sumo.runs.process_pool import FailureKind, Pool, WorkerFailure, available_cores
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure, count_available_cores
 
 wait_for = partial(processes.wait_for, limit_s=60.0)
 
@@ -28,7 +28,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0, folder: str = "") -> list:
     tasks = [fakes.Task(f"{i}", deed, folder) for i, deed in enumerate(deeds)]
-    with Pool(fakes.perform, workers, limit_s) as pool:
+    with ProcessPool(fakes.perform, workers, limit_s) as pool:
         found = {task.name: outcome for task, outcome in pool.run(tasks)}
     return [found[task.name] for task in tasks]
 
@@ -88,7 +88,7 @@ def test_workers_ignore_sigint(fakes: ModuleType) -> None:
 def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) -> None:
     tasks = [fakes.Task("quick"), fakes.Task("slow", "hang", str(tmp_path))]
     started = tmp_path / "slow.started"
-    with Pool(fakes.perform, 2, 60.0) as pool:
+    with ProcessPool(fakes.perform, 2, 60.0) as pool:
         next(pool.run(tasks))
         wait_for(lambda: written(started))
     assert not alive(int(started.read_text()))
@@ -120,6 +120,6 @@ def test_available_cores_respects_the_affinity() -> None:
     before = os.sched_getaffinity(0)
     try:
         os.sched_setaffinity(0, {min(before)})
-        assert available_cores() == 1
+        assert count_available_cores() == 1
     finally:
         os.sched_setaffinity(0, before)

@@ -10,7 +10,7 @@ from testing.paths import TESTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.preparation import prepare
-from mdrive_sumo.runs.run_config import Settings, default_folder, load_agent_config
+from mdrive_sumo.runs.run_config import RunConfig, default_folder, load_agent_config
 from mdrive_sumo.scoring import Results, ScenarioResult, load_results
 
 
@@ -42,7 +42,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def run(tmp_path: Path, progress: Notes | None = None, **options: object) -> Results:
-    settings = Settings(**{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options})
+    settings = RunConfig(**{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options})
     return evaluate(prepare(settings), progress or Notes())
 
 
@@ -244,13 +244,13 @@ def test_a_good_agent_config(tmp_path: Path) -> None:
 
 def test_different_commands_get_different_folders() -> None:
     settings = (
-        Settings(),
-        Settings(seed=1),
-        Settings(agent="omniscient"),
-        Settings(agent="a/b.py:Mine"),
-        Settings(agent_config={"speed": 3}),
-        Settings(scenario="ins_c*"),
-        Settings(record=False),
+        RunConfig(),
+        RunConfig(seed=1),
+        RunConfig(agent="omniscient"),
+        RunConfig(agent="a/b.py:Mine"),
+        RunConfig(agent_config={"speed": 3}),
+        RunConfig(scenario="ins_c*"),
+        RunConfig(record=False),
     )
     folders = [str(default_folder(s, "interdrive")) for s in settings]
     assert len(set(folders)) == len(folders)

@@ -18,7 +18,7 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame, save_episode
-from mdrive_sumo.runs.verify import first_difference, sampled
+from mdrive_sumo.runs.verify import find_first_difference, sample_results
 from mdrive_sumo.scoring import load_results
 
 TICKS = 8
@@ -54,7 +54,7 @@ def changed(tick: int, **changes: object) -> EpisodeRecord:
 def test_the_first_changed_state_is_named(tick: int, ego: str, field: str) -> None:
     state = FRAMES[tick].egos[ego]
     egos = {**FRAMES[tick].egos, ego: replace(state, **{field: getattr(state, field) + 0.002})}
-    difference = first_difference(RECORDED, changed(tick, egos=egos))
+    difference = find_first_difference(RECORDED, changed(tick, egos=egos))
     assert difference is not None
     assert difference.tick == tick
     assert difference.text.startswith(f"{field} of '{ego}' is ")
@@ -63,7 +63,7 @@ def test_the_first_changed_state_is_named(tick: int, ego: str, field: str) -> No
 
 
 def test_equal_episodes_have_no_difference() -> None:
-    assert first_difference(RECORDED, episode(FRAMES)) is None
+    assert find_first_difference(RECORDED, episode(FRAMES)) is None
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_equal_episodes_have_no_difference() -> None:
     ],
 )
 def test_the_first_difference_is_named(again: EpisodeRecord, tick: int, text: str) -> None:
-    difference = first_difference(RECORDED, again)
+    difference = find_first_difference(RECORDED, again)
     assert difference is not None
     assert (difference.tick, difference.text) == (tick, text)
 
@@ -149,9 +149,9 @@ def test_a_recording_of_another_run_is_found(copied: Path) -> None:
 
 def test_a_sample_is_always_the_same(finished: Path) -> None:
     results = load_results(finished / "results.json")
-    assert [len(sampled(results, size)) for size in (None, 1, 2, 9)] == [2, 1, 2, 2]
+    assert [len(sample_results(results, size)) for size in (None, 1, 2, 9)] == [2, 1, 2, 2]
     turned = results.model_copy(update={"scenarios": results.scenarios[::-1]})
-    assert sampled(results, 1) == sampled(turned, 1)
+    assert sample_results(results, 1) == sample_results(turned, 1)
 
 
 @pytest.mark.parametrize("command", ["verify", "rescore"])

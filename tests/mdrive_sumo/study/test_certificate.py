@@ -11,15 +11,15 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.runs.job import Job, reexecute
+from mdrive_sumo.runs.job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.study import occlusion_certificate
 from mdrive_sumo.study.occlusion_certificate import (
-    Certificate,
-    CertificateFile,
-    Hidden,
-    certify,
+    OccludedInterval,
+    OcclusionCertificate,
+    OcclusionCertificateFile,
+    find_occluded_intervals,
     load_certificates,
     read_certificates,
     save_certificates,
@@ -30,14 +30,14 @@ TOWN = load(network_folder("town_crossing"))
 
 @cache
 def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
-    job = Job(str(packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
+    job = EpisodeJob(str(packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
     found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
     return reexecute(job), found
 
 
-def hidden_in(scenario: str, **changes: object) -> tuple[Hidden, ...]:
+def hidden_in(scenario: str, **changes: object) -> tuple[OccludedInterval, ...]:
     episode, found = blind(scenario)
-    return certify("constant-speed", episode, found, replace(TOWN, **changes))  # type: ignore[arg-type]
+    return find_occluded_intervals("constant-speed", episode, found, replace(TOWN, **changes))  # type: ignore[arg-type]
 
 
 def test_houses_hide_who_comes_from_the_side() -> None:
@@ -60,13 +60,15 @@ def test_a_road_side_unit_that_sees_the_hidden_one_is_named() -> None:
     first = next(h for h in hidden_in("i07_ins_ss_town") if h.matters)
     column, tick = episode.ids.index(first.actor), round(first.start_s / 0.05)
     beside = RoadsideUnit(id="rsu", x=float(episode.x[tick, column]) + 4, y=float(episode.y[tick, column]))
-    told = certify("constant-speed", episode, found.model_copy(update={"rsus": (beside,)}), TOWN)
+    told = find_occluded_intervals("constant-speed", episode, found.model_copy(update={"rsus": (beside,)}), TOWN)
     again = next(h for h in told if (h.ego, h.actor, h.start_s) == (first.ego, first.actor, first.start_s))
     assert "rsu" in again.by
 
 
-def interval(start_s: float, end_s: float, conflict_s: float, by: tuple[str, ...] = ("b",)) -> Hidden:
-    return Hidden(drive="omniscient", ego="a", actor="b", start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by)
+def interval(start_s: float, end_s: float, conflict_s: float, by: tuple[str, ...] = ("b",)) -> OccludedInterval:
+    return OccludedInterval(
+        drive="omniscient", ego="a", actor="b", start_s=start_s, end_s=end_s, conflict_s=conflict_s, by=by
+    )
 
 
 @pytest.mark.parametrize(
@@ -77,16 +79,16 @@ def interval(start_s: float, end_s: float, conflict_s: float, by: tuple[str, ...
         (interval(0.0, 3.0, 8.0), False),  # in plain sight long before it is needed
     ],
 )
-def test_an_interval_matters_if_it_is_long_and_late(hidden: Hidden, matters: bool) -> None:
+def test_an_interval_matters_if_it_is_long_and_late(hidden: OccludedInterval, matters: bool) -> None:
     assert hidden.matters is matters
 
 
 def test_a_certificate_tells_who_knows() -> None:
-    alone = Certificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0), interval(0.0, 0.4, 1.0, ("b", "c"))))
+    alone = OcclusionCertificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0), interval(0.0, 0.4, 1.0, ("b", "c"))))
     assert (alone.occluded, alone.longest_s, alone.by_third) == (True, 3.0, False)
-    helped = Certificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0, ("b", "c")),))
+    helped = OcclusionCertificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0, ("b", "c")),))
     assert helped.by_third
-    assert not Certificate(scenario="s", hidden=()).occluded
+    assert not OcclusionCertificate(scenario="s", hidden=()).occluded
 
 
 def suite_in(folder: Path, *names: str, parts: tuple[str, ...] = ()) -> Suite:
@@ -96,9 +98,11 @@ def suite_in(folder: Path, *names: str, parts: tuple[str, ...] = ()) -> Suite:
     return load_suite(str(folder))
 
 
-def keep(suite: Suite) -> Certificate:
-    made = Certificate(scenario=suite.scenarios[0].id, hidden=(interval(0.0, 3.0, 4.0),))
-    save_certificates(suite.folder, CertificateFile(suite_checksum=suite.checksum(), certificates=(made, made)))
+def keep(suite: Suite) -> OcclusionCertificate:
+    made = OcclusionCertificate(scenario=suite.scenarios[0].id, hidden=(interval(0.0, 3.0, 4.0),))
+    save_certificates(
+        suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=(made, made))
+    )
     return made
 
 

@@ -22,17 +22,17 @@ from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, q
 from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import summary_table
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarise
-from mdrive_sumo.study.ablation import Effect, chosen_mutes, parting, ranked
-from mdrive_sumo.study.captured_cooperation import LEAST_GAIN_DS, captured, captured_of, share
-from mdrive_sumo.study.conditions import FACTORS, Condition, conditions, levels_of, pose_levels
-from mdrive_sumo.study.plots import curves, draw
-from mdrive_sumo.study.study_runs import Row, agent_folder, is_silent
+from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence_tick, rank_effects
+from mdrive_sumo.study.captured_cooperation import LEAST_GAIN_DS, compute_captured_cooperation, compute_captured_from_scenarios, compute_captured_share
+from mdrive_sumo.study.make_conditions import FACTORS, ChannelCondition, make_conditions, parse_levels, parse_pose_levels
+from mdrive_sumo.study.plots import make_curves, draw_curves
+from mdrive_sumo.study.study_runs import StudyRow, agent_folder, is_silent
 from mdrive_sumo.study.study_summary import (
-    Line,
+    StudyLine,
     compute_difference_interval,
     compute_score_interval,
     group_by_scenario,
-    lines,
+    summarise_rows,
 )
 from mdrive_sumo.v2x.channel import Fate, Sent
 from mdrive_sumo.v2x.comm import PRESETS, Comm, Link, comm_text
@@ -77,16 +77,16 @@ def run(*scenarios: ScenarioResult, **facts: object) -> Results:
     return summarise(RunInfo.model_validate(about | facts), scenarios)
 
 
-def row(agent: str, condition: Condition, *scenarios: ScenarioResult, reused: bool = False) -> Row:
-    return Row(agent, condition, (run(*scenarios, agent=agent),), reused)
+def row(agent: str, condition: ChannelCondition, *scenarios: ScenarioResult, reused: bool = False) -> StudyRow:
+    return StudyRow(agent, condition, (run(*scenarios, agent=agent),), reused)
 
 
 # ----------------------------------------------------------------------------------------------------- conditions
 
 
 def test_one_factor_at_a_time_leaves_the_others_at_the_base() -> None:
-    varied = {"latency": levels_of("latency", "0,2,6"), "pose-error": pose_levels("0,0.6", None)}
-    found = conditions(IDEAL, varied, "one-at-a-time")
+    varied = {"latency": parse_levels("latency", "0,2,6"), "pose-error": parse_pose_levels("0,0.6", None)}
+    found = make_conditions(IDEAL, varied, "one-at-a-time")
     assert [c.name for c in found] == ["base", "latency 2 ticks", "latency 6 ticks", "pose-error 0.6 m 0.6°"]
     assert found[0].comm == IDEAL
     assert found[2].comm.link == Link(latency_ticks=6)
@@ -94,8 +94,8 @@ def test_one_factor_at_a_time_leaves_the_others_at_the_base() -> None:
 
 
 def test_the_whole_grid_has_every_combination_once() -> None:
-    varied = {"latency": levels_of("latency", "0,6"), "loss": levels_of("loss", "0,0.3,1")}
-    found = conditions(IDEAL, varied, "full")
+    varied = {"latency": parse_levels("latency", "0,6"), "loss": parse_levels("loss", "0,0.3,1")}
+    found = make_conditions(IDEAL, varied, "full")
     links = [(c.comm.link.latency_ticks, c.comm.link.loss) for c in found]
     assert sorted(links) == [(0, 0.0), (0, 0.3), (0, 1.0), (6, 0.0), (6, 0.3), (6, 1.0)]
     assert links[0] == (0, 0.0)
@@ -104,16 +104,16 @@ def test_the_whole_grid_has_every_combination_once() -> None:
 
 def test_a_level_holds_for_every_type_of_message_and_replaces_what_types_had() -> None:
     base = Comm(link=Link(loss=0.1), by_type={"cpm": Link(loss=0.5, latency_ticks=3)})
-    _, even, lossy = conditions(base, {"loss": levels_of("loss", "0.1,0.4")}, "one-at-a-time")
+    _, even, lossy = make_conditions(base, {"loss": parse_levels("loss", "0.1,0.4")}, "one-at-a-time")
     assert even.comm.by_type == {"cpm": Link(loss=0.1, latency_ticks=3)}
     assert (lossy.comm.link.loss, lossy.comm.by_type["cpm"].loss) == (0.4, 0.4)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=6, unique=True))
 def test_levels_are_read_as_they_were_written_and_never_mixed_up(losses: list[float]) -> None:
-    levels = levels_of("loss", ",".join(map(repr, losses)))
+    levels = parse_levels("loss", ",".join(map(repr, losses)))
     assert levels == tuple((loss,) for loss in losses)
-    found = conditions(Comm(link=Link(loss=0.123)), {"loss": levels}, "one-at-a-time")
+    found = make_conditions(Comm(link=Link(loss=0.123)), {"loss": levels}, "one-at-a-time")
     assert {c.comm.link.loss for c in found} == {0.123, *losses}
     assert len({c.folder for c in found}) == len(found)
 
@@ -147,7 +147,7 @@ def test_captured_per_bucket_category_and_overall() -> None:
     agent = run(scenario("a", 60), scenario("b", 90, bucket="Real", category="r"))
     off = run(scenario("a", 40), scenario("b", 90, bucket="Real", category="r"))
     best = run(scenario("a", 80), scenario("b", 91, bucket="Real", category="r"))
-    found = captured(agent, off, best)
+    found = compute_captured_cooperation(agent, off, best)
     assert found.buckets == {"InterDrive": 0.5, "Real": None}
     assert found.categories == {"ins_c": 0.5, "r": None, "LM": 0.5}
     assert found.bucket_mean == found.scenario_mean == pytest.approx(20 / 41)
@@ -157,37 +157,37 @@ def test_captured_leaves_out_what_is_void_in_one_of_the_runs() -> None:
     agent = run(scenario("a", 60), scenario("b", 0, status="void"), scenario("c", 100))
     off = run(scenario("a", 40), scenario("b", 100), scenario("c", 100))
     best = run(scenario("a", 80), scenario("b", 100), scenario("c", 0, status="void"))
-    assert captured(agent, off, best).scenario_mean == 0.5
+    assert compute_captured_cooperation(agent, off, best).scenario_mean == 0.5
     with pytest.raises(InputError, match="expected scenarios that all three runs have"):
-        captured(agent, off, run(scenario("z", 1)))
+        compute_captured_cooperation(agent, off, run(scenario("z", 1)))
 
 
 @pytest.mark.parametrize("fact", [{"score_mode": "interdrive_fixed"}, {"suite_checksum": "sha256:1"}])
 def test_runs_that_do_not_belong_together_are_refused(fact: dict[str, str]) -> None:
     one = run(scenario("a", 60))
     with pytest.raises(InputError, match="expected runs of one"):
-        captured(one, one, run(scenario("a", 80), **fact))
+        compute_captured_cooperation(one, one, run(scenario("a", 80), **fact))
 
 
 @given(off=st.floats(0, 98), gain=st.floats(LEAST_GAIN_DS, 100), part=st.floats(-1, 2))
 def test_the_share_is_what_was_put_in(off: float, gain: float, part: float) -> None:
-    found = share(off + part * gain, off, off + gain)
+    found = compute_captured_share(off + part * gain, off, off + gain)
     assert found is None or found == pytest.approx(part, abs=1e-9)
-    assert share(off, off, off + LEAST_GAIN_DS * 0.99) is None
-    assert share(100, off, off - gain) is None
+    assert compute_captured_share(off, off, off + LEAST_GAIN_DS * 0.99) is None
+    assert compute_captured_share(100, off, off - gain) is None
 
 
 def test_seeds_are_paired_by_seed() -> None:
     agent = [scenario("a", 50, 0), scenario("a", 70, 1)]
     off = [scenario("a", 40, 0), scenario("a", 40, 1), scenario("a", 0, 2)]
     best = [scenario("a", 80, 0), scenario("a", 80, 1)]
-    assert captured_of(agent, off, best, ScoreMode.MDRIVE).scenario_mean == 0.5
+    assert compute_captured_from_scenarios(agent, off, best, ScoreMode.MDRIVE).scenario_mean == 0.5
 
 
 def test_every_table_shows_captured_cooperation_if_it_is_there() -> None:
     agent = run(scenario("a", 60), scenario("b", 90, bucket="Real", category="r"))
     off, best = (run(scenario("a", ds), scenario("b", 90, bucket="Real", category="r")) for ds in (40, 80))
-    shares = captured(agent, off, best)
+    shares = compute_captured_cooperation(agent, off, best)
     table = summary_table(agent, shares).splitlines()
     assert table[2].endswith("captured [%]")
     assert table[4].split()[-1] == "50.0" and table[5].split()[-1] == "1.000"
@@ -201,16 +201,16 @@ def test_every_table_shows_captured_cooperation_if_it_is_there() -> None:
 # ------------------------------------------------------------------------------------------------ lines and plots
 
 
-def told() -> tuple[tuple[Line, ...], Condition]:
-    base, slow = conditions(IDEAL, {"latency": levels_of("latency", "6")}, "one-at-a-time")
-    off = Condition("off", OFF, {})
+def told() -> tuple[tuple[StudyLine, ...], ChannelCondition]:
+    base, slow = make_conditions(IDEAL, {"latency": parse_levels("latency", "6")}, "one-at-a-time")
+    off = ChannelCondition("off", OFF, {})
     rows = (
         row("talker", base, scenario("a", 70), scenario("b", 50)),
         row("talker", off, scenario("a", 30), scenario("b", 30)),
         row("talker", slow, scenario("a", 60), scenario("b", 40)),
         row("omniscient", base, scenario("a", 90), scenario("b", 70)),
     )
-    return lines(rows), base
+    return summarise_rows(rows), base
 
 
 def test_a_line_compares_with_the_base_and_the_references() -> None:
@@ -226,20 +226,20 @@ def test_a_line_compares_with_the_base_and_the_references() -> None:
 
 def test_curves_go_through_the_base_and_are_drawn_alike_every_time(tmp_path: Path) -> None:
     found, base = told()
-    (curve,) = curves(found, FACTORS["latency"], base)
+    (curve,) = make_curves(found, FACTORS["latency"], base)
     assert list(curve.lines) == [(0,), (6,)]
     assert curve.off is found[1]
-    assert curves(found, FACTORS["loss"], base) == ()
-    first = [path.read_bytes() for path in draw([curve], FACTORS["latency"], "title", tmp_path / "latency")]
-    again = [path.read_bytes() for path in draw([curve], FACTORS["latency"], "title", tmp_path / "again")]
+    assert make_curves(found, FACTORS["loss"], base) == ()
+    first = [path.read_bytes() for path in draw_curves([curve], FACTORS["latency"], "title", tmp_path / "latency")]
+    again = [path.read_bytes() for path in draw_curves([curve], FACTORS["latency"], "title", tmp_path / "again")]
     assert first[0].startswith(b"\x89PNG") and b"latency [ticks of 0.05 s]" not in first[0]
     assert first == again
     with pytest.raises(InputError, match="cannot be written"):
-        draw([curve], FACTORS["latency"], "title", tmp_path / "missing" / "latency")
+        draw_curves([curve], FACTORS["latency"], "title", tmp_path / "missing" / "latency")
 
 
 def test_silence_is_only_believed_of_scenarios_that_are_not_void() -> None:
-    base = Condition("base", IDEAL, {})
+    base = ChannelCondition("base", IDEAL, {})
     assert is_silent(row("idm", base, scenario("a", 1)))
     assert not is_silent(row("idm", base, scenario("a", 1), scenario("b", 0, status="void")))
     assert not is_silent(row("idm", base, scenario("a", 1, comm={"sent": 1})))
@@ -254,7 +254,7 @@ def suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     made = fake_suite(monkeypatch, tmp_path, "answer", "answer")
     from testing import study_fakes
 
-    monkeypatch.setattr("mdrive_sumo.runs.evaluate.engine", study_fakes.Inline)
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", study_fakes.Inline)
     monkeypatch.setattr("mdrive_sumo.runs.evaluate.run_job", study_fakes.drive)
     return made
 
@@ -436,10 +436,10 @@ PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
 def test_episodes_part_where_somebody_is_somewhere_else(tick: int) -> None:
     same = [float(i) for i in range(6)]
     moved = [x + 0.01 * (i >= tick) for i, x in enumerate(same)]
-    assert parting(episode(same), episode(moved)) == tick
-    assert parting(episode(same), episode(same)) is None
-    assert parting(episode(same), episode(same[:4])) == 4
-    assert parting(episode(same), episode(same, ("0", "2"))) == 0
+    assert find_divergence_tick(episode(same), episode(moved)) == tick
+    assert find_divergence_tick(episode(same), episode(same)) is None
+    assert find_divergence_tick(episode(same), episode(same[:4])) == 4
+    assert find_divergence_tick(episode(same), episode(same, ("0", "2"))) == 0
 
 
 def sent(sender: str, kind: str, tick: int, fate: Fate = Fate.DELIVERED) -> Sent:
@@ -451,10 +451,10 @@ SAID = (sent("0", "cam", 1), sent("1", "cpm", 1), sent("0", "cam", 2), sent("0",
 
 
 def test_what_is_muted_without_a_wish_is_every_sender_and_every_type_that_was_heard() -> None:
-    assert chosen_mutes(SAID, ()) == ("0/*", "1/*", "r/*", "*/cam", "*/cpm")
-    assert chosen_mutes(SAID, ("0/text", "0/text", "*/*@2")) == ("0/text", "*/*@2")
-    assert chosen_mutes(SAID, (), "cam") == ("0/cam@1", "0/cam@2")
-    assert chosen_mutes(SAID, ("r/*",), "cpm") == ("r/*", "1/cpm@1", "r/cpm@3")
+    assert choose_mutes(SAID, ()) == ("0/*", "1/*", "r/*", "*/cam", "*/cpm")
+    assert choose_mutes(SAID, ("0/text", "0/text", "*/*@2")) == ("0/text", "*/*@2")
+    assert choose_mutes(SAID, (), "cam") == ("0/cam@1", "0/cam@2")
+    assert choose_mutes(SAID, ("r/*",), "cpm") == ("r/*", "1/cpm@1", "r/cpm@3")
 
 
 @pytest.mark.parametrize(
@@ -468,15 +468,15 @@ def test_what_is_muted_without_a_wish_is_every_sender_and_every_type_that_was_he
 )
 def test_what_cannot_be_muted_is_one_sentence(choice: tuple[object, ...], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        chosen_mutes(SAID, *choice)  # type: ignore[arg-type]
+        choose_mutes(SAID, *choice)  # type: ignore[arg-type]
     for said in ((), SAID[-1:]):
         with pytest.raises(InputError, match="found no"):
-            chosen_mutes(said, ())
+            choose_mutes(said, ())
 
 
 def test_the_largest_effect_comes_first() -> None:
-    def effect(name: str, ds: float, ttc: float | None, parted: int | None) -> Effect:
-        return Effect((name,), 1, scenario("a", ds, min_ttc=ttc), parted, "")
+    def effect(name: str, ds: float, ttc: float | None, parted: int | None) -> MuteEffect:
+        return MuteEffect((name,), 1, scenario("a", ds, min_ttc=ttc), parted, "")
 
     effects = [
         effect("none", 50, 1.0, None),
@@ -487,7 +487,7 @@ def test_the_largest_effect_comes_first() -> None:
         effect("better", 60, None, 9),
         effect("worse", 10, 1.0, 9),
     ]
-    found = ranked(scenario("a", 50, min_ttc=1.0), effects)
+    found = rank_effects(scenario("a", 50, min_ttc=1.0), effects)
     assert [one.mute[0] for one in found.effects] == ["worse", "better", "never", "close", "early", "late", "none"]
 
 

@@ -13,7 +13,7 @@ from testing.round_trip import as_truth
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import load, network_folder
-from mdrive_sumo.runs.job import Job, reexecute
+from mdrive_sumo.runs.job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.catalog import load_suite
 from real2sim.pipeline.scenario_builder import Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
@@ -61,7 +61,7 @@ def test_its_cavs_stations_and_people_are_those_of_the_drive(suite: Path) -> Non
 
 
 def test_it_runs(suite: Path) -> None:
-    episode = reexecute(Job(str(suite), "busy", "idm", {}, 0, "mdrive"))
+    episode = reexecute(EpisodeJob(str(suite), "busy", "idm", {}, 0, "mdrive"))
     assert [ending.end for ending in episode.endings] == [End.ARRIVED] * 2
     assert episode.ticks > 100
     assert len(episode.ids) > 70

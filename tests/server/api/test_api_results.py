@@ -17,7 +17,7 @@ from testing.processes import wait_for
 from testing.store_samples import LEASE, S, summary
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.job import Job, run_job
+from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
 from server import paths
 from server.api import replay_page
@@ -160,7 +160,7 @@ def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> Non
 def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
     scenario = load_suite("interdrive").scenarios[0].id
     recording, page = tmp_path / "episode.npz", tmp_path / "page.html"
-    job = Job(
+    job = EpisodeJob(
         str(packaged_suites()["interdrive"]), scenario, "idm", {}, seed=0, score_mode="mdrive",
         recording=str(recording),
     )  # fmt: skip

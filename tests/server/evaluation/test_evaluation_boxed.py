@@ -16,9 +16,9 @@ from testing.sandbox_runs import needs_bubblewrap
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.runs.executor import outcomes
-from mdrive_sumo.runs.job import Job, run_job
-from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.runs.executor import run_jobs
+from mdrive_sumo.runs.job import EpisodeJob, run_job
+from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.v2x.channel import Fate
 from mdrive_sumo.v2x.comm import comm_text
 from server import environments
@@ -98,7 +98,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
     wanted = task(tmp_path, team())
     outcome = driven(wanted)
     assert outcome.verdict is Verdict.OK
-    again = Job(
+    again = EpisodeJob(
         suite_folder=str(Path(environments.__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"),
         scenario=SCENARIO,
         agent=f"{wanted.unpacked / 'agent' / 'agents.py'}:Agent",
@@ -188,8 +188,8 @@ def test_a_cluster_drives_boxes_as_this_machine_does(tmp_path: Path) -> None:
     local = task(tmp_path, team(), scenario=OTHER)
     elsewhere = replace(local, job=2)
     (tmp_path / "dask").mkdir()
-    with cluster(tmp_path / "dask", workers=1) as own, engine(run_submission_job, 1, 300.0, own.address) as dask:
-        [(_, there)] = outcomes(dask, [elsewhere])
+    with cluster(tmp_path / "dask", workers=1) as own, make_executor(run_submission_job, 1, 300.0, own.address) as dask:
+        [(_, there)] = run_jobs(dask, [elsewhere])
     assert isinstance(there, JobOutcome), there
     here = driven(local)
     assert here.result == there.result

@@ -21,7 +21,7 @@ from testing.evaluation_real import (
 from testing.paths import TESTS
 from testing.processes import alive
 
-from mdrive_sumo.runs.make_executor import engine
+from mdrive_sumo.runs.make_executor import make_executor
 from server.enums import JobState, State
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.stop_request import Stop
@@ -93,7 +93,7 @@ def test_a_job_whose_worker_dies_each_time_fails_alone(tmp_path: Path, monkeypat
     settings = challenge(tmp_path, store, "die once", "nap")
     submission = submitted(store, settings, fast_clock())
     stop = Stop()
-    with engine(fake, 1, 60.0) as executor:
+    with make_executor(fake, 1, 60.0) as executor:
         dispatcher = Dispatcher(store, settings, LoadedSuites(settings), executor, "one", fast_clock)
         end = time.monotonic() + 60
         while read(store, submission).state != State.DONE:

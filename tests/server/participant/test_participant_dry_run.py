@@ -10,12 +10,12 @@ from testing.archive_samples import GOOD, packed, written
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
-from mdrive_sumo.agent_process.remote_driver import Limits
-from mdrive_sumo.agent_process.sandbox import BoxLimits, Layer
+from mdrive_sumo.agent_process.remote_driver import AgentLimits
+from mdrive_sumo.agent_process.sandbox import BoxLimits, SandboxLayer
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.agent_spec import Declaration, box_plan
-from mdrive_sumo.runs.job import Job
+from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
 from mdrive_sumo.v2x.comm import comm_text
@@ -88,7 +88,7 @@ def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
 
 def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
     manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
-    small = Entrant(manifest, tmp_path, HERE, BoxLimits(memory_bytes=1), Limits())
+    small = Entrant(manifest, tmp_path, HERE, BoxLimits(memory_bytes=1), AgentLimits())
     torch = replace(small, manifest=replace(manifest, environment="python3.11-torch-cpu"))
     needed = environments.RECIPES["python3.11-torch-cpu"].memory_bytes
     assert small.plan().limits["memory_bytes"] == environments.RECIPES["python3.11-numpy"].memory_bytes
@@ -133,8 +133,8 @@ def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatc
 @pytest.mark.parametrize("active", [False, True])
 def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, active: bool) -> None:
     names = (*Settings().sandbox.required, "gvisor")
-    here = tuple(Layer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
-    monkeypatch.setattr(dry_run, "layers", lambda: here)
+    here = tuple(SandboxLayer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
+    monkeypatch.setattr(dry_run, "examine_layers", lambda: here)
     monkeypatch.setattr(dry_run, "ask", lambda _: Declaration("single", ()))
     monkeypatch.setattr(dry_run, "driven", lambda *_: [])
     run("init-agent", "mine")
@@ -209,11 +209,11 @@ def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypat
             return self
 
         def __exit__(self, *_: object) -> None: ...
-        def run(self, jobs: list[Job]) -> list[object]:
+        def run(self, jobs: list[EpisodeJob]) -> list[object]:
             asked.extend(job.comm for job in jobs)
             return []
 
-    monkeypatch.setattr(dry_run, "Pool", type("P", (), {"__class_getitem__": classmethod(lambda cls, _: Idle)}))
+    monkeypatch.setattr(dry_run, "ProcessPool", type("P", (), {"__class_getitem__": classmethod(lambda cls, _: Idle)}))
     manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
     course = dry_run.Course("interdrive", "i13*", 0, 1, tmp_path / "out")
     for track in Track:

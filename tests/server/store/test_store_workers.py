@@ -7,7 +7,7 @@ from testing import databases, evaluation_fakes
 from testing.store_samples import S
 
 from mdrive_sumo import __version__
-from mdrive_sumo.runs.process_pool import Pool
+from mdrive_sumo.runs.process_pool import ProcessPool
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.stop_request import Stop
 from server.phase_suites import LoadedSuites
@@ -48,7 +48,7 @@ def test_a_dispatcher_is_listed_without_work_and_leaves_when_it_ends(store: Stor
     options = evaluation_fakes.challenge(tmp_path, store, "nap")
     now = [1_000 * S]
     stop = Stop()
-    with Pool(evaluation_fakes.fake, 1, 60.0) as pool:
+    with ProcessPool(evaluation_fakes.fake, 1, 60.0) as pool:
         dispatcher = Dispatcher(store, options, LoadedSuites(options), pool, "me", lambda: now[0])
         dispatcher.step(0.0, stop)
         now[0] += options.work.heartbeat_s * S

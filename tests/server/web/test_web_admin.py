@@ -10,11 +10,15 @@ from testing.web_page import Visit, sound, without_ids
 from testing.web_scenes import finish, sent
 
 from mdrive_sumo.agent_process import sandbox
-from mdrive_sumo.agent_process.sandbox import Layer
+from mdrive_sumo.agent_process.sandbox import SandboxLayer
 from server.store import audit, jobs, tables, workers
 
 PAGES = ("/admin", "/admin/machine", "/admin/teams")
-LAYERS = (Layer("namespaces", True, "bubblewrap"), Layer("seccomp", False, "no filter"), Layer("gvisor", False, "none"))
+LAYERS = (
+    SandboxLayer("namespaces", True, "bubblewrap"),
+    SandboxLayer("seccomp", False, "no filter"),
+    SandboxLayer("gvisor", False, "none"),
+)
 
 
 @pytest.fixture
@@ -24,7 +28,7 @@ def server(tmp_path: Path) -> Server:
 
 @pytest.fixture
 def admin(server: Server, monkeypatch: pytest.MonkeyPatch) -> Visit:
-    monkeypatch.setattr(sandbox, "layers", lambda _: LAYERS)
+    monkeypatch.setattr(sandbox, "examine_layers", lambda _: LAYERS)
     return Visit(server, "admin")
 
 
