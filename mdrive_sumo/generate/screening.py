@@ -54,7 +54,9 @@ def screen(scenario: Scenario, roads: RoadMap) -> Screened:
         return Screened(ttc, 0.0)
     solved = driven(scenario, roads, "omniscient")
     drives: dict[ReferenceDrive, EpisodeRecord] = {"constant-speed": blind, "omniscient": solved}
-    hidden = [found for drive, episode in drives.items() for found in find_occluded_intervals(drive, episode, scenario, roads)]
+    hidden = [
+        found for drive, episode in drives.items() for found in find_occluded_intervals(drive, episode, scenario, roads)
+    ]
     return Screened(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import Line
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
-from mdrive_sumo.agent_process.child_process import BoxPlan, AgentProgram
+from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.agents.registry import AGENTS
@@ -136,7 +136,9 @@ def _line(hiring: Hiring, name: str) -> AgentConnection:
     file = find_carla_file(hiring.agent)
     style, locator = ("agent", hiring.agent) if file is None else ("carla", str(file))
     log = Path(f"{hiring.logs}.{name}.log") if hiring.logs else None
-    return open_agent_connection(AgentProgram(locator, style, log), hiring.limits, box_plan(hiring.box) if hiring.box else None)
+    return open_agent_connection(
+        AgentProgram(locator, style, log), hiring.limits, box_plan(hiring.box) if hiring.box else None
+    )
 
 
 def _end(driver: RemoteDriver | JointAgentSession, hiring: Hiring, name: str) -> None:

@@ -21,7 +21,7 @@ from distributed import Client, Future
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Key, Waitable
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
-from mdrive_sumo.runs.worker_process import FailureKind, WorkerProcess, WorkerFailure
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -163,7 +163,9 @@ _jobs: dict[str, WorkerProcess[Any, Any]] = {}
 """On a worker: what runs, for `end_task`."""
 
 
-def run_in_child_process(name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]) -> R | WorkerFailure:
+def run_in_child_process(
+    name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]
+) -> R | WorkerFailure:
     """On a worker, in a thread of it: does a job in this thread's child process."""
     here = _state_of_code()
     if here != code:

@@ -104,7 +104,9 @@ def _driven(
     jobs = [run.make_job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
     workers = min(run.config.workers, len(jobs))
     scheduler = run.config.scheduler
-    function = partial(run_with_output_files, run_job) if scheduler else run_job  # machines of a cluster need not share our disk
+    function = (
+        partial(run_with_output_files, run_job) if scheduler else run_job
+    )  # machines of a cluster need not share our disk
     with make_executor(function, workers, run.limit_s(), scheduler) as executor:
         for tries_left in reversed(range(TRIES)):
             failed = jobs[:0]

@@ -9,7 +9,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.runs.agent_spec import Hiring, declaration
-from mdrive_sumo.runs.fingerprint import compute_fingerprint, resolve_locator, read_versions
+from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions, resolve_locator
 from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig, config_hash, default_folder

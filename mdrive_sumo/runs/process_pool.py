@@ -8,7 +8,13 @@ from multiprocessing.connection import wait
 from typing import Generic, TypeVar
 
 from mdrive_sumo.runs.executor import Key, Waitable, run_jobs
-from mdrive_sumo.runs.worker_process import FailureKind, WorkerProcess, WorkerFailure, describe_write_error, block_interrupts
+from mdrive_sumo.runs.worker_process import (
+    FailureKind,
+    WorkerFailure,
+    WorkerProcess,
+    block_interrupts,
+    describe_write_error,
+)
 
 __all__ = ["FailureKind", "ProcessPool", "WorkerFailure", "count_available_cores", "describe_write_error"]
 

@@ -62,7 +62,9 @@ def verify(run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int) -> 
     """A verdict for every chosen scenario, in the order in which they finish. Raises InputError."""
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
     checks = [VerificationJob(run.make_job(scenarios[result.id]), result.digest) for result in chosen]
-    with ProcessPool[VerificationJob, VerificationResult](verify_episode, min(workers, max(len(checks), 1)), run.limit_s()) as pool:
+    with ProcessPool[VerificationJob, VerificationResult](
+        verify_episode, min(workers, max(len(checks), 1)), run.limit_s()
+    ) as pool:
         for check, outcome in pool.run(checks):
             if not isinstance(outcome, WorkerFailure):
                 yield outcome

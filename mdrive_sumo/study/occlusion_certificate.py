@@ -129,7 +129,9 @@ def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
     (folder / CERTIFICATE_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
-def find_occluded_intervals(drive: ReferenceDrive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[OccludedInterval, ...]:
+def find_occluded_intervals(
+    drive: ReferenceDrive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap
+) -> tuple[OccludedInterval, ...]:
     """The intervals of one recorded drive, by CAV and time."""
     sights = _Sights(episode, scenario, roads)
     found = [hidden for ego in range(episode.egos) for hidden in sights.of(drive, ego)]

@@ -104,6 +104,12 @@ def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
         yield from crowded(scenario, roads)
 
 
-def _certificate(scenario: Scenario, roads: RoadMap, drives: Mapping[ReferenceDrive, EpisodeRecord]) -> OcclusionCertificate:
-    hidden = (interval for drive, episode in drives.items() for interval in find_occluded_intervals(drive, episode, scenario, roads))
+def _certificate(
+    scenario: Scenario, roads: RoadMap, drives: Mapping[ReferenceDrive, EpisodeRecord]
+) -> OcclusionCertificate:
+    hidden = (
+        interval
+        for drive, episode in drives.items()
+        for interval in find_occluded_intervals(drive, episode, scenario, roads)
+    )
     return OcclusionCertificate(scenario=scenario.id, hidden=tuple(hidden))

@@ -28,7 +28,7 @@ from mdrive_sumo.runs.preparation import prepare
 from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.result_transfer import run_with_output_files, store_output_files
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.worker_process import FailureKind, WorkerProcess, WorkerFailure
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess
 from mdrive_sumo.scoring import ScenarioResult
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.stop_request import Stop
@@ -204,7 +204,9 @@ def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:
         return scored("s0")
 
     home = tmp_path / "run"
-    job = EpisodeJob("", "s0", "idm", {}, 0, "mdrive", str(home / "e.npz"), str(home / "logs"), transcripts=str(home / "t"))
+    job = EpisodeJob(
+        "", "s0", "idm", {}, 0, "mdrive", str(home / "e.npz"), str(home / "logs"), transcripts=str(home / "t")
+    )
     carried = run_with_output_files(writes, job)
     assert not home.exists()
     assert store_output_files(job, carried) == scored("s0")

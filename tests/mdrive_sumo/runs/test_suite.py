@@ -42,7 +42,9 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def run(tmp_path: Path, progress: Notes | None = None, **options: object) -> Results:
-    settings = RunConfig(**{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options})
+    settings = RunConfig(
+        **{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options}
+    )
     return evaluate(prepare(settings), progress or Notes())
 
 

@@ -12,6 +12,13 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
+from mdrive_sumo.study.make_conditions import (
+    FACTORS,
+    ChannelCondition,
+    make_conditions,
+    parse_levels,
+    parse_pose_levels,
+)
 from testing.paths import TESTS
 
 from mdrive_sumo.cli import main
@@ -23,9 +30,13 @@ from mdrive_sumo.report.markdown import report_markdown
 from mdrive_sumo.report.result_tables import summary_table
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarise
 from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence_tick, rank_effects
-from mdrive_sumo.study.captured_cooperation import LEAST_GAIN_DS, compute_captured_cooperation, compute_captured_from_scenarios, compute_captured_share
-from mdrive_sumo.study.make_conditions import FACTORS, ChannelCondition, make_conditions, parse_levels, parse_pose_levels
-from mdrive_sumo.study.plots import make_curves, draw_curves
+from mdrive_sumo.study.captured_cooperation import (
+    LEAST_GAIN_DS,
+    compute_captured_cooperation,
+    compute_captured_from_scenarios,
+    compute_captured_share,
+)
+from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_runs import StudyRow, agent_folder, is_silent
 from mdrive_sumo.study.study_summary import (
     StudyLine,
