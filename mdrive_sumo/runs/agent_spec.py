@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agent_process.agent_connection import Line
+from mdrive_sumo.agent_process.agent_connection import AgentConnection
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
