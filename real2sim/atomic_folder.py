@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 
 
 @contextmanager
-def whole_folder(out: Path) -> Generator[Path]:
+def atomic_folder(out: Path) -> Generator[Path]:
     """A draft folder beside `out`, which it becomes when the block ends well; nothing is left of it otherwise.
 
     SIGTERM ends the block as Ctrl-C does, by KeyboardInterrupt. Raises InputError unless `out` is new or an empty
@@ -22,7 +22,7 @@ def whole_folder(out: Path) -> Generator[Path]:
         raise InputError(f"{out}: expected a new or empty folder to write to, found something there")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with _terminable(), tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch:
+        with _sigterm_as_interrupt(), tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch:
             draft = Path(scratch) / "draft"
             draft.mkdir()
             yield draft
@@ -32,17 +32,17 @@ def whole_folder(out: Path) -> Generator[Path]:
 
 
 @contextmanager
-def _terminable() -> Generator[None]:
+def _sigterm_as_interrupt() -> Generator[None]:
     """SIGTERM raises KeyboardInterrupt, so that nothing is left behind. Only a main thread can hear signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, _interrupt)
+    before = signal.signal(signal.SIGTERM, _raise_interrupt)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+def _raise_interrupt(_signal: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt

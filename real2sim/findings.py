@@ -4,24 +4,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mdrive_sumo.roads import RoadMap
-from real2sim.clean import Cleaned
+from real2sim.clean import CleanedRecording
 from real2sim.fit.disposition import Role
 from real2sim.network import NetworkReport
 from real2sim.quality import Quality
-from real2sim.recording import Recording, Track
-from real2sim.targets import Target
+from real2sim.recording import RecordedTrack, Recording
+from real2sim.targets import FidelityTarget
 from real2sim.traffic_fidelity import Closeness
 
 
 @dataclass(frozen=True)
-class Findings:
+class ConversionFindings:
     """One scenario of a suite; filled by the pipeline. What was not done or measured is None."""
 
     id: str
     """Of the scenario: the name of its folder in the suite."""
     recording: Recording
-    cleaned: Cleaned
-    tracks: tuple[Track, ...]
+    cleaned: CleanedRecording
+    tracks: tuple[RecordedTrack, ...]
     """Reconstructed, with the ids of `cleaned.tracks`."""
     quality: Quality
     network: NetworkReport
@@ -31,7 +31,7 @@ class Findings:
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """`Fitted.names`: track id -> id in the scenario."""
     closeness: Closeness | None = None
-    targets: tuple[Target, ...] = ()
+    targets: tuple[FidelityTarget, ...] = ()
     """All of them; () where no pipeline has set any: then those of quality and closeness are shown."""
     misses: tuple[str, ...] = ()
     """What misses its target, a sentence each; () is a pass."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 
-OPTIONS = (
+OPENDRIVE_OPTIONS = (
     "--opendrive.curve-resolution",
     "1.0",
     "--junctions.internal-link-detail",  # 5 points make a turn of 22-degree kinks
@@ -20,18 +20,18 @@ OPTIONS = (
 """Not `--opendrive.internal-shapes`: it folds lanes in junctions (heading change 114 instead of 67 deg)."""
 
 
-def netconvert_arguments(xodr: str, net: str) -> tuple[str, ...]:
+def build_opendrive_command(xodr: str, net: str) -> tuple[str, ...]:
     """Arguments that turn one OpenDRIVE file into one net."""
-    return ("netconvert", "--opendrive-files", xodr, "--output-file", net, *OPTIONS)
+    return ("netconvert", "--opendrive-files", xodr, "--output-file", net, *OPENDRIVE_OPTIONS)
 
 
 def compile_opendrive(xodr: Path) -> bytes:
     """The SUMO net of an OpenDRIVE map; raises InputError if netconvert is missing or refuses the map."""
     with tempfile.TemporaryDirectory() as folder:
         net = Path(folder) / "map.net.xml"
-        arguments = netconvert_arguments(str(xodr.resolve()), str(net))
+        arguments = build_opendrive_command(str(xodr.resolve()), str(net))
         done = subprocess.run(
-            (str(netconvert_program()), *arguments[1:]), capture_output=True, text=True, check=False, timeout=600
+            (str(find_netconvert()), *arguments[1:]), capture_output=True, text=True, check=False, timeout=600
         )
         if done.returncode or not net.is_file():
             errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
@@ -40,7 +40,7 @@ def compile_opendrive(xodr: Path) -> bytes:
         return net.read_bytes()
 
 
-def netconvert_program() -> Path:
+def find_netconvert() -> Path:
     """Path of netconvert, of this Python environment if it has one; raises InputError if there is none."""
     spec = importlib.util.find_spec("sumo")
     for folder in (spec.submodule_search_locations or ()) if spec else ():

@@ -12,7 +12,7 @@ from mdrive_sumo.core.geometry import Float, Int, Polyline, wrap_angles
 
 
 @dataclass(frozen=True)
-class Feet:
+class PolylineProjections:
     """Pairs (P,) of a point and a line near it, ordered by point, then line."""
 
     point: Int
@@ -33,7 +33,7 @@ class Feet:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class PolylineIndex:
     """Polylines with a spatial index."""
 
     lines: Sequence[Polyline]
@@ -64,7 +64,7 @@ class Lines:
         at = np.clip(s, 0.0, None) + base[line]
         return yaws[np.maximum(np.searchsorted(begins, at, side="right") - 1, 0)]
 
-    def feet(self, xy: Float, reach: float) -> Feet:
+    def feet(self, xy: Float, reach: float) -> PolylineProjections:
         """Lines within `reach` [m] of the points xy (N, 2) [m]."""
         points: Any = shapely.points(xy)
         point, line = self.tree.query(points, predicate="dwithin", distance=reach)
@@ -74,11 +74,13 @@ class Lines:
         gap = shapely.get_coordinates(shapely.line_interpolate_point(self.shapes[line], s)).reshape(-1, 2) - xy[point]
         yaw = self.yaws(line, s)
         cos, sin = np.cos(yaw), np.sin(yaw)
-        return Feet(point, line, s, gap[:, 0] * cos + gap[:, 1] * sin, gap[:, 1] * cos - gap[:, 0] * sin, yaw)
+        return PolylineProjections(
+            point, line, s, gap[:, 0] * cos + gap[:, 1] * sin, gap[:, 1] * cos - gap[:, 0] * sin, yaw
+        )
 
 
 @dataclass(frozen=True)
-class Samples:
+class PolylineSamples:
     """Points xy (M, 2) [m] every so many metres on lines, with direction [rad], arc length [m] and line (M,)."""
 
     xy: Float
@@ -87,7 +89,7 @@ class Samples:
     line: Int
 
 
-def sample(lines: Sequence[Polyline], spacing: float) -> Samples:
+def sample_polylines(lines: Sequence[Polyline], spacing: float) -> PolylineSamples:
     """Points about every `spacing` [m] of all lines."""
     stations = [line.stations(spacing) for line in lines]
     xy = [
@@ -96,9 +98,9 @@ def sample(lines: Sequence[Polyline], spacing: float) -> Samples:
     ]
     yaw = [line.yaws_at(s) for line, s in zip(lines, stations, strict=True)]
     owner = np.repeat(np.arange(len(lines)), [len(s) for s in stations])
-    return Samples(np.concatenate(xy), np.concatenate(yaw), np.concatenate(stations), owner)
+    return PolylineSamples(np.concatenate(xy), np.concatenate(yaw), np.concatenate(stations), owner)
 
 
-def angle_between(a: Float, b: Float) -> Float:
+def compute_angles_between(a: Float, b: Float) -> Float:
     """Angles [rad] in [0, pi] between directions, any shape."""
     return np.abs(wrap_angles(a - b))

@@ -16,7 +16,7 @@ from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import HdMap
 
 
-class Category(StrEnum):
+class ObjectCategory(StrEnum):
     """What a thing is, in the words of all sources."""
 
     CAR = "car"
@@ -33,32 +33,32 @@ class Category(StrEnum):
     @property
     def kind(self) -> Kind:
         """How the simulation calls it."""
-        if self is Category.PEDESTRIAN:
+        if self is ObjectCategory.PEDESTRIAN:
             return Kind.PEDESTRIAN
-        if self is Category.BICYCLE:
+        if self is ObjectCategory.BICYCLE:
             return Kind.CYCLIST
-        return Kind.STATIC if self is Category.STATIC else Kind.VEHICLE
+        return Kind.STATIC if self is ObjectCategory.STATIC else Kind.VEHICLE
 
 
-USUAL_SIZE: Mapping[Category, tuple[float, float]] = {
-    Category.CAR: (4.6, 1.85),
-    Category.VAN: (5.3, 2.0),
-    Category.TRUCK: (8.0, 2.5),
-    Category.BUS: (12.0, 2.55),
-    Category.MOTORCYCLE: (2.2, 0.8),
-    Category.BICYCLE: (1.8, 0.65),
-    Category.PEDESTRIAN: (0.5, 0.5),
-    Category.STATIC: (0.5, 0.5),
+DEFAULT_SIZE_M: Mapping[ObjectCategory, tuple[float, float]] = {
+    ObjectCategory.CAR: (4.6, 1.85),
+    ObjectCategory.VAN: (5.3, 2.0),
+    ObjectCategory.TRUCK: (8.0, 2.5),
+    ObjectCategory.BUS: (12.0, 2.55),
+    ObjectCategory.MOTORCYCLE: (2.2, 0.8),
+    ObjectCategory.BICYCLE: (1.8, 0.65),
+    ObjectCategory.PEDESTRIAN: (0.5, 0.5),
+    ObjectCategory.STATIC: (0.5, 0.5),
 }
 """Length and width [m] for sources that tell none."""
 
 
 @dataclass(frozen=True)
-class Track:
+class RecordedTrack:
     """One thing through all frames. Arrays are (T,), rows without `valid` hold NaN."""
 
     id: str
-    category: Category
+    category: ObjectCategory
     valid: Bool
     x: Float
     y: Float
@@ -80,18 +80,18 @@ class Track:
         """The rows in which it is there."""
         return np.flatnonzero(self.valid)
 
-    def with_rows(self, **columns: Float | Bool) -> "Track":
+    def with_rows(self, **columns: Float | Bool) -> "RecordedTrack":
         """The same with other arrays."""
         return replace(self, **columns)
 
 
 @dataclass(frozen=True)
-class View:
+class ObserverView:
     """What one observer recorded. A log with one list of tracks for all has one view."""
 
     observer: str
     """Agent folder or "log"."""
-    tracks: tuple[Track, ...]
+    tracks: tuple[RecordedTrack, ...]
     pose: Float = field(default_factory=lambda: np.zeros((0, 3)))
     """(T, 3) x, y, yaw of the observer's sensor; empty if it has none of its own."""
     infrastructure: bool = False
@@ -106,7 +106,7 @@ class Recording:
     """Name of the reader."""
     dt_s: float
     frames: int
-    views: tuple[View, ...]
+    views: tuple[ObserverView, ...]
     map: HdMap
     cavs: tuple[str, ...] = ()
     """Which observers, or (in a log with one view) which tracks, are connected automated vehicles by the source."""

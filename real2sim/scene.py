@@ -35,7 +35,7 @@ class CavRoute:
 
 
 @dataclass(frozen=True)
-class Scene:
+class SourceScene:
     """One scenario to be."""
 
     id: str

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict, computed_field
 
-from real2sim.clean import Cleaned
+from real2sim.clean import CleanedRecording
 from real2sim.fit.disposition import Became, Role
 from real2sim.network import NetworkReport
 from real2sim.quality import SCRIPTED, Quality
@@ -12,7 +12,7 @@ from real2sim.recording import Recording
 from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, Closeness
 
 
-class Target(BaseModel):
+class FidelityTarget(BaseModel):
     """A figure and what it should be."""
 
     model_config = ConfigDict(frozen=True)
@@ -42,32 +42,32 @@ class Target(BaseModel):
         return f"{100 * value:.1f} %" if self.unit == "share" else f"{value:.3g} {self.unit}".strip()
 
 
-def fidelity_targets(quality: Quality) -> tuple[Target, ...]:
+def build_reconstruction_targets(quality: Quality) -> tuple[FidelityTarget, ...]:
     """Reconstruction against the log."""
     share = quality.moving_passed_share if quality.moving_vehicles else None
     return (
-        Target(name="moving vehicles passing all checks", value=share, limit=0.95, at_least=True, unit="share"),
-        Target(name="error median", value=quality.error_median, limit=0.3, unit="m"),
-        Target(name="error p95", value=quality.error_p95, limit=1.0, unit="m"),
-        Target(name="jerk p95", value=quality.jerk_p95, limit=5.0, unit="m/s3"),
-        Target(name="wrong-way frames", value=quality.wrong_way_frames, limit=0),
-        Target(name="spawn overlaps", value=len(quality.spawn_overlaps), limit=0),
-        Target(name="duplicate tracks", value=len(quality.duplicates), limit=0),
-        Target(name="teleports over 1 m", value=quality.teleports, limit=0),
+        FidelityTarget(name="moving vehicles passing all checks", value=share, limit=0.95, at_least=True, unit="share"),
+        FidelityTarget(name="error median", value=quality.error_median, limit=0.3, unit="m"),
+        FidelityTarget(name="error p95", value=quality.error_p95, limit=1.0, unit="m"),
+        FidelityTarget(name="jerk p95", value=quality.jerk_p95, limit=5.0, unit="m/s3"),
+        FidelityTarget(name="wrong-way frames", value=quality.wrong_way_frames, limit=0),
+        FidelityTarget(name="spawn overlaps", value=len(quality.spawn_overlaps), limit=0),
+        FidelityTarget(name="duplicate tracks", value=len(quality.duplicates), limit=0),
+        FidelityTarget(name="teleports over 1 m", value=quality.teleports, limit=0),
     )
 
 
-def network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[Target, ...]:
+def build_network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[FidelityTarget, ...]:
     """The network against the map; `unroutable` are moving vehicles on the road whose way the network breaks."""
     fit = network.fit
     return (
-        Target(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
-        Target(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),
-        Target(name="driven ways that the network breaks", value=len(unroutable), limit=0),
+        FidelityTarget(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
+        FidelityTarget(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),
+        FidelityTarget(name="driven ways that the network breaks", value=len(unroutable), limit=0),
     )
 
 
-def silently_lost(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Role]) -> tuple[str, ...]:
+def find_silently_lost(recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, Role]) -> tuple[str, ...]:
     """Tracks of the source of which nothing is in the scenario, and nobody says why."""
     silent = Role(Became.LEFT_OUT)
     told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.lost)
@@ -75,22 +75,26 @@ def silently_lost(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Ro
     return tuple(sorted(id_ for id_ in source if not told & {id_, *cleaned.successors.get(id_, ())}))
 
 
-def lost_target(recording: Recording, cleaned: Cleaned, roles: Mapping[str, Role]) -> Target:
+def build_lost_target(recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, Role]) -> FidelityTarget:
     """All tracks of the source are in the scenario, or it is told why not."""
-    lost = silently_lost(recording, cleaned, roles)
-    return Target(name="tracks lost without a reason", value=len(lost), limit=0)
+    lost = find_silently_lost(recording, cleaned, roles)
+    return FidelityTarget(name="tracks lost without a reason", value=len(lost), limit=0)
 
 
-def by_sumo(quality: Quality, roles: Mapping[str, Role], mode: str) -> int:
+def count_sumo_driven(quality: Quality, roles: Mapping[str, Role], mode: str) -> int:
     """How many of the moving vehicles SUMO drives; the others are CAVs, or scripted on their path of the log."""
     moving = [actor.id for actor in quality.actors if actor.moving and actor.category not in SCRIPTED]
     driven = (id_ for id_ in moving if id_ in roles and roles[id_].became is Became.BACKGROUND)
     return 0 if mode == "replay" else sum(1 for _ in driven)
 
 
-def closeness_targets(close: Closeness) -> tuple[Target, ...]:
+def build_traffic_targets(close: Closeness) -> tuple[FidelityTarget, ...]:
     """Reactive traffic against the log."""
     return (
-        Target(name="traffic off the log at 5 s, median", value=close.median_at_5s, limit=MEDIAN_5S_M, unit="m"),
-        Target(name="order kept at conflicts", value=close.order_share, limit=ORDER_SHARE, at_least=True, unit="share"),
+        FidelityTarget(
+            name="traffic off the log at 5 s, median", value=close.median_at_5s, limit=MEDIAN_5S_M, unit="m"
+        ),
+        FidelityTarget(
+            name="order kept at conflicts", value=close.order_share, limit=ORDER_SHARE, at_least=True, unit="share"
+        ),
     )

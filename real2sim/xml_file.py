@@ -10,7 +10,7 @@ from mdrive_sumo.core.errors import InputError
 Element = ElementTree.Element
 
 
-class _NoDoctype(ElementTree.TreeBuilder):
+class _DoctypeRefuser(ElementTree.TreeBuilder):
     def doctype(self, name: str, *_: str | None) -> NoReturn:
         raise InputError(f"expected XML without a document type, found <!DOCTYPE {name}>")
 
@@ -18,7 +18,7 @@ class _NoDoctype(ElementTree.TreeBuilder):
 def read_xml(path: Path) -> Element:
     """Root element of an XML file; raises InputError if it cannot be read, is broken or has a DOCTYPE."""
     try:
-        return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoDoctype()))
+        return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_DoctypeRefuser()))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ElementTree.ParseError as error:
@@ -27,12 +27,12 @@ def read_xml(path: Path) -> Element:
         raise InputError(f"{path}: {error}") from None
 
 
-def number(path: Path, element: Element, name: str) -> float:
+def read_number(path: Path, element: Element, name: str) -> float:
     """A finite number in an attribute; raises InputError."""
-    return finite(f"{path}: {element.tag}: {name}", element.get(name))
+    return parse_finite(f"{path}: {element.tag}: {name}", element.get(name))
 
 
-def finite(where: str, text: str | None) -> float:
+def parse_finite(where: str, text: str | None) -> float:
     """A finite number; raises InputError."""
     try:
         value = float(text or "")

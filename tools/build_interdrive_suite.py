@@ -27,21 +27,21 @@ BUCKET = "InterDrive"
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class RecipeStep:
     """A lane on a CAV's way, and an arc length [m] on it (below zero: from its end) or None."""
 
     lane: str
     s: float | None
 
 
-def steps(text: str) -> tuple[Step, ...]:
+def parse_steps(text: str) -> tuple[RecipeStep, ...]:
     """Parses "lane s > lane > lane s"; raises InputError."""
-    found: list[Step] = []
+    found: list[RecipeStep] = []
     for part in text.split(">"):
         words = part.split()
         try:
             lane, *number = words
-            found.append(Step(lane, float(number[0]) if number else None))
+            found.append(RecipeStep(lane, float(number[0]) if number else None))
         except ValueError:
             raise InputError(f"recipe: expected steps 'lane [arc length]', found {part.strip()!r}") from None
     if len(found) < 2 or found[0].s is None or found[-1].s is None:
@@ -49,7 +49,7 @@ def steps(text: str) -> tuple[Step, ...]:
     return tuple(found)
 
 
-def route_of(roads: RoadMap, way: Sequence[Step]) -> Route:
+def build_route(roads: RoadMap, way: Sequence[RecipeStep]) -> Route:
     """The dense route through the steps; raises InputError where there is none."""
     _check_lanes(roads, way)
     lanes = [way[0].lane]
@@ -58,38 +58,38 @@ def route_of(roads: RoadMap, way: Sequence[Step]) -> Route:
         here = roads.lanes[lanes[-1]]
         if step.lane in (here.left, here.right):
             if step.s is not None and step is not way[-1]:
-                change_at[len(lanes) - 1] = _from_start(roads, Step(here.id, step.s))
+                change_at[len(lanes) - 1] = _to_arc_length(roads, RecipeStep(here.id, step.s))
             lanes.append(step.lane)
         elif step.lane != here.id:
             lanes.extend(drivable_path(roads, here.id, step.lane)[1:])
-    return route_along(roads, lanes, _from_start(roads, way[0]), _from_start(roads, way[-1]), change_at)
+    return route_along(roads, lanes, _to_arc_length(roads, way[0]), _to_arc_length(roads, way[-1]), change_at)
 
 
-def _check_lanes(roads: RoadMap, way: Sequence[Step]) -> None:
+def _check_lanes(roads: RoadMap, way: Sequence[RecipeStep]) -> None:
     for step in way:
         if step.lane not in roads.lanes:
             raise InputError(f"recipe: expected a car lane of network {roads.name}, found {step.lane!r}")
 
 
-def _from_start(roads: RoadMap, step: Step) -> float:
+def _to_arc_length(roads: RoadMap, step: RecipeStep) -> float:
     s = step.s or 0.0
     return s + roads.lanes[step.lane].centre.length if s < 0 else s
 
 
-def ego(roads: RoadMap, name: str, text: str) -> Ego:
+def build_ego(roads: RoadMap, name: str, text: str) -> Ego:
     """A CAV from its line of the recipe, at rest on the first point of its route."""
-    route = route_of(roads, steps(text))
+    route = build_route(roads, parse_steps(text))
     xy, yaw = route.xy.tolist(), route.yaw.tolist()
     points = tuple((round(x, 3), round(y, 3), round(a, 4)) for (x, y), a in zip(xy, yaw, strict=True))
     x, y, angle = points[0]
     return Ego(id=name, start=Pose(x=x, y=y, yaw=angle), lanes=route.lanes, route=points)
 
 
-def scenario(entry: dict[str, Any]) -> Scenario:
+def build_scenario(entry: dict[str, Any]) -> Scenario:
     """A scenario from its table of the recipe; raises InputError."""
     roads = load(network_folder(entry["network"]))
     try:
-        egos = tuple(ego(roads, str(i), text) for i, text in enumerate(entry["cavs"]))
+        egos = tuple(build_ego(roads, str(i), text) for i, text in enumerate(entry["cavs"]))
     except InputError as error:
         raise InputError(f"{entry['id']}: {error}") from None
     return Scenario(
@@ -102,15 +102,15 @@ def scenario(entry: dict[str, Any]) -> Scenario:
     )
 
 
-def interdrive(folder: Path) -> Suite:
+def build_suite(folder: Path) -> Suite:
     """The suite that the recipe in `folder` describes."""
     recipe = tomllib.loads((folder / RECIPE_FILE).read_text())
-    return Suite(SuiteFile(**recipe["suite"]), folder, tuple(scenario(entry) for entry in recipe["scenario"]))
+    return Suite(SuiteFile(**recipe["suite"]), folder, tuple(build_scenario(entry) for entry in recipe["scenario"]))
 
 
-def write(folder: Path) -> Suite:
+def write_suite(folder: Path) -> Suite:
     """Writes and seals `suite.json` and every `scenario.json` of the recipe in `folder`."""
-    save_suite(interdrive(folder))
+    save_suite(build_suite(folder))
     suite = sealed(load_suite(str(folder)))  # as it is read: files are rounded
     save_suite(suite)
     return suite
@@ -119,7 +119,7 @@ def write(folder: Path) -> Suite:
 def main() -> None:
     """Writes the suite of the package."""
     folder = Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"
-    sys.stdout.write(f"{folder}: {len(write(folder).scenarios)} scenarios\n")
+    sys.stdout.write(f"{folder}: {len(write_suite(folder).scenarios)} scenarios\n")
 
 
 if __name__ == "__main__":

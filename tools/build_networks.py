@@ -30,7 +30,7 @@ def netconvert() -> str | None:
     return which("netconvert", path=sysconfig.get_path("scripts")) or which("netconvert")
 
 
-def compile_net(folder: Path) -> bytes:
+def compile_recipe(folder: Path) -> bytes:
     """The net file (XML) that the recipe in `folder` makes; raises InputError if netconvert is absent or refuses."""
     program = netconvert()
     if program is None:
@@ -41,24 +41,24 @@ def compile_net(folder: Path) -> bytes:
         done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise InputError(f"{folder}: netconvert refused the recipe: {done.stderr.strip()[-300:]}")
-        return without_comments(made.read_bytes())
+        return strip_comments(made.read_bytes())
 
 
-def without_comments(xml: bytes) -> bytes:
+def strip_comments(xml: bytes) -> bytes:
     """The same XML without its comments, in which netconvert writes the date and local paths."""
     return re.sub(rb"<!--.*?-->\s*", b"", xml, flags=re.DOTALL)
 
 
 def build_network(folder: Path) -> NetworkFile:
     """Compiles a recipe, writes `map.net.xml.gz` and renews offset and checksum in `network.json`."""
-    net = compile_net(folder)
+    net = compile_recipe(folder)
     (folder / NET_FILE).write_bytes(gzip.compress(net, 9, mtime=0))
-    about = read_network_file(folder).model_copy(update={"offset": _offset(net), "checksum": net_checksum(net)})
+    about = read_network_file(folder).model_copy(update={"offset": _read_offset(net), "checksum": net_checksum(net)})
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
     return about
 
 
-def _offset(net: bytes) -> tuple[float, float]:
+def _read_offset(net: bytes) -> tuple[float, float]:
     location = ET.fromstring(net).find("location")
     assert location is not None  # netconvert always writes it
     x, y = location.attrib["netOffset"].split(",")

@@ -28,20 +28,22 @@ ON_LANE_M = 1.0
 AHEAD_M = 150.0
 """How far lanes are followed beyond the end of an actor's path: a lane change takes up to 130 m (protocol 3.4)."""
 
-Offset = tuple[float, float]
+NetOffset = tuple[float, float]
 
 
-def placed(actors: Sequence[Actor], roads: RoadMap, offset: Offset) -> tuple[tuple[Actor, ...], tuple[str, ...]]:
+def place_actors(
+    actors: Sequence[Actor], roads: RoadMap, offset: NetOffset
+) -> tuple[tuple[Actor, ...], tuple[str, ...]]:
     """The actors in the network's frame, with notes.
 
     Those that pace drop their authored path and follow its lanes (protocol 3.4), if there are lanes along it.
     """
     there: list[Actor] = []
     notes: list[str] = []
-    for actor in (_moved(actor, offset) for actor in actors):
+    for actor in (_shift_actor(actor, offset) for actor in actors):
         if not isinstance(actor.action, HardBrake | LaneChange) or not actor.action.pacing:
             there.append(actor)
-        elif (motion := _on_lanes(actor.motion, roads)) is not None:
+        elif (motion := _follow_lanes(actor.motion, roads)) is not None:
             there.append(actor.model_copy(update={"motion": motion}))
         else:
             there.append(actor)
@@ -49,14 +51,14 @@ def placed(actors: Sequence[Actor], roads: RoadMap, offset: Offset) -> tuple[tup
     return tuple(there), tuple(notes)
 
 
-def starts_in_contact(egos: Sequence[Ego], actors: Sequence[Actor], roads: RoadMap) -> Iterator[str]:
+def note_start_contacts(egos: Sequence[Ego], actors: Sequence[Actor], roads: RoadMap) -> Iterator[str]:
     """A note for each actor that stands in a CAV at the start; who is there later does not count."""
     for actor in actors:
         for ego, _ in contacts_at_start(actor, egos, roads):
             yield f"{actor.id} overlaps CAV {ego} at the start"
 
 
-def never_set_off(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]:
+def note_unreachable_triggers(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]:
     """A note for each actor that stands until a CAV comes near whose route does not."""
     routes = {ego.id: ego.xy for ego in egos}
     for actor in actors:
@@ -73,7 +75,7 @@ def never_set_off(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]
             )
 
 
-def _moved(actor: Actor, offset: Offset) -> Actor:
+def _shift_actor(actor: Actor, offset: NetOffset) -> Actor:
     start = actor.start
     trigger = actor.trigger
     if isinstance(trigger, PositionTrigger):
@@ -81,13 +83,13 @@ def _moved(actor: Actor, offset: Offset) -> Actor:
     return actor.model_copy(
         update={
             "start": Pose(x=start.x + offset[0], y=start.y + offset[1], yaw=start.yaw),
-            "motion": _moved_motion(actor.motion, offset),
+            "motion": _shift_motion(actor.motion, offset),
             "trigger": trigger,
         }
     )
 
 
-def _moved_motion(motion: Motion, offset: Offset) -> Motion:
+def _shift_motion(motion: Motion, offset: NetOffset) -> Motion:
     if isinstance(motion, AlongPath):
         points = tuple((round(x + offset[0], 3), round(y + offset[1], 3)) for x, y in motion.points)
         return motion.model_copy(update={"points": points})
@@ -99,7 +101,7 @@ def _moved_motion(motion: Motion, offset: Offset) -> Motion:
     return motion
 
 
-def _on_lanes(motion: Motion, roads: RoadMap) -> AlongLanes | None:
+def _follow_lanes(motion: Motion, roads: RoadMap) -> AlongLanes | None:
     if not isinstance(motion, AlongPath):
         return None
     try:
@@ -109,10 +111,12 @@ def _on_lanes(motion: Motion, roads: RoadMap) -> AlongLanes | None:
     if match.left_out or max(abs(foot.d) for foot in match.feet) > ON_LANE_M:
         return None
     lanes = match.legs[0].lanes + tuple(lane for leg in match.legs[1:] for lane in leg.lanes[1:])
-    return AlongLanes(lanes=(*lanes, *_ahead(roads, lanes[-1])), speed=motion.speed, start_speed=motion.start_speed)
+    return AlongLanes(
+        lanes=(*lanes, *_extend_straight(roads, lanes[-1])), speed=motion.speed, start_speed=motion.start_speed
+    )
 
 
-def _ahead(roads: RoadMap, lane: str) -> Iterator[str]:
+def _extend_straight(roads: RoadMap, lane: str) -> Iterator[str]:
     """The lanes that go straightest on from the end of a lane."""
     left = AHEAD_M
     here = roads.lanes[lane]
@@ -120,7 +124,8 @@ def _ahead(roads: RoadMap, lane: str) -> Iterator[str]:
     while here.successors and left > 0:
         end = here.centre.yaw_at(here.centre.length)
         here = min(
-            (roads.lanes[s] for s in here.successors), key=lambda s: _turn(end, s.centre.yaw_at(s.centre.length))
+            (roads.lanes[s] for s in here.successors),
+            key=lambda s: _compute_turn(end, s.centre.yaw_at(s.centre.length)),
         )
         if here.id in seen:
             return
@@ -129,5 +134,5 @@ def _ahead(roads: RoadMap, lane: str) -> Iterator[str]:
         yield here.id
 
 
-def _turn(before: float, after: float) -> float:
+def _compute_turn(before: float, after: float) -> float:
     return abs(np.angle(np.exp(1j * (after - before))))

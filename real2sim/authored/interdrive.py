@@ -6,7 +6,7 @@ from pathlib import Path
 from mdrive_sumo.scenario.catalog import SuiteFile
 from real2sim.authored.suite_converter import convert_authored
 from real2sim.carla.conversion_report import ConversionReport
-from real2sim.readers.interdrive import interdrive_notes, read_interdrive
+from real2sim.readers.interdrive import describe_omitted_routes, read_interdrive
 
 ABOUT = SuiteFile(name="interdrive-original", title="InterDrive (original routes)")
 
@@ -15,4 +15,4 @@ def convert_interdrive(sources: Iterable[Path], maps: Path, out: Path, name: str
     """Writes the suite of all scenario folders in `sources` with the town maps in `maps`; raises InputError."""
     scenes = [scene for source in sources for scene in read_interdrive(source, maps)]
     about = ABOUT.model_copy(update={"name": name}) if name else ABOUT
-    return convert_authored(scenes, out, about, interdrive_notes(scenes))
+    return convert_authored(scenes, out, about, describe_omitted_routes(scenes))

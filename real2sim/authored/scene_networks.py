@@ -9,75 +9,75 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float, polyline
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.scripted_actor import AlongPath, Replay
-from real2sim.carla.town_network import Town, build_town
+from real2sim.carla.town_network import TownNetwork, build_town_network
 from real2sim.hd_map import HdMap
 from real2sim.network import build_network
-from real2sim.scene import Scene, TownMap
+from real2sim.scene import SourceScene, TownMap
 
 DT_S = 0.1
-WAY_MPS = 8.0
+ASSUMED_MPS = 8.0
 """Speed at which ways without times are taken to be driven; it only spaces the votes for the directions of lanes."""
-CHORD_M = 12.0
+MAX_CHORD_M = 12.0
 """Points further apart do not tell the way between them."""
 
 
-def build_maps(scenes: Sequence[Scene], folder: Path) -> list[Town]:
+def build_scene_networks(scenes: Sequence[SourceScene], folder: Path) -> list[TownNetwork]:
     """The network of each scene, made in `folder`/NAME once for all scenes of the same map; raises InputError.
 
     An HD map is named after the first scene on it.
     """
-    made: dict[str | int, Town] = {}
+    made: dict[str | int, TownNetwork] = {}
     for scene in scenes:
-        key = _key(scene)
+        key = _get_map_key(scene)
         if key in made:
             continue
         if isinstance(scene.map, TownMap):
-            made[key] = build_town(scene.map.name, scene.map.maps, folder / scene.map.name)
+            made[key] = build_town_network(scene.map.name, scene.map.maps, folder / scene.map.name)
         else:
             alike = [other for other in scenes if other.map is scene.map]
-            made[key] = _from_hdmap(scene.map, alike, folder / scene.id)
-    return [made[_key(scene)] for scene in scenes]
+            made[key] = _build_from_hd_map(scene.map, alike, folder / scene.id)
+    return [made[_get_map_key(scene)] for scene in scenes]
 
 
-def _key(scene: Scene) -> str | int:
+def _get_map_key(scene: SourceScene) -> str | int:
     return scene.map.name if isinstance(scene.map, TownMap) else id(scene.map)
 
 
-def _from_hdmap(map: HdMap, scenes: Sequence[Scene], folder: Path) -> Town:
-    motions = [motion for scene in scenes for motion in _motions(scene)]
+def _build_from_hd_map(map: HdMap, scenes: Sequence[SourceScene], folder: Path) -> TownNetwork:
+    motions = [motion for scene in scenes for motion in _collect_motions(scene)]
     fit = build_network(map, motions, folder, folder.name, DT_S).fit
     about = read_network_file(folder)
     source = f"HD map of {len(map.lanes)} lanes, centre lines within {fit.mean:.2f} m (mean)"
     signs = None if about.stop_signs is None else len(about.stop_signs)
-    return Town(folder.name, folder, about.offset, source, signs, (), math.nan)
+    return TownNetwork(folder.name, folder, about.offset, source, signs, (), math.nan)
 
 
-def _motions(scene: Scene) -> Iterator[Float]:
+def _collect_motions(scene: SourceScene) -> Iterator[Float]:
     """What is known of how its vehicles drive: (N, 3) x, y, yaw every `DT_S`."""
     ways = [route.waypoints for route in scene.routes]
     for actor in scene.actors:
         if actor.kind != "vehicle":
             continue
         if isinstance(actor.motion, Replay):
-            yield _sampled(np.array(actor.motion.poses))
+            yield _sample_poses(np.array(actor.motion.poses))
         elif isinstance(actor.motion, AlongPath):
             ways.append(np.array(actor.motion.points))
     for way in ways:
-        yield from (_along(piece) for piece in _close_pieces(way))
+        yield from (_sample_path(piece) for piece in _split_at_long_chords(way))
 
 
-def _sampled(poses: Float) -> Float:
+def _sample_poses(poses: Float) -> Float:
     times = np.arange(poses[0, 0], poses[-1, 0] + 1e-6, DT_S)
     x, y, yaw = (np.interp(times, poses[:, 0], column) for column in (poses[:, 1], poses[:, 2], np.unwrap(poses[:, 3])))
     return np.column_stack((x, y, yaw))
 
 
-def _close_pieces(way: Float) -> Iterator[Float]:
-    far = np.flatnonzero(np.hypot(*np.diff(way, axis=0).T) > CHORD_M) + 1
+def _split_at_long_chords(way: Float) -> Iterator[Float]:
+    far = np.flatnonzero(np.hypot(*np.diff(way, axis=0).T) > MAX_CHORD_M) + 1
     return (piece for piece in np.split(way, far) if len(piece) > 1)
 
 
-def _along(way: Float) -> Float:
+def _sample_path(way: Float) -> Float:
     line = polyline(way)
-    stations = np.arange(0.0, line.length, WAY_MPS * DT_S)
+    stations = np.arange(0.0, line.length, ASSUMED_MPS * DT_S)
     return np.array([(*line.at(s), line.yaw_at(s)) for s in stations])

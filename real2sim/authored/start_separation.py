@@ -11,20 +11,20 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
-from real2sim.match.dense_route import route_of, start_pose
-from real2sim.match.waypoint_matcher import Leg
+from real2sim.match.dense_route import build_dense_route, compute_start_pose
+from real2sim.match.waypoint_matcher import RouteLeg
 
 CAR_LENGTH_M = 4.90
 CAR_WIDTH_M = 2.00
 GAP_M = 0.02
 """Kept between boxes, so that rounding poses to 1 mm cannot bring them into contact."""
 STEP_M = 0.1
-LONGEST_SHIFT_M = 20.0
+MAX_SHIFT_M = 20.0
 
-Legs = tuple[Leg, ...]
+RouteLegs = tuple[RouteLeg, ...]
 
 
-def moved_apart(roads: RoadMap, routes: Sequence[Legs]) -> tuple[float, ...]:
+def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float, ...]:
     """How far each start has to move forward [m], in steps of `STEP_M`, at the least sum; raises InputError.
 
     Uniform-cost search over the shifts: of two overlapping boxes one moves on until it is clear of the other. (To
@@ -33,11 +33,11 @@ def moved_apart(roads: RoadMap, routes: Sequence[Legs]) -> tuple[float, ...]:
 
     @cache
     def box(cav: int, steps: int) -> Float:
-        return _box(roads, routes[cav], steps)
+        return _compute_box(roads, routes[cav], steps)
 
     @cache
     def limit(cav: int) -> int:
-        return _most_steps(roads, routes[cav])
+        return _count_possible_steps(roads, routes[cav])
 
     queue: list[tuple[int, tuple[int, ...]]] = [(0, (0,) * len(routes))]
     seen: set[tuple[int, ...]] = set()
@@ -46,7 +46,7 @@ def moved_apart(roads: RoadMap, routes: Sequence[Legs]) -> tuple[float, ...]:
         if steps in seen:
             continue
         seen.add(steps)
-        pair = _first_overlap([box(i, n) for i, n in enumerate(steps)])
+        pair = _find_first_overlap([box(i, n) for i, n in enumerate(steps)])
         if pair is None:
             return tuple(round(n * STEP_M, 3) for n in steps)
         for mover, other in (pair, pair[::-1]):
@@ -54,10 +54,10 @@ def moved_apart(roads: RoadMap, routes: Sequence[Legs]) -> tuple[float, ...]:
             clear = (n for n in further if not boxes_overlap(box(mover, n), box(other, steps[other])))
             if (n := next(clear, None)) is not None:
                 heapq.heappush(queue, (total + n - steps[mover], (*steps[:mover], n, *steps[mover + 1 :])))
-    raise InputError(f"expected starts that can be moved apart by up to {LONGEST_SHIFT_M:g} m, found none")
+    raise InputError(f"expected starts that can be moved apart by up to {MAX_SHIFT_M:g} m, found none")
 
 
-def moved(roads: RoadMap, legs: Legs, distance: float) -> Legs:
+def advance_start(roads: RoadMap, legs: RouteLegs, distance: float) -> RouteLegs:
     """The legs without their first `distance` metres; raises InputError if they are shorter than that."""
     if not legs:
         raise InputError("expected a route long enough to move its start, found its end")
@@ -68,23 +68,23 @@ def moved(roads: RoadMap, legs: Legs, distance: float) -> Legs:
     if distance < room:
         return (replace(first, start_s=first.start_s + distance), *rest)
     if alone:
-        return moved(roads, rest, distance - room)
+        return advance_start(roads, rest, distance - room)
     entry = roads.lanes[first.lanes[1]]
     begin = 0.0 if entry.id in lane.successors else entry.centre.project(*lane.centre.at(lane.centre.length))[0]
-    return moved(roads, (Leg(first.lanes[1:], begin, first.goal_s), *rest), distance - room)
+    return advance_start(roads, (RouteLeg(first.lanes[1:], begin, first.goal_s), *rest), distance - room)
 
 
-def _box(roads: RoadMap, legs: Legs, steps: int) -> Float:
-    pose = start_pose(roads, moved(roads, legs, steps * STEP_M))
+def _compute_box(roads: RoadMap, legs: RouteLegs, steps: int) -> Float:
+    pose = compute_start_pose(roads, advance_start(roads, legs, steps * STEP_M))
     return box_corners(*pose, CAR_LENGTH_M + GAP_M, CAR_WIDTH_M + GAP_M)
 
 
-def _most_steps(roads: RoadMap, legs: Legs) -> int:
+def _count_possible_steps(roads: RoadMap, legs: RouteLegs) -> int:
     """Steps that leave at least 2 m of the route."""
-    length = float(np.hypot(*np.diff(route_of(roads, legs).xy, axis=0).T).sum())
-    return max(int((min(length - 2.0, LONGEST_SHIFT_M)) / STEP_M), 0)
+    length = float(np.hypot(*np.diff(build_dense_route(roads, legs).xy, axis=0).T).sum())
+    return max(int((min(length - 2.0, MAX_SHIFT_M)) / STEP_M), 0)
 
 
-def _first_overlap(boxes: Sequence[Float]) -> tuple[int, int] | None:
+def _find_first_overlap(boxes: Sequence[Float]) -> tuple[int, int] | None:
     pairs = combinations(range(len(boxes)), 2)
     return next(((i, j) for i, j in pairs if boxes_overlap(boxes[i], boxes[j])), None)

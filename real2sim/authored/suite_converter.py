@@ -6,37 +6,37 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.statistics import statistics
-from real2sim.atomic_folder import whole_folder
-from real2sim.authored.scenario_builder import OFF_LANE_M, Authored, build_authored
-from real2sim.authored.scene_networks import build_maps
-from real2sim.carla.conversion_report import ConversionReport, write_report
-from real2sim.carla.town_network import Town
-from real2sim.scene import Scene
+from real2sim.atomic_folder import atomic_folder
+from real2sim.authored.scenario_builder import OFF_LANE_M, AuthoredScenario, build_scenario
+from real2sim.authored.scene_networks import build_scene_networks
+from real2sim.carla.conversion_report import ConversionReport, write_conversion_report
+from real2sim.carla.town_network import TownNetwork
+from real2sim.scene import SourceScene
 
 NETWORKS = "networks"
 
 
 def convert_authored(
-    scenes: Sequence[Scene], out: Path, about: SuiteFile, notes: Sequence[str] = ()
+    scenes: Sequence[SourceScene], out: Path, about: SuiteFile, notes: Sequence[str] = ()
 ) -> ConversionReport:
     """Writes scenes as a suite with its networks and `conversion.{json,md}`; raises InputError.
 
     All or nothing: `out`, which must be new or empty, appears only when everything is converted. The suite's
     description is `notes`, and which signs are unknown.
     """
-    _unique(scenes)
-    with whole_folder(out) as draft:
-        maps = build_maps(scenes, draft / NETWORKS)
-        converted = [build_authored(scene, town.folder) for scene, town in zip(scenes, maps, strict=True)]
-        report = _report(about, notes, maps, converted)
+    _check_unique(scenes)
+    with atomic_folder(out) as draft:
+        maps = build_scene_networks(scenes, draft / NETWORKS)
+        converted = [build_scenario(scene, town.folder) for scene, town in zip(scenes, maps, strict=True)]
+        report = _build_report(about, notes, maps, converted)
         described = about.model_copy(update={"description": " ".join(report.notes)})
         save_suite(Suite(described, draft, tuple(part.scenario for part in converted)))
-        write_report(report, draft)
+        write_conversion_report(report, draft)
     return report
 
 
-def _report(
-    about: SuiteFile, notes: Sequence[str], maps: Sequence[Town], converted: Sequence[Authored]
+def _build_report(
+    about: SuiteFile, notes: Sequence[str], maps: Sequence[TownNetwork], converted: Sequence[AuthoredScenario]
 ) -> ConversionReport:
     towns = {town.name: town for town in sorted(maps, key=lambda town: town.name)}
     unknown = [town.name for town in towns.values() if town.stop_signs is None]
@@ -55,7 +55,7 @@ def _report(
     )
 
 
-def _unique(scenes: Sequence[Scene]) -> None:
+def _check_unique(scenes: Sequence[SourceScene]) -> None:
     ids = [scene.id for scene in scenes]
     twice = sorted({id_ for id_ in ids if ids.count(id_) > 1})
     if not ids or twice:

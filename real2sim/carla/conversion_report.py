@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mdrive_sumo.scenario.statistics import SuiteStatistics
-from real2sim.carla.town_network import Town
+from real2sim.carla.town_network import TownNetwork
 
 REPORT_JSON = "conversion.json"
 REPORT_MARKDOWN = "conversion.md"
@@ -16,7 +16,7 @@ NETWORKS_MARKDOWN = "networks.md"
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class ReportedWaypoint:
     """A waypoint of a CAV: `waypoint` 0 is the start. Coordinates [m] are the map's: CARLA's with y flipped."""
 
     scenario: str
@@ -27,10 +27,10 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class OffLane:
+class OffLaneWaypoint:
     """A waypoint off the centre line of the lane it was matched to; the nearest lane may be another one."""
 
-    point: Point
+    point: ReportedWaypoint
     lane: str
     distance_m: float
     nearest_lane: str
@@ -38,17 +38,17 @@ class OffLane:
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class DroppedWaypoint:
     """A waypoint that the route does not go to."""
 
-    point: Point
+    point: ReportedWaypoint
     nearest_lane: str
     nearest_lane_distance_m: float
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
+class StartShift:
     """A start that was moved forward along its route because its box overlapped another one."""
 
     scenario: str
@@ -64,11 +64,11 @@ class ConversionReport:
     notes: tuple[str, ...]
     statistics: SuiteStatistics
     waypoints: int
-    towns: tuple[Town, ...]
-    shifts: tuple[Shift, ...]
-    left_out: tuple[LeftOut, ...]
+    towns: tuple[TownNetwork, ...]
+    shifts: tuple[StartShift, ...]
+    left_out: tuple[DroppedWaypoint, ...]
     off_lane_threshold_m: float
-    off_lane: tuple[OffLane, ...]
+    off_lane: tuple[OffLaneWaypoint, ...]
     scenario_notes: Mapping[str, tuple[str, ...]]
     """By id of the scenario: what its files hold that was passed over, changed or guessed."""
 
@@ -78,25 +78,25 @@ class ConversionReport:
         return sum(off.point.waypoint == 0 for off in self.off_lane)
 
 
-def write_report(report: ConversionReport, folder: Path) -> None:
+def write_conversion_report(report: ConversionReport, folder: Path) -> None:
     """Writes `conversion.json` and `conversion.md`."""
-    (folder / REPORT_JSON).write_text(json.dumps(_plain(report), indent=1) + "\n")
-    (folder / REPORT_MARKDOWN).write_text(_markdown(report))
+    (folder / REPORT_JSON).write_text(json.dumps(_to_json(report), indent=1) + "\n")
+    (folder / REPORT_MARKDOWN).write_text(_format_markdown(report))
 
 
-def write_networks_report(networks: Sequence[Town], folder: Path) -> None:
+def write_networks_report(networks: Sequence[TownNetwork], folder: Path) -> None:
     """Writes `networks.json` and `networks.md`: where networks come from, their signs, the error of their offset."""
-    data = {"format": "mdrive-sumo/networks/1", "networks": [_plain_town(town) for town in networks]}
+    data = {"format": "mdrive-sumo/networks/1", "networks": [_town_to_json(town) for town in networks]}
     (folder / NETWORKS_JSON).write_text(json.dumps(data, indent=1) + "\n")
-    (folder / NETWORKS_MARKDOWN).write_text("# Networks from OpenDRIVE\n\n" + _town_table(networks) + "\n")
+    (folder / NETWORKS_MARKDOWN).write_text("# Networks from OpenDRIVE\n\n" + _format_town_table(networks) + "\n")
 
 
-def _plain(report: ConversionReport) -> dict[str, object]:
-    towns = [_plain_town(town) for town in report.towns]
+def _to_json(report: ConversionReport) -> dict[str, object]:
+    towns = [_town_to_json(town) for town in report.towns]
     return {"format": "mdrive-sumo/conversion/1", **asdict(report), "towns": towns}
 
 
-def _plain_town(town: Town) -> dict[str, object]:
+def _town_to_json(town: TownNetwork) -> dict[str, object]:
     data = asdict(town)
     del data["folder"]
     data["offset_error_m"] = None if math.isnan(town.offset_error_m) else round(town.offset_error_m, 5)
@@ -104,7 +104,7 @@ def _plain_town(town: Town) -> dict[str, object]:
     return data
 
 
-def _markdown(report: ConversionReport) -> str:
+def _format_markdown(report: ConversionReport) -> str:
     numbers = report.statistics
     sections = (
         f"# Conversion of {report.source}",
@@ -113,22 +113,22 @@ def _markdown(report: ConversionReport) -> str:
         f" change {numbers.mean_heading_change_deg:.2f} deg (over CAVs).",
         *report.notes,
         "## Towns",
-        _town_table(report.towns),
+        _format_town_table(report.towns),
         "## Starts moved apart",
-        _table(
+        _format_table(
             ("scenario", "CAV", "forward [m]"),
             ((s.scenario, s.ego, f"{s.distance_m:.1f}") for s in report.shifts),
         ),
         "## Waypoints left out",
-        _table(
+        _format_table(
             ("scenario", "CAV", "waypoint", "x, y [m]", "nearest lane", "distance [m]", "why"),
             (
-                (*_where(out.point), out.nearest_lane, f"{out.nearest_lane_distance_m:.2f}", out.reason)
+                (*_format_waypoint(out.point), out.nearest_lane, f"{out.nearest_lane_distance_m:.2f}", out.reason)
                 for out in report.left_out
             ),
         ),
         f"## Starts (waypoint 0) and other waypoints over {report.off_lane_threshold_m:g} m off their lane",
-        _table(
+        _format_table(
             (
                 "scenario",
                 "CAV",
@@ -139,10 +139,10 @@ def _markdown(report: ConversionReport) -> str:
                 "nearest lane",
                 "distance [m]",
             ),
-            map(_off_lane_row, sorted(report.off_lane, key=lambda off: -off.distance_m)),
+            map(_format_off_lane_row, sorted(report.off_lane, key=lambda off: -off.distance_m)),
         ),
         "## Notes",
-        _table(
+        _format_table(
             ("scenario", "note"),
             ((id_, note) for id_, notes in report.scenario_notes.items() for note in notes),
         ),
@@ -150,11 +150,13 @@ def _markdown(report: ConversionReport) -> str:
     return "\n\n".join(sections) + "\n"
 
 
-def _town_table(towns: Sequence[Town]) -> str:
-    return _table(("network", "made from", "offset [m]", "offset error [m]", "stop signs"), map(_town_row, towns))
+def _format_town_table(towns: Sequence[TownNetwork]) -> str:
+    return _format_table(
+        ("network", "made from", "offset [m]", "offset error [m]", "stop signs"), map(_format_town_row, towns)
+    )
 
 
-def _town_row(town: Town) -> tuple[str, ...]:
+def _format_town_row(town: TownNetwork) -> tuple[str, ...]:
     error = "not measured" if math.isnan(town.offset_error_m) else f"{town.offset_error_m:.4f}"
     signs = "signs unknown" if town.stop_signs is None else str(town.stop_signs)
     unplaced = f" (no lane found for {', '.join(town.unplaced_signs)})" if town.unplaced_signs else ""
@@ -162,16 +164,16 @@ def _town_row(town: Town) -> tuple[str, ...]:
     return town.name, town.source + mended, f"{town.offset[0]:g}, {town.offset[1]:g}", error, signs + unplaced
 
 
-def _off_lane_row(off: OffLane) -> tuple[str, ...]:
+def _format_off_lane_row(off: OffLaneWaypoint) -> tuple[str, ...]:
     nearest = f"{off.nearest_lane_distance_m:.2f}"
-    return *_where(off.point), off.lane, f"{off.distance_m:.2f}", off.nearest_lane, nearest
+    return *_format_waypoint(off.point), off.lane, f"{off.distance_m:.2f}", off.nearest_lane, nearest
 
 
-def _where(point: Point) -> tuple[str, ...]:
+def _format_waypoint(point: ReportedWaypoint) -> tuple[str, ...]:
     return point.scenario, point.ego, str(point.waypoint), f"{point.x:g}, {point.y:g}"
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _format_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     if not lines:
         return "None."

@@ -10,18 +10,18 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
-from real2sim.xml_file import Element, number, read_xml
+from real2sim.xml_file import Element, read_number, read_xml
 
 STOP_SIGN = "206"
 """Type of a stop sign in CARLA's towns: number 206 of the German catalogue (StVO)."""
-BOX_M = 4.0
+STOP_BOX_M = 4.0
 """Length of a stop box, which OpenDRIVE lacks: a car waiting up to 1.5 m before the line is in it."""
 APPROACH_M = 12.0
-APPROACH_YAW = math.radians(45)
+APPROACH_RAD = math.radians(45)
 
 
 @dataclass(frozen=True, slots=True)
-class Sign:
+class OpenDriveSign:
     """A sign beside the road, in OpenDRIVE coordinates [m]; `yaw` [rad] is the direction of its traffic."""
 
     id: str
@@ -31,57 +31,60 @@ class Sign:
 
 
 @dataclass(frozen=True, slots=True)
-class OpenDrive:
+class OpenDriveMap:
     """An OpenDRIVE map's date, its stop signs, and points (N, 2) [m] where a driving lane begins."""
 
     date: str
-    stop_signs: tuple[Sign, ...] | None
+    stop_signs: tuple[OpenDriveSign, ...] | None
     """None if the file has no signals at all: then it predates them, and the signs are unknown."""
     middles: Float
 
 
-def read_opendrive(path: Path) -> OpenDrive:
+def read_opendrive(path: Path) -> OpenDriveMap:
     """Reads an `.xodr`; raises InputError."""
     root = read_xml(path)
     if root.tag != "OpenDRIVE":
         raise InputError(f"{path}: expected the root element <OpenDRIVE>, found <{root.tag}>")
     roads = [road for road in root.iter("road") if road.get("junction") == "-1"]
     signs = [
-        _sign(path, road, signal) for road in roads for signal in road.iter("signal") if signal.get("type") == STOP_SIGN
+        _read_sign(path, road, signal)
+        for road in roads
+        for signal in road.iter("signal")
+        if signal.get("type") == STOP_SIGN
     ]
     header = root.find("header")
-    return OpenDrive(
+    return OpenDriveMap(
         date="" if header is None else header.get("date", ""),
         stop_signs=tuple(signs) if next(root.iter("signal"), None) is not None else None,
-        middles=np.array([middle for road in roads for middle in _middles(path, road)]).reshape(-1, 2),
+        middles=np.array([middle for road in roads for middle in _find_road_middle(path, road)]).reshape(-1, 2),
     )
 
 
-def _sign(path: Path, road: Element, signal: Element) -> Sign:
+def _read_sign(path: Path, road: Element, signal: Element) -> OpenDriveSign:
     """In right-hand traffic a sign at t < 0, right of the reference line, concerns traffic along that line.
 
     CARLA's towns have `orientation` the other way round; the lanes of their signalReferences agree with us.
     """
-    t = number(path, signal, "t")
-    x, y, yaw = _pose(path, road, number(path, signal, "s"))
+    t = read_number(path, signal, "t")
+    x, y, yaw = _compute_pose(path, road, read_number(path, signal, "s"))
     driving = yaw if t < 0 else wrap_angle(yaw + math.pi)
-    return Sign(signal.get("id", ""), x - t * math.sin(yaw), y + t * math.cos(yaw), driving)
+    return OpenDriveSign(signal.get("id", ""), x - t * math.sin(yaw), y + t * math.cos(yaw), driving)
 
 
-def _pose(path: Path, road: Element, s: float) -> tuple[float, float, float]:
+def _compute_pose(path: Path, road: Element, s: float) -> tuple[float, float, float]:
     """Pose on a road's reference line, which may consist of lines and arcs (as in all CARLA towns)."""
-    pieces = sorted(road.iterfind("planView/geometry"), key=lambda piece: number(path, piece, "s"))
-    begun = [piece for piece in pieces if number(path, piece, "s") <= s]
+    pieces = sorted(road.iterfind("planView/geometry"), key=lambda piece: read_number(path, piece, "s"))
+    begun = [piece for piece in pieces if read_number(path, piece, "s") <= s]
     if not begun:
         raise InputError(f"{path}: road {road.get('id')}: expected geometry at s = {s:g} m, found none")
     piece = begun[-1]
-    x, y, yaw, at = (number(path, piece, name) for name in ("x", "y", "hdg", "s"))
+    x, y, yaw, at = (read_number(path, piece, name) for name in ("x", "y", "hdg", "s"))
     arc = piece.find("arc")
     if arc is None and piece.find("line") is None:
         raise InputError(
             f"{path}: road {road.get('id')}: expected a line or an arc, found {[part.tag for part in piece]}"
         )
-    turned = (s - at) * (0.0 if arc is None else number(path, arc, "curvature"))
+    turned = (s - at) * (0.0 if arc is None else read_number(path, arc, "curvature"))
     chord = (s - at) * float(np.sinc(turned / 2 / math.pi))
     return (
         x + chord * math.cos(yaw + turned / 2),
@@ -90,9 +93,9 @@ def _pose(path: Path, road: Element, s: float) -> tuple[float, float, float]:
     )
 
 
-def _middles(path: Path, road: Element) -> list[tuple[float, float]]:
+def _find_road_middle(path: Path, road: Element) -> list[tuple[float, float]]:
     """The middle of a road's zero line, if a driving lane begins there and the line is easily computed."""
-    offsets = [[number(path, part, name) for name in "abcd"] for part in road.iterfind("lanes/laneOffset")]
+    offsets = [[read_number(path, part, name) for name in "abcd"] for part in road.iterfind("lanes/laneOffset")]
     sections = list(road.iterfind("lanes/laneSection"))
     shapes = {shape.tag for piece in road.iterfind("planView/geometry") for shape in piece}
     if len(sections) != 1 or len(offsets) > 1 or any(map(any, (o[1:] for o in offsets))) or shapes - {"line", "arc"}:
@@ -100,15 +103,15 @@ def _middles(path: Path, road: Element) -> list[tuple[float, float]]:
     types = {lane.get("id"): lane.get("type") for lane in sections[0].iter("lane")}
     if "driving" not in (types.get("-1"), types.get("1")):
         return []
-    x, y, yaw = _pose(path, road, number(path, road, "length") / 2)
+    x, y, yaw = _compute_pose(path, road, read_number(path, road, "length") / 2)
     t = offsets[0][0] if offsets else 0.0
     return [(x - t * math.sin(yaw), y + t * math.cos(yaw))]
 
 
-def offset_error_m(middles: Float, roads: RoadMap, offset: tuple[float, float]) -> float:
+def measure_offset_error(middles: Float, roads: RoadMap, offset: tuple[float, float]) -> float:
     """Round trip of the offset: median gap [m] between road middles and the lane border that must lie there.
 
-    NaN if the map has no road to measure at (`_middles`).
+    NaN if the map has no road to measure at (`_find_road_middle`).
     """
     if not len(middles):
         return math.nan
@@ -124,13 +127,13 @@ class PlacedSigns:
     unplaced: tuple[str, ...]
 
 
-def place_stop_signs(signs: Sequence[Sign], roads: RoadMap, offset: tuple[float, float]) -> PlacedSigns:
+def place_stop_signs(signs: Sequence[OpenDriveSign], roads: RoadMap, offset: tuple[float, float]) -> PlacedSigns:
     """One box on every lane of the road that a sign stands beside; its line is level with the sign."""
     boxes: list[StopSignBox] = []
     unplaced: list[str] = []
     for sign in signs:
         x, y = sign.x + offset[0], sign.y + offset[1]
-        approach = [lane for lane in roads.lanes_near(x, y, APPROACH_M) if _concerns(sign, lane, x, y)]
+        approach = [lane for lane in roads.lanes_near(x, y, APPROACH_M) if _leads_to_sign(sign, lane, x, y)]
         if not approach:
             unplaced.append(sign.id)
             continue
@@ -139,11 +142,11 @@ def place_stop_signs(signs: Sequence[Sign], roads: RoadMap, offset: tuple[float,
         for k, lane in enumerate(siblings):
             line_pos_m = round(lane.centre.project(x, y)[0], 3)
             name = sign.id if len(siblings) == 1 else f"{sign.id}.{k}"
-            boxes.append(StopSignBox(id=name, lane=lane.id, line_pos_m=line_pos_m, length_m=BOX_M))
+            boxes.append(StopSignBox(id=name, lane=lane.id, line_pos_m=line_pos_m, length_m=STOP_BOX_M))
     return PlacedSigns(tuple(boxes), tuple(unplaced))
 
 
-def _concerns(sign: Sign, lane: Lane, x: float, y: float) -> bool:
+def _leads_to_sign(sign: OpenDriveSign, lane: Lane, x: float, y: float) -> bool:
     """Whether a lane leads along the sign, to the left of it."""
     s, d = lane.centre.project(x, y)
-    return not lane.junction and d < 0 and abs(wrap_angle(lane.centre.yaw_at(s) - sign.yaw)) < APPROACH_YAW
+    return not lane.junction and d < 0 and abs(wrap_angle(lane.centre.yaw_at(s) - sign.yaw)) < APPROACH_RAD

@@ -11,13 +11,13 @@ ENDS = {"start": "predecessor", "end": "successor"}
 CONTACTS = {link: contact for contact, link in ENDS.items()}
 
 
-def mend_links(root: Element) -> tuple[str, ...]:
+def repair_road_links(root: Element) -> tuple[str, ...]:
     """Makes roads outside junctions answer the links of their neighbours, in place; returns what was changed."""
     roads = {road.get("id", ""): road for road in root.iter("road") if road.get("junction") == "-1"}
-    return tuple(changed for id_, road in roads.items() for changed in _mended(id_, road, roads))
+    return tuple(changed for id_, road in roads.items() for changed in _repair_road(id_, road, roads))
 
 
-def _mended(id_: str, road: Element, roads: dict[str, Element]) -> Iterator[str]:
+def _repair_road(id_: str, road: Element, roads: dict[str, Element]) -> Iterator[str]:
     for end, contact in CONTACTS.items():
         link = road.find(f"link/{end}")
         other_id = "" if link is None or link.get("elementType") != "road" else link.get("elementId", "")
@@ -27,13 +27,13 @@ def _mended(id_: str, road: Element, roads: dict[str, Element]) -> Iterator[str]
         back = roads[other_id].find(f"link/{answer}")
         if back is not None and (back.get("elementType"), back.get("elementId")) == ("road", id_):
             continue
-        _answer(roads[other_id], answer, (id_, contact))
-        _link_lanes(road, end, roads[other_id], answer)
+        _set_link(roads[other_id], answer, (id_, contact))
+        _link_lanes_back(road, end, roads[other_id], answer)
         was = "nothing" if back is None else f"{back.get('elementType')} {back.get('elementId')}"
         yield f"road {other_id}: its {answer} is road {id_}, which says so, not {was}"
 
 
-def _answer(road: Element, end: str, to: tuple[str, str]) -> None:
+def _set_link(road: Element, end: str, to: tuple[str, str]) -> None:
     links = road.find("link")
     if links is None:
         links = ElementTree.SubElement(road, "link")
@@ -43,9 +43,9 @@ def _answer(road: Element, end: str, to: tuple[str, str]) -> None:
     ElementTree.SubElement(links, end, {"elementType": "road", "elementId": id_, "contactPoint": contact})
 
 
-def _link_lanes(road: Element, end: str, other: Element, answer: str) -> None:
+def _link_lanes_back(road: Element, end: str, other: Element, answer: str) -> None:
     """The lanes of `other` answer those of `road`, in the lane sections that touch."""
-    here, there = _sections(road), _sections(other)
+    here, there = _list_lane_sections(road), _list_lane_sections(other)
     if not here or not there:
         return
     section, facing = here[0 if end == "predecessor" else -1], there[0 if answer == "predecessor" else -1]
@@ -60,7 +60,7 @@ def _link_lanes(road: Element, end: str, other: Element, answer: str) -> None:
             ElementTree.SubElement(links, answer, {"id": lane.get("id", "")})
 
 
-def _sections(road: Element) -> list[Element]:
+def _list_lane_sections(road: Element) -> list[Element]:
     return list(road.iterfind("lanes/laneSection"))
 
 

@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
-from real2sim.carla.opendrive import OpenDrive, offset_error_m, place_stop_signs, read_opendrive
-from real2sim.carla.road_links import mend_links, write_mended
-from real2sim.netconvert import compile_opendrive, netconvert_arguments
+from real2sim.carla.opendrive import OpenDriveMap, measure_offset_error, place_stop_signs, read_opendrive
+from real2sim.carla.road_links import repair_road_links, write_mended
+from real2sim.netconvert import build_opendrive_command, compile_opendrive
 from real2sim.xml_file import Element, read_xml
 
 OFFSET_TOLERANCE_M = 0.01
@@ -23,7 +23,7 @@ LICENCE = "not stated in the file; the CARLA project publishes its towns under t
 
 
 @dataclass(frozen=True, slots=True)
-class Town:
+class TownNetwork:
     """A converted town, and what the conversion report says about it."""
 
     name: str
@@ -40,7 +40,7 @@ class Town:
     """What was mended in the map before netconvert saw it."""
 
 
-def build_town(name: str, maps: Path, folder: Path) -> Town:
+def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
     """Makes the network folder of a town whose maps lie in `maps`; raises InputError.
 
     The `.xodr` is taken where there is one, because the signs are in it; but one without any `<signal>` (the
@@ -51,69 +51,69 @@ def build_town(name: str, maps: Path, folder: Path) -> Town:
         raise InputError(f"{maps}: expected {xodr.name} or {net.name}, found neither")
     drive = read_opendrive(xodr) if xodr.is_file() else None
     if drive is None or (drive.stop_signs is None and net.is_file()):
-        return _from_net(name, net, folder)
-    return _from_opendrive(name, xodr, drive, folder)
+        return _build_from_net(name, net, folder)
+    return _build_from_opendrive(name, xodr, drive, folder)
 
 
-def build_opendrive(xodr: Path, folder: Path) -> Town:
+def build_opendrive_network(xodr: Path, folder: Path) -> TownNetwork:
     """Makes the network folder of an OpenDRIVE map, named after its file; raises InputError."""
-    return _from_opendrive(xodr.stem, xodr, read_opendrive(xodr), folder)
+    return _build_from_opendrive(xodr.stem, xodr, read_opendrive(xodr), folder)
 
 
-def _from_net(name: str, net: Path, folder: Path) -> Town:
-    source = f"ready net {net.name}, {_sha256(net)}"
+def _build_from_net(name: str, net: Path, folder: Path) -> TownNetwork:
+    source = f"ready net {net.name}, {_hash_file(net)}"
     xml = read_xml(net)
-    about = _about(name, xml, source, ())
-    _write(folder, xml, about)
-    return Town(name, folder, about.offset, source, None, (), math.nan)
+    about = _build_network_file(name, xml, source, ())
+    _write_network(folder, xml, about)
+    return TownNetwork(name, folder, about.offset, source, None, (), math.nan)
 
 
-def _from_opendrive(name: str, xodr: Path, drive: OpenDrive, folder: Path) -> Town:
-    source = f"{xodr.name} of {drive.date or 'unknown date'}, {_sha256(xodr)}"
-    compiled, repairs = _compiled(xodr)
+def _build_from_opendrive(name: str, xodr: Path, drive: OpenDriveMap, folder: Path) -> TownNetwork:
+    source = f"{xodr.name} of {drive.date or 'unknown date'}, {_hash_file(xodr)}"
+    compiled, repairs = _compile_repaired(xodr)
     xml = ElementTree.fromstring(compiled)
-    about = _about(name, xml, source, netconvert_arguments(xodr.name, "map.net.xml"))
+    about = _build_network_file(name, xml, source, build_opendrive_command(xodr.name, "map.net.xml"))
     with tempfile.TemporaryDirectory() as draft:  # the signs need the lanes, network.json needs the signs
-        _write(Path(draft), xml, about)
+        _write_network(Path(draft), xml, about)
         roads = load(Path(draft))
-    error = _checked_offset(xodr, drive, roads, about.offset)
+    error = _check_offset(xodr, drive, roads, about.offset)
     placed = place_stop_signs(drive.stop_signs or (), roads, about.offset)
     signs = None if drive.stop_signs is None else placed.boxes
-    _write(folder, xml, about.model_copy(update={"stop_signs": signs}))
+    _write_network(folder, xml, about.model_copy(update={"stop_signs": signs}))
     known = None if signs is None else len(signs)
-    return Town(name, folder, about.offset, source, known, placed.unplaced, error, repairs)
+    return TownNetwork(name, folder, about.offset, source, known, placed.unplaced, error, repairs)
 
 
-def _compiled(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
+def _compile_repaired(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
     """The net, and what had to be mended of the map for it."""
     root = read_xml(xodr)
-    repairs = mend_links(root)
+    repairs = repair_road_links(root)
     if not repairs:
         return compile_opendrive(xodr), ()
     with tempfile.TemporaryDirectory() as folder:
         return compile_opendrive(write_mended(root, Path(folder), xodr.name)), repairs
 
 
-def _checked_offset(xodr: Path, drive: OpenDrive, roads: RoadMap, offset: tuple[float, float]) -> float:
-    error = offset_error_m(drive.middles, roads, offset)
+def _check_offset(xodr: Path, drive: OpenDriveMap, roads: RoadMap, offset: tuple[float, float]) -> float:
+    error = measure_offset_error(drive.middles, roads, offset)
     if error >= OFFSET_TOLERANCE_M:
         raise InputError(f"{xodr}: expected lane borders of the net within {OFFSET_TOLERANCE_M} m, found {error:.3f} m")
     return error
 
 
-def _about(name: str, xml: Element, source: str, build: Sequence[str]) -> NetworkFile:
+def _build_network_file(name: str, xml: Element, source: str, build: Sequence[str]) -> NetworkFile:
     return NetworkFile(
         name=name,
         description=f"CARLA {name}; y flipped, angles negated against CARLA",
         origin=source,
         licence=LICENCE,
-        offset=_offset(name, xml),
+        offset=_read_offset(name, xml),
         build=tuple(build),
-        checksum=net_checksum(_serialised(xml)),
+        checksum=net_checksum(_serialise(xml)),
     )
 
 
-def _offset(name: str, xml: Element) -> tuple[float, float]:
+def _read_offset(name: str, xml: Element) -> tuple[float, float]:
     location = xml.find("location")
     text = "" if location is None else location.get("netOffset", "")
     try:
@@ -123,16 +123,16 @@ def _offset(name: str, xml: Element) -> tuple[float, float]:
     return x, y
 
 
-def _write(folder: Path, xml: Element, about: NetworkFile) -> None:
+def _write_network(folder: Path, xml: Element, about: NetworkFile) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / NET_FILE).write_bytes(gzip.compress(_serialised(xml), mtime=0))
+    (folder / NET_FILE).write_bytes(gzip.compress(_serialise(xml), mtime=0))
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=2) + "\n")
 
 
-def _serialised(xml: Element) -> bytes:
+def _serialise(xml: Element) -> bytes:
     """Without the comments, in which netconvert writes date and paths: the same map gives the same bytes."""
     return ElementTree.tostring(xml, encoding="utf-8", xml_declaration=True)
 
 
-def _sha256(path: Path) -> str:
+def _hash_file(path: Path) -> str:
     return "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,5 +1,5 @@
 """Clean a log: merge the views of all observers into one list of tracks, one per road user."""
 
-from real2sim.clean.recording_cleaner import LEAST_FRAMES, Cleaned, clean
+from real2sim.clean.recording_cleaner import MIN_FRAMES, CleanedRecording, clean_recording
 
-__all__ = ["LEAST_FRAMES", "Cleaned", "clean"]
+__all__ = ["MIN_FRAMES", "CleanedRecording", "clean_recording"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Reason(StrEnum):
+class ChangeReason(StrEnum):
     """Why a track was changed."""
 
     DUPLICATE = "duplicate"
@@ -36,14 +36,14 @@ class Reason(StrEnum):
     """Left out altogether."""
 
 
-LEFT_OUT = frozenset((Reason.INSIDE, Reason.TOO_SHORT))
+DROP_REASONS = frozenset((ChangeReason.INSIDE, ChangeReason.TOO_SHORT))
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class TrackChange:
     """One change: which track of the result (for what was left out: of the source), how many frames, and how."""
 
-    reason: Reason
+    reason: ChangeReason
     track: str
     frames: int
     detail: str = ""
@@ -55,17 +55,17 @@ class Change:
 class CleaningReport:
     """All changes."""
 
-    changes: tuple[Change, ...]
+    changes: tuple[TrackChange, ...]
 
     def counts(self) -> dict[str, int]:
         """Changes per reason."""
         return dict(Counter(change.reason.value for change in self.changes))
 
-    def of(self, reason: Reason) -> tuple[Change, ...]:
+    def of(self, reason: ChangeReason) -> tuple[TrackChange, ...]:
         """Changes for one reason."""
         return tuple(change for change in self.changes if change.reason is reason)
 
     @property
     def lost(self) -> dict[str, str]:
         """Things of any kind that were left out altogether, with the reason."""
-        return {change.track: change.detail for change in self.changes if change.whole or change.reason in LEFT_OUT}
+        return {change.track: change.detail for change in self.changes if change.whole or change.reason in DROP_REASONS}

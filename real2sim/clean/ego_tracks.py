@@ -7,35 +7,37 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
 from mdrive_sumo.core.state import Kind
-from real2sim.clean.observer_fusion import Fused, fused
-from real2sim.clean.track_repair import directions
-from real2sim.clean.track_segments import Pieces
-from real2sim.recording import Recording, View
+from real2sim.clean.observer_fusion import FusedTrack, fuse_segments
+from real2sim.clean.track_repair import compute_motion_directions
+from real2sim.clean.track_segments import TrackSegments
+from real2sim.recording import ObserverView, Recording
 
 EGO_M = 2.2
 """The sensor lies that near to the box centre; the next car is further away."""
 EGO_SPREAD = 1.4
 
 
-def _nothing() -> Fused:
-    return Fused(np.zeros(0, dtype=np.bool_), np.zeros(0), np.zeros(0), np.zeros(0))
+def _empty_track() -> FusedTrack:
+    return FusedTrack(np.zeros(0, dtype=np.bool_), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True)
-class Ego:
+class TrackedObject:
     """A thing and the pieces that show it; with an observer it is that connected vehicle."""
 
     observer: str
     own: tuple[int, ...]
     """Pieces that looked like somebody else."""
     members: Sequence[int]
-    seen: Fused = field(default_factory=_nothing)
+    seen: FusedTrack = field(default_factory=_empty_track)
 
 
-def egos_of(recording: Recording, pieces: Pieces, groups: list[list[int]]) -> tuple[list[Ego], list[list[int]]]:
+def extract_cavs(
+    recording: Recording, pieces: TrackSegments, groups: list[list[int]]
+) -> tuple[list[TrackedObject], list[list[int]]]:
     """The connected vehicles that have a pose of their own, and the groups that are none of them."""
-    egos: list[Ego] = []
-    sights = [fused(pieces, group) for group in groups]
+    egos: list[TrackedObject] = []
+    sights = [fuse_segments(pieces, group) for group in groups]
     free = set(range(len(groups)))
     for view in recording.views:
         if view.infrastructure or len(view.pose) != recording.frames or not np.isfinite(view.pose).all(1).any():
@@ -43,11 +45,13 @@ def egos_of(recording: Recording, pieces: Pieces, groups: list[list[int]]) -> tu
         ghosts = [a for a in sorted(free) if _is_ego(pieces, groups[a], sights[a], view.pose)]
         free -= set(ghosts)
         members = sorted(i for a in ghosts for i in groups[a])
-        egos.append(Ego(view.observer, tuple(members), members, _seen(pieces, members, view, recording.dt_s)))
+        egos.append(
+            TrackedObject(view.observer, tuple(members), members, _fuse_own_pose(pieces, members, view, recording.dt_s))
+        )
     return egos, [group for a, group in enumerate(groups) if a in free]
 
 
-def _is_ego(pieces: Pieces, group: Sequence[int], sight: Fused, pose: Float) -> bool:
+def _is_ego(pieces: TrackSegments, group: Sequence[int], sight: FusedTrack, pose: Float) -> bool:
     if all(pieces.categories[i].kind is not Kind.VEHICLE for i in group):
         return False
     away = np.hypot(sight.x - pose[:, 0], sight.y - pose[:, 1])
@@ -55,7 +59,7 @@ def _is_ego(pieces: Pieces, group: Sequence[int], sight: Fused, pose: Float) -> 
     return bool(len(away) and np.median(away) < EGO_M and np.percentile(away, 90) < EGO_SPREAD * EGO_M)
 
 
-def _seen(pieces: Pieces, members: Sequence[int], view: View, dt_s: float) -> Fused:
+def _fuse_own_pose(pieces: TrackSegments, members: Sequence[int], view: ObserverView, dt_s: float) -> FusedTrack:
     """Where it is: its own pose, moved from the sensor to the middle of the box that others see, and turned likewise.
 
     The sensor is neither at the box centre nor mounted straight, so its yaw is not the heading; without any box the
@@ -63,19 +67,19 @@ def _seen(pieces: Pieces, members: Sequence[int], view: View, dt_s: float) -> Fu
     """
     x, y, yaw = view.pose.T
     valid = np.asarray(np.isfinite(view.pose).all(1))
-    course, speed = directions(valid, x, y, dt_s)
-    mount = _middle_angle((course - yaw)[valid & (speed > 2.0)])
+    course, speed = compute_motion_directions(valid, x, y, dt_s)
+    mount = _compute_median_angle((course - yaw)[valid & (speed > 2.0)])
     if not members:
-        return Fused(valid, x.copy(), y.copy(), wrap_angles(yaw + mount))
-    box = fused(pieces, members)
+        return FusedTrack(valid, x.copy(), y.copy(), wrap_angles(yaw + mount))
+    box = fuse_segments(pieces, members)
     both = valid & box.valid
-    mount = _middle_angle(2 * (box.axis - yaw)[both]) / 2
+    mount = _compute_median_angle(2 * (box.axis - yaw)[both]) / 2
     dx, dy = (box.x - x)[both], (box.y - y)[both]
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead, left = np.median(dx * cos[both] + dy * sin[both]), np.median(dy * cos[both] - dx * sin[both])
-    inside = Fused(valid, x + ahead * cos - left * sin, y + ahead * sin + left * cos, wrap_angles(yaw + mount))
+    inside = FusedTrack(valid, x + ahead * cos - left * sin, y + ahead * sin + left * cos, wrap_angles(yaw + mount))
     only = box.valid & ~valid
-    return Fused(
+    return FusedTrack(
         valid | only,
         np.where(only, box.x, inside.x),
         np.where(only, box.y, inside.y),
@@ -83,7 +87,7 @@ def _seen(pieces: Pieces, members: Sequence[int], view: View, dt_s: float) -> Fu
     )
 
 
-def _middle_angle(angles: Float) -> float:
+def _compute_median_angle(angles: Float) -> float:
     """Median of angles [rad] that lie together; 0 of none."""
     angles = angles[np.isfinite(angles)]
     if len(angles) == 0:

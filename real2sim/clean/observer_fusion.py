@@ -8,32 +8,32 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
-from real2sim.clean.track_segments import Pieces
+from real2sim.clean.track_segments import TrackSegments
 
-LEAST_COMMON = 3
+MIN_COMMON_FRAMES = 3
 """Frames that two pieces must share (or all of the shorter one)."""
-SAME_NAME_M = 1.5
+SAME_ID_M = 1.5
 """Two observers of one thing put its centre up to 0.9 m apart."""
-ALONG, ACROSS = 0.35, 0.45
+LENGTH_SHARE, WIDTH_SHARE = 0.35, 0.45
 """Shares of length and width by which centres of one vehicle may lie apart under different names."""
-WALKER_M, WALKER_OTHERS_M = 0.4, 0.55
+PEDESTRIAN_M, PEDESTRIAN_CROSS_VIEW_M = 0.4, 0.55
 """People walk side by side 0.6 m apart. Two observers may put one of them further apart than one observer does."""
-SPREAD = 1.8
+P90_FACTOR = 1.8
 """By how much the 90th percentile of the distance may exceed what the median may be."""
 TURNED_RAD = float(np.radians(35.0))
-FAR = 1.5
+CROSS_VIEW_LIMIT = 1.5
 """Beyond this many times the limit pieces of two observers cannot be one thing, whoever else resembles both."""
-UNSEEN_FRAMES = 20
+BRIDGED_FRAMES = 20
 """Gaps of one observer up to so many frames are bridged where names agree."""
 RAMP_FRAMES = 10
 """An observer gains and loses its say over this many frames, so that the sum of all does not jump."""
 OUTLIER_M = 0.3
 UNKNOWN_LENGTH_M, UNKNOWN_WIDTH_M = 4.0, 1.8
-"""What `ALONG` and `ACROSS` are shares of where the source tells no size, whatever its label: labels flip."""
+"""[m] Dimensions assumed where the source gives none, for every label because labels flip."""
 
 
 @dataclass(frozen=True)
-class Fused:
+class FusedTrack:
     """What several pieces show together: arrays (T,), NaN where none of them is there."""
 
     valid: Bool
@@ -43,18 +43,18 @@ class Fused:
     """Direction of the box up to a half turn [rad]; NaN where nobody tells."""
 
 
-def groups_of(pieces: Pieces) -> list[list[int]]:
+def group_segments(pieces: TrackSegments) -> list[list[int]]:
     """Groups of pieces that show the same thing while they overlap in time: the nearest pairs first."""
-    whole = _filled(pieces)
-    first, second = _near(whole)
-    closeness = _closeness(pieces, first, second)
+    whole = _bridge_short_gaps(pieces)
+    first, second = _find_candidate_pairs(whole)
+    closeness = _compute_dissimilarity(pieces, first, second)
     named = np.flatnonzero([pieces.ids[i] == pieces.ids[j] for i, j in zip(first, second, strict=True)])
     if len(named):
-        closeness[named] = _closeness(whole, first[named], second[named])
+        closeness[named] = _compute_dissimilarity(whole, first[named], second[named])
     common = pieces.valid.astype(np.float32) @ pieces.valid.T.astype(np.float32) > 0
     apart = common.copy()
     one_observer = pieces.observer[first] == pieces.observer[second]
-    apart[first, second] = apart[second, first] = closeness > np.where(one_observer, 1.0, FAR)
+    apart[first, second] = apart[second, first] = closeness > np.where(one_observer, 1.0, CROSS_VIEW_LIMIT)
     group = {i: [i] for i in range(len(pieces))}
     owner = list(range(len(pieces)))
     for n in np.argsort(closeness, kind="stable"):
@@ -68,81 +68,87 @@ def groups_of(pieces: Pieces) -> list[list[int]]:
     return [sorted(members) for members in group.values()]
 
 
-def _filled(pieces: Pieces) -> Pieces:
+def _bridge_short_gaps(pieces: TrackSegments) -> TrackSegments:
     """The same without short gaps: two observers of one name may see it by turns, and never in one frame."""
     valid, x, y = pieces.valid.copy(), pieces.x.copy(), pieces.y.copy()
     for k in range(len(pieces)):
         frames = np.flatnonzero(pieces.valid[k])
         for a, b in pairwise(frames.tolist()):
-            if 1 < b - a <= UNSEEN_FRAMES:
+            if 1 < b - a <= BRIDGED_FRAMES:
                 inner = np.arange(a + 1, b)
                 valid[k, inner] = True
                 x[k, inner], y[k, inner] = (np.interp(inner, (a, b), v[k, [a, b]]) for v in (pieces.x, pieces.y))
     return replace(pieces, valid=valid, x=x, y=y)
 
 
-def _near(pieces: Pieces) -> tuple[Int, Int]:
+def _find_candidate_pairs(pieces: TrackSegments) -> tuple[Int, Int]:
     """Pairs that share frames and whose surrounding rectangles, a little enlarged, touch."""
     there = np.asarray(pieces.valid.any(axis=1))
-    low = np.array([_least(values, pieces.valid) for values in (pieces.x, pieces.y)]) - SAME_NAME_M
-    high = -np.array([_least(-values, pieces.valid) for values in (pieces.x, pieces.y)]) + SAME_NAME_M
+    low = np.array([_compute_minimum(values, pieces.valid) for values in (pieces.x, pieces.y)]) - SAME_ID_M
+    high = -np.array([_compute_minimum(-values, pieces.valid) for values in (pieces.x, pieces.y)]) + SAME_ID_M
     touch = (low[:, :, None] <= high[:, None, :]).all(0)
     common = pieces.valid.astype(np.float32) @ pieces.valid.T.astype(np.float32) > 0
     first, second = np.nonzero(np.triu(touch & touch.T & common & there[:, None], 1))
     return first, second
 
 
-def _least(values: Float, valid: Bool) -> Float:
+def _compute_minimum(values: Float, valid: Bool) -> Float:
     return np.where(valid, values, np.inf).min(axis=1, initial=np.inf)
 
 
-def _closeness(pieces: Pieces, first: Int, second: Int) -> Float:
+def _compute_dissimilarity(pieces: TrackSegments, first: Int, second: Int) -> Float:
     """(N,) how far apart pairs are in units of what one thing may be: up to 1 is the same."""
     common = pieces.valid[first] & pieces.valid[second]
     dx, dy = pieces.x[second] - pieces.x[first], pieces.y[second] - pieces.y[first]
     distance = np.hypot(dx, dy)
-    middle, ninth = _quantile(distance, common, 0.5), _quantile(distance, common, 0.9)
+    middle, ninth = _compute_quantile(distance, common, 0.5), _compute_quantile(distance, common, 0.9)
     walker = np.array([category.kind is Kind.PEDESTRIAN for category in pieces.categories], dtype=np.bool_)
     named = np.array([pieces.ids[i] == pieces.ids[j] for i, j in zip(first, second, strict=True)], dtype=np.bool_)
     walkers, mixed = walker[first] & walker[second], walker[first] ^ walker[second]
-    by_name = np.maximum(middle / SAME_NAME_M, ninth / (SPREAD * SAME_NAME_M))
-    reach = np.where(pieces.observer[first] == pieces.observer[second], WALKER_M, WALKER_OTHERS_M)
-    by_place = np.maximum(middle / reach, ninth / (SPREAD * reach))
-    closeness = np.where(walkers, by_place, _closeness_of_boxes(pieces, first, second, (dx, dy)))
+    by_name = np.maximum(middle / SAME_ID_M, ninth / (P90_FACTOR * SAME_ID_M))
+    reach = np.where(pieces.observer[first] == pieces.observer[second], PEDESTRIAN_M, PEDESTRIAN_CROSS_VIEW_M)
+    by_place = np.maximum(middle / reach, ninth / (P90_FACTOR * reach))
+    closeness = np.where(walkers, by_place, _compute_box_dissimilarity(pieces, first, second, (dx, dy)))
     closeness = np.where(mixed, np.inf, closeness)
     closeness = np.where(named, by_name, closeness)
     count = common.sum(1)
-    least = np.where(named, 1, LEAST_COMMON)
+    least = np.where(named, 1, MIN_COMMON_FRAMES)
     least = np.minimum(least, np.minimum(pieces.valid[first].sum(1), pieces.valid[second].sum(1)))
     return np.where(count >= least, closeness, 1.0 + 1e-9 + closeness)
 
 
-def _closeness_of_boxes(pieces: Pieces, first: Int, second: Int, gap: tuple[Float, Float]) -> Float:
+def _compute_box_dissimilarity(pieces: TrackSegments, first: Int, second: Int, gap: tuple[Float, Float]) -> Float:
     """The same for vehicles: along and across the box, which two real ones never share, and turned."""
     common = pieces.valid[first] & pieces.valid[second]
     yaw = np.where(np.isfinite(pieces.yaw[first]), pieces.yaw[first], np.arctan2(gap[1], gap[0]))
     along = np.abs(gap[0] * np.cos(yaw) + gap[1] * np.sin(yaw))
     across = np.abs(gap[1] * np.cos(yaw) - gap[0] * np.sin(yaw))
-    length = (_size(pieces.length, UNKNOWN_LENGTH_M)[first] + _size(pieces.length, UNKNOWN_LENGTH_M)[second]) / 2
-    width = (_size(pieces.width, UNKNOWN_WIDTH_M)[first] + _size(pieces.width, UNKNOWN_WIDTH_M)[second]) / 2
+    length = (
+        _compute_median_size(pieces.length, UNKNOWN_LENGTH_M)[first]
+        + _compute_median_size(pieces.length, UNKNOWN_LENGTH_M)[second]
+    ) / 2
+    width = (
+        _compute_median_size(pieces.width, UNKNOWN_WIDTH_M)[first]
+        + _compute_median_size(pieces.width, UNKNOWN_WIDTH_M)[second]
+    ) / 2
     turned = np.abs(np.sin(np.nan_to_num(pieces.yaw[first] - pieces.yaw[second])))
     return np.maximum.reduce(
         (
-            _quantile(along, common, 0.5) / (ALONG * length),
-            _quantile(across, common, 0.5) / (ACROSS * width),
-            _quantile(along, common, 0.9) / (SPREAD * ALONG * length),
-            _quantile(across, common, 0.9) / (SPREAD * ACROSS * width),
-            _quantile(turned, common, 0.5) / np.sin(TURNED_RAD),
+            _compute_quantile(along, common, 0.5) / (LENGTH_SHARE * length),
+            _compute_quantile(across, common, 0.5) / (WIDTH_SHARE * width),
+            _compute_quantile(along, common, 0.9) / (P90_FACTOR * LENGTH_SHARE * length),
+            _compute_quantile(across, common, 0.9) / (P90_FACTOR * WIDTH_SHARE * width),
+            _compute_quantile(turned, common, 0.5) / np.sin(TURNED_RAD),
         )
     )
 
 
-def _size(values: Float, unknown: float) -> Float:
+def _compute_median_size(values: Float, unknown: float) -> Float:
     """Median (K,) of sizes (K, T)."""
-    return np.nan_to_num(_quantile(values, np.isfinite(values), 0.5), nan=unknown)
+    return np.nan_to_num(_compute_quantile(values, np.isfinite(values), 0.5), nan=unknown)
 
 
-def _quantile(values: Float, there: Bool, share: float) -> Float:
+def _compute_quantile(values: Float, there: Bool, share: float) -> Float:
     """Quantile (N,) of the values (N, T) that are there; NaN without any. The lower of two neighbours."""
     ordered = np.sort(np.where(there, values, np.inf), axis=1)
     count = there.sum(axis=1)
@@ -150,30 +156,30 @@ def _quantile(values: Float, there: Bool, share: float) -> Float:
     return np.where(count > 0, picked, np.nan)
 
 
-def fused(pieces: Pieces, members: Sequence[int]) -> Fused:
+def fuse_segments(pieces: TrackSegments, members: Sequence[int]) -> FusedTrack:
     """Weighted mean of the members at every frame; those at odds with the others count less (Cauchy weights)."""
     rows = np.asarray(members)
     valid = pieces.valid[rows]
-    say = ramps(valid)
+    say = compute_ramp_weights(valid)
     x, y = pieces.x[rows], pieces.y[rows]
     there = np.asarray(valid.any(axis=0))
-    at = (_mean(x, say), _mean(y, say))
+    at = (_compute_weighted_mean(x, say), _compute_weighted_mean(y, say))
     for _ in range(3 if len(rows) > 2 else 0):
         off = np.nan_to_num(np.hypot(x - at[0], y - at[1]))
         weight = say / (1 + (off / OUTLIER_M) ** 2)
-        at = (_mean(x, weight), _mean(y, weight))
+        at = (_compute_weighted_mean(x, weight), _compute_weighted_mean(y, weight))
     yaw = pieces.yaw[rows]
     known = say * np.isfinite(yaw)
-    sin, cos = (_mean(of(2 * yaw), known) for of in (np.sin, np.cos))
-    return Fused(there, at[0], at[1], np.arctan2(sin, cos) / 2)
+    sin, cos = (_compute_weighted_mean(of(2 * yaw), known) for of in (np.sin, np.cos))
+    return FusedTrack(there, at[0], at[1], np.arctan2(sin, cos) / 2)
 
 
-def _mean(values: Float, weight: Float) -> Float:
+def _compute_weighted_mean(values: Float, weight: Float) -> Float:
     total = weight.sum(axis=0)
     return np.where(total > 0, (np.nan_to_num(values) * weight).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan)
 
 
-def ramps(valid: Bool) -> Float:
+def compute_ramp_weights(valid: Bool) -> Float:
     """Weights (M, T): 1 well inside a stretch, falling towards its ends; 0 where not valid.
 
     The first and the last frame of the log are no ends: nobody leaves there.

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, boxes_overlap
-from real2sim.clean.cleaning_report import Change, Reason
-from real2sim.recording import Track
+from real2sim.clean.cleaning_report import ChangeReason, TrackChange
+from real2sim.recording import RecordedTrack
 from real2sim.tracks.kinematics import WINDOW
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.stationary import rested
@@ -23,20 +23,22 @@ SHRINK = (0.95, 0.9, 0.85)
 """Sizes by which two boxes may both be too large: observers of one car differ by 15 percent (section 2.2)."""
 
 
-def apart(tracks: Sequence[Track], cavs: Collection[str], dt_s: float) -> tuple[tuple[Track, ...], tuple[Change, ...]]:
+def resolve_overlaps(
+    tracks: Sequence[RecordedTrack], cavs: Collection[str], dt_s: float
+) -> tuple[tuple[RecordedTrack, ...], tuple[TrackChange, ...]]:
     """Tracks of which none appears inside another, and what was changed for it. Connected vehicles stay as they are."""
-    kept, changes = list(tracks), list[Change]()
+    kept, changes = list(tracks), list[TrackChange]()
     for _ in range(3 * len(tracks)):
         there = _reconstructed(kept, dt_s)
         pairs = contacts(there, SLACK_M).spawn_overlaps
         pair = next(((i, j) for i, j in pairs if not {kept[i].id, kept[j].id} <= set(cavs)), None)
         if pair is None:
             break
-        changes.append(_resolved(kept, there, _later(kept, pair, cavs)))
+        changes.append(_resolve_pair(kept, there, _later(kept, pair, cavs)))
     return tuple(kept), tuple(changes)
 
 
-def _reconstructed(tracks: Sequence[Track], dt_s: float) -> list[Track]:
+def _reconstructed(tracks: Sequence[RecordedTrack], dt_s: float) -> list[RecordedTrack]:
     """As they will be: those that appear near another one as reconstruction has them, the others do not matter."""
     there = [rested(track) if track.parked else track for track in tracks]
     near = sorted({i for pair in contacts(there, -NEAR_M).spawn_overlaps for i in pair if not there[i].parked})
@@ -45,41 +47,43 @@ def _reconstructed(tracks: Sequence[Track], dt_s: float) -> list[Track]:
     return there
 
 
-def _later(tracks: Sequence[Track], pair: tuple[int, int], cavs: Collection[str]) -> tuple[int, int]:
+def _later(tracks: Sequence[RecordedTrack], pair: tuple[int, int], cavs: Collection[str]) -> tuple[int, int]:
     """The one that gives way first: it comes later, or is there for a shorter time, and is no connected vehicle."""
     rank = [(tracks[i].id not in cavs, int(tracks[i].frames[0]), -int(tracks[i].valid.sum()), i) for i in pair]
     late = max(rank)[-1]
     return late, pair[0] if late == pair[1] else pair[1]
 
 
-def _resolved(kept: list[Track], there: Sequence[Track], pair: tuple[int, int]) -> Change:
+def _resolve_pair(kept: list[RecordedTrack], there: Sequence[RecordedTrack], pair: tuple[int, int]) -> TrackChange:
     """Changes `kept` so that the pair overlaps no more when the later one appears."""
     late, other = pair
     frames = kept[late].frames
-    hit = _hit(there[late], there[other], 1.0)[frames]
+    hit = _compute_overlap_mask(there[late], there[other], 1.0)[frames]
     inside = f"overlaps {kept[other].id}"
     first = int(hit.argmin()) if not hit.all() else len(frames)
     if 0 < first <= FIRST_SHARE * len(frames) and len(frames) - first >= WINDOW:
-        kept[late] = _from(kept[late], int(frames[first]))
-        return Change(Reason.OVERLAP, kept[late].id, first, f"{inside} at first: begins later")
+        kept[late] = _drop_frames_before(kept[late], int(frames[first]))
+        return TrackChange(ChangeReason.OVERLAP, kept[late].id, first, f"{inside} at first: begins later")
     for share in SHRINK:
-        if not _hit(there[late], there[other], share)[frames].any():
+        if not _compute_overlap_mask(there[late], there[other], share)[frames].any():
             for n in pair:
                 kept[n] = replace(kept[n], length=share * kept[n].length, width=share * kept[n].width)
-            return Change(
-                Reason.OVERLAP, kept[late].id, len(frames), f"{inside}: both taken as {share:.0%} of their size"
+            return TrackChange(
+                ChangeReason.OVERLAP, kept[late].id, len(frames), f"{inside}: both taken as {share:.0%} of their size"
             )
     gone = kept.pop(late)
-    return Change(Reason.INSIDE, gone.id, len(frames), f"{inside} in {hit.sum()} of {len(frames)} frames: left out")
+    return TrackChange(
+        ChangeReason.INSIDE, gone.id, len(frames), f"{inside} in {hit.sum()} of {len(frames)} frames: left out"
+    )
 
 
-def _from(track: Track, frame: int) -> Track:
+def _drop_frames_before(track: RecordedTrack, frame: int) -> RecordedTrack:
     valid = track.valid & (np.arange(len(track.valid)) >= frame)
     columns = {name: np.where(valid, getattr(track, name), np.nan) for name in ("x", "y", "yaw", "length", "width")}
     return replace(track, valid=valid, **columns)
 
 
-def _hit(first: Track, second: Track, share: float) -> Bool:
+def _compute_overlap_mask(first: RecordedTrack, second: RecordedTrack, share: float) -> Bool:
     """(T,) whether the boxes overlap, both taken as `share` of their size."""
     boxes = Boxes.of(
         [replace(track, length=share * track.length, width=share * track.width) for track in (first, second)]

@@ -7,15 +7,15 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
-from real2sim.clean.observer_fusion import LEAST_COMMON, Fused, fused
-from real2sim.clean.track_segments import Pieces
+from real2sim.clean.observer_fusion import MIN_COMMON_FRAMES, FusedTrack, fuse_segments
+from real2sim.clean.track_segments import TrackSegments
 
-LONGEST_GAP_S = 2.0
+MAX_GAP_S = 2.0
 JOIN_M = 0.8
 JOIN_ACCELERATION = 2.0
 """[m/s²] By how much the speed may change unseen, on both sides of the middle."""
-JOIN_MOST_M = 4.0
-NAMED_M = 2.5
+MAX_JOIN_M = 4.0
+SAME_ID_EXTRA_M = 2.5
 """So much further may one name jump: it is a teleport then, which is better than two tracks."""
 SPEED_STEP, SPEED_RATE = 2.0, 5.0
 """[m/s], [m/s²] By how much speeds before and after may differ at once and per second."""
@@ -29,7 +29,7 @@ SHORT_FRAMES = 5
 
 
 @dataclass(frozen=True)
-class Ends:
+class GroupEnds:
     """First and last sight of G groups: positions and velocities (G, 2) [m, m/frame], frames (G,)."""
 
     first: Int
@@ -40,23 +40,23 @@ class Ends:
     exit_velocity: Float
 
 
-def joined(pieces: Pieces, groups: Sequence[list[int]], dt_s: float) -> list[list[int]]:
+def join_groups(pieces: TrackSegments, groups: Sequence[list[int]], dt_s: float) -> list[list[int]]:
     """Groups in which those that follow each other are one. The best explained pairs come first."""
     groups = [list(group) for group in groups]
     if len(groups) < 2:
         return groups
-    ends = _ends(pieces, groups)
-    cost = _costs(pieces, groups, ends, dt_s)
+    ends = _compute_ends(pieces, groups)
+    cost = _compute_costs(pieces, groups, ends, dt_s)
     follower: dict[int, int] = {}
     leader: dict[int, int] = {}
     pairs = np.column_stack(np.nonzero(np.isfinite(cost)))
     for before, after in pairs[np.argsort(cost[pairs[:, 0], pairs[:, 1]], kind="stable")].tolist():
         if before not in follower and after not in leader:
             follower[before], leader[after] = after, before
-    return [_chain(groups, follower, start) for start in range(len(groups)) if start not in leader]
+    return [_collect_chain(groups, follower, start) for start in range(len(groups)) if start not in leader]
 
 
-def _chain(groups: Sequence[list[int]], follower: dict[int, int], start: int) -> list[int]:
+def _collect_chain(groups: Sequence[list[int]], follower: dict[int, int], start: int) -> list[int]:
     members = list(groups[start])
     while start in follower:
         start = follower[start]
@@ -64,10 +64,10 @@ def _chain(groups: Sequence[list[int]], follower: dict[int, int], start: int) ->
     return sorted(members)
 
 
-def _ends(pieces: Pieces, groups: Sequence[list[int]]) -> Ends:
+def _compute_ends(pieces: TrackSegments, groups: Sequence[list[int]]) -> GroupEnds:
     rows: list[tuple[int, int, Float, Float, Float, Float]] = []
     for group in groups:
-        seen = fused(pieces, group)
+        seen = fuse_segments(pieces, group)
         frames = np.flatnonzero(seen.valid)
         xy = np.column_stack((seen.x, seen.y))[frames]
         head, tail = slice(None, END_FRAMES), slice(-END_FRAMES, None)
@@ -77,18 +77,18 @@ def _ends(pieces: Pieces, groups: Sequence[list[int]]) -> Ends:
                 int(frames[-1]),
                 xy[0],
                 xy[-1],
-                _velocity(frames[head], xy[head]),
-                _velocity(frames[tail], xy[tail]),
+                _estimate_velocity(frames[head], xy[head]),
+                _estimate_velocity(frames[tail], xy[tail]),
             )
         )
     first, last, entry, leave, entry_velocity, exit_velocity = zip(*rows, strict=True)
-    return Ends(
+    return GroupEnds(
         np.array(first), np.array(last), np.array(entry), np.array(leave),
         np.array(entry_velocity), np.array(exit_velocity),
     )  # fmt: skip
 
 
-def _velocity(frames: Int, xy: Float) -> Float:
+def _estimate_velocity(frames: Int, xy: Float) -> Float:
     """Slope (2,) [m/frame] of a straight line through the positions; NaN of a single one."""
     if len(frames) < 2:
         return np.full(2, np.nan)
@@ -96,7 +96,7 @@ def _velocity(frames: Int, xy: Float) -> Float:
     return (off @ xy) / (off @ off)
 
 
-def _costs(pieces: Pieces, groups: Sequence[list[int]], ends: Ends, dt_s: float) -> Float:
+def _compute_costs(pieces: TrackSegments, groups: Sequence[list[int]], ends: GroupEnds, dt_s: float) -> Float:
     """(G, G) how badly motion explains that the second follows the first; infinite where it does not at all."""
     gap = (ends.first[None, :] - ends.last[:, None]).astype(np.float64)
     gap_s = np.maximum(gap, 0.0) * dt_s
@@ -107,38 +107,38 @@ def _costs(pieces: Pieces, groups: Sequence[list[int]], ends: Ends, dt_s: float)
     off = np.hypot(*np.moveaxis(moved - np.nan_to_num(before + after) / 2 * gap[..., None], -1, 0))
     change = np.hypot(*np.moveaxis(np.nan_to_num(after - before), -1, 0)) / dt_s
     speed = np.hypot(*np.moveaxis(np.nan_to_num(np.stack((before, after))), -1, 0)).max(0) / dt_s
-    limit = JOIN_M + np.minimum(0.5 * JOIN_ACCELERATION * gap_s**2, JOIN_MOST_M)
-    named = _named(pieces, groups)
+    limit = JOIN_M + np.minimum(0.5 * JOIN_ACCELERATION * gap_s**2, MAX_JOIN_M)
+    named = _share_ids(pieces, groups)
     here = np.hypot(moved[..., 0], moved[..., 1])
-    explained = (off < limit) & (gap_s <= LONGEST_GAP_S) & (change < SPEED_STEP + SPEED_RATE * gap_s) & known
+    explained = (off < limit) & (gap_s <= MAX_GAP_S) & (change < SPEED_STEP + SPEED_RATE * gap_s) & known
     standing = (speed < STANDING_SPEED) & (here < STANDING_M)
-    jumped = named & (off < limit + NAMED_M) & (gap_s <= LONGEST_GAP_S)
-    long_unseen = named & (gap_s > LONGEST_GAP_S) & (here < ORPHAN_M + (speed + 2.0) * gap_s)
-    follows = (gap > -LEAST_COMMON) & (np.subtract.outer(ends.first, ends.first) < 0)
+    jumped = named & (off < limit + SAME_ID_EXTRA_M) & (gap_s <= MAX_GAP_S)
+    long_unseen = named & (gap_s > MAX_GAP_S) & (here < ORPHAN_M + (speed + 2.0) * gap_s)
+    follows = (gap > -MIN_COMMON_FRAMES) & (np.subtract.outer(ends.first, ends.first) < 0)
     follows &= np.subtract.outer(ends.last, ends.last) < 0
-    possible = follows & _alike(pieces, groups) & (explained | standing | jumped | long_unseen)
+    possible = follows & _have_same_kind(pieces, groups) & (explained | standing | jumped | long_unseen)
     cost = off / limit + 0.2 * gap_s + np.where(named, 0.0, 0.3) + np.where(explained | standing, 0.0, 10.0)
     return np.where(possible, cost, np.inf)
 
 
-def _named(pieces: Pieces, groups: Sequence[list[int]]) -> np.ndarray:
+def _share_ids(pieces: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
     """(G, G) whether two groups share a name."""
     names = [{pieces.ids[i] for i in group} for group in groups]
     return np.array([[not a.isdisjoint(b) for b in names] for a in names])
 
 
-def _alike(pieces: Pieces, groups: Sequence[list[int]]) -> np.ndarray:
+def _have_same_kind(pieces: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
     """(G, G) whether two groups can be one thing by their labels: a walker is no vehicle."""
     walker = np.array([pieces.categories[group[0]].kind is Kind.PEDESTRIAN for group in groups])
     return walker[:, None] == walker[None, :]
 
 
-def orphans(pieces: Pieces, groups: Sequence[list[int]]) -> dict[int, int]:
+def find_orphans(pieces: TrackSegments, groups: Sequence[list[int]]) -> dict[int, int]:
     """Groups that are mistakes about another one, with that one: it has their name, and its motion needs them not.
 
     Only what a jump cut off, or what is very short, is called a mistake.
     """
-    sights = [fused(pieces, group) for group in groups]
+    sights = [fuse_segments(pieces, group) for group in groups]
     found: dict[int, int] = {}
     size = [int(sight.valid.sum()) for sight in sights]
     for a, group in enumerate(groups):
@@ -146,12 +146,12 @@ def orphans(pieces: Pieces, groups: Sequence[list[int]]) -> dict[int, int]:
             continue
         names = {pieces.ids[i] for i in group}
         for b, other in enumerate(groups):
-            if size[b] > size[a] and not names.isdisjoint(pieces.ids[i] for i in other) and _within(sights, a, b):
+            if size[b] > size[a] and not names.isdisjoint(pieces.ids[i] for i in other) and _lies_within(sights, a, b):
                 found[a] = b
     return found
 
 
-def _within(sights: Sequence[Fused], a: int, b: int) -> bool:
+def _lies_within(sights: Sequence[FusedTrack], a: int, b: int) -> bool:
     """Whether a lies in the time of b and near it, b's unseen frames interpolated."""
     inner, outer = sights[a], sights[b]
     there, frames = np.flatnonzero(outer.valid), np.flatnonzero(inner.valid)

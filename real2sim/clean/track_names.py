@@ -5,13 +5,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from real2sim.clean.cleaning_report import Change, Reason
-from real2sim.clean.ego_tracks import Ego
-from real2sim.clean.track_segments import Pieces
+from real2sim.clean.cleaning_report import ChangeReason, TrackChange
+from real2sim.clean.ego_tracks import TrackedObject
+from real2sim.clean.track_segments import TrackSegments
 from real2sim.recording import Recording
 
 
-def unique_names(pieces: Pieces, things: Sequence[Ego]) -> list[str]:
+def assign_names(pieces: TrackSegments, things: Sequence[TrackedObject]) -> list[str]:
     """A name for each thing: that of most of its frames, the longest seen first; `cav_<observer>` of CAVs.
 
     A name that is taken gets a number: 7, 7_2, 7_3.
@@ -20,7 +20,7 @@ def unique_names(pieces: Pieces, things: Sequence[Ego]) -> list[str]:
     taken: set[str] = set()
     size = [int(pieces.valid[list(thing.members)].sum()) if thing.members else 0 for thing in things]
     for n in sorted(range(len(things)), key=lambda n: (not things[n].observer, -size[n], n)):
-        wanted = f"cav_{things[n].observer}" if things[n].observer else _main_name(pieces, things[n].members)
+        wanted = f"cav_{things[n].observer}" if things[n].observer else _find_main_id(pieces, things[n].members)
         name, number = wanted, 1
         while name in taken:
             number += 1
@@ -30,41 +30,47 @@ def unique_names(pieces: Pieces, things: Sequence[Ego]) -> list[str]:
     return [names[n] for n in range(len(things))]
 
 
-def _main_name(pieces: Pieces, members: Sequence[int]) -> str:
+def _find_main_id(pieces: TrackSegments, members: Sequence[int]) -> str:
     votes: Counter[str] = Counter()
     for i in members:
         votes[pieces.ids[i]] += int(pieces.valid[i].sum())
     return max(votes, key=lambda name: (votes[name], name))
 
 
-def named_changes(recording: Recording, pieces: Pieces, thing: Ego, name: str) -> Iterator[Change]:
+def report_id_changes(
+    recording: Recording, pieces: TrackSegments, thing: TrackedObject, name: str
+) -> Iterator[TrackChange]:
     """What the names of the pieces of one thing tell: ghosts, duplicates, flips, and gaps that others filled."""
     if thing.observer:
-        for observer, ids, frames in _by_observer(recording, pieces, thing.own):
-            yield Change(Reason.EGO_GHOST, name, frames, f"{', '.join(ids)} of {observer}")
-    main = _main_name(pieces, thing.members) if thing.members else ""
-    for observer, ids, _ in _by_observer(recording, pieces, thing.members):
+        for observer, ids, frames in _group_by_observer(recording, pieces, thing.own):
+            yield TrackChange(ChangeReason.EGO_GHOST, name, frames, f"{', '.join(ids)} of {observer}")
+    main = _find_main_id(pieces, thing.members) if thing.members else ""
+    for observer, ids, _ in _group_by_observer(recording, pieces, thing.members):
         rows = [i for i in thing.members if recording.views[pieces.observer[i]].observer == observer]
         usual = main if main in ids else ids[0]
         for other in ids:
             if other != usual or (other != main and len(ids) == 1):
-                yield _renamed(pieces, rows, (usual, other, observer), name)
+                yield _classify_id_change(pieces, rows, (usual, other, observer), name)
         seen = np.flatnonzero(pieces.valid[rows].any(axis=0))
         if (hidden := int(seen[-1] - seen[0] + 1 - len(seen))) and len(thing.members) > len(rows):
-            yield Change(Reason.GAP, name, hidden, f"unseen by {observer}, filled from others or by motion")
+            yield TrackChange(ChangeReason.GAP, name, hidden, f"unseen by {observer}, filled from others or by motion")
 
 
-def _renamed(pieces: Pieces, rows: Sequence[int], names: tuple[str, str, str], track: str) -> Change:
+def _classify_id_change(
+    pieces: TrackSegments, rows: Sequence[int], names: tuple[str, str, str], track: str
+) -> TrackChange:
     """Two names of one observer at the same time are a duplicate, one after the other a flip."""
     usual, other, observer = names
     here = pieces.valid[[i for i in rows if pieces.ids[i] == usual]].any(axis=0)
     there = pieces.valid[[i for i in rows if pieces.ids[i] == other]].any(axis=0)
     twice = usual == other or bool((here & there).any())
-    reason = Reason.DUPLICATE if twice else Reason.ID_FLIP
-    return Change(reason, track, int(there.sum()), f"called {other} by {observer}")
+    reason = ChangeReason.DUPLICATE if twice else ChangeReason.ID_FLIP
+    return TrackChange(reason, track, int(there.sum()), f"called {other} by {observer}")
 
 
-def _by_observer(recording: Recording, pieces: Pieces, members: Sequence[int]) -> Iterator[tuple[str, list[str], int]]:
+def _group_by_observer(
+    recording: Recording, pieces: TrackSegments, members: Sequence[int]
+) -> Iterator[tuple[str, list[str], int]]:
     for number in sorted({int(pieces.observer[i]) for i in members}):
         rows = [i for i in members if pieces.observer[i] == number]
         frames = int(pieces.valid[rows].any(axis=0).sum())

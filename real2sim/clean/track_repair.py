@@ -3,12 +3,12 @@
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
-from real2sim.clean.track_segments import BREAK_M, unexplained
+from real2sim.clean.track_segments import BREAK_M, compute_unexplained_steps
 from real2sim.tracks.kinematics import runs
 
 SPREAD_S = 1.5
 """A step that no other observer corrects is spread over so much time on both sides."""
-STRAY_M, STRAY_ACCELERATION = 0.5, 6.0
+EXCURSION_M, EXCURSION_ACCELERATION = 0.5, 6.0
 """[m], [m/s²] So far from its usual place it is elsewhere; MDrive's limit of acceleration."""
 HEADING_SPEED = 0.5
 """[m/s] Slower than this the direction of motion says nothing."""
@@ -18,7 +18,7 @@ CHORD_FRAMES = 3
 """The direction of motion at a frame is that from so many frames before it to as many after."""
 
 
-def filled(valid: Bool, x: Float, y: Float, longest: int) -> tuple[Bool, Float, Float]:
+def fill_gaps(valid: Bool, x: Float, y: Float, longest: int) -> tuple[Bool, Float, Float]:
     """Gaps of at most `longest` frames filled by the cubic that meets position and velocity on both sides.
 
     Gaps at which it stood (the same place within 0.7 m) are filled however long they are.
@@ -31,14 +31,14 @@ def filled(valid: Bool, x: Float, y: Float, longest: int) -> tuple[Bool, Float, 
         if after - before - 1 <= longest or gone < 0.7:
             missing = np.arange(before + 1, after)
             for values in (x, y):
-                slopes = _slope(values, frames, at, -1), _slope(values, frames, at + 1, 1)
+                slopes = _estimate_slope(values, frames, at, -1), _estimate_slope(values, frames, at + 1, 1)
                 slopes = (0.0, 0.0) if gone < 0.7 and after - before > longest else slopes
-                values[missing] = _cubic(missing, (before, after), (values[before], values[after]), slopes)
+                values[missing] = _interpolate_cubic(missing, (before, after), (values[before], values[after]), slopes)
             valid[missing] = True
     return valid, x, y
 
 
-def _slope(values: Float, frames: Int, at: np.intp, side: int) -> float:
+def _estimate_slope(values: Float, frames: Int, at: np.intp, side: int) -> float:
     """Change per frame over up to five frames before (side -1) or after a gap; NaN with one alone."""
     rows = frames[max(at - 4, 0) : at + 1] if side < 0 else frames[at : at + 5]
     rows = rows[np.abs(rows - frames[at]) < 10]
@@ -48,7 +48,9 @@ def _slope(values: Float, frames: Int, at: np.intp, side: int) -> float:
     return float(off @ values[rows] / (off @ off))
 
 
-def _cubic(at: Int, ends: tuple[int, int], values: tuple[float, float], slopes: tuple[float, float]) -> Float:
+def _interpolate_cubic(
+    at: Int, ends: tuple[int, int], values: tuple[float, float], slopes: tuple[float, float]
+) -> Float:
     """Hermite cubic at frames `at`; unknown slopes are that of the chord, and none may overshoot it threefold."""
     span = ends[1] - ends[0]
     chord = (values[1] - values[0]) / span
@@ -63,7 +65,7 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
 
     Returns positions and (frame, size [m]) of every step.
     """
-    off, since = (found[0] for found in unexplained(x[None], y[None], valid[None]))
+    off, since = (found[0] for found in compute_unexplained_steps(x[None], y[None], valid[None]))
     size = np.where(since > 1, 0.0, np.hypot(off[:, 0], off[:, 1]))  # what it did in a gap that stays open nobody knows
     steps = [(int(frame), float(size[frame])) for frame in np.flatnonzero(size > BREAK_M)]
     at, span = np.arange(len(x)), SPREAD_S / dt_s
@@ -75,7 +77,7 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
     return x, y, steps
 
 
-def strayed(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float, int]:
+def remove_excursions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float, int]:
     """Positions of a thing that mostly stands, held where it left its place and came back faster than it can.
 
     From rest to rest and back over a distance d in a time t takes accelerations of 16 d / t². Returns how many frames.
@@ -83,21 +85,21 @@ def strayed(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float,
     if not valid.any():
         return x, y, 0
     off = np.hypot(x - np.median(x[valid]), y - np.median(y[valid]))
-    out = valid & ~(off <= STRAY_M)
+    out = valid & ~(off <= EXCURSION_M)
     if out.sum() > valid.sum() / 2:
         return x, y, 0
     x, y, held_frames, frames = x.copy(), y.copy(), 0, np.flatnonzero(valid)
     for run in runs(out):
         before, after, time = run.start - 1, run.stop, (run.stop - run.start + 1) * dt_s
         returns = before >= frames[0] and after <= frames[-1] and bool(valid[before] and valid[after])
-        if returns and 16 * off[run].max() / time**2 > STRAY_ACCELERATION:
+        if returns and 16 * off[run].max() / time**2 > EXCURSION_ACCELERATION:
             for values in (x, y):
                 values[run] = np.interp(np.arange(run.start, run.stop), (before, after), values[[before, after]])
             held_frames += run.stop - run.start
     return x, y, held_frames
 
 
-def directions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float]:
+def compute_motion_directions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float]:
     """Direction of motion (T,) [rad] and speed (T,) [m/s] over `CHORD_FRAMES` to both sides; NaN where not there."""
     frames = np.flatnonzero(valid)
     course, speed = np.full(len(x), np.nan), np.full(len(x), np.nan)
@@ -112,7 +114,7 @@ def directions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Flo
     return course, speed
 
 
-def vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool], dt_s: float) -> Float:
+def compute_vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool], dt_s: float) -> Float:
     """Heading (T,) of a vehicle from the axis of its box, which way it looks decided by its motion.
 
     `axis` (T,) is known up to half turns, NaN where unknown; `votes` (T,) says how far the boxes' own headings agree
@@ -123,7 +125,7 @@ def vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool]
     frames = np.flatnonzero(valid)
     known = frames[np.isfinite(axis[frames])]
     if len(known) == 0:
-        return held(np.where(valid & (speed > HEADING_SPEED), course, np.nan), valid)
+        return hold_last_heading(np.where(valid & (speed > HEADING_SPEED), course, np.nan), valid)
     straight = axis.copy()
     straight[known] = np.unwrap(axis[known], period=np.pi)
     turned = np.round((straight[known] - axis[known]) / np.pi) % 2
@@ -136,16 +138,16 @@ def vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool]
     return np.where(valid, wrap_angles(heading), np.nan)
 
 
-def walker_heading(course: Float, speed: Float, valid: Bool, box: Float) -> Float:
+def compute_pedestrian_heading(course: Float, speed: Float, valid: Bool, box: Float) -> Float:
     """Heading (T,) of a walker: that of motion, held while standing; of one who never moves that of the box, or 0."""
     moving = valid & (speed > HEADING_SPEED)
     if moving.any():
-        return held(np.where(moving, course, np.nan), valid)
+        return hold_last_heading(np.where(moving, course, np.nan), valid)
     known = box[valid & np.isfinite(box)]
     return np.where(valid, known[0] if len(known) else 0.0, np.nan)
 
 
-def held(heading: Float, valid: Bool) -> Float:
+def hold_last_heading(heading: Float, valid: Bool) -> Float:
     """Unknown headings (NaN) take the last known one, those before the first take the first; 0 if none is known."""
     known = np.flatnonzero(np.isfinite(heading))
     if len(known) == 0:

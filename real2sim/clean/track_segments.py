@@ -7,13 +7,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from real2sim.recording import Category, Recording
+from real2sim.recording import ObjectCategory, Recording
 
 BREAK_M = 0.8
 """A step that far from the usual ones around it is no motion: several times the noise of any source."""
 BREAK_ACCELERATION = 4.0
 """[m/s²] What may happen to the speed while a track is not seen."""
-BREAK_MOST_M = 6.0
+MAX_BREAK_M = 6.0
 HALF_WINDOW = 4
 EXCURSION_S = 1.5
 FROZEN_M = 0.02
@@ -22,24 +22,24 @@ FROZEN_SPEED = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Mistake:
+class RemovedFrames:
     """Frames of one observer's track that were left out."""
 
     track: int
-    """Number among the whole tracks, as `pieces_of` gives them."""
+    """Number among the whole tracks, as `collect_segments` gives them."""
     frames: int
     detail: str
 
 
 @dataclass(frozen=True)
-class Pieces:
+class TrackSegments:
     """K pieces over T frames. Arrays (K, T) hold NaN where a piece is not there."""
 
     observer: Int
     """(K,)"""
     ids: tuple[str, ...]
     """Names in the source."""
-    categories: tuple[Category, ...]
+    categories: tuple[ObjectCategory, ...]
     parked: Bool
     """(K,)"""
     broken: Bool
@@ -54,7 +54,7 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def rows(self, keep: np.ndarray, valid: Bool) -> "Pieces":
+    def rows(self, keep: np.ndarray, valid: Bool) -> "TrackSegments":
         """Pieces number `keep` (M,), there only where `valid` (M, T)."""
         hidden = {
             name: np.where(valid, getattr(self, name)[keep], np.nan) for name in ("x", "y", "yaw", "length", "width")
@@ -71,7 +71,7 @@ class Pieces:
         )
 
 
-def pieces_of(recording: Recording) -> Pieces:
+def collect_segments(recording: Recording) -> TrackSegments:
     """All views' tracks, unsplit; raises InputError where a track does not fit the recording."""
     found = [(i, track) for i, view in enumerate(recording.views) for track in view.tracks]
     shape = (len(found), recording.frames)
@@ -87,7 +87,7 @@ def pieces_of(recording: Recording) -> Pieces:
         for name in ("x", "y", "yaw", "length", "width")
     }
     valid &= np.isfinite(arrays["x"]) & np.isfinite(arrays["y"])
-    return Pieces(
+    return TrackSegments(
         np.array([i for i, _ in found], dtype=np.int64),
         tuple(track.id for _, track in found),
         tuple(track.category for _, track in found),
@@ -98,7 +98,7 @@ def pieces_of(recording: Recording) -> Pieces:
     )
 
 
-def unexplained(x: Float, y: Float, valid: Bool) -> tuple[Float, Int]:
+def compute_unexplained_steps(x: Float, y: Float, valid: Bool) -> tuple[Float, Int]:
     """Steps that motion does not explain, for K tracks at once.
 
     Returns vectors (K, T, 2) [m] from where a track should be by the median step around it to where it is (0 at its
@@ -112,12 +112,12 @@ def unexplained(x: Float, y: Float, valid: Bool) -> tuple[Float, Int]:
     xy = np.stack((x, y), axis=-1)
     before = np.take_along_axis(xy, np.maximum(last, 0)[..., None], axis=1)
     step = np.where(stepped[..., None], xy - before, np.nan)
-    usual = _median_around(step / since[..., None])
+    usual = _compute_neighbour_median(step / since[..., None])
     off = np.where(stepped[..., None], step - usual * since[..., None], 0.0)
     return np.nan_to_num(off), since
 
 
-def _median_around(step: Float) -> Float:
+def _compute_neighbour_median(step: Float) -> Float:
     """Median (K, T, 2) over `HALF_WINDOW` steps on both sides, the own one left out; alone it is usual."""
     padded = np.pad(step, ((0, 0), (HALF_WINDOW, HALF_WINDOW), (0, 0)), constant_values=np.nan)
     windows = sliding_window_view(padded, 2 * HALF_WINDOW + 1, axis=1)
@@ -128,26 +128,28 @@ def _median_around(step: Float) -> Float:
     return np.where(count > 0, (low + high) / 2, step)
 
 
-def split(whole: Pieces, dt_s: float) -> tuple[Pieces, tuple[Mistake, ...]]:
+def split_at_jumps(whole: TrackSegments, dt_s: float) -> tuple[TrackSegments, tuple[RemovedFrames, ...]]:
     """Cuts pieces at their jumps, and leaves out what cannot be: excursions, and frozen frames before a jump."""
-    off, since = unexplained(whole.x, whole.y, whole.valid)
-    gate = BREAK_M + np.minimum(0.5 * BREAK_ACCELERATION * ((since - 1) * dt_s) ** 2, BREAK_MOST_M)
+    off, since = compute_unexplained_steps(whole.x, whole.y, whole.valid)
+    gate = BREAK_M + np.minimum(0.5 * BREAK_ACCELERATION * ((since - 1) * dt_s) ** 2, MAX_BREAK_M)
     breaks = np.hypot(off[..., 0], off[..., 1]) > gate
-    away = _excursions(off, breaks, round(EXCURSION_S / dt_s)) & whole.valid
+    away = _find_excursions(off, breaks, round(EXCURSION_S / dt_s)) & whole.valid
     part = np.cumsum(breaks, axis=1)
     rows = [(k, n) for k in range(len(whole)) for n in range(int(part[k, -1]) + 1)] if len(whole) else []
     keep = np.array([k for k, _ in rows], dtype=np.int64)
     valid = (whole.valid & ~away)[keep] & (part[keep] == np.array([n for _, n in rows], dtype=np.int64)[:, None])
-    mistakes = [Mistake(int(k), int(away[k].sum()), "elsewhere for a moment") for k in np.flatnonzero(away.any(axis=1))]
+    mistakes = [
+        RemovedFrames(int(k), int(away[k].sum()), "elsewhere for a moment") for k in np.flatnonzero(away.any(axis=1))
+    ]
     for row, (k, n) in enumerate(rows):
-        if n < part[k, -1] and (tail := _frozen_tail(whole, k, valid[row], dt_s)):
+        if n < part[k, -1] and (tail := _find_frozen_tail(whole, k, valid[row], dt_s)):
             valid[row, tail] = False
-            mistakes.append(Mistake(k, len(tail), "frozen before a jump"))
+            mistakes.append(RemovedFrames(k, len(tail), "frozen before a jump"))
     broken = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
     return replace(whole.rows(keep, valid), broken=broken), tuple(mistakes)
 
 
-def _excursions(off: Float, breaks: Bool, longest: int) -> Bool:
+def _find_excursions(off: Float, breaks: Bool, longest: int) -> Bool:
     """Frames (K, T) between two jumps that cancel each other. Takes both off `breaks`: the track goes on."""
     away = np.zeros_like(breaks)
     for k in np.flatnonzero(breaks.sum(axis=1) > 1):
@@ -162,7 +164,7 @@ def _excursions(off: Float, breaks: Bool, longest: int) -> Bool:
     return away
 
 
-def _frozen_tail(whole: Pieces, k: int, valid: Bool, dt_s: float) -> list[int]:
+def _find_frozen_tail(whole: TrackSegments, k: int, valid: Bool, dt_s: float) -> list[int]:
     """Last frames of a stretch at which it stood although it had been moving up to then."""
     frames = np.flatnonzero(valid)
     if len(frames) < 5:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import click
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.cli.log_options import about, name_option, out_option, paths_argument
-from real2sim.readers.carla_frame import UCLA, CarlaFrame
-from real2sim.xml_file import finite
+from real2sim.cli.log_options import build_suite_file, name_option, out_option, paths_argument
+from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
+from real2sim.xml_file import parse_finite
 
 if TYPE_CHECKING:  # as in `cli.logs`: what runs a command is imported in it
     from real2sim.carla.conversion_report import ConversionReport
@@ -22,12 +22,12 @@ towns_option = click.option(
 )
 
 
-def offset_of(_: click.Context, __: click.Parameter, value: str | None) -> CarlaFrame:
+def parse_carla_offset(_: click.Context, __: click.Parameter, value: str | None) -> CarlaFrame:
     """The option --carla-offset."""
     if value is None:
-        return UCLA
+        return UCLA_FRAME
     try:
-        x, y, *turn = (finite("--carla-offset", part) for part in value.split(","))
+        x, y, *turn = (parse_finite("--carla-offset", part) for part in value.split(","))
         (yaw,) = turn or (0.0,)
     except ValueError:
         raise click.BadParameter(f"expected X,Y or X,Y,YAW, found {value!r}") from None
@@ -47,9 +47,9 @@ def offset_of(_: click.Context, __: click.Parameter, value: str | None) -> Carla
 @click.option(
     "--carla-offset",
     "frame",
-    callback=offset_of,
+    callback=parse_carla_offset,
     metavar="X,Y[,YAW]",
-    help=f"Where CARLA's origin lies in the vector map [m, deg] [default: {UCLA.x:g},{UCLA.y:g}].",
+    help=f"Where CARLA's origin lies in the vector map [m, deg] [default: {UCLA_FRAME.x:g},{UCLA_FRAME.y:g}].",
 )
 @out_option
 @name_option
@@ -60,13 +60,13 @@ def mdrive(
     if (towns is None) == (vector_map is None):
         raise InputError("mdrive: expected either --towns or --map, found " + ("both" if towns else "neither"))
     from real2sim.authored.suite_converter import convert_authored
-    from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
+    from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
     from real2sim.readers.v2xpnp_map import read_vector_map
 
     place = VectorMap(read_vector_map(vector_map)[0], frame) if vector_map else towns
     assert place is not None
-    scenes = [read_mdrive(folder, place) for folder in mdrive_folders(paths)]
-    click.echo(_words(convert_authored(scenes, out, about(out, name)), out))
+    scenes = [read_mdrive(folder, place) for folder in find_mdrive_folders(paths)]
+    click.echo(_format_report(convert_authored(scenes, out, build_suite_file(out, name)), out))
 
 
 @click.command()
@@ -80,7 +80,9 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
         raise InputError("interdrive: expected the maps of the CARLA towns, found no --towns")
     from real2sim.authored.interdrive import convert_interdrive
 
-    click.echo(_words(convert_interdrive(paths, towns, out, about(out, name).name if name else None), out))
+    click.echo(
+        _format_report(convert_interdrive(paths, towns, out, build_suite_file(out, name).name if name else None), out)
+    )
 
 
 @click.command()
@@ -97,7 +99,7 @@ def opendrive(paths: tuple[Path, ...], out: Path) -> None:
     click.echo(f"Report: {out / NETWORKS_MARKDOWN}")
 
 
-def _words(report: "ConversionReport", out: Path) -> str:
+def _format_report(report: "ConversionReport", out: Path) -> str:
     from real2sim.carla.conversion_report import REPORT_MARKDOWN
 
     numbers = report.statistics

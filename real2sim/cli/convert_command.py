@@ -7,7 +7,15 @@ import click
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.cli.authored_commands import interdrive, mdrive, opendrive
-from real2sim.cli.log_options import Ask, file_of, folder_of_agents, folder_with, log_options, logs_below, run
+from real2sim.cli.log_options import (
+    LogCliOptions,
+    find_logs,
+    is_v2xpnp_folder,
+    log_options,
+    match_file,
+    match_folder,
+    run_conversion,
+)
 from real2sim.pipeline.log_source import Log
 
 map_option = click.option(
@@ -67,12 +75,12 @@ convert.add_command(opendrive)
 @click.pass_context
 def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
     """Convert V2XPnP scenarios: folders of agent folders with YAML frames, or folders with such in them."""
-    ask = Ask(**options)
+    ask = LogCliOptions(**options)
     if not maps:
         raise InputError("v2xpnp: expected the vector map, found no --map")
     names = tuple(agents.split(",")) if agents else None
-    paths = logs_below(ask.paths, folder_of_agents, "numbered agent folders")
-    run(ctx, [Log("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
+    paths = find_logs(ask.paths, is_v2xpnp_folder, "numbered agent folders")
+    run_conversion(ctx, [Log("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -80,9 +88,9 @@ def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opt
 @click.pass_context
 def scenarionet(ctx: click.Context, **options: Any) -> None:
     """Convert ScenarioNet descriptions (nuScenes, Waymo, nuPlan): pickles, or folders of them."""
-    ask = Ask(**options)
-    paths = logs_below(ask.paths, file_of("*.pkl"), "*.pkl")
-    run(ctx, [Log("scenarionet", path, window=ask.window) for path in paths], ask)
+    ask = LogCliOptions(**options)
+    paths = find_logs(ask.paths, match_file("*.pkl"), "*.pkl")
+    run_conversion(ctx, [Log("scenarionet", path, window=ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -90,9 +98,9 @@ def scenarionet(ctx: click.Context, **options: Any) -> None:
 @click.pass_context
 def commonroad(ctx: click.Context, **options: Any) -> None:
     """Convert CommonRoad scenarios: XML files, or folders of them."""
-    ask = Ask(**options)
-    paths = logs_below(ask.paths, file_of("*.xml"), "*.xml")
-    run(ctx, [Log("commonroad", path, window=ask.window) for path in paths], ask)
+    ask = LogCliOptions(**options)
+    paths = find_logs(ask.paths, match_file("*.xml"), "*.xml")
+    run_conversion(ctx, [Log("commonroad", path, window=ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -100,9 +108,9 @@ def commonroad(ctx: click.Context, **options: Any) -> None:
 @click.pass_context
 def argoverse2(ctx: click.Context, **options: Any) -> None:
     """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
-    ask = Ask(**options)
-    paths = logs_below(ask.paths, folder_with("*.parquet", "*.feather"), "*.parquet or *.feather")
-    run(ctx, [Log("argoverse2", path, window=ask.window) for path in paths], ask)
+    ask = LogCliOptions(**options)
+    paths = find_logs(ask.paths, match_folder("*.parquet", "*.feather"), "*.parquet or *.feather")
+    run_conversion(ctx, [Log("argoverse2", path, window=ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -114,7 +122,7 @@ def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
 
     The logs last minutes: choose a part with --window, or cut them with --every.
     """
-    ask = Ask(**options)
+    ask = LogCliOptions(**options)
     maps = (osm,) if osm else ()
-    paths = logs_below(ask.paths, file_of("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
-    run(ctx, [Log("interaction", path, maps, window=ask.window) for path in paths], ask)
+    paths = find_logs(ask.paths, match_file("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
+    run_conversion(ctx, [Log("interaction", path, maps, window=ask.window) for path in paths], ask)

@@ -13,7 +13,7 @@ import click
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from real2sim.pipeline.log_source import Log
-from real2sim.readers.time_window import Window
+from real2sim.readers.time_window import TimeWindow
 
 if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
     from mdrive_sumo.scenario.background import Mode
@@ -21,12 +21,12 @@ if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not 
     from real2sim.pipeline.batch import Batch
 
 F = TypeVar("F", bound=Callable[..., Any])
-TRAFFIC = ("reactive", "replay", "hybrid")
-SKIPPED = frozenset(("dataset_summary.pkl", "dataset_mapping.pkl"))
+TRAFFIC_MODES = ("reactive", "replay", "hybrid")
+INDEX_FILES = frozenset(("dataset_summary.pkl", "dataset_mapping.pkl"))
 """What ScenarioNet puts beside its scenarios."""
 
 
-def window_of(_: click.Context, __: click.Parameter, value: str | None) -> Window | None:
+def parse_window(_: click.Context, __: click.Parameter, value: str | None) -> TimeWindow | None:
     """The option --window."""
     if value is None:
         return None
@@ -39,7 +39,7 @@ def window_of(_: click.Context, __: click.Parameter, value: str | None) -> Windo
     return start, end
 
 
-def cavs_of(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
+def parse_cavs(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
     """The option --cavs; auto is ()."""
     names = tuple(part.strip() for part in value.split(","))
     if not all(names):
@@ -56,7 +56,7 @@ _OPTIONS = (
     paths_argument,
     out_option,
     name_option,
-    click.option("--window", callback=window_of, metavar="START,END", help="Only this part of each log [s]."),
+    click.option("--window", callback=parse_window, metavar="START,END", help="Only this part of each log [s]."),
     click.option(
         "--every",
         "every_s",
@@ -68,14 +68,14 @@ _OPTIONS = (
         "--cavs",
         default="auto",
         show_default=True,
-        callback=cavs_of,
+        callback=parse_cavs,
         metavar="ID,...|auto",
         help="Agents or tracks that are driven; auto: those of the source, else the vehicle that is there longest.",
     ),
     click.option(
         "--traffic",
-        type=click.Choice(TRAFFIC),
-        default=TRAFFIC[0],
+        type=click.Choice(TRAFFIC_MODES),
+        default=TRAFFIC_MODES[0],
         show_default=True,
         help="SUMO drives along the log; its poses, never reacting; its poses until a CAV is in the way.",
     ),
@@ -92,13 +92,13 @@ def log_options(command: F) -> F:
 
 
 @dataclass(frozen=True)
-class Ask:
+class LogCliOptions:
     """What the user wants of a batch of logs: the options of `log_options`."""
 
     paths: tuple[Path, ...]
     out: Path
     name: str | None
-    window: Window | None
+    window: TimeWindow | None
     every_s: float | None
     cavs: tuple[str, ...]
     traffic: "Mode"
@@ -106,20 +106,20 @@ class Ask:
     workers: int
 
 
-def run(ctx: click.Context, logs: Sequence[Log], ask: Ask) -> None:
+def run_conversion(ctx: click.Context, logs: Sequence[Log], ask: LogCliOptions) -> None:
     """Converts, tells, and ends with the exit code."""
     from real2sim.pipeline.batch import Order, convert_logs
     from real2sim.pipeline.scenario_builder import Wish
 
-    order = Order(Wish(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, told)
-    batch = convert_logs(logs, ask.out, about(ask.out, ask.name), order)
-    click.echo(words(batch, ask))
+    order = Order(Wish(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, show_progress)
+    batch = convert_logs(logs, ask.out, build_suite_file(ask.out, ask.name), order)
+    click.echo(format_batch(batch, ask))
     for sentence in batch.refused:
         click.echo(f"Error: {sentence}", err=True)
     ctx.exit(2 if batch.refused else 1 if batch.missing else 0)
 
 
-def about(out: Path, name: str | None) -> "SuiteFile":
+def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
     """`suite.json`; raises InputError for a name that is none."""
     from mdrive_sumo.scenario.catalog import SuiteFile
 
@@ -129,7 +129,7 @@ def about(out: Path, name: str | None) -> "SuiteFile":
     return SuiteFile(name=wanted, title=wanted, description="Converted from logs by mdrive-sumo convert.")
 
 
-def words(batch: "Batch", ask: Ask) -> str:
+def format_batch(batch: "Batch", ask: LogCliOptions) -> str:
     """What was written, and what misses its target."""
 
     lines = [f"{outcome.id}: {miss}" for outcome in batch.missing for miss in outcome.misses]
@@ -144,7 +144,7 @@ def words(batch: "Batch", ask: Ask) -> str:
     return "\n".join(lines)
 
 
-def told(done: int, total: int, text: str) -> None:
+def show_progress(done: int, total: int, text: str) -> None:
     """Progress on standard error: one live bar on a terminal, a line for each log elsewhere."""
     if not sys.stderr.isatty():
         click.echo(f"{done}/{total}  {text}", err=True)
@@ -155,36 +155,36 @@ def told(done: int, total: int, text: str) -> None:
     click.echo("\r\x1b[K" + (line if done < total else ""), nl=False, err=True)
 
 
-def logs_below(paths: Sequence[Path], is_log: Callable[[Path], bool], wanted: str) -> list[Path]:
+def find_logs(paths: Sequence[Path], is_log: Callable[[Path], bool], wanted: str) -> list[Path]:
     """Every path that is a log, or else the logs somewhere in it; a file that is none is for its reader to refuse.
 
     Raises InputError for a folder without any `wanted`, which is what to call them.
     """
-    return [found for path in paths for found in _logs_in(path, is_log) or [_no_folder(path, wanted)]]
+    return [found for path in paths for found in _find_logs_in(path, is_log) or [_refuse_folder(path, wanted)]]
 
 
-def _no_folder(path: Path, wanted: str) -> Path:
+def _refuse_folder(path: Path, wanted: str) -> Path:
     if path.is_dir():
         raise InputError(f"{path}: expected {wanted} in it or below, found none")
     return path
 
 
-def _logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
+def _find_logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
     if is_log(path) or not path.is_dir():
         return [path] if is_log(path) else []
-    return [found for below in sorted(path.iterdir()) for found in _logs_in(below, is_log)]
+    return [found for below in sorted(path.iterdir()) for found in _find_logs_in(below, is_log)]
 
 
-def file_of(pattern: str) -> Callable[[Path], bool]:
+def match_file(pattern: str) -> Callable[[Path], bool]:
     """Whether a path is a file of that name."""
-    return lambda path: path.is_file() and path.match(pattern) and path.name not in SKIPPED
+    return lambda path: path.is_file() and path.match(pattern) and path.name not in INDEX_FILES
 
 
-def folder_with(*patterns: str) -> Callable[[Path], bool]:
+def match_folder(*patterns: str) -> Callable[[Path], bool]:
     """Whether a path is a folder that holds such a file."""
     return lambda path: path.is_dir() and any(any(path.glob(pattern)) for pattern in patterns)
 
 
-def folder_of_agents(path: Path) -> bool:
+def is_v2xpnp_folder(path: Path) -> bool:
     """Whether a path is a V2XPnP scenario: a folder of numbered folders."""
     return path.is_dir() and any(re.fullmatch(r"-?[0-9]+", p.name) for p in path.iterdir() if p.is_dir())

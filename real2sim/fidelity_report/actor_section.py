@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.clean.cleaning_report import Change
+from real2sim.clean.cleaning_report import TrackChange
 from real2sim.fidelity_report.formatting import changes_of, failures, frames, measured
 from real2sim.fidelity_report.html import Html, joined, table, tag
 from real2sim.fidelity_report.line_chart import Chart, Series, draw
 from real2sim.fidelity_report.map_figures import Plan, small_map
 from real2sim.fidelity_report.report_entry import Thing
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.quality import CHECKS
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics
 
 LIMITS = {check.figure: check.limit for check in CHECKS}
@@ -38,13 +38,13 @@ class Shown:
     things: Sequence[Thing]
     plan: Plan
     dt_s: float
-    changes: Mapping[str, Sequence[Change]]
+    changes: Mapping[str, Sequence[TrackChange]]
     """By track."""
 
 
-def shown(findings: Findings, things: Sequence[Thing], plan: Plan) -> Shown:
+def shown(findings: ConversionFindings, things: Sequence[Thing], plan: Plan) -> Shown:
     """Gathers what cleaning did by track."""
-    changes: dict[str, list[Change]] = {}
+    changes: dict[str, list[TrackChange]] = {}
     for change in findings.cleaned.report.changes:
         changes.setdefault(change.track, []).append(change)
     return Shown(things, plan, findings.cleaned.dt_s, changes)
@@ -169,7 +169,7 @@ Axis = tuple[tuple[float, float], float, str]
 """First and last second, seconds a frame, and of whom."""
 
 
-def _speed_chart(raw: Track | None, track: Track, axis: Axis) -> Chart:
+def _speed_chart(raw: RecordedTrack | None, track: RecordedTrack, axis: Axis) -> Chart:
     span, dt_s, name = axis
     times, speed = speeds(track, dt_s)
     fastest = float(np.nanmax(speed, initial=0.0, where=np.isfinite(speed)))
@@ -180,7 +180,7 @@ def _speed_chart(raw: Track | None, track: Track, axis: Axis) -> Chart:
     return Chart(label, "speed [m/s]", series, span, 1.4 * fastest + 1.0)
 
 
-def _error_chart(raw: Track, track: Track, axis: Axis) -> Chart:
+def _error_chart(raw: RecordedTrack, track: RecordedTrack, axis: Axis) -> Chart:
     span, dt_s, name = axis
     error = np.where(track.valid & raw.valid, kinematics.magnitude(track.xy - raw.xy), np.nan)
     most = float(np.nanmax(error, initial=0.0, where=np.isfinite(error)))
@@ -192,7 +192,7 @@ def _error_chart(raw: Track, track: Track, axis: Axis) -> Chart:
     )
 
 
-def _jerk_chart(track: Track, axis: Axis) -> Chart:
+def _jerk_chart(track: RecordedTrack, axis: Axis) -> Chart:
     span, dt_s, name = axis
     jerk = np.full(len(track.valid), np.nan)
     half = kinematics.WINDOW // 2
@@ -206,7 +206,7 @@ def _jerk_chart(track: Track, axis: Axis) -> Chart:
     return Chart(label, "jerk [m/s³]", series, span, float(np.clip(1.2 * most, 1.3 * limit, 4 * limit)), (limit,))
 
 
-def speeds(track: Track, dt_s: float) -> tuple[Float, Float]:
+def speeds(track: RecordedTrack, dt_s: float) -> tuple[Float, Float]:
     """Times (T-1,) between frames and speeds from the steps; NaN over gaps."""
     step = np.hypot(np.diff(track.x), np.diff(track.y)) / dt_s
     there = track.valid[1:] & track.valid[:-1]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from real2sim.clean.cleaning_report import Change, Reason
+from real2sim.clean.cleaning_report import ChangeReason, TrackChange
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
 
@@ -26,20 +26,20 @@ FIGURES: dict[str, tuple[str, str, int]] = {
 }
 """Words, unit and decimals of every figure that a check looks at."""
 
-CLEANED: dict[Reason, str] = {
-    Reason.DUPLICATE: "one thing under several names, fused",
-    Reason.ID_FLIP: "a name that went over to another thing, set right",
-    Reason.TELEPORT: "positions that no motion explains, left out or spread",
-    Reason.EGO_GHOST: "a CAV listed as somebody else, joined with it",
-    Reason.HEADING: "headings turned round, or taken from motion",
-    Reason.GAP: "missing frames, filled",
-    Reason.LONG_GAP: "gaps too long to fill, left open",
-    Reason.SIZE: "sizes that differ or are unknown, settled",
-    Reason.LABEL: "classes that contradict each other or the motion, settled",
-    Reason.STATIC: "things that never move, laid to rest",
-    Reason.OVERLAP: "things that appear inside others: they begin later, or are taken smaller",
-    Reason.INSIDE: "things inside others for most of their life, left out",
-    Reason.TOO_SHORT: "tracks too short to tell anything, left out",
+CLEANED: dict[ChangeReason, str] = {
+    ChangeReason.DUPLICATE: "one thing under several names, fused",
+    ChangeReason.ID_FLIP: "a name that went over to another thing, set right",
+    ChangeReason.TELEPORT: "positions that no motion explains, left out or spread",
+    ChangeReason.EGO_GHOST: "a CAV listed as somebody else, joined with it",
+    ChangeReason.HEADING: "headings turned round, or taken from motion",
+    ChangeReason.GAP: "missing frames, filled",
+    ChangeReason.LONG_GAP: "gaps too long to fill, left open",
+    ChangeReason.SIZE: "sizes that differ or are unknown, settled",
+    ChangeReason.LABEL: "classes that contradict each other or the motion, settled",
+    ChangeReason.STATIC: "things that never move, laid to rest",
+    ChangeReason.OVERLAP: "things that appear inside others: they begin later, or are taken smaller",
+    ChangeReason.INSIDE: "things inside others for most of their life, left out",
+    ChangeReason.TOO_SHORT: "tracks too short to tell anything, left out",
 }
 """What was found and what was done about it."""
 
@@ -78,7 +78,7 @@ def _failure(name: str, value: float | None, limit: float | None) -> str:
     return f"{words}: {measured(value, unit, decimals)}{allowed}"
 
 
-def changes_of(changes: Iterable[Change], track: str) -> list[str]:
+def changes_of(changes: Iterable[TrackChange], track: str) -> list[str]:
     """What cleaning did about one track, a phrase each."""
     return [
         f"{change.reason.value}, {frames(change.frames)}{': ' if change.detail else ''}{change.detail}"

@@ -12,8 +12,8 @@ from real2sim.fidelity_report.map_figures import plan_of, thumbnail
 from real2sim.fidelity_report.report_entry import things_of
 from real2sim.fidelity_report.report_page import PAGE
 from real2sim.fidelity_report.target_tiles import missed
-from real2sim.findings import Findings
-from real2sim.targets import by_sumo
+from real2sim.findings import ConversionFindings
+from real2sim.targets import count_sumo_driven
 
 HEAD = (
     "map",
@@ -49,7 +49,7 @@ class IndexLine:
     """A small map."""
 
 
-def index_line(findings: Findings) -> IndexLine:
+def index_line(findings: ConversionFindings) -> IndexLine:
     """The line of one scenario."""
     quality, closeness = findings.quality, findings.closeness
     things = things_of(findings)
@@ -59,7 +59,7 @@ def index_line(findings: Findings) -> IndexLine:
         missed(findings),
         quality.moving_passed,
         quality.moving_vehicles,
-        by_sumo(quality, findings.roles, findings.mode),
+        count_sumo_driven(quality, findings.roles, findings.mode),
         quality.error_median,
         quality.error_p95,
         quality.jerk_p95,

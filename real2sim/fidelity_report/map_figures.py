@@ -11,7 +11,7 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.fidelity_report.html import Html, Piece, joined, tag
 from real2sim.fidelity_report.report_entry import Thing
 from real2sim.fidelity_report.svg import CM, Canvas, View, path, picture, scale_bar, use, view_of
-from real2sim.recording import USUAL_SIZE, Track
+from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
 
 MARGIN_M = 12.0
 AROUND_M = 60.0
@@ -97,7 +97,7 @@ def _tracks_of(canvas: Canvas, thing: Thing) -> Html:
     )
 
 
-def _box(canvas: Canvas, track: Track, number: int) -> Html:
+def _box(canvas: Canvas, track: RecordedTrack, number: int) -> Html:
     """The thing where it is last seen."""
     last = int(track.frames[-1])
     length, width = _size(track, last)
@@ -106,8 +106,8 @@ def _box(canvas: Canvas, track: Track, number: int) -> Html:
     return path(canvas.vehicle(pose, length, width), id=f"box-{number}")
 
 
-def _size(track: Track, frame: int) -> tuple[float, float]:
-    usual = USUAL_SIZE[track.category]
+def _size(track: RecordedTrack, frame: int) -> tuple[float, float]:
+    usual = DEFAULT_SIZE_M[track.category]
     length, width = float(track.length[frame]), float(track.width[frame])
     return (length if length > 0 else usual[0], width if width > 0 else usual[1])
 

@@ -9,12 +9,12 @@ from real2sim.fidelity_report.formatting import measured
 from real2sim.fidelity_report.html import Html, joined, table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, Plan, far_points
 from real2sim.fidelity_report.svg import path, picture, scale_bar, use
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.hd_map import HdMap, LaneKind
 from real2sim.network import NetworkReport
-from real2sim.network.lane_directions import turned
-from real2sim.network.map_measurements import SPACING_M, line_distances
-from real2sim.polylines import sample
+from real2sim.network.lane_directions import reverse_lane
+from real2sim.network.map_measurements import SPACING_M, measure_line_distances
+from real2sim.polylines import sample_polylines
 
 FAR_M = 0.2
 """Issue C: the mean distance of centre lines; places over it are marked."""
@@ -31,23 +31,23 @@ class Deviation:
     distance: Float
 
 
-def deviation(findings: Findings) -> Deviation:
+def deviation(findings: ConversionFindings) -> Deviation:
     """As `network.measure` measures it, but with the places."""
     lines = _kept(findings.recording.map, findings.network)
     if not lines:
         return Deviation((), np.zeros((0, 2)), np.zeros(0))
-    distance = line_distances(lines, [lane.centre for lane in findings.roads.driving])
-    return Deviation(tuple(line.xy for line in lines), sample(lines, SPACING_M).xy, distance)
+    distance = measure_line_distances(lines, [lane.centre for lane in findings.roads.driving])
+    return Deviation(tuple(line.xy for line in lines), sample_polylines(lines, SPACING_M).xy, distance)
 
 
 def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
     """Driving lanes that the network has, in their direction of travel."""
     inverted = set(network.directions.inverted)
     lanes = [lane for id_, lane in map.lanes.items() if lane.kind is LaneKind.DRIVING and id_ not in network.lost]
-    return [polyline((turned(lane) if lane.id in inverted else lane).centre) for lane in lanes]
+    return [polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
 
 
-def network_part(findings: Findings, plan: Plan) -> Html:
+def network_part(findings: ConversionFindings, plan: Plan) -> Html:
     """Figures, a picture and lists."""
     network = findings.network
     found = deviation(findings)

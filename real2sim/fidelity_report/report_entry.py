@@ -6,10 +6,10 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.fit.disposition import Became, Role
 from real2sim.quality.actor_quality import ActorQuality
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Thing:
 
     number: int
     actor: ActorQuality
-    raw: Track | None
+    raw: RecordedTrack | None
     """Cleaned track of the log."""
-    track: Track | None
+    track: RecordedTrack | None
     """Reconstructed."""
     role: Role | None
     cav: bool
@@ -32,10 +32,10 @@ class Thing:
             return "fail"
         if not self.actor.moving:
             return "rest"
-        return "walk" if self.actor.category in (Category.PEDESTRIAN, Category.BICYCLE) else "pass"
+        return "walk" if self.actor.category in (ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE) else "pass"
 
     @property
-    def known(self) -> Track | None:
+    def known(self) -> RecordedTrack | None:
         """The reconstructed track, or else the raw one."""
         return self.track or self.raw
 
@@ -46,7 +46,7 @@ class Thing:
         return np.concatenate(both) if both else np.zeros((0, 2))
 
 
-def things_of(findings: Findings) -> tuple[Thing, ...]:
+def things_of(findings: ConversionFindings) -> tuple[Thing, ...]:
     """All things: first what fails; of both what moves first, CAVs and other vehicles before walkers."""
     raw = {track.id: track for track in findings.cleaned.tracks}
     tracks = {track.id: track for track in findings.tracks}
@@ -54,7 +54,7 @@ def things_of(findings: Findings) -> tuple[Thing, ...]:
     cavs = {id_ for id_, role in findings.roles.items() if role.became is Became.CAV} or cavs
 
     def order(actor: ActorQuality) -> tuple[bool, bool, bool, bool, int]:
-        scripted = Category(actor.category).kind in (Kind.PEDESTRIAN, Kind.CYCLIST)
+        scripted = ObjectCategory(actor.category).kind in (Kind.PEDESTRIAN, Kind.CYCLIST)
         return not actor.failed, not actor.moving, actor.id not in cavs, scripted, -len(actor.failed)
 
     return tuple(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from real2sim.clean.cleaning_report import Reason
+from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fidelity_report.actor_section import Shown, actor_cards, actor_table, shown
 from real2sim.fidelity_report.formatting import CLEANED, frames, measured, words_of
 from real2sim.fidelity_report.html import Html, joined, page, table, tag
@@ -13,22 +13,22 @@ from real2sim.fidelity_report.network_section import network_part
 from real2sim.fidelity_report.report_entry import Thing, numbers_of, things_of
 from real2sim.fidelity_report.target_tiles import figure_tiles, missed
 from real2sim.fidelity_report.traffic_section import traffic_part
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.quality import CHECKS
-from real2sim.targets import by_sumo
+from real2sim.targets import count_sumo_driven
 
 PAGE = "conversion.html"
 LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "what stands"), ("names", "numbers"))
 
 
-def write_page(folder: Path, findings: Findings) -> Path:
+def write_page(folder: Path, findings: ConversionFindings) -> Path:
     """Writes `conversion.html` into the scenario's folder. The same findings give the same bytes."""
     path = folder / PAGE
     path.write_text(page_html(findings), encoding="utf-8")
     return path
 
 
-def page_html(findings: Findings) -> str:
+def page_html(findings: ConversionFindings) -> str:
     """The page as text."""
     things = things_of(findings)
     plan = plan_of(things)
@@ -55,7 +55,7 @@ def _section(id_: str, title: str, *content: Html | None) -> Html:
     return tag("section", tag("h2", title, id=id_), "\n", *content, aria_labelledby=id_)
 
 
-def _heading(findings: Findings) -> Html:
+def _heading(findings: ConversionFindings) -> Html:
     recording, quality = findings.recording, findings.quality
     seconds = quality.frames * recording.dt_s
     facts = [f"read as {recording.source}", f"{frames(quality.frames)}, {seconds:.1f} s"]
@@ -105,13 +105,14 @@ def _map_part(plan: Plan, things: Sequence[Thing]) -> Html:
     )
 
 
-def _actors_intro(findings: Findings) -> Html:
+def _actors_intro(findings: ConversionFindings) -> Html:
     quality = findings.quality
+    sumo_driven = count_sumo_driven(quality, findings.roles, findings.mode)
     words = (
         f"{quality.moving_passed} of {quality.moving_vehicles} moving vehicles, {quality.walkers_passed} of"
         f" {quality.walkers} walkers and cyclists and {quality.static_passed} of {quality.static_things} things that"
         " stand pass every check. Failing ones come first."
-        f" SUMO drives {by_sumo(quality, findings.roles, findings.mode)} of the moving vehicles ({findings.mode}); the"
+        f" SUMO drives {sumo_driven} of the moving vehicles ({findings.mode}); the"
         " others are CAVs, or scripted on their path of the log."
     )
     return tag("p", words)
@@ -125,13 +126,13 @@ def _filters() -> Html:
     )
 
 
-def _cleaning_part(findings: Findings, actors: Shown) -> Html:
+def _cleaning_part(findings: ConversionFindings, actors: Shown) -> Html:
     report = findings.cleaned.report
     counts = report.counts()
-    touched = {reason: sum(change.frames for change in report.of(reason)) for reason in Reason}
+    touched = {reason: sum(change.frames for change in report.of(reason)) for reason in ChangeReason}
     rows = [
         (reason.value, CLEANED.get(reason, ""), str(counts[reason.value]), str(touched[reason]))
-        for reason in Reason
+        for reason in ChangeReason
         if reason.value in counts
     ]
     notes = [*findings.recording.notes, *findings.notes]
@@ -149,7 +150,7 @@ def _cleaning_part(findings: Findings, actors: Shown) -> Html:
     )
 
 
-def _scene_part(findings: Findings, things: tuple[Thing, ...]) -> Html:
+def _scene_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Html:
     quality, numbers = findings.quality, numbers_of(things)
 
     def pair(a: str, b: str, more: str = "") -> Html:

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 from real2sim.fidelity_report.formatting import measured
 from real2sim.fidelity_report.html import Html, joined, tag
-from real2sim.findings import Findings
-from real2sim.targets import Target, closeness_targets, fidelity_targets
+from real2sim.findings import ConversionFindings
+from real2sim.targets import FidelityTarget, build_reconstruction_targets, build_traffic_targets
 
 STATES = {True: ("met", "met"), False: ("missed", "missed"), None: ("open", "not measured")}
 """Class and word of `Target.met`."""
@@ -13,12 +13,12 @@ SHARES = ("moving vehicles passing all checks", "order kept at conflicts")
 """Targets that are told by counts."""
 
 
-def missed(findings: Findings) -> tuple[str, ...]:
+def missed(findings: ConversionFindings) -> tuple[str, ...]:
     """What misses its target, a sentence each."""
     return findings.misses or tuple(target.sentence() for target in _targets(findings) if target.met is False)
 
 
-def figure_tiles(findings: Findings) -> Html:
+def figure_tiles(findings: ConversionFindings) -> Html:
     """The figures as tiles; what misses its target says so in words, too."""
     quality, closeness = findings.quality, findings.closeness
     passed = f"{quality.moving_passed} of {quality.moving_vehicles}"
@@ -28,24 +28,24 @@ def figure_tiles(findings: Findings) -> Html:
     return tag("ul", joined(tiles, "\n"), class_="tiles", aria_label="Key figures")
 
 
-def _targets(findings: Findings) -> tuple[Target, ...]:
-    traffic = closeness_targets(findings.closeness) if findings.closeness else ()
-    return findings.targets or (*fidelity_targets(findings.quality), *traffic)
+def _targets(findings: ConversionFindings) -> tuple[FidelityTarget, ...]:
+    traffic = build_traffic_targets(findings.closeness) if findings.closeness else ()
+    return findings.targets or (*build_reconstruction_targets(findings.quality), *traffic)
 
 
-def _tile(target: Target, value: str) -> Html:
+def _tile(target: FidelityTarget, value: str) -> Html:
     state, word = STATES[target.met]
     limit = f"{100 * target.limit:g} %" if target.unit == "share" else f"{target.limit:g} {_unit(target)}".strip()
     asked = f"at {'least' if target.at_least else 'most'} {limit} · "
     return tag("li", tag("strong", value), tag("span", target.name), tag("small", asked, tag("b", word)), class_=state)
 
 
-def _value(target: Target, counts: Mapping[str, str]) -> str:
+def _value(target: FidelityTarget, counts: Mapping[str, str]) -> str:
     """Shares are told by their counts: 95 % of 8 is a matter of one."""
     if target.value is not None and target.name in counts:
         return counts[target.name]
     return measured(target.value, _unit(target), 2 if target.unit else 0)
 
 
-def _unit(target: Target) -> str:
+def _unit(target: FidelityTarget) -> str:
     return target.unit.replace("m/s3", "m/s³")

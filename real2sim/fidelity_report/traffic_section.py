@@ -10,7 +10,7 @@ from real2sim.fidelity_report.html import Html, joined, table, tag
 from real2sim.fidelity_report.line_chart import Chart, Series, draw
 from real2sim.fidelity_report.lists import link, named
 from real2sim.fidelity_report.report_entry import Thing, numbers_of
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.traffic_fidelity import MEDIAN_5S_M, Closeness, ErrorAt
 
 HEAD = ("after departure [s]", "vehicles", "lower quartile [m]", "median [m]", "upper quartile [m]", "worst [m]")
@@ -19,7 +19,7 @@ SHOWN_M = 20.0
 """The curve ends there at the latest: a vehicle that is not there counts 100 m, which would flatten all others."""
 
 
-def traffic_part(findings: Findings, things: tuple[Thing, ...]) -> Html:
+def traffic_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Html:
     """Words, curve, table and lists; scenarios know things by other names than their tracks."""
     closeness = findings.closeness
     if closeness is None:

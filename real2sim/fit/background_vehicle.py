@@ -9,10 +9,10 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
-from real2sim.clean.object_attributes import bounded
+from real2sim.clean.object_attributes import clamp_size
 from real2sim.fit.route_path import RoutePath, path_of, progress_of, straight_on
-from real2sim.match import Match
-from real2sim.recording import Track
+from real2sim.match import LaneMatch
+from real2sim.recording import RecordedTrack
 
 SCHEDULE_S = 0.2
 """Between two points of a schedule."""
@@ -32,8 +32,8 @@ SHORTEST_M = 1.0
 class Driven:
     """A track on its route."""
 
-    track: Track
-    match: Match
+    track: RecordedTrack
+    match: LaneMatch
     path: RoutePath
     """With the edge before where it begins in a junction, and straight on after its end."""
     progress: Float
@@ -57,13 +57,13 @@ class Driven:
         return "; ".join(part for part in (comes, goes) if part)
 
 
-def size_of(track: Track) -> tuple[float, float]:
+def size_of(track: RecordedTrack) -> tuple[float, float]:
     """Length and width [m] of a cleaned track, within what a scenario can have."""
     size = float(np.median(track.length[track.valid])), float(np.median(track.width[track.valid]))
-    return bounded(*size, track.category.kind)
+    return clamp_size(*size, track.category.kind)
 
 
-def driven(track: Track, match: Match, roads: RoadMap) -> Driven | str:
+def driven(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Driven | str:
     """The track on its route, or why it has no usable one."""
     if match.off_road:
         return match.reason
@@ -88,19 +88,19 @@ def driven(track: Track, match: Match, roads: RoadMap) -> Driven | str:
     return Driven(track, match, path, progress, length, width)
 
 
-def _off_rows(track: Track, on: np.ndarray) -> list[slice]:
+def _off_rows(track: RecordedTrack, on: np.ndarray) -> list[slice]:
     """Frames before the first lane and after the last, where they lead further than `OFF_M`."""
     ends = (slice(0, int(on[0])), slice(int(on[-1]) + 1, len(track.valid)))
     return [end for end, at in zip(ends, (on[0], on[-1]), strict=True) if _away(track, end, int(at)) > OFF_M]
 
 
-def _away(track: Track, end: slice, at: int) -> float:
+def _away(track: RecordedTrack, end: slice, at: int) -> float:
     """How far [m] a track drives in some frames and from there to frame `at`, or on from it."""
     rows = sorted({*(np.flatnonzero(track.valid[end]) + end.start).tolist(), at})
     return float(np.hypot(*np.diff(track.xy[rows], axis=0).T).sum())
 
 
-def _off_ends(track: Track, match: Match, on: np.ndarray, roads: RoadMap) -> str:
+def _off_ends(track: RecordedTrack, match: LaneMatch, on: np.ndarray, roads: RoadMap) -> str:
     """Why the track leaves the roads where they go on; "" where it only comes onto the map or leaves it."""
     for end in _off_rows(track, on):
         first = end.start == 0
@@ -218,7 +218,7 @@ def _seen_on(one: Driven) -> dict[tuple[int, str], tuple[float, float]]:
     return found
 
 
-def poses(track: Track, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
+def poses(track: RecordedTrack, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
     """Timed poses of the log, rounded to ms, cm and 0.1 mrad."""
     frames: Sequence[int] = track.frames.tolist()
     return tuple(

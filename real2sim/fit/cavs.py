@@ -11,10 +11,10 @@ from mdrive_sumo.roads import RoadMap, Route, route_along
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
 from real2sim.fit.route_path import straight_on
-from real2sim.match import Match
-from real2sim.match.dense_route import route_of
-from real2sim.match.waypoint_matcher import Leg
-from real2sim.recording import Track
+from real2sim.match import LaneMatch
+from real2sim.match.dense_route import build_dense_route
+from real2sim.match.waypoint_matcher import RouteLeg
+from real2sim.recording import RecordedTrack
 
 ROUTE_M = 20.0
 """A route is at least this long; a CAV that hardly moves in the log goes on along its lane."""
@@ -24,7 +24,9 @@ CHANGE_M = 20.0
 """Length of a lane change of `route_along`; it begins half of that before the marking is crossed."""
 
 
-def choose_cavs(wanted: Sequence[str], tracks: Sequence[Track], matches: Mapping[str, Match]) -> tuple[str, ...]:
+def choose_cavs(
+    wanted: Sequence[str], tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
+) -> tuple[str, ...]:
     """Track ids of the CAVs: those of the source with a usable route that move, else who is there longest.
 
     `wanted` are the ids of the source's CAVs (`Cleaned.cavs`). Raises InputError if no vehicle will do.
@@ -41,24 +43,24 @@ def choose_cavs(wanted: Sequence[str], tracks: Sequence[Track], matches: Mapping
 
 
 def passed_over(
-    wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[Track], matches: Mapping[str, Match]
+    wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> dict[str, str]:
     """The CAVs of the source that are none in the scenario, with the reason."""
     known = {track.id: track for track in tracks}
     return {name: _why(known.get(name), matches.get(name)) for name in wanted if name not in chosen}
 
 
-def _why(track: Track | None, match: Match | None) -> str:
+def _why(track: RecordedTrack | None, match: LaneMatch | None) -> str:
     if track is None:
         return "it is not in the cleaned log"
     return "it never moves" if track.parked else unfit(track, match)
 
 
-def _driven_m(track: Track) -> float:
+def _driven_m(track: RecordedTrack) -> float:
     return float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum())
 
 
-def unfit(track: Track, match: Match | None) -> str:
+def unfit(track: RecordedTrack, match: LaneMatch | None) -> str:
     """Why a track cannot be a CAV; "" if it can."""
     if track.category.kind is not Kind.VEHICLE:
         return f"a {track.category.value} is no vehicle"
@@ -75,7 +77,7 @@ def unfit(track: Track, match: Match | None) -> str:
     return ""
 
 
-def ego_of(track: Track, match: Match, roads: RoadMap, name: str, dt_s: float) -> tuple[Ego, str]:
+def ego_of(track: RecordedTrack, match: LaneMatch, roads: RoadMap, name: str, dt_s: float) -> tuple[Ego, str]:
     """The CAV, and what is to be said about its route; raises InputError where it cannot be one."""
     if why := unfit(track, match):
         raise InputError(f"CAV {track.id}: expected a vehicle with a way through the network, found: {why}")
@@ -91,7 +93,7 @@ def _round(value: float) -> float:
     return round(float(value), 3)
 
 
-def _start_speed(track: Track, dt_s: float) -> float:
+def _start_speed(track: RecordedTrack, dt_s: float) -> float:
     """[m/s] Along the first frames, 0 where they go less than 0.1 m/s."""
     last = min(3, len(track.frames) - 1)
     frames = track.frames[[0, last]]
@@ -101,7 +103,7 @@ def _start_speed(track: Track, dt_s: float) -> float:
     return speed if speed >= 0.1 else 0.0
 
 
-def _route(match: Match, roads: RoadMap) -> tuple[Route, str]:
+def _route(match: LaneMatch, roads: RoadMap) -> tuple[Route, str]:
     """From the first frame to where the log ends, at least `ROUTE_M`."""
     on = [frame for frame, lane in enumerate(match.lane) if lane in match.route]
     lanes = list(match.route[match.route.index(match.lane[on[0]]) :])
@@ -131,17 +133,17 @@ def _prolonged(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float
     return found, goal
 
 
-def _dense(match: Match, roads: RoadMap, lanes: Sequence[str], start: float, goal: float) -> Route | None:
+def _dense(match: LaneMatch, roads: RoadMap, lanes: Sequence[str], start: float, goal: float) -> Route | None:
     """The dense route with lane changes where the log has them; None if it has no length."""
     if len(lanes) == 1 and goal - start < 0.2:
         return None
     try:
         return route_along(roads, lanes, start, goal, _change_places(match, roads, lanes))
     except (InputError, ValueError):  # no room to change lanes there: as early as there is room
-        return route_of(roads, (Leg(tuple(lanes), start, goal),))
+        return build_dense_route(roads, (RouteLeg(tuple(lanes), start, goal),))
 
 
-def _change_places(match: Match, roads: RoadMap, lanes: Sequence[str]) -> dict[int, float]:
+def _change_places(match: LaneMatch, roads: RoadMap, lanes: Sequence[str]) -> dict[int, float]:
     """Where lane changes begin: arc length [m] on the lane that is left, by its place in `lanes`."""
     places: dict[int, float] = {}
     for i, (here, there) in enumerate(pairwise(lanes)):

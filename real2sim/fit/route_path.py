@@ -9,8 +9,8 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
-from real2sim.match import Match
-from real2sim.recording import Track
+from real2sim.match import LaneMatch
+from real2sim.recording import RecordedTrack
 
 JOINT_M = 0.1
 """SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`network.shapes`)."""
@@ -105,7 +105,7 @@ def edge_length(roads: RoadMap, lane: Lane) -> float:
     return float(np.mean([one.centre.length for one in beside]))
 
 
-def progress_of(path: RoutePath, track: Track, match: Match) -> Float:
+def progress_of(path: RoutePath, track: RecordedTrack, match: LaneMatch) -> Float:
     """Distance (T,) [m] of the box centre along the path, growing; NaN before the first and after the last frame.
 
     Where no lane is known, or it is before or behind the path, that of the frames around it and the distance driven.
@@ -122,7 +122,7 @@ def progress_of(path: RoutePath, track: Track, match: Match) -> Float:
     return along
 
 
-def _known(path: RoutePath, match: Match, whole: np.ndarray) -> tuple[np.ndarray, Float]:
+def _known(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.ndarray, Float]:
     """Frames with a lane of the path, and the distance along it there."""
     at: list[int] = []
     ahead: list[float] = []

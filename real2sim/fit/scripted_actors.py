@@ -10,12 +10,12 @@ from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, KindName, Motion, Replay, Standing
 from real2sim.fit.background_vehicle import Driven, poses, size_of
 from real2sim.fit.centreline_traffic import Centred, run_into
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 
 NAMES: dict[Kind, KindName] = {kind: name for name, kind in KINDS.items()}
 
 
-def replayed(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+def replayed(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
     """An actor that repeats the track and stops for what is in its way, and what is to be said about it.
 
     It stays where it is if the log ends before it does.
@@ -50,7 +50,7 @@ def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tupl
     return tuple((t, x, y, float(a)) for (t, x, y, _), a in zip(timed, yaw, strict=True))
 
 
-def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+def standing(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
     """A thing that never moves, and what is to be said about it.
 
     Where a vehicle of the log drives later through the place where it stood, or before it came there, it is there only
@@ -84,7 +84,7 @@ def standing(track: Track, name: str, traffic: Centred, dt_s: float) -> tuple[Ac
     return actor, "; ".join(part for part in said if part)
 
 
-def _drives_through(box: np.ndarray, one: Driven, track: Track) -> bool:
+def _drives_through(box: np.ndarray, one: Driven, track: RecordedTrack) -> bool:
     """Whether the boxes meet in a frame in which the thing is not seen."""
     rows = one.track.valid & ~track.valid
     if not rows.any():

@@ -26,15 +26,17 @@ from real2sim.fit.centreline_traffic import Centred, abreast, centred
 from real2sim.fit.disposition import Became, Role
 from real2sim.fit.driver_parameters import fitted
 from real2sim.fit.scripted_actors import replayed, standing
-from real2sim.match import Match
-from real2sim.recording import Category, Track
+from real2sim.match import LaneMatch
+from real2sim.recording import ObjectCategory, RecordedTrack
 
 ACTION_STEP_S = 0.1
 """Drivers of a log react at its frame rate; SUMO's insertion and schedules need it."""
 LEAST_FRAMES = 2
 LONG_NAME, SHORT_NAME = 16, 6
 """Names of more characters are cut, but to no fewer than the second."""
-DRIVEN_KINDS = frozenset((Category.CAR, Category.VAN, Category.TRUCK, Category.BUS, Category.MOTORCYCLE))
+DRIVEN_KINDS = frozenset(
+    (ObjectCategory.CAR, ObjectCategory.VAN, ObjectCategory.TRUCK, ObjectCategory.BUS, ObjectCategory.MOTORCYCLE)
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Fitted:
 class _Work:
     """What is at hand while one log is fitted."""
 
-    matches: Mapping[str, Match]
+    matches: Mapping[str, LaneMatch]
     roads: RoadMap
     dt_s: float
     names: dict[str, str]
@@ -62,7 +64,12 @@ class _Work:
 
 
 def fit(
-    tracks: Sequence[Track], matches: Mapping[str, Match], roads: RoadMap, cavs: Sequence[str], mode: Mode, dt_s: float
+    tracks: Sequence[RecordedTrack],
+    matches: Mapping[str, LaneMatch],
+    roads: RoadMap,
+    cavs: Sequence[str],
+    mode: Mode,
+    dt_s: float,
 ) -> Fitted:
     """Traffic from reconstructed tracks, their matches by track id (vehicles only) and the ids of the CAVs' tracks.
 
@@ -87,7 +94,7 @@ def fit(
     return Fitted(egos, background, tuple(actors), work.roles, work.names)
 
 
-def scenario_names(tracks: Sequence[Track]) -> dict[str, str]:
+def scenario_names(tracks: Sequence[RecordedTrack]) -> dict[str, str]:
     """Ids as scenario files allow them, long ones cut to what tells them apart; equal ones get a number added."""
     plain = {track.id: re.sub(r"[^A-Za-z0-9_.+-]", "-", track.id) for track in tracks}
     plain = {id_: text if re.match(r"[A-Za-z0-9]", text) else f"t{text}" for id_, text in plain.items()}
@@ -115,7 +122,7 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
-def _ego(work: _Work, track: Track) -> Ego:
+def _ego(work: _Work, track: RecordedTrack) -> Ego:
     match = work.matches.get(track.id)
     if match is None:
         raise InputError(f"CAV {track.id}: expected a vehicle, found a {track.category.value}")
@@ -124,7 +131,7 @@ def _ego(work: _Work, track: Track) -> Ego:
     return ego
 
 
-def _drivers(work: _Work, tracks: Sequence[Track]) -> list[Driven]:
+def _drivers(work: _Work, tracks: Sequence[RecordedTrack]) -> list[Driven]:
     """Moving vehicles that SUMO can drive; the others get their reason."""
     found: list[Driven] = []
     for track in tracks:
@@ -144,7 +151,7 @@ def _drivers(work: _Work, tracks: Sequence[Track]) -> list[Driven]:
     return [one for one in found if one.track.id not in beside]
 
 
-def _actor(work: _Work, track: Track, traffic: Centred) -> list[Actor]:
+def _actor(work: _Work, track: RecordedTrack, traffic: Centred) -> list[Actor]:
     name = work.names[track.id]
     frames = int(track.valid.sum())
     if frames < LEAST_FRAMES and not (track.parked and frames):

@@ -1,5 +1,5 @@
 """Match tracks and waypoints to the lanes of a network."""
 
-from real2sim.match.lane_matcher import Match, match
+from real2sim.match.lane_matcher import LaneMatch, match_track
 
-__all__ = ["Match", "match"]
+__all__ = ["LaneMatch", "match_track"]

@@ -10,11 +10,11 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from mdrive_sumo.roads import Lane, RoadMap
-from real2sim.polylines import Lines
+from real2sim.polylines import PolylineIndex
 
 
 @dataclass(frozen=True)
-class Near:
+class LaneCandidates:
     """Pairs (P,) of a point and a lane near it, by point."""
 
     point: Int
@@ -29,7 +29,7 @@ class Near:
 
 
 @dataclass(frozen=True)
-class Hop:
+class LanePath:
     """The shortest way from the beginning of one lane to that of another."""
 
     length: float
@@ -40,43 +40,47 @@ class Hop:
 
 
 @dataclass(frozen=True, eq=False)
-class LaneIndex:
+class LaneCandidateIndex:
     """A road map with its spatial index and a memory of the ways already searched."""
 
     roads: RoadMap
-    lines: Lines
-    _ways: dict[tuple[str, float], dict[str, Hop]] = field(default_factory=dict[tuple[str, float], dict[str, Hop]])
+    lines: PolylineIndex
+    _ways: dict[tuple[str, float], dict[str, LanePath]] = field(
+        default_factory=dict[tuple[str, float], dict[str, LanePath]]
+    )
 
-    def near(self, xy: Float, yaw: Float, reach: float) -> Near:
+    def near(self, xy: Float, yaw: Float, reach: float) -> LaneCandidates:
         """Lanes within `reach` [m] of the points xy (N, 2) [m]; directions yaw (N,) [rad]."""
         feet = self.lines.feet(xy, reach)
         side = np.where(feet.left <= 0, 1.0, -1.0)  # the line to the right: the point to the left of it
-        return Near(feet.point, feet.line, feet.s, side * feet.distance, wrap_angles(yaw[feet.point] - feet.yaw))
+        return LaneCandidates(
+            feet.point, feet.line, feet.s, side * feet.distance, wrap_angles(yaw[feet.point] - feet.yaw)
+        )
 
-    def hops(self, start: str, limit: float, change_m: float) -> dict[str, Hop]:
+    def hops(self, start: str, limit: float, change_m: float) -> dict[str, LanePath]:
         """Ways from `start` to all lanes that begin within about `limit` [m]; a lane change costs `change_m`."""
         rounded = 32.0 * 2.0 ** max(math.ceil(math.log2(max(limit, 1.0) / 32.0)), 0)  # few limits, many repetitions
         if (start, rounded) not in self._ways:
             self._ways[start, rounded] = self._search(start, rounded, change_m)
         return self._ways[start, rounded]
 
-    def _search(self, start: str, limit: float, change_m: float) -> dict[str, Hop]:
-        best: dict[str, Hop] = {}
+    def _search(self, start: str, limit: float, change_m: float) -> dict[str, LanePath]:
+        best: dict[str, LanePath] = {}
         queue: list[tuple[float, tuple[str, ...], float, int]] = [(0.0, (start,), 0.0, 0)]
         while queue:
             cost, path, length, changes = heapq.heappop(queue)
             here = path[-1]
             if here in best:
                 continue
-            best[here] = Hop(length, changes, path)
-            for there, step in _steps(self.roads.lanes[here]):
+            best[here] = LanePath(length, changes, path)
+            for there, step in _list_successors(self.roads.lanes[here]):
                 if there not in best and length + step <= limit + self.roads.lanes[start].centre.length:
                     extra = step or change_m
                     heapq.heappush(queue, (cost + extra, (*path, there), length + step, changes + (step == 0.0)))
         return best
 
 
-def _steps(lane: Lane) -> Iterable[tuple[str, float]]:
+def _list_successors(lane: Lane) -> Iterable[tuple[str, float]]:
     for successor in lane.successors:
         yield successor, lane.centre.length
     for neighbour in (lane.left, lane.right):
@@ -85,6 +89,6 @@ def _steps(lane: Lane) -> Iterable[tuple[str, float]]:
 
 
 @lru_cache(maxsize=8)
-def lane_index(roads: RoadMap) -> LaneIndex:
+def load_candidate_index(roads: RoadMap) -> LaneCandidateIndex:
     """The index of a network; cached, for a RoadMap never changes."""
-    return LaneIndex(roads, Lines([lane.centre for lane in roads.driving]))
+    return LaneCandidateIndex(roads, PolylineIndex([lane.centre for lane in roads.driving]))

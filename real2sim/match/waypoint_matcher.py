@@ -23,12 +23,12 @@ LATE_CHANGE_COST = 0.05
 """Extra cost of a lane change per metre driven before it: CARLA's planner changes lanes as soon as it can."""
 DETOUR_M = 150.0
 """How much longer than the straight line a way between two waypoints may be, to count as one."""
-LEAVE_OUT_COST_M = 400.0
+DROP_COST_M = 400.0
 """Cost of leaving out a waypoint between the first and the last: dearer than any detour, a last resort."""
 
 
 @dataclass(frozen=True, slots=True)
-class Foot:
+class WaypointProjection:
     """A waypoint's projection on a lane: arc length s [m], signed distance d [m], positive to the left."""
 
     waypoint: int
@@ -38,7 +38,7 @@ class Foot:
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class RouteLeg:
     """The way between two matched waypoints: lanes in driving order, neighbours where the lane is changed."""
 
     lanes: tuple[str, ...]
@@ -47,80 +47,82 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
+class WaypointMatch:
     """A matched route: a foot for each kept waypoint, a leg between each two, indices of those left out."""
 
-    feet: tuple[Foot, ...]
-    legs: tuple[Leg, ...]
+    feet: tuple[WaypointProjection, ...]
+    legs: tuple[RouteLeg, ...]
     left_out: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class _Chain:
     cost: float
-    feet: tuple[Foot, ...]
-    legs: tuple[Leg, ...]
+    feet: tuple[WaypointProjection, ...]
+    legs: tuple[RouteLeg, ...]
 
 
-def match_waypoints(roads: RoadMap, xy: Float) -> Match:
+def match_waypoints(roads: RoadMap, xy: Float) -> WaypointMatch:
     """Matches waypoints xy (M, 2) [m] to lanes; raises InputError if two near lanes or a way are missing."""
-    feet = [_feet(roads, i, float(x), float(y)) for i, (x, y) in enumerate(xy)]
+    feet = [_find_candidates(roads, i, float(x), float(y)) for i, (x, y) in enumerate(xy)]
     kept = [candidates for candidates in feet if candidates]
     if len(kept) < 2:
         raise InputError(f"expected at least 2 waypoints within {REACH_M:g} m of a lane, found {len(kept)}")
-    chains = [_Chain(_emission(foot), (foot,), ()) for foot in kept[0]]
+    chains = [_Chain(_compute_emission_cost(foot), (foot,), ()) for foot in kept[0]]
     for candidates in kept[1:-1]:
-        without = (_Chain(chain.cost + LEAVE_OUT_COST_M, chain.feet, chain.legs) for chain in chains)
-        chains = [*_extended(roads, chains, candidates), *without]
-    chains = _extended(roads, chains, kept[-1])
+        without = (_Chain(chain.cost + DROP_COST_M, chain.feet, chain.legs) for chain in chains)
+        chains = [*_extend_chains(roads, chains, candidates), *without]
+    chains = _extend_chains(roads, chains, kept[-1])
     if not chains:
         raise InputError(f"expected a drivable way through the waypoints on network {roads.name}, found none")
     best = min(chains, key=lambda chain: chain.cost)
     used = {foot.waypoint for foot in best.feet}
-    return Match(best.feet, best.legs, tuple(i for i in range(len(xy)) if i not in used))
+    return WaypointMatch(best.feet, best.legs, tuple(i for i in range(len(xy)) if i not in used))
 
 
-def _feet(roads: RoadMap, waypoint: int, x: float, y: float) -> list[Foot]:
+def _find_candidates(roads: RoadMap, waypoint: int, x: float, y: float) -> list[WaypointProjection]:
     near = roads.lanes_near(x, y, REACH_M)
-    return [Foot(waypoint, lane.id, *lane.centre.project(x, y)) for lane in near]
+    return [WaypointProjection(waypoint, lane.id, *lane.centre.project(x, y)) for lane in near]
 
 
-def _emission(foot: Foot) -> float:
+def _compute_emission_cost(foot: WaypointProjection) -> float:
     return OFF_LANE_COST * abs(foot.d)
 
 
-def _extended(roads: RoadMap, chains: Sequence[_Chain], goals: Sequence[Foot]) -> list[_Chain]:
+def _extend_chains(roads: RoadMap, chains: Sequence[_Chain], goals: Sequence[WaypointProjection]) -> list[_Chain]:
     """The cheapest chain to every goal that can be reached."""
     best: dict[str, _Chain] = {}
     for chain in chains:
-        for goal, leg, cost in _ways(roads, chain.feet[-1], goals):
-            total = chain.cost + cost + _emission(goal)
+        for goal, leg, cost in _find_legs(roads, chain.feet[-1], goals):
+            total = chain.cost + cost + _compute_emission_cost(goal)
             if goal.lane not in best or total < best[goal.lane].cost:
                 best[goal.lane] = _Chain(total, (*chain.feet, goal), (*chain.legs, leg))
     return list(best.values())
 
 
-def _ways(roads: RoadMap, start: Foot, goals: Sequence[Foot]) -> Iterable[tuple[Foot, Leg, float]]:
+def _find_legs(
+    roads: RoadMap, start: WaypointProjection, goals: Sequence[WaypointProjection]
+) -> Iterable[tuple[WaypointProjection, RouteLeg, float]]:
     """Legs from a foot to every goal in reach, with their cost [m]."""
     a, b = roads.lanes[start.lane].centre.at(start.s), roads.lanes[goals[0].lane].centre.at(goals[0].s)
     reached = _search(roads.lanes, start, math.dist(a, b) + DETOUR_M)
     for goal in goals:
         if goal.lane not in reached.cost:
             continue
-        lanes = _walk_back(reached.came, goal.lane)
+        lanes = _backtrack(reached.came, goal.lane)
         behind = roads.lanes[start.lane].edge == roads.lanes[goal.lane].edge and goal.s <= start.s
         if not behind:
-            yield goal, Leg(lanes, start.s, goal.s), reached.cost[goal.lane] + goal.s
+            yield goal, RouteLeg(lanes, start.s, goal.s), reached.cost[goal.lane] + goal.s
 
 
 @dataclass(frozen=True, slots=True)
-class _Reached:
+class _SearchResult:
     cost: Mapping[str, float]
     """Cost [m] up to the beginning of each lane; negative if that lies behind the start."""
     came: Mapping[str, str]
 
 
-def _search(lanes: Mapping[str, Lane], start: Foot, limit: float) -> _Reached:
+def _search(lanes: Mapping[str, Lane], start: WaypointProjection, limit: float) -> _SearchResult:
     """Dijkstra over lanes. Parallel lanes of an edge count as equally long, which they nearly are."""
     cost: dict[str, float] = {start.lane: -start.s}
     came: dict[str, str] = {}
@@ -129,15 +131,15 @@ def _search(lanes: Mapping[str, Lane], start: Foot, limit: float) -> _Reached:
         so_far, here = heapq.heappop(queue)
         if so_far > cost[here]:
             continue
-        for there, step in _steps(lanes[here], max(so_far, 0.0)):
+        for there, step in _list_successors(lanes[here], max(so_far, 0.0)):
             total = so_far + step
             if total < limit and total < cost.get(there, math.inf):
                 cost[there], came[there] = total, here
                 heapq.heappush(queue, (total, there))
-    return _Reached(cost, came)
+    return _SearchResult(cost, came)
 
 
-def _steps(lane: Lane, driven: float) -> Iterable[tuple[str, float]]:
+def _list_successors(lane: Lane, driven: float) -> Iterable[tuple[str, float]]:
     for successor in lane.successors:
         yield successor, lane.centre.length
     for neighbour in (lane.left, lane.right):
@@ -145,7 +147,7 @@ def _steps(lane: Lane, driven: float) -> Iterable[tuple[str, float]]:
             yield neighbour, LANE_CHANGE_COST_M + LATE_CHANGE_COST * driven
 
 
-def _walk_back(came: Mapping[str, str], goal: str) -> tuple[str, ...]:
+def _backtrack(came: Mapping[str, str], goal: str) -> tuple[str, ...]:
     path = [goal]
     while path[-1] in came:
         path.append(came[path[-1]])

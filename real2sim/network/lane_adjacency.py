@@ -8,24 +8,24 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.geometry import Float, Int
-from real2sim.network.lane_segment import Strip, yaw_gap
-from real2sim.polylines import Lines, angle_between, sample
+from real2sim.network.lane_segment import LaneSegment, compute_yaw_difference
+from real2sim.polylines import PolylineIndex, compute_angles_between, sample_polylines
 
-APART_M = (1.8, 5.5)
+NEIGHBOUR_OFFSET_M = (1.8, 5.5)
 """Lateral distance [m] between the centre lines of true neighbours."""
-PARALLEL = np.radians(20)
+PARALLEL_RAD = np.radians(20)
 STEADY_M = 1.5
 """How much the distance between neighbours may vary: more, and they part."""
-SHARED_M = 8.0
+MIN_SHARED_M = 8.0
 """Shortest stretch that counts as side by side."""
 STEP_M = 2.0
-CROSSING_YAW = np.radians(12)
+CROSSING_RAD = np.radians(12)
 CROSSING_INSIDE_M = 1.5
 """Lines that touch nearer than this to the ends of both only meet there."""
 
 
 @dataclass(frozen=True)
-class Beside:
+class LaneAdjacency:
     """Strip `other` lies beside `strip` from arc length `begin` to `end` [m] of it."""
 
     strip: str
@@ -36,32 +36,34 @@ class Beside:
     """Mean signed distance [m]; positive: `other` lies to the left."""
 
 
-def find_beside(strips: Mapping[str, Strip]) -> list[Beside]:
+def find_adjacencies(strips: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
     """All ordered pairs of neighbours."""
     values = list(strips.values())
     if not values:
         return []
     lines = [strip.line for strip in values]
-    points = sample(lines, STEP_M)
-    feet = Lines(lines).feet(points.xy, APART_M[1])
+    points = sample_polylines(lines, STEP_M)
+    feet = PolylineIndex(lines).feet(points.xy, NEIGHBOUR_OFFSET_M[1])
     owner = points.line[feet.point]
-    good = (owner != feet.line) & (np.abs(feet.left) >= APART_M[0]) & (np.abs(feet.ahead) <= 1.0)
-    good &= angle_between(feet.yaw, points.yaw[feet.point]) <= PARALLEL
+    good = (owner != feet.line) & (np.abs(feet.left) >= NEIGHBOUR_OFFSET_M[0]) & (np.abs(feet.ahead) <= 1.0)
+    good &= compute_angles_between(feet.yaw, points.yaw[feet.point]) <= PARALLEL_RAD
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((feet.point[rows], feet.line[rows], owner[rows]))]
     bounds = np.flatnonzero(np.diff(owner[rows]) | np.diff(feet.line[rows])) + 1
-    found: list[Beside] = []
+    found: list[LaneAdjacency] = []
     for pair in np.split(rows, bounds) if len(rows) else ():
         strip, other = values[owner[pair[0]]], values[feet.line[pair[0]]]
         at = feet.point[pair]
-        if (beside := _beside(strip, other, points.s[at], at, feet.left[pair])) is not None:
+        if (beside := _find_steady_stretch(strip, other, points.s[at], at, feet.left[pair])) is not None:
             found.append(beside)
     return found
 
 
-def _beside(strip: Strip, other: Strip, stations: Float, number: Int, offset: Float) -> Beside | None:
+def _find_steady_stretch(
+    strip: LaneSegment, other: LaneSegment, stations: Float, number: Int, offset: Float
+) -> LaneAdjacency | None:
     """The longest stretch of consecutively numbered points with a steady offset, if it is long enough."""
-    shortest = min(SHARED_M, 0.6 * strip.line.length)
+    shortest = min(MIN_SHARED_M, 0.6 * strip.line.length)
     middle = float(np.median(offset))
     steady = np.flatnonzero(np.abs(offset - middle) <= STEADY_M)
     if not len(steady):
@@ -69,13 +71,13 @@ def _beside(strip: Strip, other: Strip, stations: Float, number: Int, offset: Fl
     runs = np.split(steady, np.flatnonzero(np.diff(number[steady]) > 1) + 1)
     run = max(runs, key=len)
     begin, end = float(stations[run[0]]), float(stations[run[-1]])
-    return None if end - begin < shortest else Beside(strip.id, other.id, begin, end, middle)
+    return None if end - begin < shortest else LaneAdjacency(strip.id, other.id, begin, end, middle)
 
 
-def find_crossings(strips: Mapping[str, Strip]) -> dict[tuple[str, str], list[tuple[float, float]]]:
+def find_crossings(strips: Mapping[str, LaneSegment]) -> dict[tuple[str, str], list[tuple[float, float]]]:
     """Pairs (in order of id) whose centre lines cross, with the arc lengths [m] on both where they do."""
     values = sorted(strips.values(), key=lambda strip: strip.id)
-    lines = Lines([strip.line for strip in values])
+    lines = PolylineIndex([strip.line for strip in values])
     drawn = lines.shapes
     found: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
     for i, j in zip(*lines.tree.query(drawn, predicate="intersects"), strict=True):
@@ -83,12 +85,12 @@ def find_crossings(strips: Mapping[str, Strip]) -> dict[tuple[str, str], list[tu
             continue
         for point in shapely.get_parts(shapely.intersection(drawn[i], drawn[j])):
             at = tuple(float(shapely.line_locate_point(drawn[k], shapely.centroid(point))) for k in (i, j))
-            if _inside(values[i], values[j], at[0], at[1]):
+            if _is_real_crossing(values[i], values[j], at[0], at[1]):
                 found[values[i].id, values[j].id].append((at[0], at[1]))
     return dict(found)
 
 
-def _inside(first: Strip, second: Strip, a: float, b: float) -> bool:
+def _is_real_crossing(first: LaneSegment, second: LaneSegment, a: float, b: float) -> bool:
     inner = (min(a, first.line.length - a), min(b, second.line.length - b))
-    turn = yaw_gap(first.line.yaw_at(a), second.line.yaw_at(b))
-    return min(inner) > CROSSING_INSIDE_M / 3 and max(inner) > CROSSING_INSIDE_M and turn > CROSSING_YAW
+    turn = compute_yaw_difference(first.line.yaw_at(a), second.line.yaw_at(b))
+    return min(inner) > CROSSING_INSIDE_M / 3 and max(inner) > CROSSING_INSIDE_M and turn > CROSSING_RAD

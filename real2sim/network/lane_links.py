@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float
-from real2sim.network.lane_segment import Link, Strip
+from real2sim.network.lane_segment import LaneLink, LaneSegment
 
 KEPT_GAP_M = 5.0
 KEPT_YAW = np.radians(60)
@@ -23,21 +23,21 @@ LOOSE_GAP_M = 4.0
 
 
 @dataclass(frozen=True)
-class Links:
+class RebuiltLinks:
     """Believed links, those of the map that were dropped, and those added by geometry."""
 
-    links: frozenset[Link]
-    dropped: tuple[Link, ...]
-    added: tuple[Link, ...]
+    links: frozenset[LaneLink]
+    dropped: tuple[LaneLink, ...]
+    added: tuple[LaneLink, ...]
 
 
-def rebuild_links(strips: Mapping[str, Strip], said: Iterable[Link]) -> Links:
+def rebuild_links(strips: Mapping[str, LaneSegment], said: Iterable[LaneLink]) -> RebuiltLinks:
     """Checks what the map says by gap and heading, then links ends that meet."""
     ids = list(strips)
     if not ids:
-        return Links(frozenset(), (), ())
+        return RebuiltLinks(frozenset(), (), ())
     index = {id_: i for i, id_ in enumerate(ids)}
-    gap, turn, chord = _ends(list(strips.values()))
+    gap, turn, chord = _measure_end_gaps(list(strips.values()))
     believed = (gap <= KEPT_GAP_M) & (turn <= KEPT_YAW)
     kinds = np.array([strip.kind for strip in strips.values()])
     alike = (kinds[:, None] == kinds[None]) & ~np.eye(len(ids), dtype=np.bool_)
@@ -50,20 +50,20 @@ def rebuild_links(strips: Mapping[str, Strip], said: Iterable[Link]) -> Links:
     ahead, aside = gap * np.cos(chord), gap * np.abs(np.sin(chord))
     near = (aside <= ASIDE_M) & (ahead >= AHEAD_M[0]) & (ahead <= AHEAD_M[1])
     touching = (exact | (near & (turn <= TOUCH_YAW) & alike)) & ~linked
-    touching &= exact | ~_over_short_lanes(linked | touching)
+    touching &= exact | ~_find_indirect_links(linked | touching)
     linked |= touching
-    loose = _loose(linked, gap, turn, chord) & alike
+    loose = _find_open_pairs(linked, gap, turn, chord) & alike
     added = sorted((ids[i], ids[j]) for i, j in np.argwhere(touching | loose))
-    return Links(frozenset(kept) | frozenset(added), tuple(sorted(named - kept)), tuple(added))
+    return RebuiltLinks(frozenset(kept) | frozenset(added), tuple(sorted(named - kept)), tuple(added))
 
 
-def _over_short_lanes(linked: Bool) -> Bool:
+def _find_indirect_links(linked: Bool) -> Bool:
     """Pairs that a lane between them links already."""
     steps = linked.astype(np.float32)
     return steps @ steps > 0
 
 
-def _ends(strips: list[Strip]) -> tuple[Float, Float, Float]:
+def _measure_end_gaps(strips: list[LaneSegment]) -> tuple[Float, Float, Float]:
     """(L, L) from the end of row to the start of column: gap [m], turn [rad], turn from the end to the chord [rad]."""
     starts, ends = np.array([strip.start for strip in strips]), np.array([strip.end for strip in strips])
     first, last = np.array([s.start_yaw for s in strips]), np.array([s.end_yaw for s in strips])
@@ -73,7 +73,7 @@ def _ends(strips: list[Strip]) -> tuple[Float, Float, Float]:
     return np.hypot(across[..., 0], across[..., 1]), turn, chord
 
 
-def _loose(linked: Bool, gap: Float, turn: Float, chord: Float) -> Bool:
+def _find_open_pairs(linked: Bool, gap: Float, turn: Float, chord: Float) -> Bool:
     """Nearest start ahead of an end, if both are open."""
     open_ = ~linked.any(axis=1, keepdims=True) & ~linked.any(axis=0, keepdims=True)
     fits = open_ & (gap <= LOOSE_GAP_M) & (turn <= TOUCH_YAW) & (chord <= TOUCH_YAW)

@@ -10,17 +10,17 @@ import shapely
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
 from real2sim.hd_map import LaneKind, MapLane
 
-SHORTEST_M = 0.5
+MIN_LANE_M = 0.5
 """Lanes shorter than this cannot be driven on and are left out."""
 HEADING_OVER_M = 2.0
 """Length of a lane's end over which its direction is taken: single short segments of drawn lanes are noisy."""
 
-Link = tuple[str, str]
+LaneLink = tuple[str, str]
 """The strip with the first id leads into the second."""
 
 
 @dataclass(frozen=True)
-class Strip:
+class LaneSegment:
     """A lane or a piece of one, in its direction of travel."""
 
     id: str
@@ -48,54 +48,54 @@ class Strip:
     @property
     def start_yaw(self) -> float:
         """Direction [rad] of its beginning."""
-        return chord_yaw(self.line, 0.0, HEADING_OVER_M)
+        return compute_chord_yaw(self.line, 0.0, HEADING_OVER_M)
 
     @property
     def end_yaw(self) -> float:
         """Direction [rad] of its end."""
-        return chord_yaw(self.line, self.line.length - HEADING_OVER_M, self.line.length)
+        return compute_chord_yaw(self.line, self.line.length - HEADING_OVER_M, self.line.length)
 
 
-def chord_yaw(line: Polyline, begin: float, end: float) -> float:
+def compute_chord_yaw(line: Polyline, begin: float, end: float) -> float:
     """Direction [rad] from arc length `begin` to `end` [m], both moved onto the line."""
     a, b = line.at(max(begin, 0.0)), line.at(min(end, line.length))
     return float(np.arctan2(b[1] - a[1], b[0] - a[0]))
 
 
-def yaw_gap(a: float, b: float) -> float:
+def compute_yaw_difference(a: float, b: float) -> float:
     """Angle [rad] in [0, pi] between two directions."""
     return abs(float(np.angle(np.exp(1j * (a - b)))))
 
 
-def part(line: Polyline, begin: float, end: float) -> Polyline:
+def clip_polyline(line: Polyline, begin: float, end: float) -> Polyline:
     """The line from arc length `begin` to `end` [m]."""
     inner = line.xy[(line.s > begin + 1e-6) & (line.s < end - 1e-6)]
     return polyline(np.concatenate(([line.at(begin)], inner, [line.at(end)])))
 
 
-def cut(strip: Strip, stations: Sequence[float]) -> list[Strip]:
+def split_segment(strip: LaneSegment, stations: Sequence[float]) -> list[LaneSegment]:
     """The strip in pieces, cut at ascending arc lengths [m] inside it; pieces are named ID~0, ID~1 and so on."""
     if not stations:
         return [strip]
     bounds = [0.0, *stations, strip.line.length]
     return [
-        replace(strip, id=f"{strip.id}~{k}", line=part(strip.line, bounds[k], bounds[k + 1]))
+        replace(strip, id=f"{strip.id}~{k}", line=clip_polyline(strip.line, bounds[k], bounds[k + 1]))
         for k in range(len(bounds) - 1)
     ]
 
 
-def cut_all(
-    strips: Mapping[str, Strip], links: Iterable[Link], stations: Mapping[str, Sequence[float]]
-) -> tuple[dict[str, Strip], set[Link]]:
+def split_segments(
+    strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], stations: Mapping[str, Sequence[float]]
+) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
     """All strips in pieces with their links; links of a strip go to its last piece, into it to its first."""
-    pieces = {id_: cut(strip, stations.get(id_, ())) for id_, strip in strips.items()}
+    pieces = {id_: split_segment(strip, stations.get(id_, ())) for id_, strip in strips.items()}
     made = {(pieces[a][-1].id, pieces[b][0].id) for a, b in links}
     for chain in pieces.values():
         made |= {(a.id, b.id) for a, b in pairwise(chain)}
     return {piece.id: piece for chain in pieces.values() for piece in chain}, made
 
 
-def bounds_width(lane: MapLane) -> float:
+def measure_boundary_width(lane: MapLane) -> float:
     """Median distance [m] between the boundaries along the centre line; NaN if one is unknown."""
     if len(lane.left) < 2 or len(lane.right) < 2:
         return float("nan")

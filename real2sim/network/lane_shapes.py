@@ -11,41 +11,41 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline
-from real2sim.network.lane_segment import part
-from real2sim.network.network_plan import Plan, Way
+from real2sim.network.lane_segment import clip_polyline
+from real2sim.network.network_plan import NetworkPlan, PlannedConnection
 from real2sim.xml_file import Element
 
-SHORTEST_M = 0.1
+MIN_LANE_LENGTH_M = 0.1
 """SUMO's least length of a lane."""
 
 
-def restore_shapes(net: bytes, plan: Plan, lane_ids: Mapping[str, str]) -> bytes:
+def restore_shapes(net: bytes, plan: NetworkPlan, lane_ids: Mapping[str, str]) -> bytes:
     """The net with the plan's lines as shapes of its lanes, without comments. `lane_ids`: strip id -> SUMO lane id."""
     root = ElementTree.fromstring(re.sub(rb"<!--.*?-->\s*", b"", net, flags=re.DOTALL))
     lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
     for edge in plan.edges:
         length = float(np.mean([strip.line.length for strip in edge.lanes]))  # SUMO has one length for all lanes
         for strip in edge.lanes:
-            _set(lanes[lane_ids[strip.id]], strip.line.xy, length)
+            _set_shape(lanes[lane_ids[strip.id]], strip.line.xy, length)
     ends = {strip.id: strip.line.xy for edge in plan.edges for strip in edge.lanes}
-    chains = _chains(root)
+    chains = _collect_internal_lanes(root)
     for way in plan.ways:
         chain = [lanes[id_] for id_ in chains.get((lane_ids[way.start], lane_ids[way.goal]), ())]
-        _restore_way(chain, way, ends)
+        _restore_connection(chain, way, ends)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def _set(lane: Element, xy: Float, length: float) -> None:
-    lane.set("shape", shape_text(xy))
-    lane.set("length", f"{max(length, SHORTEST_M):.3f}")
+def _set_shape(lane: Element, xy: Float, length: float) -> None:
+    lane.set("shape", format_shape(xy))
+    lane.set("length", f"{max(length, MIN_LANE_LENGTH_M):.3f}")
 
 
-def shape_text(xy: Float) -> str:
+def format_shape(xy: Float) -> str:
     """Points as SUMO writes them."""
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in xy)
 
 
-def _chains(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:
+def _collect_internal_lanes(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:
     """Internal lanes between two lanes: one, or two where vehicles wait inside the junction."""
     onward: dict[str, str] = {}
     ways: list[tuple[str, str, str]] = []
@@ -56,29 +56,29 @@ def _chains(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:
             onward[start] = via
         else:
             ways.append((start, f"{connection.get('to')}_{connection.get('toLane')}", via))
-    return {(start, goal): tuple(_follow(via, onward)) for start, goal, via in ways}
+    return {(start, goal): tuple(_follow_vias(via, onward)) for start, goal, via in ways}
 
 
-def _follow(via: str, onward: Mapping[str, str]) -> Iterable[str]:
+def _follow_vias(via: str, onward: Mapping[str, str]) -> Iterable[str]:
     while via:
         yield via
         via = onward.get(via, "")
 
 
-def _restore_way(chain: list[Element], way: Way, ends: Mapping[str, Float]) -> None:
+def _restore_connection(chain: list[Element], way: PlannedConnection, ends: Mapping[str, Float]) -> None:
     if not chain:
         return
     if way.line is None:
         gap = np.stack((ends[way.start][-1], ends[way.goal][0]))
         for lane in chain:
-            _set(lane, gap, SHORTEST_M)
+            _set_shape(lane, gap, MIN_LANE_LENGTH_M)
         return
-    bounds = [0.0, *(_station(lane, way.line) for lane in chain[:-1]), way.line.length]
+    bounds = [0.0, *(_find_station(lane, way.line) for lane in chain[:-1]), way.line.length]
     for lane, begin, end in zip(chain, bounds, bounds[1:], strict=False):
-        _set(lane, part(way.line, begin, end).xy, end - begin)
+        _set_shape(lane, clip_polyline(way.line, begin, end).xy, end - begin)
 
 
-def _station(lane: Element, line: Polyline) -> float:
+def _find_station(lane: Element, line: Polyline) -> float:
     """Where on the line an internal lane ends; not at its very ends, for both parts must have a length."""
     x, y = (float(value) for value in lane.get("shape", "").split()[-1].split(",")[:2])
-    return min(max(line.project(x, y)[0], SHORTEST_M), line.length - SHORTEST_M)
+    return min(max(line.project(x, y)[0], MIN_LANE_LENGTH_M), line.length - MIN_LANE_LENGTH_M)

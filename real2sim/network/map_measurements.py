@@ -8,22 +8,22 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
 from real2sim.hd_map import LaneKind, MapLane
-from real2sim.polylines import Lines, angle_between, sample
+from real2sim.polylines import PolylineIndex, compute_angles_between, sample_polylines
 
 SPACING_M = 1.0
 FAR_M = 20.0
-ALONG = np.radians(60)
-OPPOSED_M = (2.0, 7.0)
+SAME_DIRECTION_RAD = np.radians(60)
+ONCOMING_OFFSET_M = (2.0, 7.0)
 """Lateral distance [m] of the lane for oncoming traffic."""
-OPPOSED_EVERY_M = 5.0
-OPPOSED_YAW = np.radians(160)
+ONCOMING_SPACING_M = 5.0
+ONCOMING_RAD = np.radians(160)
 ON_LANE_M = 1.5
-FASTEST_SHARE = 95
-FEWEST_SAMPLES = 10
+SPEED_PERCENTILE = 95
+MIN_SPEED_SAMPLES = 10
 
 
 @dataclass(frozen=True)
-class Fit:
+class CentrelineDeviation:
     """Distances [m] between centre lines: from points of the source to the network, and back."""
 
     mean: float
@@ -34,35 +34,35 @@ class Fit:
     back_max: float
 
 
-def measure_fit(source: Sequence[Polyline], roads: RoadMap) -> Fit:
+def measure_centreline_deviation(source: Sequence[Polyline], roads: RoadMap) -> CentrelineDeviation:
     """Every metre of all source lanes against the nearest lane of the same direction in the network, and back."""
     ours = [lane.centre for lane in roads.driving]
-    there, back = line_distances(source, ours), line_distances(ours, source)
-    return Fit(*_figures(there), *_figures(back))
+    there, back = measure_line_distances(source, ours), measure_line_distances(ours, source)
+    return CentrelineDeviation(*_summarise(there), *_summarise(back))
 
 
-def _figures(distance: Float) -> tuple[float, float, float]:
+def _summarise(distance: Float) -> tuple[float, float, float]:
     return float(distance.mean()), float(np.percentile(distance, 95)), float(distance.max())
 
 
-def line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]) -> Float:
+def measure_line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]) -> Float:
     """Distance (M,) [m] of points every metre on `lines` to the nearest of `others` within 60 degrees.
 
     Where none runs in that direction nearby (within `FAR_M`) it counts as that.
     """
-    points, index = sample(lines, SPACING_M), Lines(others)
+    points, index = sample_polylines(lines, SPACING_M), PolylineIndex(others)
     best = np.full(len(points.xy), FAR_M)
     open_ = np.arange(len(best))
     for reach in (1.0, FAR_M):  # most are near, and the wide search is dear
         feet = index.feet(points.xy[open_], reach)
         point = open_[feet.point]
-        along = angle_between(feet.yaw, points.yaw[point]) <= ALONG
+        along = compute_angles_between(feet.yaw, points.yaw[point]) <= SAME_DIRECTION_RAD
         np.minimum.at(best, point[along], feet.distance[along])
         open_ = np.flatnonzero(best > reach)
     return best
 
 
-def observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s: float) -> dict[str, float]:
+def measure_observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s: float) -> dict[str, float]:
     """95th percentile [m/s] of the speeds on each lane with enough samples."""
     driving = {id_: lane for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING}
     steps = [np.diff(motion[:, :2], axis=0) for motion in motions] or [np.zeros((0, 2))]
@@ -70,15 +70,15 @@ def observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s
     xy = np.concatenate([motion[1:, :2] for motion in motions]) if motions else np.zeros((0, 2))
     known = np.isfinite(speed)
     speed = speed[known]
-    feet = Lines([Polyline(lane.centre) for lane in driving.values()]).feet(xy[known], ON_LANE_M)
+    feet = PolylineIndex([Polyline(lane.centre) for lane in driving.values()]).feet(xy[known], ON_LANE_M)
     return {
-        id_: float(np.percentile(speed[feet.point[feet.line == i]], FASTEST_SHARE))
+        id_: float(np.percentile(speed[feet.point[feet.line == i]], SPEED_PERCENTILE))
         for i, id_ in enumerate(driving)
-        if (feet.line == i).sum() >= FEWEST_SAMPLES
+        if (feet.line == i).sum() >= MIN_SPEED_SAMPLES
     }
 
 
-def traffic_side(lanes: Mapping[str, MapLane], voted: Mapping[str, int]) -> bool:
+def is_left_hand_traffic(lanes: Mapping[str, MapLane], voted: Mapping[str, int]) -> bool:
     """Whether traffic keeps to the left: whether most oncoming lanes lie to the right. Lanes are directed by now.
 
     Lanes with observed motion decide alone if there are any with an oncoming lane; else all directed ones do.
@@ -87,10 +87,10 @@ def traffic_side(lanes: Mapping[str, MapLane], voted: Mapping[str, int]) -> bool
     if not ids:
         return False
     lines = [Polyline(lanes[id_].centre) for id_ in ids]
-    points = sample(lines, OPPOSED_EVERY_M)
-    feet = Lines(lines).feet(points.xy, OPPOSED_M[1])
-    oncoming = angle_between(feet.yaw, points.yaw[feet.point]) >= OPPOSED_YAW
-    rows = np.flatnonzero(oncoming & (np.abs(feet.left) >= OPPOSED_M[0]))
+    points = sample_polylines(lines, ONCOMING_SPACING_M)
+    feet = PolylineIndex(lines).feet(points.xy, ONCOMING_OFFSET_M[1])
+    oncoming = compute_angles_between(feet.yaw, points.yaw[feet.point]) >= ONCOMING_RAD
+    rows = np.flatnonzero(oncoming & (np.abs(feet.left) >= ONCOMING_OFFSET_M[0]))
     rows = rows[np.lexsort((np.abs(feet.left[rows]), feet.point[rows]))]
     rows = rows[np.unique(feet.point[rows], return_index=True)[1]]  # the nearest of each point
     side = -np.sign(feet.left[rows])  # `left` is told in the direction of the oncoming lane

@@ -8,31 +8,31 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Polyline, polyline
 from real2sim.network.lane_adjacency import find_crossings
-from real2sim.network.lane_segment import Link, Strip, cut_all
-from real2sim.network.segment_splitting import group_strips
+from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
+from real2sim.network.segment_splitting import group_adjacent_segments
 
 STUB_M = 2.0
 """A way through a junction that the map's border cuts off begins or ends on an edge of this length."""
 FOLD_M = 40.0
 """Edges up to this length from a junction back to itself are part of it."""
-MOST_WAYS = 64
+MAX_PATHS = 64
 """Ways from one lane through one junction; more do not occur but in broken maps."""
 
-Port = tuple[str, int]
+SegmentEnd = tuple[str, int]
 """Beginning (0) or end (1) of a strip."""
 
 
 @dataclass(frozen=True)
-class Edge:
+class PlannedEdge:
     """Lanes side by side from right to left, between two nodes."""
 
-    lanes: tuple[Strip, ...]
+    lanes: tuple[LaneSegment, ...]
     begin: int
     end: int
 
 
 @dataclass(frozen=True)
-class Way:
+class PlannedConnection:
     """A connection from one edge's lane to another's; `line` is its shape inside the junction, None: they touch."""
 
     start: str
@@ -44,22 +44,22 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Plan:
+class NetworkPlan:
     """Edges and ways; nodes are numbers."""
 
-    edges: tuple[Edge, ...]
-    ways: tuple[Way, ...]
+    edges: tuple[PlannedEdge, ...]
+    ways: tuple[PlannedConnection, ...]
     unused: tuple[str, ...]
     """Connectors on no way."""
 
 
-class _Sets:
+class _DisjointSets:
     """Disjoint sets of ports."""
 
     def __init__(self) -> None:
-        self._parent: dict[Port, Port] = {}
+        self._parent: dict[SegmentEnd, SegmentEnd] = {}
 
-    def find(self, port: Port) -> Port:
+    def find(self, port: SegmentEnd) -> SegmentEnd:
         root = port
         while (above := self._parent.get(root, root)) != root:
             root = above
@@ -68,37 +68,37 @@ class _Sets:
             port = above
         return root
 
-    def join(self, first: Port, second: Port) -> None:
+    def join(self, first: SegmentEnd, second: SegmentEnd) -> None:
         self._parent[self.find(first)] = self.find(second)
 
 
-def plan_network(strips: Mapping[str, Strip], links: Iterable[Link]) -> Plan:
+def plan_network(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> NetworkPlan:
     """Decides which strips are edges, which are ways through junctions, and which ends share a node."""
-    pieces, joined = _with_stubs(strips, set(links))
-    inside = _connectors(pieces, joined)
-    groups = group_strips({id_: piece for id_, piece in pieces.items() if id_ not in inside})
-    sets = _nodes(pieces, joined, inside, groups)
-    folded = _folded(pieces, joined, groups, sets)
+    pieces, joined = _add_stubs(strips, set(links))
+    inside = _find_connectors(pieces, joined)
+    groups = group_adjacent_segments({id_: piece for id_, piece in pieces.items() if id_ not in inside})
+    sets = _join_ends(pieces, joined, inside, groups)
+    folded = _find_inner_edges(pieces, joined, groups, sets)
     inside |= folded
     groups = [group for group in groups if group[0] not in folded]
     loops = {id_ for group in groups if _is_loop(sets, group) for id_ in group}
     if loops:
-        pieces, joined = cut_all(pieces, joined, {id_: [pieces[id_].line.length / 2] for id_ in loops})
-        groups = [half for group in groups for half in _halves(group, loops)]
-        sets = _nodes(pieces, joined, inside, groups)
-    ways = _ways(pieces, joined, inside)
+        pieces, joined = split_segments(pieces, joined, {id_: [pieces[id_].line.length / 2] for id_ in loops})
+        groups = [half for group in groups for half in _split_group(group, loops)]
+        sets = _join_ends(pieces, joined, inside, groups)
+    ways = _build_connections(pieces, joined, inside)
     used = {id_ for way in ways for id_ in way.strips}
-    return Plan(_edges(pieces, groups, sets), tuple(ways), tuple(sorted(inside - used)))
+    return NetworkPlan(_build_edges(pieces, groups, sets), tuple(ways), tuple(sorted(inside - used)))
 
 
-def _halves(group: tuple[str, ...], loops: Collection[str]) -> Iterable[tuple[str, ...]]:
+def _split_group(group: tuple[str, ...], loops: Collection[str]) -> Iterable[tuple[str, ...]]:
     if group[0] not in loops:
         return (group,)
     return (tuple(f"{id_}~{k}" for id_ in group) for k in (0, 1))
 
 
-def _with_stubs(strips: Mapping[str, Strip], links: set[Link]) -> tuple[dict[str, Strip], set[Link]]:
-    inside = _connectors(strips, links)
+def _add_stubs(strips: Mapping[str, LaneSegment], links: set[LaneLink]) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
+    inside = _find_connectors(strips, links)
     behind, ahead = {b for _, b in links}, {a for a, _ in links}
     stations: dict[str, list[float]] = {}
     for id_ in inside:
@@ -107,12 +107,12 @@ def _with_stubs(strips: Mapping[str, Strip], links: set[Link]) -> tuple[dict[str
         cuts = ([stub] if id_ not in behind else []) + ([length - stub] if id_ not in ahead else [])
         if cuts:
             stations[id_] = cuts
-    return cut_all(strips, links, stations)
+    return split_segments(strips, links, stations)
 
 
-def _connectors(strips: Mapping[str, Strip], links: Collection[Link]) -> set[str]:
+def _find_connectors(strips: Mapping[str, LaneSegment], links: Collection[LaneLink]) -> set[str]:
     """Strips that cross others, and those in a junction of the map that branch off or merge there."""
-    ahead, behind = _neighbours(links)
+    ahead, behind = _index_links(links)
     inside = {id_ for pair in find_crossings(strips) for id_ in pair}
     for id_, strip in strips.items():
         siblings = any(len(ahead[b]) > 1 for b in behind[id_]) or any(len(behind[a]) > 1 for a in ahead[id_])
@@ -121,7 +121,7 @@ def _connectors(strips: Mapping[str, Strip], links: Collection[Link]) -> set[str
     return inside
 
 
-def _neighbours(links: Iterable[Link]) -> tuple[defaultdict[str, list[str]], defaultdict[str, list[str]]]:
+def _index_links(links: Iterable[LaneLink]) -> tuple[defaultdict[str, list[str]], defaultdict[str, list[str]]]:
     ahead: defaultdict[str, list[str]] = defaultdict(list)
     behind: defaultdict[str, list[str]] = defaultdict(list)
     for a, b in sorted(links):
@@ -130,10 +130,13 @@ def _neighbours(links: Iterable[Link]) -> tuple[defaultdict[str, list[str]], def
     return ahead, behind
 
 
-def _nodes(
-    strips: Mapping[str, Strip], links: Iterable[Link], inside: Collection[str], groups: Sequence[tuple[str, ...]]
-) -> _Sets:
-    sets = _Sets()
+def _join_ends(
+    strips: Mapping[str, LaneSegment],
+    links: Iterable[LaneLink],
+    inside: Collection[str],
+    groups: Sequence[tuple[str, ...]],
+) -> _DisjointSets:
+    sets = _DisjointSets()
     for a, b in sorted(links):
         sets.join((a, 1), (b, 0))
     for id_ in sorted(inside):
@@ -147,15 +150,15 @@ def _nodes(
     return sets
 
 
-def _is_loop(sets: _Sets, group: tuple[str, ...]) -> bool:
+def _is_loop(sets: _DisjointSets, group: tuple[str, ...]) -> bool:
     return sets.find((group[0], 0)) == sets.find((group[0], 1))
 
 
-def _folded(
-    strips: Mapping[str, Strip], links: Iterable[Link], groups: Sequence[tuple[str, ...]], sets: _Sets
+def _find_inner_edges(
+    strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], groups: Sequence[tuple[str, ...]], sets: _DisjointSets
 ) -> set[str]:
     """Short edges within one junction whose lanes all lead on and have something behind them."""
-    ahead, behind = _neighbours(links)
+    ahead, behind = _index_links(links)
     return {
         id_
         for group in groups
@@ -165,36 +168,40 @@ def _folded(
     }
 
 
-def _edges(strips: Mapping[str, Strip], groups: Sequence[tuple[str, ...]], sets: _Sets) -> tuple[Edge, ...]:
-    numbers: dict[Port, int] = {}
-    edges: list[Edge] = []
+def _build_edges(
+    strips: Mapping[str, LaneSegment], groups: Sequence[tuple[str, ...]], sets: _DisjointSets
+) -> tuple[PlannedEdge, ...]:
+    numbers: dict[SegmentEnd, int] = {}
+    edges: list[PlannedEdge] = []
     for group in groups:
         begin, end = (numbers.setdefault(sets.find((group[0], side)), len(numbers)) for side in (0, 1))
-        edges.append(Edge(tuple(strips[id_] for id_ in group), begin, end))
+        edges.append(PlannedEdge(tuple(strips[id_] for id_ in group), begin, end))
     return tuple(edges)
 
 
-def _ways(strips: Mapping[str, Strip], links: Iterable[Link], inside: Collection[str]) -> list[Way]:
-    ahead, _ = _neighbours(links)
-    ways: dict[Link, Way] = {}
+def _build_connections(
+    strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], inside: Collection[str]
+) -> list[PlannedConnection]:
+    ahead, _ = _index_links(links)
+    ways: dict[LaneLink, PlannedConnection] = {}
     for start in (id_ for id_ in strips if id_ not in inside):
-        for path in _paths(start, ahead, inside):
-            way = _way(strips, start, path)
+        for path in _find_paths(start, ahead, inside):
+            way = _build_connection(strips, start, path)
             key = (way.start, way.goal)
-            if key not in ways or _length(way) < _length(ways[key]):
+            if key not in ways or _measure_length(way) < _measure_length(ways[key]):
                 ways[key] = way
     return list(ways.values())
 
 
-def _length(way: Way) -> float:
+def _measure_length(way: PlannedConnection) -> float:
     return 0.0 if way.line is None else way.line.length
 
 
-def _paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[str]) -> list[tuple[str, ...]]:
+def _find_paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[str]) -> list[tuple[str, ...]]:
     """Chains of connectors from a lane to the next lane of an edge, which comes last."""
     found: list[tuple[str, ...]] = []
     open_: list[tuple[str, ...]] = [(next_,) for next_ in reversed(ahead.get(start, ()))]
-    while open_ and len(found) < MOST_WAYS:
+    while open_ and len(found) < MAX_PATHS:
         path = open_.pop()
         if path[-1] not in inside:
             found.append(path)
@@ -203,16 +210,16 @@ def _paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[st
     return found
 
 
-def _way(strips: Mapping[str, Strip], start: str, path: tuple[str, ...]) -> Way:
+def _build_connection(strips: Mapping[str, LaneSegment], start: str, path: tuple[str, ...]) -> PlannedConnection:
     first, last = strips[start], strips[path[-1]]
     through = [strips[id_] for id_ in path[:-1]]
     points = np.concatenate([[first.end], *(strip.line.xy for strip in through), [last.start]])
     apart = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    line = polyline(_without_dust(points)) if apart > 0.1 else None
-    return Way(start, path[-1], line, min(s.speed for s in (*through, last)), tuple(path[:-1]))
+    line = polyline(_drop_close_points(points)) if apart > 0.1 else None
+    return PlannedConnection(start, path[-1], line, min(s.speed for s in (*through, last)), tuple(path[:-1]))
 
 
-def _without_dust(points: np.ndarray) -> np.ndarray:
+def _drop_close_points(points: np.ndarray) -> np.ndarray:
     """Points nearer than 5 cm to the one before are left out, but not the last."""
     keep = [0]
     for i in range(1, len(points)):

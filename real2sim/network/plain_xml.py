@@ -12,17 +12,17 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import LaneKind
-from real2sim.netconvert import netconvert_program
-from real2sim.network.lane_segment import Strip
-from real2sim.network.lane_shapes import shape_text
-from real2sim.network.network_plan import Edge, Plan
+from real2sim.netconvert import find_netconvert
+from real2sim.network.lane_segment import LaneSegment
+from real2sim.network.lane_shapes import format_shape
+from real2sim.network.network_plan import NetworkPlan, PlannedEdge
 from real2sim.xml_file import Element
 
 ALLOW: Mapping[LaneKind, str] = {LaneKind.DRIVING: "", LaneKind.BIKE: "bicycle", LaneKind.SIDEWALK: "pedestrian"}
 """SUMO's vehicle classes on a lane of this kind; "": all but pedestrians."""
 
 
-def arguments(left_hand: bool) -> tuple[str, ...]:
+def build_plain_arguments(left_hand: bool) -> tuple[str, ...]:
     """Of the netconvert call, run in the folder with the plain files."""
     return (
         *("--node-files", "plain.nod.xml", "--edge-files", "plain.edg.xml", "--connection-files", "plain.con.xml"),
@@ -32,28 +32,28 @@ def arguments(left_hand: bool) -> tuple[str, ...]:
     )
 
 
-def sumo_name(id_: str) -> str:
+def to_sumo_id(id_: str) -> str:
     """An id that SUMO accepts."""
     return re.sub(r"[^A-Za-z0-9_.~-]", "_", id_).lstrip(":") or "_"
 
 
-def lane_places(plan: Plan, left_hand: bool) -> dict[str, tuple[str, int]]:
+def assign_lane_indices(plan: NetworkPlan, left_hand: bool) -> dict[str, tuple[str, int]]:
     """Strip id -> its edge, called after the rightmost lane, and its place from the kerb (left-hand: from the left)."""
     return {
-        lane.id: (f"e{sumo_name(edge.lanes[0].id)}", len(edge.lanes) - 1 - k if left_hand else k)
+        lane.id: (f"e{to_sumo_id(edge.lanes[0].id)}", len(edge.lanes) - 1 - k if left_hand else k)
         for edge in plan.edges
         for k, lane in enumerate(edge.lanes)
     }
 
 
 def write_plain(
-    plan: Plan, types: Mapping[int, str], priority: Mapping[str, int], left_hand: bool, folder: Path
+    plan: NetworkPlan, types: Mapping[int, str], priority: Mapping[str, int], left_hand: bool, folder: Path
 ) -> None:
     """Writes plain.nod.xml, plain.edg.xml and plain.con.xml. `priority` of edges by rightmost lane."""
-    index = lane_places(plan, left_hand)
-    _save(folder / "plain.nod.xml", "nodes", _node_elements(plan, types))
-    _save(folder / "plain.edg.xml", "edges", (_edge_element(e, index, priority) for e in plan.edges))
-    _save(folder / "plain.con.xml", "connections", _connection_elements(plan, index))
+    index = assign_lane_indices(plan, left_hand)
+    _save(folder / "plain.nod.xml", "nodes", _build_nodes(plan, types))
+    _save(folder / "plain.edg.xml", "edges", (_build_edge(e, index, priority) for e in plan.edges))
+    _save(folder / "plain.con.xml", "connections", _build_connections(plan, index))
 
 
 def _save(path: Path, root: str, elements: Iterable[Element]) -> None:
@@ -63,72 +63,72 @@ def _save(path: Path, root: str, elements: Iterable[Element]) -> None:
     path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True) + b"\n")
 
 
-def _node_elements(plan: Plan, types: Mapping[int, str]) -> Iterable[Element]:
+def _build_nodes(plan: NetworkPlan, types: Mapping[int, str]) -> Iterable[Element]:
     ends: defaultdict[int, list[Float]] = defaultdict(list)
     for edge in plan.edges:
         ends[edge.begin] += [lane.start for lane in edge.lanes]
         ends[edge.end] += [lane.end for lane in edge.lanes]
     for node, points in sorted(ends.items()):
         x, y = np.mean(points, axis=0)
-        yield _element("node", id=f"n{node}", x=f"{x:.3f}", y=f"{y:.3f}", type=types.get(node, "priority"))
+        yield _build_element("node", id=f"n{node}", x=f"{x:.3f}", y=f"{y:.3f}", type=types.get(node, "priority"))
 
 
-def _edge_element(edge: Edge, index: Mapping[str, tuple[str, int]], priority: Mapping[str, int]) -> Element:
+def _build_edge(edge: PlannedEdge, index: Mapping[str, tuple[str, int]], priority: Mapping[str, int]) -> Element:
     name = index[edge.lanes[0].id][0]
     middle = edge.lanes[len(edge.lanes) // 2].line.xy
-    element = _element(
+    element = _build_element(
         "edge",
         id=name,
         **{"from": f"n{edge.begin}", "to": f"n{edge.end}"},
         numLanes=str(len(edge.lanes)),
         priority=str(priority.get(edge.lanes[0].id, 1)),
         spreadType="center",
-        shape=shape_text(middle),
+        shape=format_shape(middle),
     )
-    element.extend(sorted((_lane_element(lane, index[lane.id][1]) for lane in edge.lanes), key=_index))
+    element.extend(sorted((_build_lane(lane, index[lane.id][1]) for lane in edge.lanes), key=_get_index))
     return element
 
 
-def _index(element: Element) -> int:
+def _get_index(element: Element) -> int:
     return int(element.get("index", "0"))
 
 
-def _lane_element(lane: Strip, index: int) -> Element:
+def _build_lane(lane: LaneSegment, index: int) -> Element:
     permission = {"allow": allow} if (allow := ALLOW[lane.kind]) else {"disallow": "pedestrian"}
-    return _element(
+    return _build_element(
         "lane",
         index=str(index),
         speed=f"{lane.speed:.2f}",
         width=f"{lane.width:.2f}",
-        shape=shape_text(lane.line.xy),
+        shape=format_shape(lane.line.xy),
         **permission,
     )
 
 
-def _connection_elements(plan: Plan, index: Mapping[str, tuple[str, int]]) -> Iterable[Element]:
+def _build_connections(plan: NetworkPlan, index: Mapping[str, tuple[str, int]]) -> Iterable[Element]:
     silent = {name for name, _ in index.values()}
     for way in plan.ways:
         (start, start_lane), (goal, goal_lane) = index[way.start], index[way.goal]
         silent.discard(start)
-        shape = {} if way.line is None else {"shape": shape_text(way.line.xy)}
-        yield _element(
+        shape = {} if way.line is None else {"shape": format_shape(way.line.xy)}
+        yield _build_element(
             "connection",
             **{"from": start, "to": goal, "fromLane": str(start_lane), "toLane": str(goal_lane)},
             speed=f"{way.speed:.2f}",
             **shape,
         )
     for name in sorted(silent):  # or netconvert would guess where it leads
-        yield _element("connection", **{"from": name})
+        yield _build_element("connection", **{"from": name})
 
 
-def _element(tag: str, **attributes: str) -> Element:
+def _build_element(tag: str, **attributes: str) -> Element:
     return ElementTree.Element(tag, attributes)
 
 
 def compile_plain(folder: Path, left_hand: bool) -> bytes:
     """The net that netconvert makes of the plain files in `folder`; raises InputError."""
     net = folder / "draft.net.xml"
-    call = (str(netconvert_program()), *arguments(left_hand), "--output-file", net.name)
+    call = (str(find_netconvert()), *build_plain_arguments(left_hand), "--output-file", net.name)
     done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
     try:
         if done.returncode or not net.is_file():

@@ -3,8 +3,8 @@
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from real2sim.network.lane_adjacency import Beside, find_beside, find_crossings
-from real2sim.network.lane_segment import Link, Strip, cut_all
+from real2sim.network.lane_adjacency import LaneAdjacency, find_adjacencies, find_crossings
+from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
 
 MARGIN_M = 8.0
 """No piece is made shorter than this."""
@@ -17,35 +17,35 @@ ALIGNED_M = 6.0
 ROUNDS = 3
 """Cuts pass on from neighbour to neighbour; more rounds than lanes of a wide road are pointless."""
 
-Pieces = tuple[dict[str, Strip], set[Link]]
+SplitSegments = tuple[dict[str, LaneSegment], set[LaneLink]]
 
 
-def break_strips(strips: Mapping[str, Strip], links: Iterable[Link]) -> Pieces:
+def split_at_neighbours(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> SplitSegments:
     """Pieces that begin and end where their neighbours do."""
-    pieces, joined = cut_all(strips, links, _crossing_cuts(strips))
+    pieces, joined = split_segments(strips, links, _find_crossing_cuts(strips))
     for _ in range(ROUNDS):
-        stations = _beside_cuts(pieces, _crossing_ids(pieces))
+        stations = _find_adjacency_cuts(pieces, _find_crossing_ids(pieces))
         if not stations:
             break
-        pieces, joined = cut_all(pieces, joined, stations)
+        pieces, joined = split_segments(pieces, joined, stations)
     return pieces, joined
 
 
-def _crossing_ids(strips: Mapping[str, Strip]) -> set[str]:
+def _find_crossing_ids(strips: Mapping[str, LaneSegment]) -> set[str]:
     return {id_ for pair in find_crossings(strips) for id_ in pair}
 
 
-def _crossing_cuts(strips: Mapping[str, Strip]) -> dict[str, list[float]]:
+def _find_crossing_cuts(strips: Mapping[str, LaneSegment]) -> dict[str, list[float]]:
     wanted: dict[str, list[float]] = defaultdict(list)
     for pair, places in find_crossings(strips).items():
         for k, id_ in enumerate(pair):
             at = [place[k] for place in places]
             if not strips[id_].junction:
                 wanted[id_] += [min(at) - CROSSING_HALF_M, max(at) + CROSSING_HALF_M]
-    return _tidied(strips, {id_: _outermost(stations) for id_, stations in wanted.items()})
+    return _space_out_cuts(strips, {id_: _merge_stretches(stations) for id_, stations in wanted.items()})
 
 
-def _outermost(stations: Sequence[float]) -> list[float]:
+def _merge_stretches(stations: Sequence[float]) -> list[float]:
     """Of overlapping stretches (begin, end, begin, end...) the bounds of their unions."""
     bounds: list[float] = []
     for begin, end in sorted(zip(stations[::2], stations[1::2], strict=True)):
@@ -56,18 +56,18 @@ def _outermost(stations: Sequence[float]) -> list[float]:
     return bounds
 
 
-def _beside_cuts(strips: Mapping[str, Strip], connectors: Collection[str]) -> dict[str, list[float]]:
+def _find_adjacency_cuts(strips: Mapping[str, LaneSegment], connectors: Collection[str]) -> dict[str, list[float]]:
     wanted: dict[str, list[float]] = defaultdict(list)
-    for beside in find_beside({id_: s for id_, s in strips.items() if not s.junction and id_ not in connectors}):
+    for beside in find_adjacencies({id_: s for id_, s in strips.items() if not s.junction and id_ not in connectors}):
         strip, other = strips[beside.strip], strips[beside.other]
         for station, point in ((beside.begin, other.start), (beside.end, other.end)):
             foot = strip.line.project(float(point[0]), float(point[1]))[0]
             if abs(foot - station) < SAME_CUT_M:
                 wanted[strip.id].append(foot)
-    return _tidied(strips, wanted)
+    return _space_out_cuts(strips, wanted)
 
 
-def _tidied(strips: Mapping[str, Strip], wanted: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+def _space_out_cuts(strips: Mapping[str, LaneSegment], wanted: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
     tidy: dict[str, list[float]] = {}
     for id_, stations in wanted.items():
         kept: list[float] = []
@@ -80,9 +80,9 @@ def _tidied(strips: Mapping[str, Strip], wanted: Mapping[str, Sequence[float]]) 
     return tidy
 
 
-def group_strips(strips: Mapping[str, Strip]) -> list[tuple[str, ...]]:
+def group_adjacent_segments(strips: Mapping[str, LaneSegment]) -> list[tuple[str, ...]]:
     """Ids of strips that lie side by side from beginning to end, from right to left; every strip is in one group."""
-    left = _mutual([b for b in find_beside(strips) if _aligned(strips, b)])
+    left = _find_mutual_left([b for b in find_adjacencies(strips) if _is_aligned(strips, b)])
     right = {there: here for here, there in left.items()}
     groups: list[tuple[str, ...]] = []
     for id_ in strips:
@@ -94,7 +94,7 @@ def group_strips(strips: Mapping[str, Strip]) -> list[tuple[str, ...]]:
     return groups
 
 
-def _aligned(strips: Mapping[str, Strip], beside: Beside) -> bool:
+def _is_aligned(strips: Mapping[str, LaneSegment], beside: LaneAdjacency) -> bool:
     strip, other = strips[beside.strip], strips[beside.other]
     long = strip.line.length
     apart = (
@@ -104,9 +104,9 @@ def _aligned(strips: Mapping[str, Strip], beside: Beside) -> bool:
     return max(beside.begin, long - beside.end, *apart) <= ALIGNED_M
 
 
-def _mutual(besides: Sequence[Beside]) -> dict[str, str]:
+def _find_mutual_left(besides: Sequence[LaneAdjacency]) -> dict[str, str]:
     """Left neighbour of every strip where both call each other the nearest."""
-    nearest: dict[tuple[str, bool], Beside] = {}
+    nearest: dict[tuple[str, bool], LaneAdjacency] = {}
     for beside in besides:
         key = (beside.strip, beside.offset > 0)
         if key not in nearest or abs(beside.offset) < abs(nearest[key].offset):

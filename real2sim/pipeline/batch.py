@@ -9,17 +9,17 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from real2sim.atomic_folder import whole_folder
+from real2sim.atomic_folder import atomic_folder
 from real2sim.fidelity_report.index_page import write_index
 from real2sim.pipeline.log_conversion import Outcome, convert_log, windows_of
 from real2sim.pipeline.log_source import Log, named, part
 from real2sim.pipeline.scenario_builder import NETWORKS, Wish
-from real2sim.readers.time_window import Window
+from real2sim.readers.time_window import TimeWindow
 
 LIMIT_S = 900.0
 """A log that takes longer [s, wall clock] is given up."""
 PARTS = ".parts"
-Windows = tuple[Window, ...]
+Windows = tuple[TimeWindow, ...]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order)
 
     `out`, which must be new or empty, appears only at the end, whole.
     """
-    with whole_folder(out) as draft:
+    with atomic_folder(out) as draft:
         parts = draft / PARTS
         tasks, refused = _tasks(logs, parts, order)
         with ProcessPool(_converted, min(order.workers, max(len(tasks), 1)), LIMIT_S) as pool:
@@ -109,7 +109,7 @@ def _tasks(logs: Sequence[Log], parts: Path, order: Order) -> tuple[list[Task], 
 
 def _once(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
     """The logs without those given before, which are refused."""
-    once: dict[tuple[Path, Window | None], Log] = {}
+    once: dict[tuple[Path, TimeWindow | None], Log] = {}
     refused: list[str] = []
     for log in logs:
         if once.setdefault((log.path.resolve(), log.window), log) is not log:

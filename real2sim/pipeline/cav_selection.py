@@ -9,11 +9,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.scenario.scenario import RoadsideUnit
-from real2sim.clean import Cleaned
+from real2sim.clean import CleanedRecording
 from real2sim.fit import choose_cavs, passed_over, scenario_names, unfit
 from real2sim.hd_map import HdMap, LaneKind
-from real2sim.match import Match
-from real2sim.recording import Recording, Track, View
+from real2sim.match import LaneMatch
+from real2sim.recording import ObserverView, RecordedTrack, Recording
 
 OFF_MAP_M = 30.0
 """A vehicle further than this from every driving lane is off the map: wider than any car park beside a road."""
@@ -51,14 +51,14 @@ def _gaps(map_: HdMap, xy: Float) -> Float:
     return gaps
 
 
-def motions(tracks: Sequence[Track]) -> dict[str, Float]:
+def motions(tracks: Sequence[RecordedTrack]) -> dict[str, Float]:
     """x, y, yaw (T, 3) of all vehicles by id."""
     vehicles = [track for track in tracks if track.category.kind is Kind.VEHICLE]
     return {track.id: np.column_stack((track.x, track.y, track.yaw)) for track in vehicles}
 
 
 def cav_tracks(
-    names: Sequence[str], cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]
+    names: Sequence[str], cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> tuple[str, ...]:
     """Tracks of the named observers or tracks; without names those of the source, else the one there longest.
 
@@ -69,7 +69,9 @@ def cav_tracks(
     return tuple(dict.fromkeys(_track_of(name, cleaned, tracks, matches) for name in names))
 
 
-def _track_of(name: str, cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]) -> str:
+def _track_of(
+    name: str, cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
+) -> str:
     """The id of the track of that name; raises InputError, naming what can be a CAV."""
     shown = scenario_names(tracks)
     exact = [cleaned.cavs[name]] if name in cleaned.cavs else [name] if name in shown else []
@@ -85,7 +87,11 @@ def _track_of(name: str, cleaned: Cleaned, tracks: Sequence[Track], matches: Map
 
 
 def cav_notes(
-    names: Sequence[str], chosen: Sequence[str], cleaned: Cleaned, tracks: Sequence[Track], matches: Mapping[str, Match]
+    names: Sequence[str],
+    chosen: Sequence[str],
+    cleaned: CleanedRecording,
+    tracks: Sequence[RecordedTrack],
+    matches: Mapping[str, LaneMatch],
 ) -> tuple[str, ...]:
     """A sentence for every CAV of the source that is none here although nobody named others."""
     if names:
@@ -98,7 +104,7 @@ def cav_notes(
     )
 
 
-def stations(views: Sequence[View]) -> tuple[RoadsideUnit, ...]:
+def stations(views: Sequence[ObserverView]) -> tuple[RoadsideUnit, ...]:
     """Observers that are infrastructure, where their sensor is."""
     found: list[RoadsideUnit] = []
     for view in views:

@@ -4,17 +4,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.roads import RoadMap
-from real2sim.clean import Cleaned
+from real2sim.clean import CleanedRecording
 from real2sim.clean.cleaning_report import CleaningReport
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.fit import Fitted
 from real2sim.fit.disposition import Became, Role
-from real2sim.match import Match
+from real2sim.match import LaneMatch
 from real2sim.network import NetworkReport
 from real2sim.pipeline.quality_file import Cleaning, CleaningChange, FitRole, Network, QualityFile
 from real2sim.quality import Quality
-from real2sim.recording import Recording, Track
-from real2sim.targets import Target, by_sumo, closeness_targets, fidelity_targets, lost_target, network_targets
+from real2sim.recording import RecordedTrack, Recording
+from real2sim.targets import (
+    FidelityTarget,
+    build_lost_target,
+    build_network_targets,
+    build_reconstruction_targets,
+    build_traffic_targets,
+    count_sumo_driven,
+)
 from real2sim.traffic_fidelity import Closeness
 
 
@@ -25,12 +32,12 @@ class Steps:
     id: str
     recording: Recording
     window_s: tuple[float, float] | None
-    cleaned: Cleaned
-    tracks: tuple[Track, ...]
+    cleaned: CleanedRecording
+    tracks: tuple[RecordedTrack, ...]
     """Reconstructed."""
     network: NetworkReport
     roads: RoadMap
-    matches: Mapping[str, Match]
+    matches: Mapping[str, LaneMatch]
     quality: Quality
     fitted: Fitted
     closeness: Closeness
@@ -39,14 +46,14 @@ class Steps:
     """What was passed over on the way; those of the reader stand in `recording`."""
 
     @property
-    def targets(self) -> tuple[Target, ...]:
+    def targets(self) -> tuple[FidelityTarget, ...]:
         """All figures that have a target."""
         broken = [track.id for track in self.tracks if not track.parked and _broken(self.matches.get(track.id))]
         return (
-            *fidelity_targets(self.quality),
-            *network_targets(self.network, broken),
-            lost_target(self.recording, self.cleaned, self.fitted.roles),
-            *closeness_targets(self.closeness),
+            *build_reconstruction_targets(self.quality),
+            *build_network_targets(self.network, broken),
+            build_lost_target(self.recording, self.cleaned, self.fitted.roles),
+            *build_traffic_targets(self.closeness),
         )
 
     @property
@@ -55,7 +62,7 @@ class Steps:
         return tuple(target.sentence() for target in self.targets if target.met is False)
 
 
-def _broken(match: Match | None) -> bool:
+def _broken(match: LaneMatch | None) -> bool:
     return match is not None and not match.off_road and bool(match.breaks)
 
 
@@ -71,7 +78,7 @@ def quality_file(steps: Steps) -> QualityFile:
         cleaning=_cleaning(steps.cleaned.report),
         network=_network(steps.network),
         fidelity=steps.quality,
-        by_sumo=by_sumo(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
+        by_sumo=count_sumo_driven(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
         fit=_fit(steps.fitted),
         closeness=steps.closeness,
         targets=steps.targets,
@@ -81,9 +88,9 @@ def quality_file(steps: Steps) -> QualityFile:
     )
 
 
-def findings_of(steps: Steps) -> Findings:
+def findings_of(steps: Steps) -> ConversionFindings:
     """The same for the report page."""
-    return Findings(
+    return ConversionFindings(
         id=steps.id,
         recording=steps.recording,
         cleaned=steps.cleaned,

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import save_scenario
-from real2sim.clean import LEAST_FRAMES
+from real2sim.clean import MIN_FRAMES
 from real2sim.fidelity_report.index_page import IndexLine, index_line
 from real2sim.fidelity_report.report_page import write_page
 from real2sim.pipeline.log_source import Log, named, read
 from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import Wish, build_log
-from real2sim.readers.time_window import Window, windowed
+from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import Recording
-from real2sim.scene import Scene
+from real2sim.scene import SourceScene
 
 BUCKETS = {"v2xpnp": "V2XPnP"}
 CATEGORY = "real2sim"
@@ -40,7 +40,7 @@ class Outcome:
 def convert_log(log: Log, draft: Path, wish: Wish, page: bool) -> Outcome:
     """Writes DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError, one sentence that names the log."""
     try:
-        recording = windowed(str(log.path), read(log), log.window)
+        recording = crop_recording(str(log.path), read(log), log.window)
         _check_length(recording)
         built = build_log(_scene(recording, log.window), draft, replace(wish, window_s=log.window))
     except InputError as error:
@@ -53,10 +53,10 @@ def convert_log(log: Log, draft: Path, wish: Wish, page: bool) -> Outcome:
     return Outcome(built.scenario.id, built.quality.misses, index_line(built.findings) if page else None)
 
 
-def windows_of(log: Log, every_s: float) -> tuple[Window, ...]:
+def windows_of(log: Log, every_s: float) -> tuple[TimeWindow, ...]:
     """Windows of that length [s], one after another; a rest shorter than half of it or `LEAST_S` belongs to none."""
     try:
-        recording = windowed(str(log.path), read(log), log.window)
+        recording = crop_recording(str(log.path), read(log), log.window)
     except InputError as error:
         raise InputError(named(log, str(error))) from None
     first = log.window[0] if log.window else 0.0
@@ -69,7 +69,7 @@ def windows_of(log: Log, every_s: float) -> tuple[Window, ...]:
 
 def _check_length(recording: Recording) -> None:
     length_s = (recording.frames - 1) * recording.dt_s
-    least_s = max(LEAST_S, (LEAST_FRAMES - 1) * recording.dt_s)
+    least_s = max(LEAST_S, (MIN_FRAMES - 1) * recording.dt_s)
     if length_s < least_s - recording.dt_s / 2:
         raise InputError(f"expected at least {least_s:g} s, found {length_s:g} s: too short for the checks to say much")
     if length_s > LONGEST_S:
@@ -79,9 +79,9 @@ def _check_length(recording: Recording) -> None:
         )
 
 
-def _scene(recording: Recording, window: Window | None) -> Scene:
+def _scene(recording: Recording, window: TimeWindow | None) -> SourceScene:
     part = f", {window[0]:g} s to {window[1]:g} s" if window else ""
-    return Scene(
+    return SourceScene(
         id=scenario_id(recording.id, window),
         source=recording.source,
         bucket=BUCKETS.get(recording.source, "Real2Sim"),
@@ -93,7 +93,7 @@ def _scene(recording: Recording, window: Window | None) -> Scene:
     )
 
 
-def scenario_id(log: str, window: Window | None) -> str:
+def scenario_id(log: str, window: TimeWindow | None) -> str:
     """The id of the log in the characters of an identifier, with its window."""
     part = f"_{window[0]:g}-{window[1]:g}s" if window else ""
     plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", log).lstrip("_.+-") or "log"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.readers.time_window import Window
+from real2sim.readers.time_window import TimeWindow
 from real2sim.recording import Recording
 
 
@@ -18,7 +18,7 @@ class Log:
     maps: tuple[Path, ...] = ()
     """Vector maps (v2xpnp), or the one Lanelet2 map (interaction; else the one beside the tracks)."""
     agents: tuple[str, ...] | None = None
-    window: Window | None = None
+    window: TimeWindow | None = None
 
 
 def read(log: Log) -> Recording:

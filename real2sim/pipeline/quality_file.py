@@ -11,10 +11,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, by_number
 from mdrive_sumo.scenario.scenario import first_problem
-from real2sim.clean.cleaning_report import Reason
+from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fit.disposition import Became
 from real2sim.quality import Quality
-from real2sim.targets import Target
+from real2sim.targets import FidelityTarget
 from real2sim.traffic_fidelity import Closeness
 
 QUALITY_FILE = "quality.json"
@@ -27,7 +27,7 @@ class _Part(BaseModel):
 class CleaningChange(_Part):
     """One entry of the cleaning report."""
 
-    reason: Reason
+    reason: ChangeReason
     track: str
     frames: int
     detail: str
@@ -96,7 +96,7 @@ class QualityFile(_Part):
     """Of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
     fit: tuple[FitRole, ...]
     closeness: Closeness
-    targets: tuple[Target, ...]
+    targets: tuple[FidelityTarget, ...]
     misses: tuple[str, ...]
     """Targets that are not met, a sentence each."""
     passed: bool

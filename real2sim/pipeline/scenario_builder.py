@@ -10,18 +10,18 @@ from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.scenario.background import Mode
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario, first_problem
-from real2sim.clean import Cleaned, clean
-from real2sim.findings import Findings
+from real2sim.clean import CleanedRecording, clean_recording
+from real2sim.findings import ConversionFindings
 from real2sim.fit import Fitted, fit
-from real2sim.match import match
+from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.cav_selection import cav_notes, cav_tracks, check_on_map, motions, stations
 from real2sim.pipeline.conversion_results import Steps, findings_of, quality_file
 from real2sim.pipeline.quality_file import QualityFile
 from real2sim.quality import Converted, Quality, assess
 from real2sim.quality.lane_segment_index import LaneIndex
-from real2sim.recording import Recording, Track
-from real2sim.scene import Scene
+from real2sim.recording import RecordedTrack, Recording
+from real2sim.scene import SourceScene
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.traffic_fidelity import closeness
 
@@ -45,10 +45,10 @@ class Built:
 
     scenario: Scenario
     quality: QualityFile
-    findings: Findings
+    findings: ConversionFindings
 
 
-def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | None = None) -> Built:
+def build_log(scene: SourceScene, suite: Path, wish: Wish, network: NetworkReport | None = None) -> Built:
     """Builds the network SUITE/networks/<scene id>, unless one is given, and the scenario on it; raises InputError.
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
@@ -57,7 +57,7 @@ def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | No
     if recording is None:
         raise InputError(f"{scene.id}: expected a log, found an authored scene")
     check_on_map(recording)
-    cleaned, dt_s = clean(recording), recording.dt_s
+    cleaned, dt_s = clean_recording(recording), recording.dt_s
     if not cleaned.tracks:
         raise InputError(f"expected tracks of at least half a second, found none in {recording.frames} frames")
     seen = motions(cleaned.tracks)
@@ -65,7 +65,7 @@ def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | No
         network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load(network.folder)
     tracks = reconstruct(cleaned.tracks, dt_s)
-    matches = {id_: match(motion, roads) for id_, motion in motions(tracks).items()}
+    matches = {id_: match_track(motion, roads) for id_, motion in motions(tracks).items()}
     cavs = cav_tracks(wish.cavs, cleaned, tracks, matches)
     try:
         fitted = fit(tracks, matches, roads, cavs, wish.mode, dt_s)
@@ -91,7 +91,9 @@ def build_log(scene: Scene, suite: Path, wish: Wish, network: NetworkReport | No
     return Built(scenario, quality_file(steps), findings_of(steps))
 
 
-def _assessed(recording: Recording, cleaned: Cleaned, tracks: tuple[Track, ...], roads: RoadMap) -> Quality:
+def _assessed(
+    recording: Recording, cleaned: CleanedRecording, tracks: tuple[RecordedTrack, ...], roads: RoadMap
+) -> Quality:
     lanes = LaneIndex.of_lines(
         [lane.centre.xy for lane in roads.driving], [True] * len(roads.driving), roads.lane_width.tolist()
     )
@@ -105,7 +107,7 @@ def _reactive(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"background": background})
 
 
-def _scenario(scene: Scene, recording: Recording, fitted: Fitted, network: str) -> Scenario:
+def _scenario(scene: SourceScene, recording: Recording, fitted: Fitted, network: str) -> Scenario:
     try:
         return Scenario(
             id=scene.id,

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
 from real2sim.quality.lane_segment_index import LaneIndex
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics
 from real2sim.tracks.stationary import moves
 
@@ -76,7 +76,9 @@ class ActorQuality(BaseModel):
     failed: tuple[str, ...] = ()
 
 
-def actor_quality(track: Track, dt_s: float, raw: Track | None = None, lanes: LaneIndex | None = None) -> ActorQuality:
+def actor_quality(
+    track: RecordedTrack, dt_s: float, raw: RecordedTrack | None = None, lanes: LaneIndex | None = None
+) -> ActorQuality:
     """All figures of one track; against `raw` where both are there, against the lanes if it is a vehicle."""
     figures = _motion_figures(track, dt_s)
     if raw is not None:
@@ -93,7 +95,7 @@ def actor_quality(track: Track, dt_s: float, raw: Track | None = None, lanes: La
     )
 
 
-def _motion_figures(track: Track, dt_s: float) -> dict[str, float | int | None]:
+def _motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, float | int | None]:
     """Over all stretches without a gap, together."""
     xy, yaw, stretches = track.xy, track.yaw, kinematics.runs(track.valid)
 
@@ -132,7 +134,7 @@ def _motion_figures(track: Track, dt_s: float) -> dict[str, float | int | None]:
     }
 
 
-def _error_figures(track: Track, raw: Track) -> dict[str, float | int | None]:
+def _error_figures(track: RecordedTrack, raw: RecordedTrack) -> dict[str, float | int | None]:
     both = track.valid & raw.valid
     if not both.any():
         return {}
@@ -152,7 +154,7 @@ def _error_figures(track: Track, raw: Track) -> dict[str, float | int | None]:
     }
 
 
-def errors(track: Track, raw: Track) -> Float:
+def errors(track: RecordedTrack, raw: RecordedTrack) -> Float:
     """Distance [m] between reconstructed and raw at every frame that both have."""
     both = track.valid & raw.valid
     return kinematics.magnitude((track.xy - raw.xy)[both])
@@ -180,7 +182,7 @@ def dtw(first: Float, second: Float, band: int = 5) -> float:
     return float(best[band]) if n else 0.0
 
 
-def _lane_figures(track: Track, raw: Track | None, lanes: LaneIndex) -> dict[str, float | int | None]:
+def _lane_figures(track: RecordedTrack, raw: RecordedTrack | None, lanes: LaneIndex) -> dict[str, float | int | None]:
     """Of the frames in which the log is on the map; the mean offset of those in which it is in a lane."""
     there = track.valid
     xy, yaw = track.xy[there], track.yaw[there]

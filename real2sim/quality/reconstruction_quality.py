@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.geometry import Float
 from real2sim.quality.actor_quality import ActorQuality, actor_quality, errors
 from real2sim.quality.lane_segment_index import LaneIndex
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 from real2sim.tracks import kinematics
 from real2sim.tracks.track_contacts import Contacts, contacts
 
@@ -64,7 +64,7 @@ WALKING = frozenset(("jumps_1m", "jerk_p95", "acceleration_max", "speed_max", "e
 """Checks of people on foot: they turn on the spot and step back."""
 
 
-SCRIPTED = frozenset((Category.PEDESTRIAN, Category.BICYCLE))
+SCRIPTED = frozenset((ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE))
 """Walkers and cyclists: scripted actors, not bound to lanes."""
 
 
@@ -107,7 +107,7 @@ class Quality(BaseModel):
 
 def verdict(actor: ActorQuality) -> tuple[str, ...]:
     """Names of the checks that the actor fails. Lanes bind only what moves: parked cars stand where they stand."""
-    walking = actor.category == Category.PEDESTRIAN
+    walking = actor.category == ObjectCategory.PEDESTRIAN
     bound = [check for check in CHECKS if not walking or check.figure in WALKING]
     return tuple(check.figure for check in bound if (check.kinematic or actor.moving) and check.failed(actor))
 
@@ -123,8 +123,8 @@ class Converted:
 
     log: str
     dt_s: float
-    tracks: Sequence[Track]
-    raw: Mapping[str, Track]
+    tracks: Sequence[RecordedTrack]
+    raw: Mapping[str, RecordedTrack]
     lanes: LaneIndex | None = None
     lost: Mapping[str, str] | None = None
 

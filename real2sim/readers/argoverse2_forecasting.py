@@ -11,26 +11,26 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
-from real2sim.readers.argoverse2_map import read_map, the_file
+from real2sim.readers.argoverse2_map import find_single_file, read_argoverse2_map
 from real2sim.readers.arrow_tables import Columns, read_columns
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
-CATEGORIES: Mapping[str, Category] = {
-    "vehicle": Category.CAR,
-    "bus": Category.BUS,
-    "motorcyclist": Category.MOTORCYCLE,
-    "cyclist": Category.BICYCLE,
-    "pedestrian": Category.PEDESTRIAN,
-    "static": Category.STATIC,
-    "construction": Category.STATIC,
-    "riderless_bicycle": Category.STATIC,
+CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
+    "vehicle": ObjectCategory.CAR,
+    "bus": ObjectCategory.BUS,
+    "motorcyclist": ObjectCategory.MOTORCYCLE,
+    "cyclist": ObjectCategory.BICYCLE,
+    "pedestrian": ObjectCategory.PEDESTRIAN,
+    "static": ObjectCategory.STATIC,
+    "construction": ObjectCategory.STATIC,
+    "riderless_bicycle": ObjectCategory.STATIC,
 }
 """Not among them: `background` and `unknown`, of which nobody can say what they are."""
-EGO = "AV"
+EGO_ID = "AV"
 DT_S = 0.1
-MOST_FRAMES = 10_000
+MAX_FRAMES = 10_000
 """A thousand seconds: more is a damaged number."""
-NUMBERS = ("timestep", "position_x", "position_y", "heading")
+NUMBER_COLUMNS = ("timestep", "position_x", "position_y", "heading")
 
 
 def read_argoverse2_forecasting(folder: Path) -> Recording:
@@ -39,55 +39,55 @@ def read_argoverse2_forecasting(folder: Path) -> Recording:
     The recording car (track "AV") is the connected vehicle. Sizes are NaN: the source has none.
     It does not say either which point of the AV it tells; all positions are taken as box centres.
     """
-    path = the_file(folder, "scenario_*.parquet")
-    rows = read_columns(path, NUMBERS, ("track_id", "object_type", "scenario_id"))
-    frames = _frames(path, rows)
-    tracks, notes = _tracks(path, rows, frames)
-    hd_map, map_notes = read_map(folder)
-    cavs = tuple(track.id for track in tracks if track.id == EGO)
+    path = find_single_file(folder, "scenario_*.parquet")
+    rows = read_columns(path, NUMBER_COLUMNS, ("track_id", "object_type", "scenario_id"))
+    frames = _count_frames(path, rows)
+    tracks, notes = _build_tracks(path, rows, frames)
+    hd_map, map_notes = read_argoverse2_map(folder)
+    cavs = tuple(track.id for track in tracks if track.id == EGO_ID)
     return Recording(
         id=str(rows["scenario_id"][0]),
         source="argoverse2",
         dt_s=DT_S,
         frames=frames,
-        views=(View("log", tracks),),
+        views=(ObserverView("log", tracks),),
         map=hd_map,
         cavs=cavs,
-        notes=(*notes, *map_notes) if cavs else (*notes, *map_notes, f"no track {EGO}: no connected vehicle"),
+        notes=(*notes, *map_notes) if cavs else (*notes, *map_notes, f"no track {EGO_ID}: no connected vehicle"),
     )
 
 
-def _frames(path: Path, rows: Columns) -> int:
+def _count_frames(path: Path, rows: Columns) -> int:
     low, high = int(rows["timestep"].min()), int(rows["timestep"].max())
-    if low < 0 or not 1 <= high < MOST_FRAMES:
-        raise InputError(f"{path}: timestep: expected frames 0 to at most {MOST_FRAMES - 1}, found {low} to {high}")
+    if low < 0 or not 1 <= high < MAX_FRAMES:
+        raise InputError(f"{path}: timestep: expected frames 0 to at most {MAX_FRAMES - 1}, found {low} to {high}")
     return high + 1
 
 
-def _tracks(path: Path, rows: Columns, frames: int) -> tuple[tuple[Track, ...], tuple[str, ...]]:
+def _build_tracks(path: Path, rows: Columns, frames: int) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
     passed_over: Counter[str] = Counter()
-    tracks: list[Track] = []
+    tracks: list[RecordedTrack] = []
     for id_ in dict.fromkeys(rows["track_id"].tolist()):
         chosen = rows["track_id"] == id_
         word = str(rows["object_type"][chosen][0])
-        category = CATEGORIES.get(word)
+        category = CATEGORY_BY_TYPE.get(word)
         if category is None:
             passed_over[word] += 1
         else:
-            tracks.append(_track(path, rows, chosen, category, frames))
+            tracks.append(_build_track(path, rows, chosen, category, frames))
     if not tracks:
         raise InputError(f"{path}: object_type: expected at least one known type, found {', '.join(passed_over)}")
     return tuple(tracks), tuple(f"{count} tracks of type {word} passed over" for word, count in passed_over.items())
 
 
-def _track(path: Path, rows: Columns, chosen: Bool, category: Category, frames: int) -> Track:
+def _build_track(path: Path, rows: Columns, chosen: Bool, category: ObjectCategory, frames: int) -> RecordedTrack:
     id_, at = str(rows["track_id"][chosen][0]), rows["timestep"][chosen].astype(np.intp)
     if len(np.unique(at)) < len(at):
         raise InputError(f"{path}: track {id_}: expected one row a timestep, found {len(at)} for {len(np.unique(at))}")
     x, y, yaw, size = np.full((4, frames), np.nan)
     for column, name in ((x, "position_x"), (y, "position_y"), (yaw, "heading")):
         column[at] = rows[name][chosen]
-    return Track(
+    return RecordedTrack(
         id=id_,
         category=category,
         valid=np.isfinite(x),
@@ -96,5 +96,5 @@ def _track(path: Path, rows: Columns, chosen: Bool, category: Category, frames: 
         yaw=yaw,
         length=size,
         width=size,
-        parked=category is Category.STATIC,
+        parked=category is ObjectCategory.STATIC,
     )

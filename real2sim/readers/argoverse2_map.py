@@ -12,73 +12,73 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import first_problem
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.shapes import between, points
+from real2sim.readers.shapes import compute_centreline, parse_points
 
-KINDS: Mapping[str, LaneKind] = {
+LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
     "VEHICLE": LaneKind.DRIVING,
     "BUS": LaneKind.DRIVING,
     "BIKE": LaneKind.BIKE,
 }
 
 
-class Point(BaseModel, frozen=True):
+class Av2Point(BaseModel, frozen=True):
     """A point in the city frame [m]; its height is left out."""
 
     x: float = Field(allow_inf_nan=False)
     y: float = Field(allow_inf_nan=False)
 
 
-def _id(raw: Any) -> Any:
+def _to_id(raw: Any) -> Any:
     return str(raw) if isinstance(raw, int) else raw
 
 
-Line = tuple[Point, ...]
-Id = Annotated[str, BeforeValidator(_id)]
+Av2Line = tuple[Av2Point, ...]
+Av2Id = Annotated[str, BeforeValidator(_to_id)]
 
 
-class Segment(BaseModel, frozen=True):
+class Av2LaneSegment(BaseModel, frozen=True):
     """A piece of a lane. The forecasting part has centre lines, the sensor part has none."""
 
     lane_type: str
     is_intersection: bool
-    centerline: Line = ()
-    left_lane_boundary: Line
-    right_lane_boundary: Line
-    predecessors: tuple[Id, ...]
-    successors: tuple[Id, ...]
-    left_neighbor_id: Id | None
-    right_neighbor_id: Id | None
+    centerline: Av2Line = ()
+    left_lane_boundary: Av2Line
+    right_lane_boundary: Av2Line
+    predecessors: tuple[Av2Id, ...]
+    successors: tuple[Av2Id, ...]
+    left_neighbor_id: Av2Id | None
+    right_neighbor_id: Av2Id | None
 
 
-class Crossing(BaseModel, frozen=True):
+class Av2Crossing(BaseModel, frozen=True):
     """The two long edges of a pedestrian crossing."""
 
-    edge1: Line = Field(min_length=2)
-    edge2: Line = Field(min_length=2)
+    edge1: Av2Line = Field(min_length=2)
+    edge2: Av2Line = Field(min_length=2)
 
 
-class Archive(BaseModel, frozen=True):
+class Av2MapArchive(BaseModel, frozen=True):
     """What we read of a `log_map_archive_*.json`."""
 
-    lane_segments: dict[str, Segment] = Field(min_length=1)
-    pedestrian_crossings: dict[str, Crossing] = {}
+    lane_segments: dict[str, Av2LaneSegment] = Field(min_length=1)
+    pedestrian_crossings: dict[str, Av2Crossing] = {}
 
 
-def read_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
+def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
     """The `log_map_archive_*.json` in a folder, and what had to be passed over; raises InputError."""
-    path = the_file(folder, "log_map_archive_*.json")
-    archive = _archive(path)
-    read = ((id_, _lane(path, id_, segment)) for id_, segment in archive.lane_segments.items())
+    path = find_single_file(folder, "log_map_archive_*.json")
+    archive = _load_archive(path)
+    read = ((id_, _build_lane(path, id_, segment)) for id_, segment in archive.lane_segments.items())
     lanes = {id_: lane for id_, lane in read if lane is not None}
     lost = len(archive.lane_segments) - len(lanes)
     if not lanes:
         raise InputError(f"{path}: lane_segments: expected at least one that is a lane, found none in {lost}")
-    crossings = tuple(_ring(path, id_, one) for id_, one in archive.pedestrian_crossings.items())
-    hd_map = HdMap(lanes=_same_way_neighbours(lanes), crosswalks=crossings)
+    crossings = tuple(_build_crosswalk(path, id_, one) for id_, one in archive.pedestrian_crossings.items())
+    hd_map = HdMap(lanes=_drop_oncoming_neighbours(lanes), crosswalks=crossings)
     return hd_map, (f"{lost} lane segments of an unknown type or without length passed over",) if lost else ()
 
 
-def the_file(folder: Path, *patterns: str) -> Path:
+def find_single_file(folder: Path, *patterns: str) -> Path:
     """The only file of a folder that matches the first pattern for which there is any; raises InputError."""
     for pattern in patterns:
         found = sorted(folder.glob(pattern))
@@ -90,27 +90,27 @@ def the_file(folder: Path, *patterns: str) -> Path:
     raise InputError(f"{folder}: expected {' or '.join(patterns)}, found none")
 
 
-def _archive(path: Path) -> Archive:
+def _load_archive(path: Path) -> Av2MapArchive:
     try:
-        return Archive.model_validate_json(path.read_bytes())
+        return Av2MapArchive.model_validate_json(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from None
 
 
-def _lane(path: Path, id_: str, segment: Segment) -> MapLane | None:
+def _build_lane(path: Path, id_: str, segment: Av2LaneSegment) -> MapLane | None:
     where = f"{path}: lane_segments.{id_}"
-    kind = KINDS.get(segment.lane_type)
+    kind = LANE_KIND_BY_TYPE.get(segment.lane_type)
     centre, left, right = (
-        _xy(where, line) for line in (segment.centerline, segment.left_lane_boundary, segment.right_lane_boundary)
+        _to_xy(where, line) for line in (segment.centerline, segment.left_lane_boundary, segment.right_lane_boundary)
     )
     if kind is None or min(len(left), len(right)) < 2:
         return None
     return MapLane(
         id=id_,
         kind=kind,
-        centre=centre if len(centre) > 1 else between(left, right),
+        centre=centre if len(centre) > 1 else compute_centreline(left, right),
         left=left,
         right=right,
         entries=segment.predecessors,
@@ -121,22 +121,22 @@ def _lane(path: Path, id_: str, segment: Segment) -> MapLane | None:
     )
 
 
-def _xy(where: str, line: Line) -> Float:
-    return points(where, [(point.x, point.y) for point in line]) if line else np.zeros((0, 2))
+def _to_xy(where: str, line: Av2Line) -> Float:
+    return parse_points(where, [(point.x, point.y) for point in line]) if line else np.zeros((0, 2))
 
 
-def _ring(path: Path, id_: str, one: Crossing) -> Float:
+def _build_crosswalk(path: Path, id_: str, one: Av2Crossing) -> Float:
     """The two long edges joined to a ring (N, 2)."""
-    first, second = (_xy(f"{path}: pedestrian_crossings.{id_}", edge) for edge in (one.edge1, one.edge2))
+    first, second = (_to_xy(f"{path}: pedestrian_crossings.{id_}", edge) for edge in (one.edge1, one.edge2))
     same_way = (first[-1] - first[0]) @ (second[-1] - second[0]) > 0
     return np.concatenate((first, second[::-1] if same_way else second))
 
 
-def _same_way_neighbours(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
+def _drop_oncoming_neighbours(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
     """Without neighbours that lead the other way: the source names those too, behind a yellow line."""
 
     def kept(lane: MapLane, other: str) -> str:
-        return other if other in lanes and _along(lane) @ _along(lanes[other]) > 0 else ""
+        return other if other in lanes and _compute_chord(lane) @ _compute_chord(lanes[other]) > 0 else ""
 
     return {
         id_: replace(
@@ -148,5 +148,5 @@ def _same_way_neighbours(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
     }
 
 
-def _along(lane: MapLane) -> Float:
+def _compute_chord(lane: MapLane) -> Float:
     return lane.centre[-1] - lane.centre[0]

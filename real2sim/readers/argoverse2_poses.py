@@ -9,11 +9,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Int
 from real2sim.readers.arrow_tables import Columns
 
-POSE = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+POSE_COLUMNS = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 
 
 @dataclass(frozen=True)
-class Poses:
+class PoseSeries:
     """Positions and rotations (of a box or of the ego) at times (N,) [s]."""
 
     t: Float
@@ -22,14 +22,14 @@ class Poses:
     quaternion: Float
     """(N, 4) w, x, y, z of length 1."""
 
-    def at(self, t: Float) -> "Poses":
+    def at(self, t: Float) -> "PoseSeries":
         """Interpolated; quaternions linearly and made unit again, which is exact enough over 10 ms."""
         signs = np.cumprod(np.where((self.quaternion[1:] * self.quaternion[:-1]).sum(1) < 0, -1.0, 1.0))
         smooth = self.quaternion * np.concatenate(((1.0,), signs))[:, None]
         xyz, mixed = (
             np.column_stack([np.interp(t, self.t, column) for column in rows.T]) for rows in (self.xyz, smooth)
         )
-        return Poses(t, xyz, mixed / np.linalg.norm(mixed, axis=1)[:, None])
+        return PoseSeries(t, xyz, mixed / np.linalg.norm(mixed, axis=1)[:, None])
 
     @property
     def rotation(self) -> Float:
@@ -43,9 +43,9 @@ class Poses:
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def poses(path: Path, rows: Columns, start_ns: int) -> Poses:
+def parse_poses(path: Path, rows: Columns, start_ns: int) -> PoseSeries:
     """Poses of all rows of a table, times after `start_ns`; raises InputError."""
-    quaternion = np.column_stack([rows[name] for name in POSE[1:5]])
+    quaternion = np.column_stack([rows[name] for name in POSE_COLUMNS[1:5]])
     length = np.linalg.norm(quaternion, axis=1)
     bad = np.abs(length - 1) > 0.01
     if bad.any():
@@ -53,10 +53,10 @@ def poses(path: Path, rows: Columns, start_ns: int) -> Poses:
         raise InputError(
             f"{path}: qw, qx, qy, qz: expected quaternions of length 1, found {length[row]:g} in row {row}"
         )
-    xyz = np.column_stack([rows[name] for name in POSE[5:]]).astype(np.float64)
-    return Poses(seconds(rows["timestamp_ns"], start_ns), xyz, quaternion / length[:, None])
+    xyz = np.column_stack([rows[name] for name in POSE_COLUMNS[5:]]).astype(np.float64)
+    return PoseSeries(to_seconds(rows["timestamp_ns"], start_ns), xyz, quaternion / length[:, None])
 
 
-def seconds(timestamp_ns: Int, start_ns: int) -> Float:
+def to_seconds(timestamp_ns: Int, start_ns: int) -> Float:
     """Times [s] after a start."""
     return (timestamp_ns - start_ns).astype(np.float64) / 1e9

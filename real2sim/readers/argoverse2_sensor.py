@@ -14,14 +14,14 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Int, wrap_angles
-from real2sim.readers.argoverse2_map import read_map, the_file
-from real2sim.readers.argoverse2_poses import POSE, Poses, poses, seconds
+from real2sim.readers.argoverse2_map import find_single_file, read_argoverse2_map
+from real2sim.readers.argoverse2_poses import POSE_COLUMNS, PoseSeries, parse_poses, to_seconds
 from real2sim.readers.arrow_tables import Columns, read_columns
-from real2sim.readers.shapes import moved_ahead
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.readers.shapes import shift_ahead
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
-EGO_BOX = "EGO_VEHICLE"
-EGO = "AV"
+EGO_TYPE = "EGO_VEHICLE"
+EGO_ID = "AV"
 """Id of the ego's track, as in the forecasting part of the data set."""
 AXLE_TO_CENTRE_M = 1.425
 """From the ego's rear axle to its box centre: half the wheelbase (2.85 m) of a Ford Fusion, its overhangs being about
@@ -32,36 +32,36 @@ HOLD_S = 0.055
 STILL_M = 1.0
 """A two-wheeler that stays within this distance all the time has no rider."""
 
-CATEGORIES: Mapping[str, Category] = {
-    "REGULAR_VEHICLE": Category.CAR,
-    "LARGE_VEHICLE": Category.TRUCK,
-    "BOX_TRUCK": Category.TRUCK,
-    "TRUCK": Category.TRUCK,
-    "TRUCK_CAB": Category.TRUCK,
-    "VEHICULAR_TRAILER": Category.TRUCK,
-    "BUS": Category.BUS,
-    "SCHOOL_BUS": Category.BUS,
-    "ARTICULATED_BUS": Category.BUS,
-    "MOTORCYCLE": Category.MOTORCYCLE,
-    "MOTORCYCLIST": Category.MOTORCYCLE,
-    "BICYCLE": Category.BICYCLE,
-    "BICYCLIST": Category.BICYCLE,
-    "WHEELED_DEVICE": Category.BICYCLE,
-    "WHEELED_RIDER": Category.BICYCLE,
-    "PEDESTRIAN": Category.PEDESTRIAN,
-    "OFFICIAL_SIGNALER": Category.PEDESTRIAN,
-    "STROLLER": Category.PEDESTRIAN,
-    "WHEELCHAIR": Category.PEDESTRIAN,
-    "BOLLARD": Category.STATIC,
-    "CONSTRUCTION_BARREL": Category.STATIC,
-    "CONSTRUCTION_CONE": Category.STATIC,
-    "SIGN": Category.STATIC,
-    "STOP_SIGN": Category.STATIC,
-    "MOBILE_PEDESTRIAN_CROSSING_SIGN": Category.STATIC,
-    "MESSAGE_BOARD_TRAILER": Category.STATIC,
-    "TRAFFIC_LIGHT_TRAILER": Category.STATIC,
+CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
+    "REGULAR_VEHICLE": ObjectCategory.CAR,
+    "LARGE_VEHICLE": ObjectCategory.TRUCK,
+    "BOX_TRUCK": ObjectCategory.TRUCK,
+    "TRUCK": ObjectCategory.TRUCK,
+    "TRUCK_CAB": ObjectCategory.TRUCK,
+    "VEHICULAR_TRAILER": ObjectCategory.TRUCK,
+    "BUS": ObjectCategory.BUS,
+    "SCHOOL_BUS": ObjectCategory.BUS,
+    "ARTICULATED_BUS": ObjectCategory.BUS,
+    "MOTORCYCLE": ObjectCategory.MOTORCYCLE,
+    "MOTORCYCLIST": ObjectCategory.MOTORCYCLE,
+    "BICYCLE": ObjectCategory.BICYCLE,
+    "BICYCLIST": ObjectCategory.BICYCLE,
+    "WHEELED_DEVICE": ObjectCategory.BICYCLE,
+    "WHEELED_RIDER": ObjectCategory.BICYCLE,
+    "PEDESTRIAN": ObjectCategory.PEDESTRIAN,
+    "OFFICIAL_SIGNALER": ObjectCategory.PEDESTRIAN,
+    "STROLLER": ObjectCategory.PEDESTRIAN,
+    "WHEELCHAIR": ObjectCategory.PEDESTRIAN,
+    "BOLLARD": ObjectCategory.STATIC,
+    "CONSTRUCTION_BARREL": ObjectCategory.STATIC,
+    "CONSTRUCTION_CONE": ObjectCategory.STATIC,
+    "SIGN": ObjectCategory.STATIC,
+    "STOP_SIGN": ObjectCategory.STATIC,
+    "MOBILE_PEDESTRIAN_CROSSING_SIGN": ObjectCategory.STATIC,
+    "MESSAGE_BOARD_TRAILER": ObjectCategory.STATIC,
+    "TRAFFIC_LIGHT_TRAILER": ObjectCategory.STATIC,
 }
-RIDERS: Mapping[str, str] = {
+MOUNT_BY_RIDER: Mapping[str, str] = {
     "BICYCLIST": "BICYCLE",
     "MOTORCYCLIST": "MOTORCYCLE",
     "WHEELED_RIDER": "WHEELED_DEVICE",
@@ -74,7 +74,7 @@ RIDDEN_M = 1.5
 
 
 @dataclass(frozen=True)
-class Boxes:
+class AnnotatedBoxes:
     """All boxes of a log in the city frame, a row a box: (N,) each."""
 
     id: npt.NDArray[np.str_]
@@ -92,34 +92,34 @@ def read_argoverse2_sensor(folder: Path) -> Recording:
 
     The recording car (track "AV") is the connected vehicle; where the annotations have a box of it, its size is taken.
     """
-    path = the_file(folder, "annotations_with_ego.feather", "annotations.feather")
-    rows = read_columns(path, (*POSE, "length_m", "width_m"), ("track_uuid", "category"))
+    path = find_single_file(folder, "annotations_with_ego.feather", "annotations.feather")
+    rows = read_columns(path, (*POSE_COLUMNS, "length_m", "width_m"), ("track_uuid", "category"))
     start_ns = int(rows["timestamp_ns"].min())
-    ego = _ego(folder / "city_SE3_egovehicle.feather", rows["timestamp_ns"], start_ns)
-    boxes = _boxes(path, rows, ego, start_ns)
+    ego = _read_ego_poses(folder / "city_SE3_egovehicle.feather", rows["timestamp_ns"], start_ns)
+    boxes = _build_boxes(path, rows, ego, start_ns)
     grid = DT_S * np.arange(round(float(boxes.t.max()) / DT_S) + 1, dtype=np.float64)
     if len(grid) < 2:
         raise InputError(f"{path}: timestamp_ns: expected at least 2 sweeps, found {len(np.unique(boxes.t))}")
-    tracks, notes = _tracks(path, boxes, grid)
-    hd_map, map_notes = read_map(folder / "map")
-    own, own_notes = _own_track(boxes, ego.at(grid))
+    tracks, notes = _build_tracks(path, boxes, grid)
+    hd_map, map_notes = read_argoverse2_map(folder / "map")
+    own, own_notes = _build_ego_track(boxes, ego.at(grid))
     return Recording(
         id=folder.resolve().name,
         source="argoverse2",
         dt_s=DT_S,
         frames=len(grid),
-        views=(View("log", (own, *tracks)),),
+        views=(ObserverView("log", (own, *tracks)),),
         map=hd_map,
-        cavs=(EGO,),
+        cavs=(EGO_ID,),
         notes=(*own_notes, *notes, *map_notes),
     )
 
 
-def _ego(path: Path, sweeps_ns: Int, start_ns: int) -> Poses:
-    found = poses(path, read_columns(path, POSE), start_ns)
+def _read_ego_poses(path: Path, sweeps_ns: Int, start_ns: int) -> PoseSeries:
+    found = parse_poses(path, read_columns(path, POSE_COLUMNS), start_ns)
     order = np.argsort(found.t, kind="stable")
-    found = Poses(found.t[order], found.xyz[order], found.quaternion[order])
-    end = float(seconds(sweeps_ns, start_ns).max())
+    found = PoseSeries(found.t[order], found.xyz[order], found.quaternion[order])
+    end = float(to_seconds(sweeps_ns, start_ns).max())
     if found.t[0] > HOLD_S or found.t[-1] < end - HOLD_S:
         raise InputError(
             f"{path}: expected poses for all sweeps, 0 to {end:g} s after the first, "
@@ -128,14 +128,14 @@ def _ego(path: Path, sweeps_ns: Int, start_ns: int) -> Poses:
     return found
 
 
-def _boxes(path: Path, rows: Columns, ego: Poses, start_ns: int) -> Boxes:
+def _build_boxes(path: Path, rows: Columns, ego: PoseSeries, start_ns: int) -> AnnotatedBoxes:
     """City frame = pose of the ego at that time, times the box."""
-    boxes = poses(path, rows, start_ns)
+    boxes = parse_poses(path, rows, start_ns)
     frame = ego.at(boxes.t)
     turn = frame.rotation
     xyz = np.einsum("nij,nj->ni", turn, boxes.xyz) + frame.xyz
     ahead = np.einsum("nij,nj->ni", turn, boxes.rotation[:, :, 0])
-    return Boxes(
+    return AnnotatedBoxes(
         id=rows["track_uuid"],
         word=rows["category"],
         t=boxes.t,
@@ -147,15 +147,15 @@ def _boxes(path: Path, rows: Columns, ego: Poses, start_ns: int) -> Boxes:
     )
 
 
-def _own_track(boxes: Boxes, ego: Poses) -> tuple[Track, tuple[str, ...]]:
-    own = boxes.word == EGO_BOX
+def _build_ego_track(boxes: AnnotatedBoxes, ego: PoseSeries) -> tuple[RecordedTrack, tuple[str, ...]]:
+    own = boxes.word == EGO_TYPE
     turn = ego.rotation
     size = [
         np.full(len(ego.t), np.median(column[own]) if own.any() else np.nan) for column in (boxes.length, boxes.width)
     ]
-    axle = Track(
-        id=EGO,
-        category=Category.CAR,
+    axle = RecordedTrack(
+        id=EGO_ID,
+        category=ObjectCategory.CAR,
         valid=np.ones(len(ego.t), dtype=np.bool_),
         x=ego.xyz[:, 0],
         y=ego.xyz[:, 1],
@@ -163,18 +163,18 @@ def _own_track(boxes: Boxes, ego: Poses) -> tuple[Track, tuple[str, ...]]:
         length=size[0],
         width=size[1],
     )
-    moved = f"{EGO}: box centre taken as {AXLE_TO_CENTRE_M} m ahead of the pose, which is that of the rear axle"
+    moved = f"{EGO_ID}: box centre taken as {AXLE_TO_CENTRE_M} m ahead of the pose, which is that of the rear axle"
     among = f"the ego is a box of the annotations too: its size is taken, its {own.sum()} rows are not"
-    return moved_ahead(axle, AXLE_TO_CENTRE_M), (moved, among) if own.any() else (moved,)
+    return shift_ahead(axle, AXLE_TO_CENTRE_M), (moved, among) if own.any() else (moved,)
 
 
-def _tracks(path: Path, boxes: Boxes, grid: Float) -> tuple[tuple[Track, ...], tuple[str, ...]]:
-    words = {str(id_): str(word) for id_, word in zip(boxes.id, boxes.word, strict=True) if word != EGO_BOX}
-    passed_over = Counter(word for word in words.values() if word not in CATEGORIES)
-    tracks = {id_: _track(path, boxes, id_, grid) for id_, word in words.items() if word in CATEGORIES}
+def _build_tracks(path: Path, boxes: AnnotatedBoxes, grid: Float) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
+    words = {str(id_): str(word) for id_, word in zip(boxes.id, boxes.word, strict=True) if word != EGO_TYPE}
+    passed_over = Counter(word for word in words.values() if word not in CATEGORY_BY_TYPE)
+    tracks = {id_: _build_track(path, boxes, id_, grid) for id_, word in words.items() if word in CATEGORY_BY_TYPE}
     there = {id_: track for id_, track in tracks.items() if track.valid.any()}
-    ridden = _ridden(there, words)
-    kept = [_parked(track, words[id_], ridden) for id_, track in there.items() if id_ not in ridden]
+    ridden = _find_ridden(there, words)
+    kept = [_mark_parked(track, words[id_], ridden) for id_, track in there.items() if id_ not in ridden]
     notes = [f"{count} tracks of the unknown category {word} passed over" for word, count in passed_over.items()]
     notes += [f"{len(ridden)} riders left out: the box of what they ride stands for both"] if ridden else []
     short = len(tracks) - len(there)
@@ -182,7 +182,7 @@ def _tracks(path: Path, boxes: Boxes, grid: Float) -> tuple[tuple[Track, ...], t
     return tuple(kept), tuple(notes)
 
 
-def _track(path: Path, boxes: Boxes, id_: str, grid: Float) -> Track:
+def _build_track(path: Path, boxes: AnnotatedBoxes, id_: str, grid: Float) -> RecordedTrack:
     rows = np.flatnonzero(boxes.id == id_)
     rows = rows[np.argsort(boxes.t[rows], kind="stable")]
     t = boxes.t[rows]
@@ -194,8 +194,8 @@ def _track(path: Path, boxes: Boxes, id_: str, grid: Float) -> Track:
     valid = np.minimum(np.abs(t[after] - grid), np.abs(t[np.maximum(after - 1, 0)] - grid)) <= HOLD_S
     columns = (boxes.x[rows], boxes.y[rows], np.unwrap(boxes.yaw[rows]), boxes.length[rows], boxes.width[rows])
     x, y, yaw, length, width = (np.where(valid, np.interp(grid, t, column), np.nan) for column in columns)
-    category = CATEGORIES[str(boxes.word[rows[0]])]
-    return Track(
+    category = CATEGORY_BY_TYPE[str(boxes.word[rows[0]])]
+    return RecordedTrack(
         id=id_,
         category=category,
         valid=valid,
@@ -204,33 +204,33 @@ def _track(path: Path, boxes: Boxes, id_: str, grid: Float) -> Track:
         yaw=wrap_angles(yaw),
         length=length,
         width=width,
-        parked=category is Category.STATIC,
+        parked=category is ObjectCategory.STATIC,
     )
 
 
-def _ridden(tracks: Mapping[str, Track], words: Mapping[str, str]) -> dict[str, str]:
+def _find_ridden(tracks: Mapping[str, RecordedTrack], words: Mapping[str, str]) -> dict[str, str]:
     """Riders with what they ride."""
-    riders = {id_: RIDERS[words[id_]] for id_ in tracks if words[id_] in RIDERS}
+    riders = {id_: MOUNT_BY_RIDER[words[id_]] for id_ in tracks if words[id_] in MOUNT_BY_RIDER}
     pairs = [
         (rider, id_)
         for rider, steed in riders.items()
         for id_ in tracks
-        if words[id_] == steed and _close(tracks[rider], tracks[id_])
+        if words[id_] == steed and _is_riding(tracks[rider], tracks[id_])
     ]
     return dict(reversed(pairs))
 
 
-def _close(rider: Track, steed: Track) -> bool:
+def _is_riding(rider: RecordedTrack, steed: RecordedTrack) -> bool:
     with np.errstate(invalid="ignore"):
         near = np.hypot(rider.x - steed.x, rider.y - steed.y) <= RIDDEN_M
     return bool(2 * near.sum() >= rider.valid.sum())
 
 
-def _parked(track: Track, word: str, ridden: Mapping[str, str]) -> Track:
+def _mark_parked(track: RecordedTrack, word: str, ridden: Mapping[str, str]) -> RecordedTrack:
     """A two-wheeler that nobody rides and that never moves: the source does not say whether it is parked."""
-    if word not in RIDERS.values() or track.id in ridden.values():
+    if word not in MOUNT_BY_RIDER.values() or track.id in ridden.values():
         return track
     spread = np.hypot(np.ptp(track.x[track.valid]), np.ptp(track.y[track.valid]))
     if spread > STILL_M:
         return track
-    return replace(track, category=Category.STATIC, parked=True)
+    return replace(track, category=ObjectCategory.STATIC, parked=True)

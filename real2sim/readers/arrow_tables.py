@@ -17,18 +17,18 @@ def read_columns(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] = 
 
     Integers stay integers: a time in nanoseconds does not fit a float.
     """
-    table = _table(path)
+    table = _read_table(path)
     missing = [name for name in (*numbers, *words) if name not in table.column_names]
     if missing:
         raise InputError(f"{path}: expected the column {missing[0]}, found {', '.join(table.column_names) or 'none'}")
     if not table.num_rows:
         raise InputError(f"{path}: expected at least one row, found an empty table")
-    return {name: _numbers(path, name, table[name]) for name in numbers} | {
+    return {name: _read_numbers(path, name, table[name]) for name in numbers} | {
         name: np.array(table[name].to_pylist(), dtype=np.str_) for name in words
     }
 
 
-def _table(path: Path) -> Any:
+def _read_table(path: Path) -> Any:
     """Imports pyarrow only here: it is needed for Argoverse 2 alone and takes a while."""
     try:
         import pyarrow
@@ -47,7 +47,7 @@ def _table(path: Path) -> Any:
         raise InputError(f"{path}: expected a complete {path.suffix[1:]} table, found: {reason}") from None
 
 
-def _numbers(path: Path, name: str, column: Any) -> npt.NDArray[Any]:
+def _read_numbers(path: Path, name: str, column: Any) -> npt.NDArray[Any]:
     values = column.to_numpy()
     if values.dtype.kind not in "iuf":
         raise InputError(f"{path}: {name}: expected numbers, found {column.type}")

@@ -12,7 +12,7 @@ from mdrive_sumo.core.geometry import Float, wrap_angle
 class CarlaFrame:
     """Where CARLA's origin lies in the map's frame, after y is flipped: x, y [m] and a turn [rad] counter-clockwise.
 
-    A CARLA town is its own map: nothing but the flip. Logs of V2XPnP: `UCLA`.
+    A CARLA town is its own map: nothing but the flip. Logs of V2XPnP: `UCLA_FRAME`.
     """
 
     x: float = 0.0
@@ -32,5 +32,5 @@ class CarlaFrame:
         return wrap_angle(self.yaw - math.radians(yaw_carla_deg))
 
 
-UCLA = CarlaFrame(502.5, -201.0)
+UCLA_FRAME = CarlaFrame(502.5, -201.0)
 """CARLA's `ucla_v2` in the frame of V2XPnP's logs and vector maps, as MDriveBench publishes it (data_formats 1.4)."""

@@ -18,60 +18,62 @@ import numpy as np
 from shapely.errors import ShapelyError
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.readers.commonroad_map import read_map
-from real2sim.readers.time_window import Window, windowed
-from real2sim.recording import Category, Recording, Track, View
-from real2sim.xml_file import Element, number, read_xml
+from real2sim.readers.commonroad_map import build_commonroad_map
+from real2sim.readers.time_window import TimeWindow, crop_recording
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+from real2sim.xml_file import Element, read_number, read_xml
 
 VERSIONS = ("2018b", "2020a")
-CATEGORIES: Mapping[str, Category] = {
-    "car": Category.CAR,
-    "taxi": Category.CAR,
-    "priorityVehicle": Category.CAR,
-    "parkedVehicle": Category.CAR,
-    "vehicle": Category.CAR,
-    "truck": Category.TRUCK,
-    "bus": Category.BUS,
-    "motorcycle": Category.MOTORCYCLE,
-    "bicycle": Category.BICYCLE,
-    "pedestrian": Category.PEDESTRIAN,
-    "constructionZone": Category.STATIC,
-    "roadBoundary": Category.STATIC,
-    "building": Category.STATIC,
-    "pillar": Category.STATIC,
-    "median_strip": Category.STATIC,
+CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
+    "car": ObjectCategory.CAR,
+    "taxi": ObjectCategory.CAR,
+    "priorityVehicle": ObjectCategory.CAR,
+    "parkedVehicle": ObjectCategory.CAR,
+    "vehicle": ObjectCategory.CAR,
+    "truck": ObjectCategory.TRUCK,
+    "bus": ObjectCategory.BUS,
+    "motorcycle": ObjectCategory.MOTORCYCLE,
+    "bicycle": ObjectCategory.BICYCLE,
+    "pedestrian": ObjectCategory.PEDESTRIAN,
+    "constructionZone": ObjectCategory.STATIC,
+    "roadBoundary": ObjectCategory.STATIC,
+    "building": ObjectCategory.STATIC,
+    "pillar": ObjectCategory.STATIC,
+    "median_strip": ObjectCategory.STATIC,
 }
-LINKS = ("predecessor", "successor", "adjacentLeft", "adjacentRight")
-TROUBLE = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
+LINK_TAGS = ("predecessor", "successor", "adjacentLeft", "adjacentRight")
+LIBRARY_ERRORS = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
 """What commonroad-io raises at a scenario that is not as it expects."""
-NUMBERS = frozenset({"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"})
-OBSTACLES = ("obstacle", "staticObstacle", "dynamicObstacle")
+NUMBER_TAGS = frozenset(
+    {"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"}
+)
+OBSTACLE_TAGS = ("obstacle", "staticObstacle", "dynamicObstacle")
 
 
-def read_commonroad(path: Path, window: Window | None = None) -> Recording:
+def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
     """Reads a scenario; raises InputError, also on a version other than 2018b and 2020a.
 
     `window` is start and end [s] since the first frame. All obstacles are in one view. Planning problems are not read:
     their vehicle has no recorded motion.
     """
     root = read_xml(path)
-    _check(path, root)
-    notes = list(_cleaned(root))
-    scenario, remarks = _opened(path, root)
-    tracks, track_notes = _tracks(path, scenario)
+    _check_file(path, root)
+    notes = list(_drop_unsupported(root))
+    scenario, remarks = _parse_scenario(path, root)
+    tracks, track_notes = _build_tracks(path, scenario)
     recording = Recording(
         id=str(root.get("benchmarkID") or path.stem),
         source="commonroad",
         dt_s=float(scenario.dt),
         frames=len(tracks[0].valid),
-        views=(View("log", tracks),),
-        map=read_map(path, scenario.lanelet_network),
+        views=(ObserverView("log", tracks),),
+        map=build_commonroad_map(path, scenario.lanelet_network),
         notes=(*notes, *remarks, *track_notes),
     )
-    return windowed(str(path), recording, window)
+    return crop_recording(str(path), recording, window)
 
 
-def _check(path: Path, root: Element) -> None:
+def _check_file(path: Path, root: Element) -> None:
     """What commonroad-io would answer with an assertion or a bare Exception."""
     if root.tag != "commonRoad":
         raise InputError(f"{path}: expected the root <commonRoad>, found <{root.tag}>")
@@ -79,13 +81,13 @@ def _check(path: Path, root: Element) -> None:
         raise InputError(
             f"{path}: commonRoadVersion: expected {' or '.join(VERSIONS)}, found {root.get('commonRoadVersion')!r}"
         )
-    if number(path, root, "timeStepSize") <= 0:
+    if read_number(path, root, "timeStepSize") <= 0:
         raise InputError(f"{path}: timeStepSize: expected a positive number, found {root.get('timeStepSize')!r}")
     if root.find("lanelet") is None:
         raise InputError(f"{path}: expected at least one <lanelet>, found none")
     for element in root:
         _check_numbers(path, element)
-    for obstacle in _obstacles(root):
+    for obstacle in _list_obstacles(root):
         for state in (*obstacle.iter("initialState"), *obstacle.iter("state")):
             _check_state(path, obstacle, state)
 
@@ -93,7 +95,7 @@ def _check(path: Path, root: Element) -> None:
 def _check_numbers(path: Path, element: Element) -> None:
     for value in element.iter():
         try:
-            fine = value.tag not in NUMBERS or math.isfinite(float(value.text or ""))
+            fine = value.tag not in NUMBER_TAGS or math.isfinite(float(value.text or ""))
         except ValueError:
             fine = False
         if not fine:
@@ -101,8 +103,8 @@ def _check_numbers(path: Path, element: Element) -> None:
             raise InputError(f"{where}: {value.tag}: expected a finite number, found {value.text!r}")
 
 
-def _obstacles(root: Element) -> Iterator[Element]:
-    return (element for element in root if element.tag in OBSTACLES)
+def _list_obstacles(root: Element) -> Iterator[Element]:
+    return (element for element in root if element.tag in OBSTACLE_TAGS)
 
 
 def _check_state(path: Path, obstacle: Element, state: Element) -> None:
@@ -116,17 +118,17 @@ def _check_state(path: Path, obstacle: Element, state: Element) -> None:
             raise InputError(f"{where}: {value.tag}: expected one of {', '.join(wanted)}, found none of them")
 
 
-def _cleaned(root: Element) -> Iterator[str]:
+def _drop_unsupported(root: Element) -> Iterator[str]:
     """Takes out what is not needed and what commonroad-io cannot read; says so of the latter."""
     for problem in root.findall("planningProblem"):
         root.remove(problem)
-    groups = [one for one in _obstacles(root) if (shape := one.find("shape")) is not None and len(shape) > 1]
+    groups = [one for one in _list_obstacles(root) if (shape := one.find("shape")) is not None and len(shape) > 1]
     for obstacle in groups:
         root.remove(obstacle)
     if groups:
         yield f"{len(groups)} obstacles of more than one shape passed over"
     there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
-    lost = [(one, link) for one in root.iter("lanelet") for name in LINKS for link in one.findall(name)]
+    lost = [(one, link) for one in root.iter("lanelet") for name in LINK_TAGS for link in one.findall(name)]
     lost = [(one, link) for one, link in lost if link.get("ref") not in there]
     for lanelet, link in lost:
         lanelet.remove(link)
@@ -134,10 +136,10 @@ def _cleaned(root: Element) -> Iterator[str]:
         yield f"{len(lost)} links to lanelets that are not in the file passed over"
 
 
-def _reader(path: Path) -> Any:
+def _load_reader_class(path: Path) -> Any:
     """The class of commonroad-io that reads; imported only here, for it takes a while."""
     try:
-        with _remarks():  # those of its own dependencies say nothing of the file
+        with _capture_remarks():  # those of its own dependencies say nothing of the file
             from commonroad.common.file_reader import CommonRoadFileReader
     except ImportError:
         raise InputError(
@@ -146,13 +148,13 @@ def _reader(path: Path) -> Any:
     return CommonRoadFileReader
 
 
-def _opened(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
+def _parse_scenario(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
     """The scenario, and the library's own remarks."""
-    reader = _reader(path)
-    with _remarks() as remarks:
+    reader = _load_reader_class(path)
+    with _capture_remarks() as remarks:
         try:
             scenario = reader(ElementTree.tostring(root)).open()[0]
-        except (*TROUBLE, ShapelyError) as error:
+        except (*LIBRARY_ERRORS, ShapelyError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             what = "an element is missing: " if isinstance(error, AttributeError) else ""
             raise InputError(f"{path}: expected a valid CommonRoad scenario, found: {what}{reason}") from None
@@ -160,7 +162,7 @@ def _opened(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
 
 
 @contextmanager
-def _remarks() -> Generator[list[str]]:
+def _capture_remarks() -> Generator[list[str]]:
     """Collects what commonroad-io warns of and logs, instead of showing it, while it reads."""
     remarks: list[str] = []
     handler = logging.Handler(logging.WARNING)
@@ -178,62 +180,64 @@ def _remarks() -> Generator[list[str]]:
         logger.propagate = propagate
 
 
-def _tracks(path: Path, scenario: Any) -> tuple[tuple[Track, ...], tuple[str, ...]]:
-    found: list[tuple[Any, Category, Sequence[Any]]] = []
+def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
+    found: list[tuple[Any, ObjectCategory, Sequence[Any]]] = []
     passed_over: Counter[str] = Counter()
     for obstacle in scenario.obstacles:
-        reason = _unusable(obstacle)
+        reason = _find_skip_reason(obstacle)
         if reason:
             passed_over[reason] += 1
         else:
-            found.append((obstacle, _category(obstacle), _states(obstacle)))
-    times = [state.time_step for obstacle, _, states in found if _moves(obstacle) for state in states]
+            found.append((obstacle, _classify(obstacle), _list_states(obstacle)))
+    times = [state.time_step for obstacle, _, states in found if _is_dynamic(obstacle) for state in states]
     if not times:
         raise InputError(f"{path}: expected at least one dynamic obstacle with a trajectory, found none")
     span = range(min(times), max(times) + 1)
-    tracks = tuple(_track(path, *one, span) for one in found)
+    tracks = tuple(_build_track(path, *one, span) for one in found)
     return tracks, tuple(f"{count} obstacles {why} passed over" for why, count in sorted(passed_over.items()))
 
 
-def _unusable(obstacle: Any) -> str:
+def _find_skip_reason(obstacle: Any) -> str:
     if not hasattr(obstacle, "initial_state") or obstacle.initial_state is None:
         return "without a state"
-    if obstacle.obstacle_type.value not in (*CATEGORIES, "unknown"):
+    if obstacle.obstacle_type.value not in (*CATEGORY_BY_TYPE, "unknown"):
         return f"of the type {obstacle.obstacle_type.value}"
-    if _moves(obstacle) and obstacle.prediction is not None and not hasattr(obstacle.prediction, "trajectory"):
+    if _is_dynamic(obstacle) and obstacle.prediction is not None and not hasattr(obstacle.prediction, "trajectory"):
         return "with a set-based prediction"
-    states = _states(obstacle)
+    states = _list_states(obstacle)
     exact = all(isinstance(one.position, np.ndarray) and isinstance(one.time_step, int) for one in states)
     return "" if exact else "without exact positions and times"
 
 
-def _moves(obstacle: Any) -> bool:
+def _is_dynamic(obstacle: Any) -> bool:
     return bool(obstacle.obstacle_role.value == "dynamic")
 
 
-def _category(obstacle: Any) -> Category:
-    unknown = Category.CAR if _moves(obstacle) else Category.STATIC
-    return CATEGORIES.get(obstacle.obstacle_type.value, unknown)
+def _classify(obstacle: Any) -> ObjectCategory:
+    unknown = ObjectCategory.CAR if _is_dynamic(obstacle) else ObjectCategory.STATIC
+    return CATEGORY_BY_TYPE.get(obstacle.obstacle_type.value, unknown)
 
 
-def _states(obstacle: Any) -> Sequence[Any]:
+def _list_states(obstacle: Any) -> Sequence[Any]:
     prediction = getattr(obstacle, "prediction", None)
     return (obstacle.initial_state, *(prediction.trajectory.state_list if prediction is not None else ()))
 
 
-def _track(path: Path, obstacle: Any, category: Category, states: Sequence[Any], span: range) -> Track:
+def _build_track(
+    path: Path, obstacle: Any, category: ObjectCategory, states: Sequence[Any], span: range
+) -> RecordedTrack:
     where = f"{path}: obstacle {obstacle.obstacle_id}"
-    poses = np.array([(*state.position[:2], _angle(state.orientation)) for state in states], dtype=np.float64)
+    poses = np.array([(*state.position[:2], _to_angle(state.orientation)) for state in states], dtype=np.float64)
     table = np.full((len(span), 3), np.nan)
-    if _moves(obstacle):
+    if _is_dynamic(obstacle):
         table[[state.time_step - span.start for state in states]] = poses
     else:
         table[:] = poses[0]
-    ahead, left, length, width = _box(where, obstacle.obstacle_shape)
+    ahead, left, length, width = _compute_box(where, obstacle.obstacle_shape)
     x, y, yaw = table.T
     valid = np.isfinite(x)
     turn = np.where(np.isfinite(yaw), yaw, 0.0)
-    return Track(
+    return RecordedTrack(
         id=str(obstacle.obstacle_id),
         category=category,
         valid=valid,
@@ -242,16 +246,16 @@ def _track(path: Path, obstacle: Any, category: Category, states: Sequence[Any],
         yaw=yaw,
         length=np.where(valid, length, np.nan),
         width=np.where(valid, width, np.nan),
-        parked=not _moves(obstacle) or obstacle.obstacle_type.value == "parkedVehicle",
+        parked=not _is_dynamic(obstacle) or obstacle.obstacle_type.value == "parkedVehicle",
     )
 
 
-def _angle(orientation: Any) -> float:
+def _to_angle(orientation: Any) -> float:
     """NaN for an interval of angles."""
     return float(orientation) if isinstance(orientation, int | float) else math.nan
 
 
-def _box(where: str, shape: Any) -> tuple[float, float, float, float]:
+def _compute_box(where: str, shape: Any) -> tuple[float, float, float, float]:
     """Where the box centre is (ahead, left) of the state's position, length, width [m]."""
     from commonroad.scenario.state import CustomState
 

@@ -12,9 +12,9 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.shapes import points
+from real2sim.readers.shapes import parse_points
 
-KINDS: Mapping[str, LaneKind] = {
+LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
     "sidewalk": LaneKind.SIDEWALK,
     "bicycleLane": LaneKind.BIKE,
     "parking": LaneKind.PARKING,
@@ -23,37 +23,37 @@ KINDS: Mapping[str, LaneKind] = {
     "restricted_area": LaneKind.SHOULDER,
 }
 """By the first type that a lanelet has of these; every other lanelet is for driving."""
-OVERLAP_M2 = 1.0
+MIN_OVERLAP_M2 = 1.0
 """Less is how neatly neighbours are drawn, not a crossing of ways."""
-SIGNS: Mapping[str, str] = {"STOP": "stop", "YIELD": "yield"}
+SIGN_BY_NAME: Mapping[str, str] = {"STOP": "stop", "YIELD": "yield"}
 
 
-def read_map(path: Path, network: Any) -> HdMap:
+def build_commonroad_map(path: Path, network: Any) -> HdMap:
     """The map; raises InputError if a lanelet is no line."""
     signs = {sign.traffic_sign_id: sign for sign in network.traffic_signs}
-    lanelets = [one for one in network.lanelets if "crosswalk" not in _types(one)]
-    inside = _inside(path, network)
-    lanes = {str(one.lanelet_id): _lane(path, one, signs, inside) for one in lanelets}
+    lanelets = [one for one in network.lanelets if "crosswalk" not in _get_types(one)]
+    inside = _find_junction_lanelets(path, network)
+    lanes = {str(one.lanelet_id): _build_lane(path, one, signs, inside) for one in lanelets}
     if not lanes:
         raise InputError(f"{path}: expected at least one lanelet for vehicles, found crosswalks only")
     return HdMap(
         lanes=lanes,
-        crosswalks=tuple(_outline(path, one) for one in network.lanelets if "crosswalk" in _types(one)),
-        stop_lines=tuple(line for one in lanelets for line in _stop_lines(one, signs)),
-        signals=_signals(lanelets),
+        crosswalks=tuple(_build_outline(path, one) for one in network.lanelets if "crosswalk" in _get_types(one)),
+        stop_lines=tuple(line for one in lanelets for line in _build_stop_lines(one, signs)),
+        signals=_build_signals(lanelets),
     )
 
 
-def _types(lanelet: Any) -> frozenset[str]:
+def _get_types(lanelet: Any) -> frozenset[str]:
     return frozenset(one.value for one in lanelet.lanelet_type)
 
 
-def _inside(path: Path, network: Any) -> frozenset[int]:
+def _find_junction_lanelets(path: Path, network: Any) -> frozenset[int]:
     """Lanelets that intersections name as the ways through them, and those that follow as long as they lie on others.
 
     Intersections name the first lanelet behind each incoming one, which need not be the whole way.
     """
-    areas = {one.lanelet_id: shapely.make_valid(shapely.Polygon(_outline(path, one))) for one in network.lanelets}
+    areas = {one.lanelet_id: shapely.make_valid(shapely.Polygon(_build_outline(path, one))) for one in network.lanelets}
     tree = shapely.STRtree(list(areas.values()))
     exits = {one.lanelet_id: tuple(one.successor) for one in network.lanelets}
     incomings = [incoming for one in network.intersections for incoming in one.incomings]
@@ -61,52 +61,52 @@ def _inside(path: Path, network: Any) -> frozenset[int]:
     queue = list(reached)
     while queue:
         for after in exits.get(queue.pop(), ()):
-            if after in areas and after not in reached and _overlaps(areas[after], tree):
+            if after in areas and after not in reached and _overlaps_others(areas[after], tree):
                 reached.add(after)
                 queue.append(after)
     return frozenset(reached)
 
 
-def _overlaps(area: Any, tree: shapely.STRtree) -> bool:
+def _overlaps_others(area: Any, tree: shapely.STRtree) -> bool:
     near = tree.geometries.take(tree.query(area))
-    return float(shapely.area(shapely.intersection(area, near)).sum() - area.area) > OVERLAP_M2
+    return float(shapely.area(shapely.intersection(area, near)).sum() - area.area) > MIN_OVERLAP_M2
 
 
-def _lane(path: Path, one: Any, signs: Mapping[int, Any], inside: frozenset[int]) -> MapLane:
-    types = _types(one)
+def _build_lane(path: Path, one: Any, signs: Mapping[int, Any], inside: frozenset[int]) -> MapLane:
+    types = _get_types(one)
     left, right = ("adj_left", "left_vertices"), ("adj_right", "right_vertices")
     return MapLane(
         id=str(one.lanelet_id),
-        kind=next((kind for name, kind in KINDS.items() if name in types), LaneKind.DRIVING),
-        centre=_line(path, one, "center_vertices"),
-        left=_line(path, one, left[1]),
-        right=_line(path, one, right[1]),
+        kind=next((kind for name, kind in LANE_KIND_BY_TYPE.items() if name in types), LaneKind.DRIVING),
+        centre=_parse_line(path, one, "center_vertices"),
+        left=_parse_line(path, one, left[1]),
+        right=_parse_line(path, one, right[1]),
         entries=tuple(str(id_) for id_ in one.predecessor),
         exits=tuple(str(id_) for id_ in one.successor),
-        left_neighbour=_neighbour(one, left[0]),
-        right_neighbour=_neighbour(one, right[0]),
-        speed_limit=_limit(path, one, signs),
+        left_neighbour=_find_neighbour(one, left[0]),
+        right_neighbour=_find_neighbour(one, right[0]),
+        speed_limit=_find_speed_limit(path, one, signs),
         junction=one.lanelet_id in inside or "intersection" in types,
     )
 
 
-def _line(path: Path, one: Any, name: str) -> Float:
+def _parse_line(path: Path, one: Any, name: str) -> Float:
     where = f"{path}: lanelet {one.lanelet_id}"
-    line = points(where, getattr(one, name))
+    line = parse_points(where, getattr(one, name))
     if len(line) < 2:
         raise InputError(f"{where}: expected at least two distinct points, found {len(line)}")
     return line
 
 
-def _neighbour(one: Any, side: str) -> str:
+def _find_neighbour(one: Any, side: str) -> str:
     """The lane beside it if it has the same direction."""
     return str(getattr(one, side)) if getattr(one, f"{side}_same_direction") else ""
 
 
-def _limit(path: Path, one: Any, signs: Mapping[int, Any]) -> float:
+def _find_speed_limit(path: Path, one: Any, signs: Mapping[int, Any]) -> float:
     """The lowest of its signs [m/s]; NaN if there is none."""
     values = [
-        _speed(f"{path}: trafficSign {id_}", element.additional_values[0])
+        _parse_speed(f"{path}: trafficSign {id_}", element.additional_values[0])
         for id_ in one.traffic_signs
         if id_ in signs
         for element in signs[id_].traffic_sign_elements
@@ -115,7 +115,7 @@ def _limit(path: Path, one: Any, signs: Mapping[int, Any]) -> float:
     return min(values, default=math.nan)
 
 
-def _speed(where: str, text: str | None) -> float:
+def _parse_speed(where: str, text: str | None) -> float:
     try:
         value = float(text or "")
     except ValueError:
@@ -125,31 +125,31 @@ def _speed(where: str, text: str | None) -> float:
     return value
 
 
-def _outline(path: Path, one: Any) -> Float:
-    return np.concatenate((_line(path, one, "right_vertices"), _line(path, one, "left_vertices")[::-1]))
+def _build_outline(path: Path, one: Any) -> Float:
+    return np.concatenate((_parse_line(path, one, "right_vertices"), _parse_line(path, one, "left_vertices")[::-1]))
 
 
-def _stop_lines(one: Any, signs: Mapping[int, Any]) -> Iterator[StopLine]:
+def _build_stop_lines(one: Any, signs: Mapping[int, Any]) -> Iterator[StopLine]:
     """The drawn one, or one at the end of a lane that has a stop or yield sign."""
-    meaning = _meaning(one, signs)
+    meaning = _find_sign(one, signs)
     if one.stop_line is not None:
         ends = one.stop_line.start, one.stop_line.end
-    elif meaning in SIGNS.values():
+    elif meaning in SIGN_BY_NAME.values():
         ends = one.left_vertices[-1], one.right_vertices[-1]
     else:
         return
     yield StopLine(np.array([np.asarray(end, dtype=np.float64)[:2] for end in ends]), (str(one.lanelet_id),), meaning)
 
 
-def _meaning(one: Any, signs: Mapping[int, Any]) -> str:
+def _find_sign(one: Any, signs: Mapping[int, Any]) -> str:
     if one.traffic_lights:
         return "signal"
     elements = (element for id_ in one.traffic_signs if id_ in signs for element in signs[id_].traffic_sign_elements)
-    found = {SIGNS.get(element.traffic_sign_element_id.name, "") for element in elements} - {""}
+    found = {SIGN_BY_NAME.get(element.traffic_sign_element_id.name, "") for element in elements} - {""}
     return min(found, default="")
 
 
-def _signals(lanelets: list[Any]) -> dict[str, tuple[str, ...]]:
+def _build_signals(lanelets: list[Any]) -> dict[str, tuple[str, ...]]:
     lanes: defaultdict[str, tuple[str, ...]] = defaultdict(tuple)
     for one in lanelets:
         for light in sorted(one.traffic_lights):

@@ -4,15 +4,15 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.osm_file import Osm
+from real2sim.readers.osm_file import OsmFile
 
 WIDTHS_M = (1.5, 8.0)
 """Between the two lines of a crosswalk."""
-LEAST_SHARED = 0.5
+MIN_LENGTH_RATIO = 0.5
 """The shorter line is at least this share of the longer."""
 
 
-def marked_crosswalks(osm: Osm) -> tuple[Float, ...]:
+def find_marked_crosswalks(osm: OsmFile) -> tuple[Float, ...]:
     """Polygons (N, 2) [m] between lines of pedestrian markings that are each other's nearest and alike in length."""
     marked = [osm.line(way) for way in osm.ways.values() if way.tags.get("type") == "pedestrian_marking"]
     if len(marked) < 2:
@@ -22,24 +22,26 @@ def marked_crosswalks(osm: Osm) -> tuple[Float, ...]:
     np.fill_diagonal(apart, np.inf)
     nearest = apart.argmin(axis=1)
     pairs = ((one, int(other)) for one, other in enumerate(nearest) if nearest[other] == one < other)
-    return tuple(_between(lines[one], lines[other]) for one, other in pairs if _match(lines[one], lines[other]))
+    return tuple(_build_polygon(lines[one], lines[other]) for one, other in pairs if _is_pair(lines[one], lines[other]))
 
 
-def _match(one: shapely.LineString, other: shapely.LineString) -> bool:
-    alike = min(one.length, other.length) >= LEAST_SHARED * max(one.length, other.length)
+def _is_pair(one: shapely.LineString, other: shapely.LineString) -> bool:
+    alike = min(one.length, other.length) >= MIN_LENGTH_RATIO * max(one.length, other.length)
     return alike and WIDTHS_M[0] <= one.interpolate(0.5, normalized=True).distance(other) <= WIDTHS_M[1]
 
 
-def _between(one: shapely.LineString, other: shapely.LineString) -> Float:
+def _build_polygon(one: shapely.LineString, other: shapely.LineString) -> Float:
     left, right = (np.asarray(line.coords, dtype=np.float64)[:, :2] for line in (one, other))
-    return outline(left, right if gap(left, right) <= gap(left, right[::-1]) else right[::-1])
+    return build_outline(
+        left, right if measure_end_gap(left, right) <= measure_end_gap(left, right[::-1]) else right[::-1]
+    )
 
 
-def outline(left: Float, right: Float) -> Float:
+def build_outline(left: Float, right: Float) -> Float:
     """Polygon (N, 2) [m] between two lines that run the same way."""
     return np.concatenate((right, left[::-1]))
 
 
-def gap(one: Float, other: Float) -> float:
+def measure_end_gap(one: Float, other: Float) -> float:
     """How far apart two lines start and end [m], summed."""
     return float(np.hypot(*(one[[0, -1]] - other[[0, -1]]).T).sum())

@@ -17,29 +17,29 @@ import numpy.typing as npt
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.readers.lanelet2 import read_lanelet2
-from real2sim.readers.time_window import Window, windowed
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.readers.time_window import TimeWindow, crop_recording
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 STEP_MS = 100
-KEYS = ("track_id", "timestamp_ms", "agent_type")
-MOTION = ("x", "y", "vx", "vy")
-BOX = ("psi_rad", "length", "width")
-CATEGORIES: Mapping[str, Category] = {
-    "car": Category.CAR,
-    "truck": Category.TRUCK,
-    "bus": Category.BUS,
-    "motorcycle": Category.MOTORCYCLE,
-    "bicycle": Category.BICYCLE,
-    "pedestrian": Category.PEDESTRIAN,
-    "pedestrian/bicycle": Category.PEDESTRIAN,
+KEY_COLUMNS = ("track_id", "timestamp_ms", "agent_type")
+MOTION_COLUMNS = ("x", "y", "vx", "vy")
+BOX_COLUMNS = ("psi_rad", "length", "width")
+CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
+    "car": ObjectCategory.CAR,
+    "truck": ObjectCategory.TRUCK,
+    "bus": ObjectCategory.BUS,
+    "motorcycle": ObjectCategory.MOTORCYCLE,
+    "bicycle": ObjectCategory.BICYCLE,
+    "pedestrian": ObjectCategory.PEDESTRIAN,
+    "pedestrian/bicycle": ObjectCategory.PEDESTRIAN,
 }
 CYCLING_MPS = 3.0
 """Median speed above which a "pedestrian/bicycle" is taken for a bicycle: few people run that fast, few ride slower."""
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TrackRow:
     line: int
     id: str
     agent_type: str
@@ -48,33 +48,35 @@ class _Row:
     """MOTION, then BOX; NaN where the table has no such column."""
 
 
-def read_interaction(tracks: Path, osm: Path, window: Window | None = None) -> Recording:
+def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) -> Recording:
     """Reads `vehicle_tracks_*.csv` and the pedestrians beside it, or the folder with one such pair; raises InputError.
 
     `window` is start and end [s] since the first frame. All tracks are in one view; none is a connected vehicle.
     """
-    vehicles = _vehicle_file(tracks)
+    vehicles = _find_vehicle_file(tracks)
     pedestrians = vehicles.with_name(vehicles.name.replace("vehicle", "pedestrian"))
-    rows = {vehicles: _rows(vehicles, MOTION + BOX)}
+    rows = {vehicles: _read_rows(vehicles, MOTION_COLUMNS + BOX_COLUMNS)}
     if pedestrians != vehicles and pedestrians.is_file():
-        rows[pedestrians] = _rows(pedestrians, MOTION)
+        rows[pedestrians] = _read_rows(pedestrians, MOTION_COLUMNS)
     times = [row.time_ms for its_rows in rows.values() for row in its_rows]
     frames = round((max(times) - min(times)) / STEP_MS) + 1
-    found = tuple(track for path, its_rows in rows.items() for track in _tracks(path, its_rows, min(times), frames))
+    found = tuple(
+        track for path, its_rows in rows.items() for track in _build_tracks(path, its_rows, min(times), frames)
+    )
     hd_map, notes = read_lanelet2(osm)
     recording = Recording(
         id=f"{osm.stem}_{vehicles.stem}",
         source="interaction",
         dt_s=DT_S,
         frames=frames,
-        views=(View("log", found),),
+        views=(ObserverView("log", found),),
         map=hd_map,
-        notes=(*_guesses(found), *notes),
+        notes=(*_note_guesses(found), *notes),
     )
-    return windowed(str(vehicles), recording, window)
+    return crop_recording(str(vehicles), recording, window)
 
 
-def _vehicle_file(tracks: Path) -> Path:
+def _find_vehicle_file(tracks: Path) -> Path:
     if not tracks.is_dir():
         return tracks
     files = sorted(tracks.glob("vehicle_tracks_*.csv"))
@@ -83,10 +85,10 @@ def _vehicle_file(tracks: Path) -> Path:
     return files[0]
 
 
-def _rows(path: Path, columns: Sequence[str]) -> list[_Row]:
+def _read_rows(path: Path, columns: Sequence[str]) -> list[_TrackRow]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = list(_parsed(path, csv.reader(file), columns))
+            rows = list(_parse_rows(path, csv.reader(file), columns))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -96,23 +98,23 @@ def _rows(path: Path, columns: Sequence[str]) -> list[_Row]:
     return rows
 
 
-def _parsed(path: Path, lines: Iterator[list[str]], columns: Sequence[str]) -> Iterator[_Row]:
+def _parse_rows(path: Path, lines: Iterator[list[str]], columns: Sequence[str]) -> Iterator[_TrackRow]:
     header = [name.strip() for name in next(lines, [])]
-    missing = [name for name in (*KEYS, *columns) if name not in header]
+    missing = [name for name in (*KEY_COLUMNS, *columns) if name not in header]
     if missing:
         raise InputError(f"{path}: expected the column {missing[0]}, found {', '.join(header) or 'none'}")
-    id_, time, agent_type, *values = (header.index(name) for name in (*KEYS, *columns))
-    rest = (math.nan,) * (len(MOTION) + len(BOX) - len(columns))
+    id_, time, agent_type, *values = (header.index(name) for name in (*KEY_COLUMNS, *columns))
+    rest = (math.nan,) * (len(MOTION_COLUMNS) + len(BOX_COLUMNS) - len(columns))
     for line, cells in enumerate(lines, start=2):
         if not cells:
             continue
         if len(cells) != len(header):
             raise InputError(f"{path}: line {line}: expected {len(header)} columns, found {len(cells)}")
-        numbers = tuple(_number(path, line, header[index], cells[index]) for index in (time, *values))
-        yield _Row(line, cells[id_], cells[agent_type], numbers[0], numbers[1:] + rest)
+        numbers = tuple(_parse_number(path, line, header[index], cells[index]) for index in (time, *values))
+        yield _TrackRow(line, cells[id_], cells[agent_type], numbers[0], numbers[1:] + rest)
 
 
-def _number(path: Path, line: int, name: str, text: str) -> float:
+def _parse_number(path: Path, line: int, name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
@@ -123,18 +125,18 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     return value
 
 
-def _tracks(path: Path, rows: Sequence[_Row], start_ms: float, frames: int) -> Iterator[Track]:
-    by_id: defaultdict[str, list[_Row]] = defaultdict(list)
+def _build_tracks(path: Path, rows: Sequence[_TrackRow], start_ms: float, frames: int) -> Iterator[RecordedTrack]:
+    by_id: defaultdict[str, list[_TrackRow]] = defaultdict(list)
     for row in rows:
         by_id[row.id].append(row)
     for id_, its_rows in by_id.items():
-        index = _frames_of(path, its_rows, start_ms)
-        table = np.full((frames, len(MOTION) + len(BOX)), np.nan)
+        index = _compute_frames(path, its_rows, start_ms)
+        table = np.full((frames, len(MOTION_COLUMNS) + len(BOX_COLUMNS)), np.nan)
         table[index] = [row.values for row in its_rows]
-        yield _track(id_, _category(path, its_rows[0]), table)
+        yield _build_track(id_, _classify(path, its_rows[0]), table)
 
 
-def _frames_of(path: Path, rows: Sequence[_Row], start_ms: float) -> npt.NDArray[np.intp]:
+def _compute_frames(path: Path, rows: Sequence[_TrackRow], start_ms: float) -> npt.NDArray[np.intp]:
     steps = (np.array([row.time_ms for row in rows]) - start_ms) / STEP_MS
     index = np.rint(steps).astype(np.intp)
     for row, step, frame in zip(rows, steps, index, strict=True):
@@ -150,22 +152,23 @@ def _frames_of(path: Path, rows: Sequence[_Row], start_ms: float) -> npt.NDArray
     return index
 
 
-def _category(path: Path, row: _Row) -> Category:
+def _classify(path: Path, row: _TrackRow) -> ObjectCategory:
     try:
-        return CATEGORIES[row.agent_type]
+        return CATEGORY_BY_TYPE[row.agent_type]
     except KeyError:
+        known = ", ".join(CATEGORY_BY_TYPE)
         raise InputError(
-            f"{path}: line {row.line}: agent_type: expected one of {', '.join(CATEGORIES)}, found {row.agent_type!r}"
+            f"{path}: line {row.line}: agent_type: expected one of {known}, found {row.agent_type!r}"
         ) from None
 
 
-def _track(id_: str, category: Category, table: Float) -> Track:
+def _build_track(id_: str, category: ObjectCategory, table: Float) -> RecordedTrack:
     x, y, vx, vy, yaw, length, width = table.T
-    if category is Category.PEDESTRIAN and np.nanmedian(np.hypot(vx, vy)) > CYCLING_MPS:
-        category = Category.BICYCLE
-    return Track(id_, category, np.isfinite(x), x, y, yaw, length, width)
+    if category is ObjectCategory.PEDESTRIAN and np.nanmedian(np.hypot(vx, vy)) > CYCLING_MPS:
+        category = ObjectCategory.BICYCLE
+    return RecordedTrack(id_, category, np.isfinite(x), x, y, yaw, length, width)
 
 
-def _guesses(tracks: Sequence[Track]) -> tuple[str, ...]:
-    cyclists = sum(track.category is Category.BICYCLE for track in tracks)
+def _note_guesses(tracks: Sequence[RecordedTrack]) -> tuple[str, ...]:
+    cyclists = sum(track.category is ObjectCategory.BICYCLE for track in tracks)
     return (f"{cyclists} of the pedestrian/bicycle tracks taken for bicycles by their speed",) if cyclists else ()

@@ -6,25 +6,25 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.carla_frame import CarlaFrame
-from real2sim.readers.route_file import RouteFile, ego_index, read_route_file
-from real2sim.scene import CavRoute, Scene, TownMap
+from real2sim.readers.route_file import RouteFile, parse_ego_index, read_route_file
+from real2sim.scene import CavRoute, SourceScene, TownMap
 
 BUCKET = "InterDrive"
 TWO_CAV_CATEGORIES = frozenset({"ins_c", "ins_ss", "ins_sl", "ins_sr"})
 """Categories of which the original run list has two CAVs: inferred from its 163 files (protocol 1.1)."""
 
 
-def read_interdrive(source: Path, towns: Path) -> tuple[Scene, ...]:
+def read_interdrive(source: Path, towns: Path) -> tuple[SourceScene, ...]:
     """All scenario folders of a directory, sorted by name; `towns` has the maps. Raises InputError."""
     if not source.is_dir():
         raise InputError(f"{source}: expected a directory of scenario folders, found none")
     folders = sorted(path for path in source.iterdir() if path.is_dir() and not path.name.startswith("."))
     if not folders:
         raise InputError(f"{source}: expected scenario folders with route XML files, found none")
-    return tuple(_scene(path, towns) for path in folders)
+    return tuple(_read_scene(path, towns) for path in folders)
 
 
-def interdrive_notes(scenes: Sequence[Scene]) -> tuple[str, ...]:
+def describe_omitted_routes(scenes: Sequence[SourceScene]) -> tuple[str, ...]:
     """What the original leaves out of these scenarios, if anything."""
     files = sum(len(scene.routes) for scene in scenes)
     third = [scene for scene in scenes if scene.category in TWO_CAV_CATEGORIES and len(scene.routes) > 2]
@@ -38,18 +38,18 @@ def interdrive_notes(scenes: Sequence[Scene]) -> tuple[str, ...]:
     )
 
 
-def _scene(folder: Path, towns: Path) -> Scene:
+def _read_scene(folder: Path, towns: Path) -> SourceScene:
     files = [file for file in sorted(folder.glob("*.xml")) if not file.name.startswith(".")]
     if not files:
         raise InputError(f"{folder}: expected route files NAME_<number>.xml, found no XML")
-    routes = sorted((_numbered(file) for file in files), key=lambda numbered: numbered[0])
+    routes = sorted((_read_numbered_route(file) for file in files), key=lambda numbered: numbered[0])
     for (before, _), (index, _) in pairwise(routes):
         if before == index:
             raise InputError(f"{folder}: expected one file for each CAV, found {index} twice")
     names = sorted({route.town for _, route in routes})
     if len(names) > 1:
         raise InputError(f"{folder}: expected routes in one town, found {', '.join(names)}")
-    return Scene(
+    return SourceScene(
         id=folder.name,
         source="interdrive",
         bucket=BUCKET,
@@ -60,8 +60,8 @@ def _scene(folder: Path, towns: Path) -> Scene:
     )
 
 
-def _numbered(path: Path) -> tuple[int, RouteFile]:
-    index = ego_index(path)
+def _read_numbered_route(path: Path) -> tuple[int, RouteFile]:
+    index = parse_ego_index(path)
     if index is None:
         raise InputError(f"{path}: expected a file name that ends in _<number>.xml, found {path.name!r}")
     return index, read_route_file(path, at_least=2)

@@ -17,11 +17,11 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.crosswalks import gap, marked_crosswalks, outline
-from real2sim.readers.osm_file import Osm, Relation, Way, read_osm
-from real2sim.readers.shapes import between
+from real2sim.readers.crosswalks import build_outline, find_marked_crosswalks, measure_end_gap
+from real2sim.readers.osm_file import OsmFile, OsmRelation, OsmWay, read_osm
+from real2sim.readers.shapes import compute_centreline
 
-KINDS: Mapping[str, LaneKind] = {
+LANE_KIND_BY_SUBTYPE: Mapping[str, LaneKind] = {
     "road": LaneKind.DRIVING,
     "highway": LaneKind.DRIVING,
     "play_street": LaneKind.DRIVING,
@@ -36,11 +36,11 @@ KINDS: Mapping[str, LaneKind] = {
     "parking": LaneKind.PARKING,
 }
 """Subtypes of lanelets. Crosswalks become polygons; what is neither is passed over."""
-SIGNS: Mapping[str, str] = {"usR1-1": "stop", "de206": "stop", "usR1-2": "yield", "de205": "yield"}
-ELEMENTS: Mapping[str, str] = {"all_way_stop": "stop", "traffic_light": "signal", "right_of_way": "yield"}
+SIGN_BY_SUBTYPE: Mapping[str, str] = {"usR1-1": "stop", "de206": "stop", "usR1-2": "yield", "de205": "yield"}
+SIGN_BY_RULE: Mapping[str, str] = {"all_way_stop": "stop", "traffic_light": "signal", "right_of_way": "yield"}
 """What a stop line means by the subtype of its regulatory element if no sign says more."""
-SPEED = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(mph|km/?h|m/s|mps|)\s*")
-UNITS_MPS: Mapping[str, float] = {"mph": 0.44704, "m/s": 1.0, "mps": 1.0}
+SPEED_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(mph|km/?h|m/s|mps|)\s*")
+MPS_BY_UNIT: Mapping[str, float] = {"mph": 0.44704, "m/s": 1.0, "mps": 1.0}
 """Everything else is km/h, the unit that Lanelet2 gives to a bare number."""
 REACH_M = 1.0
 """How far a stop line may end from the centre line of its lane: some are drawn a little short."""
@@ -50,9 +50,9 @@ REACH_M = 1.0
 class _Lanelet:
     """Both ways run in the direction of travel."""
 
-    relation: Relation
-    left: Way
-    right: Way
+    relation: OsmRelation
+    left: OsmWay
+    right: OsmWay
 
     @property
     def subtype(self) -> str:
@@ -68,7 +68,7 @@ class _Lanelet:
 
 
 @dataclass(frozen=True)
-class _Links:
+class _LaneletIndex:
     """Which lanelet starts where, and which has which way on its left and right."""
 
     starts: Mapping[tuple[str, str], tuple[str, ...]]
@@ -83,49 +83,53 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
     Metres from the projected origin (0, 0), which is how INTERACTION's tracks are given.
     """
     osm = read_osm(path)
-    lanelets = tuple(_lanelet(osm, relation) for relation in osm.typed("lanelet"))
-    roads = {one.relation.id: one for one in lanelets if one.subtype in KINDS}
+    lanelets = tuple(_build_lanelet(osm, relation) for relation in osm.typed("lanelet"))
+    roads = {one.relation.id: one for one in lanelets if one.subtype in LANE_KIND_BY_SUBTYPE}
     if not roads:
         raise InputError(f"{path}: expected at least one lanelet with the subtype road, found none")
-    limits, notes = _limits(osm)
-    lanes = _lanes(osm, roads, limits)
-    drawn = tuple(outline(osm.line(one.left), osm.line(one.right)) for one in lanelets if one.subtype == "crosswalk")
-    crosswalks = drawn or marked_crosswalks(osm)
-    stop_lines = _stop_lines(osm, lanes)
-    unknown = Counter(one.subtype for one in lanelets if one.subtype not in KINDS and one.subtype != "crosswalk")
+    limits, notes = _parse_limits(osm)
+    lanes = _build_lanes(osm, roads, limits)
+    drawn = tuple(
+        build_outline(osm.line(one.left), osm.line(one.right)) for one in lanelets if one.subtype == "crosswalk"
+    )
+    crosswalks = drawn or find_marked_crosswalks(osm)
+    stop_lines = _build_stop_lines(osm, lanes)
+    unknown = Counter(
+        one.subtype for one in lanelets if one.subtype not in LANE_KIND_BY_SUBTYPE and one.subtype != "crosswalk"
+    )
     notes += tuple(f"{count} lanelets of the subtype {name!r} passed over" for name, count in sorted(unknown.items()))
-    return HdMap(lanes, crosswalks, stop_lines, _signals(osm, lanes)), notes
+    return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes)), notes
 
 
-def _lanelet(osm: Osm, relation: Relation) -> _Lanelet:
-    left, right = (_side(osm, relation, role) for role in ("left", "right"))
+def _build_lanelet(osm: OsmFile, relation: OsmRelation) -> _Lanelet:
+    left, right = (_get_side(osm, relation, role) for role in ("left", "right"))
     left_line, right_line = osm.line(left), osm.line(right)
-    if gap(left_line, right_line[::-1]) < gap(left_line, right_line):
+    if measure_end_gap(left_line, right_line[::-1]) < measure_end_gap(left_line, right_line):
         right, right_line = right.turned, right_line[::-1]
-    if _area(np.concatenate((right_line, left_line[::-1]))) < 0:
+    if _compute_signed_area(np.concatenate((right_line, left_line[::-1]))) < 0:
         left, right = left.turned, right.turned
     return _Lanelet(relation, left, right)
 
 
-def _side(osm: Osm, relation: Relation, role: str) -> Way:
+def _get_side(osm: OsmFile, relation: OsmRelation, role: str) -> OsmWay:
     ways = osm.ways_of(relation, role)
     if len(ways) != 1:
         raise InputError(f"{osm.path}: lanelet {relation.id}: expected one way as {role}, found {len(ways)}")
     return ways[0]
 
 
-def _area(ring: Float) -> float:
+def _compute_signed_area(ring: Float) -> float:
     """Signed area, positive counter-clockwise: going out on the right and back on the left is."""
     x, y = (ring - ring[0]).T
     return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
 
-def _lanes(osm: Osm, roads: Mapping[str, _Lanelet], limits: Mapping[str, float]) -> dict[str, MapLane]:
-    links = _links(roads)
-    return {key: _lane(osm, one, links, _limit(one.relation, limits)) for key, one in roads.items()}
+def _build_lanes(osm: OsmFile, roads: Mapping[str, _Lanelet], limits: Mapping[str, float]) -> dict[str, MapLane]:
+    links = _index_lanelets(roads)
+    return {key: _build_lane(osm, one, links, _find_limit(one.relation, limits)) for key, one in roads.items()}
 
 
-def _links(roads: Mapping[str, _Lanelet]) -> _Links:
+def _index_lanelets(roads: Mapping[str, _Lanelet]) -> _LaneletIndex:
     starts: defaultdict[tuple[str, str], tuple[str, ...]] = defaultdict(tuple)
     ends: defaultdict[tuple[str, str], tuple[str, ...]] = defaultdict(tuple)
     for key, one in roads.items():
@@ -133,15 +137,15 @@ def _links(roads: Mapping[str, _Lanelet]) -> _Links:
         ends[one.end] += (key,)
     lefts = {one.left.nodes: key for key, one in roads.items()}
     rights = {one.right.nodes: key for key, one in roads.items()}
-    return _Links(starts, ends, lefts, rights)
+    return _LaneletIndex(starts, ends, lefts, rights)
 
 
-def _lane(osm: Osm, one: _Lanelet, links: _Links, limit: float) -> MapLane:
+def _build_lane(osm: OsmFile, one: _Lanelet, links: _LaneletIndex, limit: float) -> MapLane:
     left, right = osm.line(one.left), osm.line(one.right)
     return MapLane(
         id=one.relation.id,
-        kind=KINDS[one.subtype],
-        centre=between(left, right),
+        kind=LANE_KIND_BY_SUBTYPE[one.subtype],
+        centre=compute_centreline(left, right),
         left=left,
         right=right,
         entries=links.ends.get(one.start, ()),
@@ -154,11 +158,11 @@ def _lane(osm: Osm, one: _Lanelet, links: _Links, limit: float) -> MapLane:
     )
 
 
-def _limits(osm: Osm) -> tuple[dict[str, float], tuple[str, ...]]:
+def _parse_limits(osm: OsmFile) -> tuple[dict[str, float], tuple[str, ...]]:
     """Speed limits [m/s] by the id of their regulatory element, and those that are not understood."""
-    texts = {one.id: one.tags.get("sign_type", "") for one in _rules(osm, "speed_limit")}
-    found = {key: SPEED.fullmatch(text) for key, text in texts.items()}
-    limits = {key: float(match[1]) * UNITS_MPS.get(match[2], 1 / 3.6) for key, match in found.items() if match}
+    texts = {one.id: one.tags.get("sign_type", "") for one in _list_rules(osm, "speed_limit")}
+    found = {key: SPEED_PATTERN.fullmatch(text) for key, text in texts.items()}
+    limits = {key: float(match[1]) * MPS_BY_UNIT.get(match[2], 1 / 3.6) for key, match in found.items() if match}
     notes = tuple(
         f"speed limit {key} passed over: expected sign_type such as 50 km/h, found {texts[key]!r}"
         for key, match in found.items()
@@ -167,44 +171,46 @@ def _limits(osm: Osm) -> tuple[dict[str, float], tuple[str, ...]]:
     return limits, notes
 
 
-def _rules(osm: Osm, *subtypes: str) -> tuple[Relation, ...]:
+def _list_rules(osm: OsmFile, *subtypes: str) -> tuple[OsmRelation, ...]:
     return tuple(one for one in osm.typed("regulatory_element") if one.tags.get("subtype") in subtypes)
 
 
-def _limit(relation: Relation, limits: Mapping[str, float]) -> float:
+def _find_limit(relation: OsmRelation, limits: Mapping[str, float]) -> float:
     """The lowest of its limits [m/s]; NaN if there is none."""
     return min((limits[rule] for rule in relation.of("regulatory_element") if rule in limits), default=math.nan)
 
 
-def _stop_lines(osm: Osm, lanes: Mapping[str, MapLane]) -> tuple[StopLine, ...]:
+def _build_stop_lines(osm: OsmFile, lanes: Mapping[str, MapLane]) -> tuple[StopLine, ...]:
     """Lines that regulatory elements refer to, then those that merely lie on the road."""
     bound = {
-        way.id: (rule, way) for rule in _rules(osm, "traffic_sign", *ELEMENTS) for way in osm.ways_of(rule, "ref_line")
+        way.id: (rule, way)
+        for rule in _list_rules(osm, "traffic_sign", *SIGN_BY_RULE)
+        for way in osm.ways_of(rule, "ref_line")
     }
     loose = (way for way in osm.ways.values() if way.tags.get("type") == "stop_line" and way.id not in bound)
-    drawn = [(osm.line(way), _meaning(osm, rule), _minding(osm, rule)) for rule, way in bound.values()]
+    drawn = [(osm.line(way), _find_sign(osm, rule), _find_governed_lanelets(osm, rule)) for rule, way in bound.values()]
     drawn += [(osm.line(way), "", tuple(lanes)) for way in loose]
-    return tuple(StopLine(line[[0, -1]], _crossed(line, names, lanes), sign) for line, sign, names in drawn)
+    return tuple(StopLine(line[[0, -1]], _find_crossed_lanes(line, names, lanes), sign) for line, sign, names in drawn)
 
 
-def _meaning(osm: Osm, rule: Relation) -> str:
-    signs = {SIGNS.get(way.tags.get("subtype", ""), "") for way in osm.ways_of(rule, "refers")} - {""}
-    return min(signs) if signs else ELEMENTS.get(rule.tags.get("subtype", ""), "")
+def _find_sign(osm: OsmFile, rule: OsmRelation) -> str:
+    signs = {SIGN_BY_SUBTYPE.get(way.tags.get("subtype", ""), "") for way in osm.ways_of(rule, "refers")} - {""}
+    return min(signs) if signs else SIGN_BY_RULE.get(rule.tags.get("subtype", ""), "")
 
 
-def _minding(osm: Osm, rule: Relation) -> tuple[str, ...]:
+def _find_governed_lanelets(osm: OsmFile, rule: OsmRelation) -> tuple[str, ...]:
     """Lanelets that name the rule or that it names as the ones to wait."""
     naming = (one.id for one in osm.typed("lanelet") if rule.id in one.of("regulatory_element"))
     return tuple(dict.fromkeys((*rule.of("yield"), *naming)))
 
 
-def _crossed(line: Float, names: tuple[str, ...], lanes: Mapping[str, MapLane]) -> tuple[str, ...]:
+def _find_crossed_lanes(line: Float, names: tuple[str, ...], lanes: Mapping[str, MapLane]) -> tuple[str, ...]:
     drawn = shapely.LineString(line)
     return tuple(
         name for name in names if name in lanes and drawn.distance(shapely.LineString(lanes[name].centre)) < REACH_M
     )
 
 
-def _signals(osm: Osm, lanes: Mapping[str, MapLane]) -> dict[str, tuple[str, ...]]:
-    lights = {rule.id: _minding(osm, rule) for rule in _rules(osm, "traffic_light")}
+def _build_signals(osm: OsmFile, lanes: Mapping[str, MapLane]) -> dict[str, tuple[str, ...]]:
+    lights = {rule.id: _find_governed_lanelets(osm, rule) for rule in _list_rules(osm, "traffic_light")}
     return {key: tuple(name for name in names if name in lanes) for key, names in lights.items()}

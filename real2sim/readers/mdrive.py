@@ -17,18 +17,18 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.hd_map import HdMap
-from real2sim.readers.carla_frame import UCLA, CarlaFrame
-from real2sim.readers.mdrive_actors import Authored, build_actor
-from real2sim.readers.mdrive_behavior import read_scripts, vehicle_names
-from real2sim.readers.mdrive_manifest import MANIFEST, ManifestEntry, Role, read_manifest
-from real2sim.readers.mdrive_weather import nearest_weather
-from real2sim.readers.route_file import RouteFile, ego_index, read_route_file
-from real2sim.scene import CavRoute, Scene, TownMap
+from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
+from real2sim.readers.mdrive_actors import AuthoredActor, build_actor
+from real2sim.readers.mdrive_behavior import map_vehicle_names, read_scripts
+from real2sim.readers.mdrive_manifest import MANIFEST, ActorRole, ManifestEntry, read_manifest
+from real2sim.readers.mdrive_weather import find_nearest_weather
+from real2sim.readers.route_file import RouteFile, parse_ego_index, read_route_file
+from real2sim.scene import CavRoute, SourceScene, TownMap
 
-REPLAY = "_REPLAY"
-START_GAP_M = 5.0
+REPLAY_SUFFIX = "_REPLAY"
+MAX_START_GAP_M = 5.0
 """A CAV's route that begins further from its logged motion is of another place; then the log's way is taken."""
-THINNED_M = 8.0
+VIA_SPACING_M = 8.0
 """Distance between the via points that are made of a logged motion."""
 
 
@@ -37,23 +37,23 @@ class VectorMap:
     """The map of V2XPnP's scenarios, and where CARLA's origin lies in it."""
 
     map: HdMap
-    frame: CarlaFrame = UCLA
+    frame: CarlaFrame = UCLA_FRAME
 
 
 @dataclass(frozen=True, slots=True)
-class _Cav:
+class _CavFile:
     id: str
     name: str
     route: RouteFile
 
 
 @dataclass(frozen=True, slots=True)
-class _Draft:
+class _ScenarioDraft:
     """What was read of a scenario, and the notes so far."""
 
     folder: Path
-    cavs: tuple[_Cav, ...]
-    actors: tuple[tuple[Role, ManifestEntry], ...]
+    cavs: tuple[_CavFile, ...]
+    actors: tuple[tuple[ActorRole, ManifestEntry], ...]
     notes: list[str] = field(default_factory=list[str])
 
     @property
@@ -65,7 +65,7 @@ class _Draft:
         return self.cavs[0].route.id
 
 
-def mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
+def find_mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
     """All scenario directories in or below the given ones, in order; raises InputError if one has none."""
     found: list[Path] = []
     for path in paths:
@@ -76,16 +76,16 @@ def mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def read_mdrive(folder: Path, map: Path | VectorMap) -> Scene:
+def read_mdrive(folder: Path, map: Path | VectorMap) -> SourceScene:
     """Reads a scenario directory; `map` is a folder of CARLA towns or a vector map. Raises InputError."""
-    draft = _read(folder)
+    draft = _read_draft(folder)
     frame = map.frame if isinstance(map, VectorMap) else CarlaFrame()
-    weather, note = nearest_weather(draft.cavs[0].route.weather)
-    routes = tuple(CavRoute(cav.id, frame.xy(_way(cav, draft))) for cav in draft.cavs)
-    actors = _actors(draft, frame)
-    category, number = _names(folder)
+    weather, note = find_nearest_weather(draft.cavs[0].route.weather)
+    routes = tuple(CavRoute(cav.id, frame.xy(_select_via_points(cav, draft))) for cav in draft.cavs)
+    actors = _build_actors(draft, frame)
+    category, number = _parse_names(folder)
     logged = isinstance(map, VectorMap)
-    return Scene(
+    return SourceScene(
         id=number if logged else f"{category}_{number}",
         source="mdrive",
         bucket="V2XPnP" if logged else "Interaction",
@@ -99,18 +99,18 @@ def read_mdrive(folder: Path, map: Path | VectorMap) -> Scene:
     )
 
 
-def _names(folder: Path) -> tuple[str, str]:
+def _parse_names(folder: Path) -> tuple[str, str]:
     """The names of the folders, which lie as Category/number, as ids can be."""
     category, number = (re.sub(r"[^A-Za-z0-9_.+-]", "_", part) for part in folder.resolve().parts[-2:])
     return category, number
 
 
-def _read(folder: Path) -> _Draft:
+def _read_draft(folder: Path) -> _ScenarioDraft:
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a scenario directory, found none")
     entries = read_manifest(folder)
-    cavs = _cavs(folder, [entry for role, entry in entries if role == "ego"])
-    draft = _Draft(folder, cavs, tuple((role, entry) for role, entry in entries if role != "ego"))
+    cavs = _read_cavs(folder, [entry for role, entry in entries if role == "ego"])
+    draft = _ScenarioDraft(folder, cavs, tuple((role, entry) for role, entry in entries if role != "ego"))
     for cav in cavs:
         if (cav.route.town, cav.route.id) != (draft.town, draft.route_id):
             raise InputError(
@@ -120,25 +120,25 @@ def _read(folder: Path) -> _Draft:
     return draft
 
 
-def _cavs(folder: Path, entries: Sequence[ManifestEntry]) -> tuple[_Cav, ...]:
+def _read_cavs(folder: Path, entries: Sequence[ManifestEntry]) -> tuple[_CavFile, ...]:
     """The CAVs of the manifest, sorted by index; those of all route files if it names none."""
-    named = {entry.file: entry.name for entry in entries if not Path(entry.file).stem.endswith(REPLAY)}
-    files = list(named) or [p.name for p in folder.glob("*.xml") if ego_index(p) is not None and p.name[0] != "."]
-    cavs: dict[int, _Cav] = {}
+    named = {entry.file: entry.name for entry in entries if not Path(entry.file).stem.endswith(REPLAY_SUFFIX)}
+    files = list(named) or [p.name for p in folder.glob("*.xml") if parse_ego_index(p) is not None and p.name[0] != "."]
+    cavs: dict[int, _CavFile] = {}
     for file in files:
-        path = _file(folder, file)
-        index = ego_index(path)
+        path = _find_file(folder, file)
+        index = parse_ego_index(path)
         if index is None:
             raise InputError(f"{folder / MANIFEST}: ego: expected a file NAME_<number>.xml, found {file!r}")
         if index in cavs:
             raise InputError(f"{folder}: expected one file for each CAV, found {index} twice")
-        cavs[index] = _Cav(str(index), named.get(file, ""), read_route_file(path, at_least=2))
+        cavs[index] = _CavFile(str(index), named.get(file, ""), read_route_file(path, at_least=2))
     if not cavs:
         raise InputError(f"{folder}: expected route files NAME_<number>.xml of CAVs, found none")
     return tuple(cavs[index] for index in sorted(cavs))
 
 
-def _file(folder: Path, file: str) -> Path:
+def _find_file(folder: Path, file: str) -> Path:
     path = folder / file
     if not path.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{folder / MANIFEST}: expected a file in the scenario's folder, found {file!r}")
@@ -147,63 +147,65 @@ def _file(folder: Path, file: str) -> Path:
     return path
 
 
-def _way(cav: _Cav, draft: _Draft) -> Float:
+def _select_via_points(cav: _CavFile, draft: _ScenarioDraft) -> Float:
     """The CAV's via points in CARLA's frame; those of its logged motion if the route begins elsewhere."""
-    path = cav.route.path.with_name(cav.route.path.stem + REPLAY + cav.route.path.suffix)
+    path = cav.route.path.with_name(cav.route.path.stem + REPLAY_SUFFIX + cav.route.path.suffix)
     if not path.is_file():
         return cav.route.xy_carla
     logged = read_route_file(path).xy_carla
     gap = float(np.hypot(*(cav.route.xy_carla[0] - logged[0])))
-    if gap <= START_GAP_M:
+    if gap <= MAX_START_GAP_M:
         draft.notes.append(f"CAV {cav.id}: its logged motion {path.name} is not driven")
         return cav.route.xy_carla
     draft.notes.append(f"CAV {cav.id}: route from {path.name}, as its own route begins {gap:.1f} m from there")
-    thinned = _thinned(logged)
+    thinned = _thin_points(logged)
     if len(thinned) < 2:
-        raise InputError(f"{path}: expected a motion of at least 2 points that are {THINNED_M:g} m apart, found none")
+        raise InputError(
+            f"{path}: expected a motion of at least 2 points that are {VIA_SPACING_M:g} m apart, found none"
+        )
     return thinned
 
 
-def _thinned(xy: Float) -> Float:
+def _thin_points(xy: Float) -> Float:
     kept = [0]
     for i in range(1, len(xy)):
-        if np.hypot(*(xy[i] - xy[kept[-1]])) >= THINNED_M:
+        if np.hypot(*(xy[i] - xy[kept[-1]])) >= VIA_SPACING_M:
             kept.append(i)
     return xy[kept]
 
 
-def _actors(draft: _Draft, frame: CarlaFrame) -> tuple[Actor, ...]:
-    names = [_name(entry) for _, entry in draft.actors]
-    vehicles = vehicle_names([(cav.id, cav.name) for cav in draft.cavs])
+def _build_actors(draft: _ScenarioDraft, frame: CarlaFrame) -> tuple[Actor, ...]:
+    names = [_get_name(entry) for _, entry in draft.actors]
+    vehicles = map_vehicle_names([(cav.id, cav.name) for cav in draft.cavs])
     scripts = read_scripts(draft.folder, draft.route_id, names, vehicles)
     draft.notes.extend(scripts.notes)
     actors: list[Actor] = []
     taken = {cav.id for cav in draft.cavs}
     for role, entry in draft.actors:
-        if not _concerned(entry, draft):
+        if not _belongs_to_scenario(entry, draft):
             continue
-        route = read_route_file(_file(draft.folder, entry.file))
-        id_ = _free_id(_name(entry), taken)
+        route = read_route_file(_find_file(draft.folder, entry.file))
+        id_ = _find_free_id(_get_name(entry), taken)
         taken.add(id_)
-        actor, notes = build_actor(id_, Authored(role, entry, route, scripts.of.get(_name(entry))), frame)
+        actor, notes = build_actor(id_, AuthoredActor(role, entry, route, scripts.of.get(_get_name(entry))), frame)
         actors.append(actor)
         draft.notes.extend(notes)
     return tuple(actors)
 
 
-def _concerned(entry: ManifestEntry, draft: _Draft) -> bool:
+def _belongs_to_scenario(entry: ManifestEntry, draft: _ScenarioDraft) -> bool:
     """An entry counts only if its route is the scenario's, and its town if it has one."""
     fits = entry.route_id in (None, draft.route_id) and entry.town in (None, draft.town)
     if not fits:
-        draft.notes.append(f"{_name(entry)} is of route {entry.route_id} in {entry.town}: passed over")
+        draft.notes.append(f"{_get_name(entry)} is of route {entry.route_id} in {entry.town}: passed over")
     return fits
 
 
-def _name(entry: ManifestEntry) -> str:
+def _get_name(entry: ManifestEntry) -> str:
     return entry.name or Path(entry.file).stem
 
 
-def _free_id(name: str, taken: set[str]) -> str:
+def _find_free_id(name: str, taken: set[str]) -> str:
     """The name as an id of ours, told apart from those taken."""
     plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", name)[:70]
     plain = plain if plain[:1].isalnum() else f"a{plain}"

@@ -21,25 +21,37 @@ from mdrive_sumo.scenario.scripted_actor import (
     Standing,
 )
 from real2sim.readers.carla_frame import CarlaFrame
-from real2sim.readers.mdrive_behavior import Script
-from real2sim.readers.mdrive_blueprints import BICYCLE, CAR, PERSON, THING, Shape, shape_of
-from real2sim.readers.mdrive_manifest import SPEEDS, ManifestEntry, Role
+from real2sim.readers.mdrive_behavior import ActorScript
+from real2sim.readers.mdrive_blueprints import (
+    BICYCLE,
+    CAR,
+    PEDESTRIAN,
+    UNKNOWN_PROP,
+    BlueprintShape,
+    find_blueprint_shape,
+)
+from real2sim.readers.mdrive_manifest import DEFAULT_SPEED_BY_ROLE, ActorRole, ManifestEntry
 from real2sim.readers.route_file import RouteFile
-from real2sim.xml_file import finite
+from real2sim.xml_file import parse_finite
 
-STEP_M = 1e-3
+MIN_POINT_GAP_M = 1e-3
 """Points of a path nearer to the one before are the same point."""
-_BY_ROLE: dict[Role, Shape] = {"npc": CAR, "pedestrian": PERSON, "bicycle": BICYCLE, "static": THING}
+_SHAPE_BY_ROLE: dict[ActorRole, BlueprintShape] = {
+    "npc": CAR,
+    "pedestrian": PEDESTRIAN,
+    "bicycle": BICYCLE,
+    "static": UNKNOWN_PROP,
+}
 
 
 @dataclass(frozen=True, slots=True)
-class Authored:
+class AuthoredActor:
     """An actor as its files tell of it."""
 
-    role: Role
+    role: ActorRole
     entry: ManifestEntry
     route: RouteFile
-    script: Script | None
+    script: ActorScript | None
 
     @property
     def timed(self) -> bool:
@@ -54,25 +66,25 @@ class Authored:
     def speed(self) -> float:
         """[m/s]"""
         said = (self.entry.speed, self.entry.target_speed, self.attribute("speed"))
-        return next((value for value in said if value is not None), SPEEDS[self.role])
+        return next((value for value in said if value is not None), DEFAULT_SPEED_BY_ROLE[self.role])
 
     def attribute(self, name: str) -> float | None:
         """A number in the attributes of its route; raises InputError."""
         text = self.route.attributes.get(name)
-        return None if text is None else finite(f"{self.route.path}: route: {name}", text)
+        return None if text is None else parse_finite(f"{self.route.path}: route: {name}", text)
 
 
-def build_actor(id_: str, authored: Authored, frame: CarlaFrame) -> tuple[Actor, tuple[str, ...]]:
+def build_actor(id_: str, authored: AuthoredActor, frame: CarlaFrame) -> tuple[Actor, tuple[str, ...]]:
     """The road user in the map's frame, with notes on what was passed over; raises InputError."""
-    shape = shape_of(_model(authored)) or _BY_ROLE[authored.role]
-    length, width = _size(authored, shape)
+    shape = find_blueprint_shape(_get_model(authored)) or _SHAPE_BY_ROLE[authored.role]
+    length, width = _select_size(authored, shape)
     try:
-        start, motion, notes = _motion(authored, frame)
-        script, more = _fitting(authored.script, motion)
+        start, motion, notes = _build_motion(authored, frame)
+        script, more = _drop_idle_script(authored.script, motion)
         actor = Actor(
             id=id_,
-            kind=_kind(authored, shape),
-            model=_model(authored)[:80],
+            kind=_select_kind(authored, shape),
+            model=_get_model(authored)[:80],
             length=length,
             width=width,
             start=start,
@@ -83,14 +95,14 @@ def build_actor(id_: str, authored: Authored, frame: CarlaFrame) -> tuple[Actor,
         )
     except ValidationError as error:
         raise InputError(f"{authored.route.path}: {first_problem(error)}") from None
-    return actor, tuple(f"{id_}: {note}" for note in (*notes, *more, *_not_applied(authored, motion)))
+    return actor, tuple(f"{id_}: {note}" for note in (*notes, *more, *_note_ignored(authored, motion)))
 
 
-def _model(authored: Authored) -> str:
+def _get_model(authored: AuthoredActor) -> str:
     return authored.route.attributes.get("model") or authored.entry.model or ""
 
 
-def _size(authored: Authored, shape: Shape) -> tuple[float, float]:
+def _select_size(authored: AuthoredActor, shape: BlueprintShape) -> tuple[float, float]:
     """The route's own size, else the manifest's, else the box that the generator put down, else that of the class."""
     said = authored.entry
     length = (authored.attribute("length"), said.length, authored.attribute("bbox_length"))
@@ -98,7 +110,7 @@ def _size(authored: Authored, shape: Shape) -> tuple[float, float]:
     return next(filter(None, length), shape.length), next(filter(None, width), shape.width)
 
 
-def _kind(authored: Authored, shape: Shape) -> KindName:
+def _select_kind(authored: AuthoredActor, shape: BlueprintShape) -> KindName:
     """What hitting it counts as: a parked bicycle is a vehicle, as all of CARLA's `vehicle.*` are."""
     if authored.role in ("pedestrian", "bicycle"):
         return "pedestrian" if authored.role == "pedestrian" else "cyclist"
@@ -107,15 +119,15 @@ def _kind(authored: Authored, shape: Shape) -> KindName:
     return "vehicle" if shape.kind == "cyclist" else shape.kind
 
 
-def _motion(authored: Authored, frame: CarlaFrame) -> tuple[Pose, Motion, list[str]]:
-    xy, yaws = frame.xy(authored.route.xy_carla), _yaws(authored.route, frame)
+def _build_motion(authored: AuthoredActor, frame: CarlaFrame) -> tuple[Pose, Motion, list[str]]:
+    xy, yaws = frame.xy(authored.route.xy_carla), _compute_yaws(authored.route, frame)
     start = Pose(x=xy[0, 0], y=xy[0, 1], yaw=yaws[0])
-    if authored.timed and not _braking(authored):
+    if authored.timed and not _has_reactive_action(authored):
         times = np.asarray(authored.route.times_s)
         poses = zip(times.tolist(), xy[:, 0].tolist(), xy[:, 1].tolist(), yaws, strict=True)
         return start, Replay(poses=tuple(poses)), []
     notes = ["has times, but is driven along its points"] if authored.route.times_s is not None and len(xy) > 1 else []
-    points = _distinct(xy)
+    points = _drop_repeated(xy)
     if authored.role == "static" and len(points) > 1:
         return start, Standing(), [*notes, f"a static actor with {len(points)} points: stands at the first"]
     if authored.role == "static":
@@ -127,7 +139,7 @@ def _motion(authored: Authored, frame: CarlaFrame) -> tuple[Pose, Motion, list[s
     return start.model_copy(update={"yaw": ahead}), path, notes
 
 
-def _not_applied(authored: Authored, motion: Motion) -> list[str]:
+def _note_ignored(authored: AuthoredActor, motion: Motion) -> list[str]:
     """What its file asks for and does not get."""
     notes: list[str] = []
     if authored.route.attributes.get("snap_to_road", "").lower() == "true":
@@ -137,12 +149,12 @@ def _not_applied(authored: Authored, motion: Motion) -> list[str]:
     return notes
 
 
-def _braking(authored: Authored) -> bool:
+def _has_reactive_action(authored: AuthoredActor) -> bool:
     """Whether it does what a log cannot."""
     return authored.script is not None and isinstance(authored.script.action, HardBrake | LaneChange)
 
 
-def _yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:
+def _compute_yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:
     """Yaw [rad] at each point: the file's, else the direction to the next point."""
     xy = frame.xy(route.xy_carla)
     if len(xy) == 1:
@@ -155,15 +167,15 @@ def _yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:
     ]
 
 
-def _distinct(xy: Float) -> list[tuple[float, float]]:
+def _drop_repeated(xy: Float) -> list[tuple[float, float]]:
     points: list[tuple[float, float]] = []
     for x, y in xy.tolist():
-        if not points or math.dist(points[-1], (x, y)) > STEP_M:
+        if not points or math.dist(points[-1], (x, y)) > MIN_POINT_GAP_M:
             points.append((x, y))
     return points
 
 
-def _fitting(script: Script | None, motion: Motion) -> tuple[Script | None, list[str]]:
+def _drop_idle_script(script: ActorScript | None, motion: Motion) -> tuple[ActorScript | None, list[str]]:
     """A script for what only stands is none: MDrive writes them for static actors."""
     if script is not None and isinstance(motion, Standing):
         return None, ["its behaviour does nothing, as it stands"]

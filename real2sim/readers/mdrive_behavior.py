@@ -8,13 +8,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scripted_actor import Action, DistanceTrigger, HardBrake, LaneChange, StartMotion
 from real2sim.readers.mdrive_manifest import BEHAVIOR, ActionEntry, BehaviorEntry, TriggerEntry, read_behaviors
 
-DISTANCE_M = 8.0
-DISTANCES_M = (1.0, 50.0)
+DEFAULT_DISTANCE_M = 8.0
+DISTANCE_LIMITS_M = (1.0, 50.0)
 """Trigger distances are clamped to these."""
 
 
 @dataclass(frozen=True, slots=True)
-class Script:
+class ActorScript:
     """What an actor waits for, and what it does then."""
 
     trigger: DistanceTrigger
@@ -22,20 +22,20 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True)
-class Scripts:
+class ActorScripts:
     """Scripts by the actors' names, and what was passed over or changed."""
 
-    of: Mapping[str, Script]
+    of: Mapping[str, ActorScript]
     notes: tuple[str, ...]
 
 
-def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles: Mapping[str, str]) -> Scripts:
+def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles: Mapping[str, str]) -> ActorScripts:
     """The behaviours of a scenario; raises InputError.
 
     Only those of route `route_id` count. `actors` are the names that the manifest knows, `vehicles` the CAVs' names
     (`Vehicle 1` is ego 0) with their ids.
     """
-    of: dict[str, Script] = {}
+    of: dict[str, ActorScript] = {}
     notes: list[str] = []
     for number, entry in enumerate(read_behaviors(folder)):
         where = f"{folder / BEHAVIOR}: behavior {number}"
@@ -51,28 +51,28 @@ def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles:
             why = "without a trigger" if entry.trigger is None else "a second one"
             notes.append(f"behaviour {number} of {entry.actor_name}: {why}, passed over")
             continue
-        of[entry.actor_name] = _script(where, entry, entry.trigger, vehicles)
-        notes += _clamped(entry)
-    return Scripts(of, tuple(notes))
+        of[entry.actor_name] = _build_script(where, entry, entry.trigger, vehicles)
+        notes += _note_clamping(entry)
+    return ActorScripts(of, tuple(notes))
 
 
-def vehicle_names(egos: Sequence[tuple[str, str]]) -> dict[str, str]:
+def map_vehicle_names(egos: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Names of CAVs with their ids, from (id, name in the manifest): `Vehicle k` is ego k - 1 whatever its name."""
     return {name: id_ for id_, name in egos if name} | {f"Vehicle {int(id_) + 1}": id_ for id_, _ in egos}
 
 
-def _script(where: str, entry: BehaviorEntry, trigger: TriggerEntry, vehicles: Mapping[str, str]) -> Script:
-    distance = DISTANCE_M if trigger.distance_m is None else trigger.distance_m
-    return Script(
+def _build_script(where: str, entry: BehaviorEntry, trigger: TriggerEntry, vehicles: Mapping[str, str]) -> ActorScript:
+    distance = DEFAULT_DISTANCE_M if trigger.distance_m is None else trigger.distance_m
+    return ActorScript(
         DistanceTrigger(
-            vehicle=_vehicle(f"{where}: trigger: vehicle", trigger.vehicle, vehicles),
-            distance_m=min(max(distance, DISTANCES_M[0]), DISTANCES_M[1]),
+            vehicle=_find_vehicle(f"{where}: trigger: vehicle", trigger.vehicle, vehicles),
+            distance_m=min(max(distance, DISTANCE_LIMITS_M[0]), DISTANCE_LIMITS_M[1]),
         ),
-        _action(where, entry.action or ActionEntry(), vehicles),
+        _build_action(where, entry.action or ActionEntry(), vehicles),
     )
 
 
-def _action(where: str, entry: ActionEntry, vehicles: Mapping[str, str]) -> Action:
+def _build_action(where: str, entry: ActionEntry, vehicles: Mapping[str, str]) -> Action:
     driven = 0.0 if entry.min_drive_distance_m is None else entry.min_drive_distance_m
     if entry.type == "hard_brake":
         return HardBrake(
@@ -85,21 +85,21 @@ def _action(where: str, entry: ActionEntry, vehicles: Mapping[str, str]) -> Acti
         target = entry.target_vehicle
         return LaneChange(
             direction=entry.direction,
-            target_vehicle=target and _vehicle(f"{where}: action: target_vehicle", target, vehicles),
+            target_vehicle=target and _find_vehicle(f"{where}: action: target_vehicle", target, vehicles),
             pacing=entry.pacing is not False,
             least_driven_m=driven,
         )
     return StartMotion()
 
 
-def _vehicle(where: str, name: str, vehicles: Mapping[str, str]) -> str:
+def _find_vehicle(where: str, name: str, vehicles: Mapping[str, str]) -> str:
     if name not in vehicles:
         raise InputError(f"{where}: expected one of {', '.join(vehicles)}, found {name!r}")
     return vehicles[name]
 
 
-def _clamped(entry: BehaviorEntry) -> list[str]:
+def _note_clamping(entry: BehaviorEntry) -> list[str]:
     distance = None if entry.trigger is None else entry.trigger.distance_m
-    if distance is None or DISTANCES_M[0] <= distance <= DISTANCES_M[1]:
+    if distance is None or DISTANCE_LIMITS_M[0] <= distance <= DISTANCE_LIMITS_M[1]:
         return []
     return [f"trigger distance of {entry.actor_name}: {distance:g} m, clamped to [1, 50] m"]

@@ -11,7 +11,7 @@ from mdrive_sumo.scenario.scripted_actor import KindName
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class BlueprintShape:
     """A class of blueprints: length and width [m], and what it counts as."""
 
     length: float
@@ -19,19 +19,19 @@ class Shape:
     kind: KindName
 
 
-CAR = Shape(4.7, 1.9, "vehicle")
-PERSON = Shape(0.5, 0.5, "pedestrian")
-THING = Shape(0.8, 0.8, "static")
+CAR = BlueprintShape(4.7, 1.9, "vehicle")
+PEDESTRIAN = BlueprintShape(0.5, 0.5, "pedestrian")
+UNKNOWN_PROP = BlueprintShape(0.8, 0.8, "static")
 """A prop whose name tells nothing."""
 
-BICYCLE = Shape(1.75, 0.6, "cyclist")
-_MOTORCYCLE = Shape(2.2, 0.8, "vehicle")
-_VAN = Shape(5.9, 2.0, "vehicle")
-_TRUCK = Shape(8.5, 2.5, "vehicle")
-_BUS = Shape(10.5, 2.5, "vehicle")
-_SMALL = Shape(2.5, 1.5, "vehicle")
+BICYCLE = BlueprintShape(1.75, 0.6, "cyclist")
+_MOTORCYCLE = BlueprintShape(2.2, 0.8, "vehicle")
+_VAN = BlueprintShape(5.9, 2.0, "vehicle")
+_TRUCK = BlueprintShape(8.5, 2.5, "vehicle")
+_BUS = BlueprintShape(10.5, 2.5, "vehicle")
+_SMALL = BlueprintShape(2.5, 1.5, "vehicle")
 
-_VEHICLES: tuple[tuple[tuple[str, ...], Shape], ...] = (
+_VEHICLES: tuple[tuple[tuple[str, ...], BlueprintShape], ...] = (
     (("crossbike", "century", "omafiets", "bicycle", "cyclist", "bike."), BICYCLE),
     (("harley", "yamaha", "kawasaki", "vespa", "motorcycle", "scooter"), _MOTORCYCLE),
     (("firetruck", "carlacola", "truck.", "european_hgv"), _TRUCK),
@@ -51,14 +51,18 @@ _PROPS: tuple[tuple[tuple[str, ...], str], ...] = (
 )
 
 
-def shape_of(model: str) -> Shape | None:
+def find_blueprint_shape(model: str) -> BlueprintShape | None:
     """The class of a blueprint such as `vehicle.lincoln.mkz_2017`; None if the name is none of a blueprint."""
     name = model.lower() + "."
     if name.startswith("vehicle."):
         return next((shape for parts, shape in _VEHICLES if any(part in name for part in parts)), CAR)
     if name.startswith("walker."):
-        return PERSON
+        return PEDESTRIAN
     if name.startswith("static."):
         known = next((prop for parts, prop in _PROPS if any(part in name for part in parts)), None)
-        return THING if known is None else Shape(PROPS[known].length, PROPS[known].width, PROPS[known].kind)
+        return (
+            UNKNOWN_PROP
+            if known is None
+            else BlueprintShape(PROPS[known].length, PROPS[known].width, PROPS[known].kind)
+        )
     return None

@@ -14,8 +14,8 @@ from mdrive_sumo.scenario.scenario import first_problem
 MANIFEST = "actors_manifest.json"
 BEHAVIOR = "actors_behavior.json"
 
-Role = Literal["ego", "npc", "static", "pedestrian", "bicycle"]
-ROLES: Mapping[str, Role] = {
+ActorRole = Literal["ego", "npc", "static", "pedestrian", "bicycle"]
+ROLE_BY_KEY: Mapping[str, ActorRole] = {
     "ego": "ego",
     "npc": "npc",
     "static": "static",
@@ -27,17 +27,17 @@ ROLES: Mapping[str, Role] = {
     "bike": "bicycle",
 }
 """Keys of the manifest, aliases included."""
-SPEEDS: Mapping[Role, float] = {"npc": 8.0, "pedestrian": 1.5, "bicycle": 4.0, "static": 0.0}
+DEFAULT_SPEED_BY_ROLE: Mapping[ActorRole, float] = {"npc": 8.0, "pedestrian": 1.5, "bicycle": 4.0, "static": 0.0}
 """[m/s] where nothing is said."""
 
 _T = TypeVar("_T")
 
 
-class _Entry(BaseModel):
+class _ManifestModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, coerce_numbers_to_str=True)
 
 
-class ManifestEntry(_Entry):
+class ManifestEntry(_ManifestModel):
     """A road user or a prop."""
 
     file: str
@@ -56,7 +56,7 @@ class ManifestEntry(_Entry):
     control_mode: str | None = None
 
 
-class TriggerEntry(_Entry):
+class TriggerEntry(_ManifestModel):
     """What sets an actor off; MDrive has this one kind."""
 
     type: Literal["distance_to_vehicle"] = "distance_to_vehicle"
@@ -64,7 +64,7 @@ class TriggerEntry(_Entry):
     distance_m: float | None = None
 
 
-class ActionEntry(_Entry):
+class ActionEntry(_ManifestModel):
     """What it does then."""
 
     type: Literal["start_motion", "hard_brake", "lane_change"] = "start_motion"
@@ -76,7 +76,7 @@ class ActionEntry(_Entry):
     min_drive_distance_m: float | None = Field(default=None, ge=0, le=1000)
 
 
-class BehaviorEntry(_Entry):
+class BehaviorEntry(_ManifestModel):
     """What an actor waits for and does."""
 
     actor_name: str
@@ -85,27 +85,27 @@ class BehaviorEntry(_Entry):
     action: ActionEntry | None = None
 
 
-class _Behaviors(_Entry):
+class _BehaviorFile(_ManifestModel):
     behaviors: tuple[BehaviorEntry, ...]
 
 
-def read_manifest(folder: Path) -> tuple[tuple[Role, ManifestEntry], ...]:
+def read_manifest(folder: Path) -> tuple[tuple[ActorRole, ManifestEntry], ...]:
     """All entries with their roles, in the order of the file; raises InputError."""
     path = folder / MANIFEST
-    groups = _read(path, TypeAdapter(dict[str, tuple[ManifestEntry, ...]]))
+    groups = _read_json(path, TypeAdapter(dict[str, tuple[ManifestEntry, ...]]))
     for key in groups:
-        if key not in ROLES:
-            raise InputError(f"{path}: expected lists named {', '.join(ROLES)}, found {key!r}")
-    return tuple((ROLES[key], entry) for key, entries in groups.items() for entry in entries)
+        if key not in ROLE_BY_KEY:
+            raise InputError(f"{path}: expected lists named {', '.join(ROLE_BY_KEY)}, found {key!r}")
+    return tuple((ROLE_BY_KEY[key], entry) for key, entries in groups.items() for entry in entries)
 
 
 def read_behaviors(folder: Path) -> tuple[BehaviorEntry, ...]:
     """The behaviours of a scenario, none without the file; raises InputError."""
     path = folder / BEHAVIOR
-    return _read(path, TypeAdapter(_Behaviors)).behaviors if path.is_file() else ()
+    return _read_json(path, TypeAdapter(_BehaviorFile)).behaviors if path.is_file() else ()
 
 
-def _read(path: Path, shape: TypeAdapter[_T]) -> _T:
+def _read_json(path: Path, shape: TypeAdapter[_T]) -> _T:
     try:
         data: Any = json.loads(path.read_text())
     except OSError as error:

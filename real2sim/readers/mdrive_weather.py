@@ -10,7 +10,7 @@ RAIN = 22.5
 """Precipitation [%] half-way between MDrive's preset cloudy (15) and CARLA's 0.9.12 soft rain (30)."""
 
 
-def nearest_weather(numbers: Mapping[str, float]) -> tuple[WeatherName, str]:
+def find_nearest_weather(numbers: Mapping[str, float]) -> tuple[WeatherName, str]:
     """The name, and a note on what it stands for; "" where nothing needs one. Night goes before rain."""
     sun, clouds = numbers.get("sun_altitude_angle", 70.0), numbers.get("cloudiness", 30.0)
     rain, fog = numbers.get("precipitation", 0.0), numbers.get("fog_density", 0.0)

@@ -9,15 +9,15 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.shapes import points
-from real2sim.xml_file import Element, number, read_xml
+from real2sim.readers.shapes import parse_points
+from real2sim.xml_file import Element, read_number, read_xml
 
 UTM_OF_ORIGIN = "EPSG:32631"
 """UTM zone 31 north, in which the origin (0, 0) lies."""
 
 
 @dataclass(frozen=True)
-class Way:
+class OsmWay:
     """A line of nodes."""
 
     id: str
@@ -25,13 +25,13 @@ class Way:
     tags: Mapping[str, str]
 
     @property
-    def turned(self) -> "Way":
+    def turned(self) -> "OsmWay":
         """The same the other way round."""
         return replace(self, nodes=self.nodes[::-1])
 
 
 @dataclass(frozen=True)
-class Relation:
+class OsmRelation:
     """Members with roles."""
 
     id: str
@@ -45,55 +45,55 @@ class Relation:
 
 
 @dataclass(frozen=True)
-class Osm:
+class OsmFile:
     """A file: nodes are (2,) [m]."""
 
     path: Path
     nodes: Mapping[str, Float]
-    ways: Mapping[str, Way]
-    relations: Mapping[str, Relation]
+    ways: Mapping[str, OsmWay]
+    relations: Mapping[str, OsmRelation]
 
-    def line(self, way: Way) -> Float:
+    def line(self, way: OsmWay) -> Float:
         """(N, 2) [m]; raises InputError if it has fewer than two points."""
         where = f"{self.path}: way {way.id}"
-        line = points(where, [self.nodes[node] for node in way.nodes])
+        line = parse_points(where, [self.nodes[node] for node in way.nodes])
         if len(line) < 2:
             raise InputError(f"{where}: expected at least two distinct points, found {len(line)}")
         return line
 
-    def typed(self, name: str) -> Iterator[Relation]:
+    def typed(self, name: str) -> Iterator[OsmRelation]:
         """Relations of a type."""
         return (relation for relation in self.relations.values() if relation.tags.get("type") == name)
 
-    def ways_of(self, relation: Relation, *roles: str) -> tuple[Way, ...]:
+    def ways_of(self, relation: OsmRelation, *roles: str) -> tuple[OsmWay, ...]:
         """The ways that are members in these roles, each once, without those that the file lacks."""
         return tuple(self.ways[id_] for id_ in dict.fromkeys(relation.of(*roles)) if id_ in self.ways)
 
 
-def read_osm(path: Path) -> Osm:
+def read_osm(path: Path) -> OsmFile:
     """Reads a file and projects it as Lanelet2's UtmProjector with the origin (0, 0) does; raises InputError."""
     root = read_xml(path)
     if root.tag != "osm":
         raise InputError(f"{path}: expected the root <osm>, found <{root.tag}>")
-    nodes = _nodes(path, root)
-    ways = {way.id: way for way in (_way(path, element, nodes) for element in root.iter("way"))}
-    relations = {relation.id: relation for relation in (_relation(path, one) for one in root.iter("relation"))}
-    return Osm(path, nodes, ways, relations)
+    nodes = _read_nodes(path, root)
+    ways = {way.id: way for way in (_read_way(path, element, nodes) for element in root.iter("way"))}
+    relations = {relation.id: relation for relation in (_read_relation(path, one) for one in root.iter("relation"))}
+    return OsmFile(path, nodes, ways, relations)
 
 
-def _nodes(path: Path, root: Element) -> Mapping[str, Float]:
+def _read_nodes(path: Path, root: Element) -> Mapping[str, Float]:
     elements = list(root.iter("node"))
     if not elements:
         raise InputError(f"{path}: expected nodes, found none")
-    degrees = np.array([[number(path, element, name) for name in ("lon", "lat")] for element in elements])
+    degrees = np.array([[read_number(path, element, name) for name in ("lon", "lat")] for element in elements])
     if (np.abs(degrees) > (180.0, 90.0)).any():
         raise InputError(f"{path}: expected latitudes within 90 and longitudes within 180 degrees, found others")
-    return dict(zip((_id(path, element, "id") for element in elements), _projected(path, degrees), strict=True))
+    return dict(zip((_read_id(path, element, "id") for element in elements), _project(path, degrees), strict=True))
 
 
-def _projected(path: Path, degrees: Float) -> Float:
+def _project(path: Path, degrees: Float) -> Float:
     """(N, 2) [m] of longitudes and latitudes."""
-    transformer: Any = _pyproj(path).Transformer.from_crs("EPSG:4326", UTM_OF_ORIGIN, always_xy=True)
+    transformer: Any = _import_pyproj(path).Transformer.from_crs("EPSG:4326", UTM_OF_ORIGIN, always_xy=True)
     x, y = transformer.transform(*np.vstack(((0.0, 0.0), degrees)).T)
     plane = np.column_stack((x, y))
     if not np.isfinite(plane).all():
@@ -101,7 +101,7 @@ def _projected(path: Path, degrees: Float) -> Float:
     return plane[1:] - plane[0]
 
 
-def _pyproj(path: Path) -> Any:
+def _import_pyproj(path: Path) -> Any:
     """Imported only here: it is needed for this format alone and takes a while."""
     try:
         import pyproj
@@ -112,26 +112,30 @@ def _pyproj(path: Path) -> Any:
     return pyproj
 
 
-def _id(path: Path, element: Element, name: str) -> str:
+def _read_id(path: Path, element: Element, name: str) -> str:
     text = element.get(name)
     if not text:
         raise InputError(f"{path}: {element.tag}: expected the attribute {name}, found none")
     return text
 
 
-def _way(path: Path, element: Element, nodes: Mapping[str, Float]) -> Way:
-    way = Way(_id(path, element, "id"), tuple(_id(path, nd, "ref") for nd in element.iter("nd")), _tags(element))
+def _read_way(path: Path, element: Element, nodes: Mapping[str, Float]) -> OsmWay:
+    way = OsmWay(
+        _read_id(path, element, "id"),
+        tuple(_read_id(path, nd, "ref") for nd in element.iter("nd")),
+        _read_tags(element),
+    )
     for node in way.nodes:
         if node not in nodes:
             raise InputError(f"{path}: way {way.id}: expected nodes of this file, found node {node}")
     return way
 
 
-def _relation(path: Path, element: Element) -> Relation:
+def _read_relation(path: Path, element: Element) -> OsmRelation:
     members: Iterable[Element] = element.iter("member")
-    roles = tuple((member.get("role", ""), _id(path, member, "ref")) for member in members)
-    return Relation(_id(path, element, "id"), roles, _tags(element))
+    roles = tuple((member.get("role", ""), _read_id(path, member, "ref")) for member in members)
+    return OsmRelation(_read_id(path, element, "id"), roles, _read_tags(element))
 
 
-def _tags(element: Element) -> Mapping[str, str]:
+def _read_tags(element: Element) -> Mapping[str, str]:
     return {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}

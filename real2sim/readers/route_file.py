@@ -11,9 +11,9 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.xml_file import Element, number, read_xml
+from real2sim.xml_file import Element, read_number, read_xml
 
-WEATHER = ("sun_altitude_angle", "cloudiness", "precipitation", "fog_density")
+WEATHER_ATTRIBUTES = ("sun_altitude_angle", "cloudiness", "precipitation", "fog_density")
 """What is read of the weather: degrees above the horizon, and percent."""
 
 
@@ -32,7 +32,7 @@ class RouteFile:
     point_speeds: bool = False
     """Whether waypoints tell speeds of their own. Nobody drives by them: actors have one target speed."""
     weather: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Those of `WEATHER` that the `<weather>` child has."""
+    """Those of `WEATHER_ATTRIBUTES` that the `<weather>` child has."""
     attributes: Mapping[str, str] = field(default_factory=dict[str, str])
     """All attributes of `<route>`."""
 
@@ -57,29 +57,29 @@ def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
     return RouteFile(
         path=path,
         town=town,
-        xy_carla=np.array([(number(path, point, "x"), number(path, point, "y")) for point in waypoints]),
-        yaw_carla_deg=np.array([number(path, p, "yaw") if p.get("yaw") else np.nan for p in waypoints]),
-        times_s=_times(path, waypoints),
+        xy_carla=np.array([(read_number(path, point, "x"), read_number(path, point, "y")) for point in waypoints]),
+        yaw_carla_deg=np.array([read_number(path, p, "yaw") if p.get("yaw") else np.nan for p in waypoints]),
+        times_s=_read_times(path, waypoints),
         point_speeds=any("speed" in point.attrib for point in waypoints),
-        weather=_weather(path, route.find("weather")),
+        weather=_read_weather(path, route.find("weather")),
         attributes=dict(route.attrib),
     )
 
 
-def ego_index(path: Path) -> int | None:
+def parse_ego_index(path: Path) -> int | None:
     """The number at the end of a CAV's file name, its index; None if there is none."""
     index = path.stem.rpartition("_")[2]
     return int(index) if index.isascii() and index.isdigit() else None
 
 
-def _times(path: Path, waypoints: list[Element]) -> Float | None:
+def _read_times(path: Path, waypoints: list[Element]) -> Float | None:
     names = ["time" if "time" in point.attrib else "t" for point in waypoints]
     if not all(name in point.attrib for name, point in zip(names, waypoints, strict=True)):
         return None
-    return np.array([number(path, point, name) for name, point in zip(names, waypoints, strict=True)])
+    return np.array([read_number(path, point, name) for name, point in zip(names, waypoints, strict=True)])
 
 
-def _weather(path: Path, weather: Element | None) -> Mapping[str, float]:
+def _read_weather(path: Path, weather: Element | None) -> Mapping[str, float]:
     if weather is None:
         return {}
-    return {name: number(path, weather, name) for name in WEATHER if name in weather.attrib}
+    return {name: read_number(path, weather, name) for name in WEATHER_ATTRIBUTES if name in weather.attrib}

@@ -10,16 +10,16 @@ from numpy._core import multiarray, numeric
 
 from mdrive_sumo.core.errors import InputError
 
-Allowed = Mapping[tuple[str, str], object]
+AllowedGlobals = Mapping[tuple[str, str], object]
 """What stands for a module's name in a pickle."""
 
-_HELPERS: Allowed = {
+_HELPERS: AllowedGlobals = {
     ("multiarray", "_reconstruct"): multiarray._reconstruct,
     ("multiarray", "scalar"): multiarray.scalar,
     ("numeric", "_frombuffer"): vars(numeric)["_frombuffer"],
 }
 
-NUMPY: Allowed = {
+NUMPY_GLOBALS: AllowedGlobals = {
     **{(f"numpy.core.{module}", name): helper for (module, name), helper in _HELPERS.items()},  # numpy 1
     **{(f"numpy._core.{module}", name): helper for (module, name), helper in _HELPERS.items()},  # numpy 2
     ("numpy", "ndarray"): np.ndarray,
@@ -27,15 +27,15 @@ NUMPY: Allowed = {
 }
 """Arrays and numbers of numpy."""
 
-BROKEN = (
+UNPICKLING_ERRORS = (
     pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OverflowError,
     RecursionError, NotImplementedError, AssertionError,
 )  # fmt: skip
 """What the unpickler raises on bytes that are no pickle, or only a part of one."""
 
 
-class _Restricted(pickle.Unpickler):
-    def __init__(self, path: Path, file: Any, allowed: Allowed) -> None:
+class _RestrictedUnpickler(pickle.Unpickler):
+    def __init__(self, path: Path, file: Any, allowed: AllowedGlobals) -> None:
         super().__init__(file)
         self._path, self._allowed = path, allowed
 
@@ -48,18 +48,18 @@ class _Restricted(pickle.Unpickler):
         return self._allowed[module, name]
 
 
-def load_pickle(path: Path, allowed: Allowed = NUMPY) -> Any:
+def load_pickle(path: Path, allowed: AllowedGlobals = NUMPY_GLOBALS) -> Any:
     """What a pickle holds; raises InputError if it cannot be read, is broken or names a class not in `allowed`."""
     try:
         with path.open("rb") as file:
-            return _Restricted(path, file, allowed).load()
+            return _RestrictedUnpickler(path, file, allowed).load()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except BROKEN as error:
-        raise InputError(f"{path}: expected a complete pickle, found: {_reason(error)}") from None
+    except UNPICKLING_ERRORS as error:
+        raise InputError(f"{path}: expected a complete pickle, found: {_format_error(error)}") from None
 
 
-def _reason(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     """A `KeyError` and its like say only what they missed."""
     words = str(error).splitlines() or [""]
     return f"{type(error).__name__} {words[0]}".strip()

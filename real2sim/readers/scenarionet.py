@@ -15,26 +15,26 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.readers.safe_pickle import load_pickle
-from real2sim.readers.scenarionet_map import read_map
-from real2sim.readers.shapes import brief, moved_ahead, numbers
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.readers.scenarionet_map import build_scenarionet_map
+from real2sim.readers.shapes import describe_value, parse_numbers, shift_ahead
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
-CATEGORIES: Mapping[str, Category] = {
-    "VEHICLE": Category.CAR,
-    "CYCLIST": Category.BICYCLE,
-    "PEDESTRIAN": Category.PEDESTRIAN,
-    "TRAFFIC_CONE": Category.STATIC,
-    "TRAFFIC_BARRIER": Category.STATIC,
-    "TRAFFIC_OBJECT": Category.STATIC,
+CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
+    "VEHICLE": ObjectCategory.CAR,
+    "CYCLIST": ObjectCategory.BICYCLE,
+    "PEDESTRIAN": ObjectCategory.PEDESTRIAN,
+    "TRAFFIC_CONE": ObjectCategory.STATIC,
+    "TRAFFIC_BARRIER": ObjectCategory.STATIC,
+    "TRAFFIC_OBJECT": ObjectCategory.STATIC,
 }
-FINER: Mapping[str, Category] = {
-    "vehicle.truck": Category.TRUCK,
-    "vehicle.construction": Category.TRUCK,
-    "vehicle.trailer": Category.TRUCK,
-    "vehicle.bus.rigid": Category.BUS,
-    "vehicle.bus.bendy": Category.BUS,
-    "vehicle.emergency.ambulance": Category.VAN,
-    "vehicle.motorcycle": Category.MOTORCYCLE,
+CATEGORY_BY_NUSCENES_TYPE: Mapping[str, ObjectCategory] = {
+    "vehicle.truck": ObjectCategory.TRUCK,
+    "vehicle.construction": ObjectCategory.TRUCK,
+    "vehicle.trailer": ObjectCategory.TRUCK,
+    "vehicle.bus.rigid": ObjectCategory.BUS,
+    "vehicle.bus.bendy": ObjectCategory.BUS,
+    "vehicle.emergency.ambulance": ObjectCategory.VAN,
+    "vehicle.motorcycle": ObjectCategory.MOTORCYCLE,
 }
 """nuScenes tells more in the metadata of a track than in its type."""
 AXLE_TO_CENTRE_M = 1.385
@@ -49,15 +49,15 @@ def read_scenarionet(path: Path) -> Recording:
 
     The self-driving car (`sdc_id`) is the only connected vehicle. Frames are `dt_s` apart by the mean of `metadata.ts`.
     """
-    description = _description(path)
+    description = _load_description(path)
     dataset = str(description["metadata"].get("dataset", ""))
-    frames = _frames(path, description)
-    dt_s, time_notes = _dt(path, description["metadata"], frames)
-    tracks, track_notes = _tracks(path, description["tracks"], frames)
-    hd_map, map_notes = read_map(path, description, dataset)
-    cavs, cav_notes = _cavs(description["metadata"], tracks)
+    frames = _read_frame_count(path, description)
+    dt_s, time_notes = _compute_dt(path, description["metadata"], frames)
+    tracks, track_notes = _build_tracks(path, description["tracks"], frames)
+    hd_map, map_notes = build_scenarionet_map(path, description, dataset)
+    cavs, cav_notes = _find_cavs(description["metadata"], tracks)
     if dataset == "nuscenes" and cavs:
-        tracks = tuple(_own_car(track) if track.id in cavs else track for track in tracks)
+        tracks = tuple(_correct_nuscenes_ego(track) if track.id in cavs else track for track in tracks)
         cav_notes = (
             f"{cavs[0]}: box centre taken as {AXLE_TO_CENTRE_M} m ahead of the pose, a rear axle in nuScenes;"
             " the longer side of its box taken as the length, whichever the source calls so",
@@ -67,20 +67,20 @@ def read_scenarionet(path: Path) -> Recording:
         source="scenarionet",
         dt_s=dt_s,
         frames=frames,
-        views=(View("log", tracks),),
+        views=(ObserverView("log", tracks),),
         map=hd_map,
         cavs=cavs,
         notes=(*time_notes, *track_notes, *cav_notes, *map_notes),
     )
 
 
-def _own_car(track: Track) -> Track:
+def _correct_nuscenes_ego(track: RecordedTrack) -> RecordedTrack:
     """The recording car of nuScenes: its pose is its rear axle, and ScenarioNet swaps length and width of its box."""
     length, width = np.fmax(track.length, track.width), np.fmin(track.length, track.width)
-    return moved_ahead(track.with_rows(length=length, width=width), AXLE_TO_CENTRE_M)
+    return shift_ahead(track.with_rows(length=length, width=width), AXLE_TO_CENTRE_M)
 
 
-def _description(path: Path) -> Mapping[str, Any]:
+def _load_description(path: Path) -> Mapping[str, Any]:
     description = load_pickle(path)
     if not isinstance(description, dict):
         raise InputError(f"{path}: expected a scenario description (a dict), found {type(description).__name__}")
@@ -92,34 +92,34 @@ def _description(path: Path) -> Mapping[str, Any]:
     return description
 
 
-def _frames(path: Path, description: Mapping[str, Any]) -> int:
+def _read_frame_count(path: Path, description: Mapping[str, Any]) -> int:
     length = description.get("length")
     if not isinstance(length, int | np.integer) or length < 2:
-        raise InputError(f"{path}: length: expected at least 2 frames, found {brief(length)}")
+        raise InputError(f"{path}: length: expected at least 2 frames, found {describe_value(length)}")
     return int(length)
 
 
-def _dt(path: Path, metadata: Mapping[str, Any], frames: int) -> tuple[float, tuple[str, ...]]:
-    ts = numbers(f"{path}: metadata.ts", metadata.get("ts", ())).ravel()
+def _compute_dt(path: Path, metadata: Mapping[str, Any], frames: int) -> tuple[float, tuple[str, ...]]:
+    ts = parse_numbers(f"{path}: metadata.ts", metadata.get("ts", ())).ravel()
     steps = np.diff(ts)
     if len(ts) != frames or not np.isfinite(ts).all() or not (steps > 0).all():
-        raise InputError(f"{path}: metadata.ts: expected {frames} growing times, found {brief(ts)}")
+        raise InputError(f"{path}: metadata.ts: expected {frames} growing times, found {describe_value(ts)}")
     dt_s = round(float(steps.mean()), 3)
     off = float(np.abs(steps - dt_s).max())
     uneven = f"frames are taken as {dt_s:g} s apart; the clock of the source is off by up to {off:.3f} s"
     return dt_s, (uneven,) if off > 0.1 * dt_s else ()
 
 
-def _tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tuple[Track, ...], tuple[str, ...]]:
+def _build_tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
     passed_over: Counter[str] = Counter()
-    tracks: list[Track] = []
+    tracks: list[RecordedTrack] = []
     for id_, one in raw.items():
         where = f"{path}: tracks.{id_}"
-        category = _category(where, one)
+        category = _classify(where, one)
         if category is None:
             passed_over[f"of the unknown type {one['type']}"] += 1
             continue
-        track = _track(where, str(id_), category, one["state"], frames)
+        track = _build_track(where, str(id_), category, one["state"], frames)
         if track.valid.any():
             tracks.append(track)
         else:
@@ -129,19 +129,21 @@ def _tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tuple[Trac
     return tuple(tracks), tuple(f"{count} tracks {why} passed over" for why, count in sorted(passed_over.items()))
 
 
-def _category(where: str, one: Any) -> Category | None:
+def _classify(where: str, one: Any) -> ObjectCategory | None:
     if not isinstance(one, dict) or "type" not in one or not isinstance(one.get("state"), dict):
         raise InputError(f"{where}: expected a dict with type and state, found {type(one).__name__}")
     metadata = one.get("metadata")
-    finer = FINER.get(str(metadata.get("type"))) if isinstance(metadata, dict) else None
-    coarse = CATEGORIES.get(str(one["type"]))
+    finer = CATEGORY_BY_NUSCENES_TYPE.get(str(metadata.get("type"))) if isinstance(metadata, dict) else None
+    coarse = CATEGORY_BY_TYPE.get(str(one["type"]))
     return finer or coarse
 
 
-def _track(where: str, id_: str, category: Category, state: Mapping[str, Any], frames: int) -> Track:
-    position = _column(where, state, "position", frames)
-    valid = _column(where, state, "valid", frames)[:, 0] > 0.5
-    heading, length, width = (_column(where, state, name, frames)[:, 0] for name in ("heading", "length", "width"))
+def _build_track(
+    where: str, id_: str, category: ObjectCategory, state: Mapping[str, Any], frames: int
+) -> RecordedTrack:
+    position = _read_column(where, state, "position", frames)
+    valid = _read_column(where, state, "valid", frames)[:, 0] > 0.5
+    heading, length, width = (_read_column(where, state, name, frames)[:, 0] for name in ("heading", "length", "width"))
     bad = valid & ~np.isfinite(position[:, :2]).all(1)
     if bad.any():
         first = int(np.flatnonzero(bad)[0])
@@ -149,7 +151,7 @@ def _track(where: str, id_: str, category: Category, state: Mapping[str, Any], f
             f"{where}: position: expected finite x and y in frame {first}, found {position[first].tolist()}"
         )
     there = np.where(valid, 1.0, np.nan)
-    return Track(
+    return RecordedTrack(
         id=id_,
         category=category,
         valid=valid,
@@ -158,23 +160,25 @@ def _track(where: str, id_: str, category: Category, state: Mapping[str, Any], f
         yaw=np.where(valid & np.isfinite(heading), heading, np.nan),
         length=np.where(valid & (length > 0), length, np.nan),
         width=np.where(valid & (width > 0), width, np.nan),
-        parked=category is Category.STATIC,
+        parked=category is ObjectCategory.STATIC,
     )
 
 
-def _column(where: str, state: Mapping[str, Any], name: str, frames: int) -> Float:
+def _read_column(where: str, state: Mapping[str, Any], name: str, frames: int) -> Float:
     """(T, K): nuScenes has sizes as (T, 1), Waymo as (T,)."""
     if name not in state:
         raise InputError(f"{where}: expected state.{name}, found {', '.join(sorted(map(str, state))) or 'nothing'}")
-    rows = numbers(f"{where}: state.{name}", state[name])
+    rows = parse_numbers(f"{where}: state.{name}", state[name])
     rows = rows[:, None] if rows.ndim == 1 else rows
     least = 2 if name == "position" else 1
     if rows.ndim != 2 or len(rows) != frames or rows.shape[1] < least:
-        raise InputError(f"{where}: state.{name}: expected {frames} rows, found {brief(rows)}")
+        raise InputError(f"{where}: state.{name}: expected {frames} rows, found {describe_value(rows)}")
     return rows
 
 
-def _cavs(metadata: Mapping[str, Any], tracks: tuple[Track, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _find_cavs(
+    metadata: Mapping[str, Any], tracks: tuple[RecordedTrack, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     sdc = str(metadata.get("sdc_id", ""))
     if sdc in {track.id for track in tracks}:
         return (sdc,), ()

@@ -7,12 +7,12 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from real2sim.readers.shapes import brief, numbered_points, numbers, points
+from real2sim.readers.shapes import describe_value, parse_all_points, parse_numbers, parse_points
 
-Feature = Mapping[str, Any]
+MapFeature = Mapping[str, Any]
 
 
-def listed(where: str, feature: Feature, name: str) -> list[Any]:
+def read_list(where: str, feature: MapFeature, name: str) -> list[Any]:
     """The members of a list, tuple or array; none if it is not there; raises InputError."""
     raw = feature.get(name)
     if raw is None:
@@ -22,7 +22,7 @@ def listed(where: str, feature: Feature, name: str) -> list[Any]:
     return list(raw)
 
 
-def number(where: str, feature: Feature, name: str) -> float:
+def read_finite(where: str, feature: MapFeature, name: str) -> float:
     """A finite number, which Waymo's lanes may have as a word; 0 if it is not there; raises InputError."""
     raw = feature.get(name)
     try:
@@ -30,49 +30,52 @@ def number(where: str, feature: Feature, name: str) -> float:
     except (TypeError, ValueError, OverflowError):
         value = float("nan")
     if not np.isfinite(value):
-        raise InputError(f"{where}.{name}: expected a finite number, found {brief(raw)}")
+        raise InputError(f"{where}.{name}: expected a finite number, found {describe_value(raw)}")
     return value
 
 
-def lane_width(where: str, feature: Feature) -> float:
+def read_lane_width(where: str, feature: MapFeature) -> float:
     """Width [m] by Waymo's distances (N, 2) of the centre line to both sides, 0 where unknown; NaN without any."""
-    sides = numbers(f"{where}.width", () if feature.get("width") is None else feature["width"])
+    sides = parse_numbers(f"{where}.width", () if feature.get("width") is None else feature["width"])
     if sides.ndim != 2 or sides.shape[1] != 2:
         return float("nan")
     known = sides[(sides > 0).all(1)]
     return float(np.median(known.sum(1))) if len(known) else float("nan")
 
 
-def lane_sides(where: str, feature: Feature, features: Mapping[str, Feature]) -> tuple[Float, Float]:
+def read_lane_boundaries(where: str, feature: MapFeature, features: Mapping[str, MapFeature]) -> tuple[Float, Float]:
     """Boundaries left and right: from the ring around the lane (nuScenes, nuPlan) or from road lines (Waymo)."""
     if feature.get("polygon") is not None:
-        ring, line = points(f"{where}.polygon", feature["polygon"]), polyline(points(where, feature["polyline"]))
-        return _half(ring, line, 1.0), _half(ring, line, -1.0)
-    left, right = (_boundary(where, feature, f"{side}_boundaries", features) for side in ("left", "right"))
+        ring, line = (
+            parse_points(f"{where}.polygon", feature["polygon"]),
+            polyline(parse_points(where, feature["polyline"])),
+        )
+        return _select_side(ring, line, 1.0), _select_side(ring, line, -1.0)
+    left, right = (_read_boundary(where, feature, f"{side}_boundaries", features) for side in ("left", "right"))
     return left, right
 
 
-def _half(ring: Float, line: Polyline, side: float) -> Float:
+def _select_side(ring: Float, line: Polyline, side: float) -> Float:
     """The corners of a ring on one side of a centre line, in its order; a ring may end where it began."""
     corners = ring[:-1] if len(ring) > 1 and np.allclose(ring[0], ring[-1]) else ring
     stations = [(s, i) for i, (x, y) in enumerate(corners) for s, d in (line.project(x, y),) if side * d > 0]
     return corners[[i for _, i in sorted(stations)]].reshape(-1, 2)
 
 
-def _boundary(where: str, feature: Feature, name: str, features: Mapping[str, Feature]) -> Float:
+def _read_boundary(where: str, feature: MapFeature, name: str, features: Mapping[str, MapFeature]) -> Float:
     """Pieces of road lines between the ends of the stretches of the lane beside which they lie."""
-    centre = numbered_points(where, feature["polyline"])
+    centre = parse_all_points(where, feature["polyline"])
     pieces = [np.zeros((0, 2))]
-    for one in listed(where, feature, name):
+    for one in read_list(where, feature, name):
         if not isinstance(one, dict):
             raise InputError(f"{where}.{name}: expected dicts, found {type(one).__name__}")
         line = features.get(str(one.get("boundary_feature_id")), {}).get("polyline")
         if line is not None:
-            rows = [int(number(f"{where}.{name}", one, f"lane_{end}_index")) for end in ("start", "end")]
-            pieces.append(_piece(points(f"{where}.{name}", line), centre[np.clip(rows, 0, len(centre) - 1)]))
+            rows = [int(read_finite(f"{where}.{name}", one, f"lane_{end}_index")) for end in ("start", "end")]
+            pieces.append(_clip_line(parse_points(f"{where}.{name}", line), centre[np.clip(rows, 0, len(centre) - 1)]))
     return np.concatenate(pieces)
 
 
-def _piece(line: Float, ends: Float) -> Float:
+def _clip_line(line: Float, ends: Float) -> Float:
     start, end = (int(np.argmin(((line - point) ** 2).sum(1))) for point in ends)
     return line[start : end + 1] if start <= end else line[end : start + 1][::-1]

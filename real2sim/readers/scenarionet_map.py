@@ -10,28 +10,30 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.scenarionet_boundaries import lane_sides, lane_width, listed, number
-from real2sim.readers.shapes import across, brief, points
+from real2sim.readers.scenarionet_boundaries import read_finite, read_lane_boundaries, read_lane_width, read_list
+from real2sim.readers.shapes import build_cross_line, describe_value, parse_points
 
-LINE_WIDTH_M = 3.5
+DEFAULT_LINE_M = 3.5
 """Length of a stop line across a lane of unknown width."""
 TOUCH_M = 0.1
 """Ends of lanes this close to each other are one place: in nuScenes they agree to 1e-11 m or not at all."""
-TOUCH_YAW = np.radians(45)
-MPH = 0.44704
+TOUCH_RAD = np.radians(45)
+MPS_PER_MPH = 0.44704
 
-Features = Mapping[str, Mapping[str, Any]]
-Noted = tuple[str, ...]
+MapFeatures = Mapping[str, Mapping[str, Any]]
+Notes = tuple[str, ...]
 
 
-def read_map(path: Path, description: Mapping[str, Any], dataset: str) -> tuple[HdMap, Noted]:
+def build_scenarionet_map(path: Path, description: Mapping[str, Any], dataset: str) -> tuple[HdMap, Notes]:
     """The map, and what had to be passed over or guessed; raises InputError."""
-    features = _features(path, description)
-    lanes, lane_notes = _lanes(path, features, dataset)
-    stops, stop_notes = _stop_signs(path, features, lanes)
-    lines, signals, light_notes = _lights(path, _entries(path, description, "dynamic_map_states"), lanes, dataset)
+    features = _read_features(path, description)
+    lanes, lane_notes = _build_lanes(path, features, dataset)
+    stops, stop_notes = _build_stop_signs(path, features, lanes)
+    lines, signals, light_notes = _build_traffic_lights(
+        path, _read_entries(path, description, "dynamic_map_states"), lanes, dataset
+    )
     crosswalks = tuple(
-        points(f"{path}: map_features.{id_}", feature.get("polygon"))
+        parse_points(f"{path}: map_features.{id_}", feature.get("polygon"))
         for id_, feature in features.items()
         if feature["type"] == "CROSSWALK"
     )
@@ -39,15 +41,17 @@ def read_map(path: Path, description: Mapping[str, Any], dataset: str) -> tuple[
     return hd_map, (*lane_notes, *stop_notes, *light_notes)
 
 
-def _features(path: Path, description: Mapping[str, Any]) -> Features:
-    features = _entries(path, description, "map_features")
+def _read_features(path: Path, description: Mapping[str, Any]) -> MapFeatures:
+    features = _read_entries(path, description, "map_features")
     for id_, feature in features.items():
         if not isinstance(feature.get("type"), str):
-            raise InputError(f"{path}: map_features.{id_}.type: expected a word, found {brief(feature.get('type'))}")
+            raise InputError(
+                f"{path}: map_features.{id_}.type: expected a word, found {describe_value(feature.get('type'))}"
+            )
     return features
 
 
-def _entries(path: Path, description: Mapping[str, Any], name: str) -> Features:
+def _read_entries(path: Path, description: Mapping[str, Any], name: str) -> MapFeatures:
     """A dict of dicts with their ids as words: Waymo has numbers."""
     entries = description.get(name, {})
     if not isinstance(entries, dict):
@@ -58,9 +62,9 @@ def _entries(path: Path, description: Mapping[str, Any], name: str) -> Features:
     return {str(id_): entry for id_, entry in entries.items()}
 
 
-def _lanes(path: Path, features: Features, dataset: str) -> tuple[dict[str, MapLane], Noted]:
+def _build_lanes(path: Path, features: MapFeatures, dataset: str) -> tuple[dict[str, MapLane], Notes]:
     raw = {id_: feature for id_, feature in features.items() if feature["type"].startswith("LANE_")}
-    read = (_lane(path, id_, features, dataset) for id_ in raw)
+    read = (_build_lane(path, id_, features, dataset) for id_ in raw)
     lanes = {lane.id: lane for lane in read if lane is not None}
     if not lanes:
         raise InputError(f"{path}: map_features: expected at least one lane, found none in {len(features)} features")
@@ -68,76 +72,79 @@ def _lanes(path: Path, features: Features, dataset: str) -> tuple[dict[str, MapL
     if dataset == "nuscenes":
         notes.append("speed limits of the map left out: the converter writes 100 km/h on every connector of nuScenes")
     if not any(lane.entries or lane.exits for lane in lanes.values()):
-        lanes = _linked(lanes)
+        lanes = _link_touching_lanes(lanes)
         count = sum(len(lane.exits) for lane in lanes.values())
         notes.append(f"the source connects no lanes: {count} connections made where their ends coincide")
     return lanes, tuple(notes)
 
 
-def _lane(path: Path, id_: str, features: Features, dataset: str) -> MapLane | None:
+def _build_lane(path: Path, id_: str, features: MapFeatures, dataset: str) -> MapLane | None:
     feature, where = features[id_], f"{path}: map_features.{id_}"
-    centre = points(where, feature.get("polyline"))
+    centre = parse_points(where, feature.get("polyline"))
     if len(centre) < 2:
         return None
-    left, right = lane_sides(where, feature, features)
+    left, right = read_lane_boundaries(where, feature, features)
     return MapLane(
         id=id_,
         kind=LaneKind.BIKE if feature["type"] == "LANE_BIKE_LANE" else LaneKind.DRIVING,
         centre=centre,
         left=left,
         right=right,
-        entries=_ids(where, feature, "entry_lanes"),
-        exits=_ids(where, feature, "exit_lanes"),
-        left_neighbour=_neighbour(where, feature, "left_neighbor", -1),
-        right_neighbour=_neighbour(where, feature, "right_neighbor", 0),
-        width=lane_width(where, feature),
-        speed_limit=float("nan") if dataset == "nuscenes" else _speed_limit(where, feature),
-        junction=_in_junction(feature, dataset),
+        entries=_read_ids(where, feature, "entry_lanes"),
+        exits=_read_ids(where, feature, "exit_lanes"),
+        left_neighbour=_find_neighbour(where, feature, "left_neighbor", -1),
+        right_neighbour=_find_neighbour(where, feature, "right_neighbor", 0),
+        width=read_lane_width(where, feature),
+        speed_limit=float("nan") if dataset == "nuscenes" else _read_speed_limit(where, feature),
+        junction=_is_in_junction(feature, dataset),
     )
 
 
-def _ids(where: str, feature: Mapping[str, Any], name: str) -> tuple[str, ...]:
-    return tuple(str(id_) for id_ in listed(where, feature, name))
+def _read_ids(where: str, feature: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    return tuple(str(id_) for id_ in read_list(where, feature, name))
 
 
-def _neighbour(where: str, feature: Mapping[str, Any], name: str, nearest: int) -> str:
+def _find_neighbour(where: str, feature: Mapping[str, Any], name: str, nearest: int) -> str:
     """nuPlan names all lanes on that side from left to right, Waymo one a stretch of the lane: the longest counts.
 
     Both mean lanes of the same direction only.
     """
-    neighbours = listed(where, feature, name)
+    neighbours = read_list(where, feature, name)
     if not neighbours:
         return ""
     if not isinstance(neighbours[nearest], dict):
         return str(neighbours[nearest])
     stretches: list[Mapping[str, Any]] = [one for one in neighbours if isinstance(one, dict)]
-    lengths = [_stretch(where, one) for one in stretches]
+    lengths = [_measure_stretch(where, one) for one in stretches]
     return str(stretches[int(np.argmax(lengths))].get("feature_id", ""))
 
 
-def _stretch(where: str, neighbour: Mapping[str, Any]) -> float:
-    return number(where, neighbour, "self_end_index") - number(where, neighbour, "self_start_index")
+def _measure_stretch(where: str, neighbour: Mapping[str, Any]) -> float:
+    return read_finite(where, neighbour, "self_end_index") - read_finite(where, neighbour, "self_start_index")
 
 
-def _speed_limit(where: str, feature: Mapping[str, Any]) -> float:
-    limit = number(where, feature, "speed_limit_kmh") / 3.6 or number(where, feature, "speed_limit_mph") * MPH
+def _read_speed_limit(where: str, feature: Mapping[str, Any]) -> float:
+    limit = (
+        read_finite(where, feature, "speed_limit_kmh") / 3.6
+        or read_finite(where, feature, "speed_limit_mph") * MPS_PER_MPH
+    )
     return limit if limit > 0 else float("nan")
 
 
-def _in_junction(feature: Mapping[str, Any], dataset: str) -> bool:
+def _is_in_junction(feature: Mapping[str, Any], dataset: str) -> bool:
     """Connectors: in nuScenes they are the lanes without a polygon, in Waymo those interpolated between others."""
     if dataset == "nuscenes":
         return "polygon" not in feature
     return feature["type"] == "LANE_SURFACE_UNSTRUCTURE" or bool(feature.get("interpolating"))
 
 
-def _linked(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
+def _link_touching_lanes(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
     """The same lanes with entries and exits where one ends as another begins, in about the same direction."""
     ids = list(lanes)
     starts, ends = (np.array([lanes[id_].centre[row] for id_ in ids]) for row in (0, -1))
-    first, last = (np.array([_yaw(lanes[id_].centre, row) for id_ in ids]) for row in (0, -2))
+    first, last = (np.array([_compute_yaw(lanes[id_].centre, row) for id_ in ids]) for row in (0, -2))
     near = np.hypot(*(ends[:, None] - starts[None]).transpose(2, 0, 1)) <= TOUCH_M
-    along = np.cos(last[:, None] - first[None]) >= np.cos(TOUCH_YAW)
+    along = np.cos(last[:, None] - first[None]) >= np.cos(TOUCH_RAD)
     follows = near & along & ~np.eye(len(ids), dtype=np.bool_)
     return {
         id_: replace(
@@ -149,27 +156,29 @@ def _linked(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
     }
 
 
-def _yaw(centre: Float, row: int) -> float:
+def _compute_yaw(centre: Float, row: int) -> float:
     step = centre[row + 1 if row >= 0 else len(centre) + row + 1] - centre[row]
     return float(np.arctan2(step[1], step[0]))
 
 
-def _stop_signs(path: Path, features: Features, lanes: Mapping[str, MapLane]) -> tuple[tuple[StopLine, ...], Noted]:
+def _build_stop_signs(
+    path: Path, features: MapFeatures, lanes: Mapping[str, MapLane]
+) -> tuple[tuple[StopLine, ...], Notes]:
     lines: list[StopLine] = []
     lost = 0
     for id_, feature in features.items():
         if feature["type"] == "STOP_SIGN":
             where = f"{path}: map_features.{id_}"
-            known = [lane for lane in _ids(where, feature, "lane") if lane in lanes]
+            known = [lane for lane in _read_ids(where, feature, "lane") if lane in lanes]
             lost += not known
-            at = _position(where, feature.get("position"))
-            lines += [StopLine(_line(lanes[lane], at), (lane,), "stop") for lane in known]
+            at = _read_position(where, feature.get("position"))
+            lines += [StopLine(_build_stop_line(lanes[lane], at), (lane,), "stop") for lane in known]
     return tuple(lines), (f"{lost} stop signs of lanes that are not in the map passed over",) if lost else ()
 
 
-def _lights(
-    path: Path, lights: Features, lanes: Mapping[str, MapLane], dataset: str
-) -> tuple[tuple[StopLine, ...], dict[str, tuple[str, ...]], Noted]:
+def _build_traffic_lights(
+    path: Path, lights: MapFeatures, lanes: Mapping[str, MapLane], dataset: str
+) -> tuple[tuple[StopLine, ...], dict[str, tuple[str, ...]], Notes]:
     """Stop lines of traffic lights. nuPlan's stop point lies 8 m behind the line, where the connector begins."""
     lines: list[StopLine] = []
     signals: dict[str, tuple[str, ...]] = {}
@@ -178,9 +187,9 @@ def _lights(
         if lane not in lanes:
             continue
         given = light.get("stop_point")
-        at = lanes[lane].centre[0] if dataset == "nuplan" or given is None else _position(f"{path}: {id_}", given)
+        at = lanes[lane].centre[0] if dataset == "nuplan" or given is None else _read_position(f"{path}: {id_}", given)
         signals[id_] = (lane,)
-        lines.append(StopLine(_line(lanes[lane], at), (lane,), "signal"))
+        lines.append(StopLine(_build_stop_line(lanes[lane], at), (lane,), "signal"))
     lost = len(lights) - len(signals)
     return (
         tuple(lines),
@@ -189,9 +198,9 @@ def _lights(
     )
 
 
-def _position(where: str, raw: Any) -> Float:
-    return points(where, [raw])[0]
+def _read_position(where: str, raw: Any) -> Float:
+    return parse_points(where, [raw])[0]
 
 
-def _line(lane: MapLane, at: Float) -> Float:
-    return across(lane.centre, float(at[0]), float(at[1]), lane.width if lane.width > 0 else LINE_WIDTH_M)
+def _build_stop_line(lane: MapLane, at: Float) -> Float:
+    return build_cross_line(lane.centre, float(at[0]), float(at[1]), lane.width if lane.width > 0 else DEFAULT_LINE_M)

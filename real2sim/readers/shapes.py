@@ -6,29 +6,29 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 
 
-def numbers(where: str, raw: Any) -> Float:
+def parse_numbers(where: str, raw: Any) -> Float:
     """An array of any shape; raises InputError if it does not consist of numbers."""
     try:
         return np.asarray(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{where}: expected numbers, found {brief(raw)}") from None
+        raise InputError(f"{where}: expected numbers, found {describe_value(raw)}") from None
 
 
-def brief(raw: Any) -> str:
+def describe_value(raw: Any) -> str:
     """Anything in a sentence."""
     if isinstance(raw, np.ndarray):
         return f"an array of {raw.dtype.name} of shape {raw.shape}"
     return " ".join(repr(raw)[:60].split())
 
 
-def numbered_points(where: str, raw: Any) -> Float:
+def parse_all_points(where: str, raw: Any) -> Float:
     """The first two columns (N, 2) [m] of a list of points, N >= 1, all of them; raises InputError."""
-    xy = numbers(where, raw)
+    xy = parse_numbers(where, raw)
     if xy.ndim != 2 or xy.shape[1] < 2 or not len(xy):
-        raise InputError(f"{where}: expected points with x and y, found {brief(raw)}")
+        raise InputError(f"{where}: expected points with x and y, found {describe_value(raw)}")
     xy = xy[:, :2]
     finite = np.isfinite(xy).all(1)
     if not finite.all():
@@ -36,25 +36,25 @@ def numbered_points(where: str, raw: Any) -> Float:
     return xy
 
 
-def points(where: str, raw: Any) -> Float:
-    """As `numbered_points`, without consecutive repetitions (closer than 1 mm); raises InputError."""
-    xy = numbered_points(where, raw)
+def parse_points(where: str, raw: Any) -> Float:
+    """As `parse_all_points`, without consecutive repetitions (closer than 1 mm); raises InputError."""
+    xy = parse_all_points(where, raw)
     return xy[np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-3))]
 
 
-def between(left: Float, right: Float, spacing: float = 2.0) -> Float:
+def compute_centreline(left: Float, right: Float, spacing: float = 2.0) -> Float:
     """Line (N, 2) half-way between two boundaries of the same direction, points about `spacing` [m] apart."""
     sides = polyline(left), polyline(right)
     count = max(2, len(left), len(right), round(max(side.length for side in sides) / spacing) + 1)
     share = np.linspace(0.0, 1.0, count)
-    return sum((_at(side, share) for side in sides), np.zeros((count, 2))) / 2
+    return sum((_sample_line(side, share) for side in sides), np.zeros((count, 2))) / 2
 
 
-def _at(line: Polyline, share: Float) -> Float:
+def _sample_line(line: Polyline, share: Float) -> Float:
     return np.column_stack([np.interp(share * line.length, line.s, line.xy[:, axis]) for axis in (0, 1)])
 
 
-def across(centre: Float, x: float, y: float, width: float) -> Float:
+def build_cross_line(centre: Float, x: float, y: float, width: float) -> Float:
     """A line (2, 2) [m] across a lane, from left to right, where it passes (x, y)."""
     line = Polyline(centre)
     s = min(max(line.project(x, y)[0], 0.0), line.length)
@@ -63,6 +63,6 @@ def across(centre: Float, x: float, y: float, width: float) -> Float:
     return np.stack((middle + left, middle - left))
 
 
-def moved_ahead(track: Track, distance: float) -> Track:
+def shift_ahead(track: RecordedTrack, distance: float) -> RecordedTrack:
     """The same track with every pose `distance` [m] further ahead: from a vehicle's rear axle to its box centre."""
     return track.with_rows(x=track.x + distance * np.cos(track.yaw), y=track.y + distance * np.sin(track.yaw))

@@ -17,38 +17,38 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
-from real2sim.readers.v2xpnp_frame import Frame, read_frame
+from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 """The files have no times; the dataset is recorded at 10 Hz."""
 OFF_MAP_M = 30.0
 """So far from any lane a point is off the map."""
-OFF_MAP_SHARE = 0.5
+MAX_OFF_MAP_SHARE = 0.5
 """More points off the map than that: it is the map of another place."""
-PROBES = 3000
+MAX_PROBES = 3000
 """How many track points are enough to tell maps apart."""
-LABELS: Mapping[str, Category] = MappingProxyType(
+CATEGORY_BY_LABEL: Mapping[str, ObjectCategory] = MappingProxyType(
     {
-        **dict.fromkeys(("car", "policecar"), Category.CAR),
-        **dict.fromkeys(("van", "ambulance"), Category.VAN),
-        **dict.fromkeys(("truck", "longvehicle", "concretetruck", "firetruck", "trailer"), Category.TRUCK),
-        "bus": Category.BUS,
-        **dict.fromkeys(("motorcycle", "motorcyclerider"), Category.MOTORCYCLE),
-        **dict.fromkeys(("bicyclerider", "cyclist", "bicycle", "scooter", "scooterrider"), Category.BICYCLE),
-        **dict.fromkeys(("pedestrian", "child", "roadworker"), Category.PEDESTRIAN),
+        **dict.fromkeys(("car", "policecar"), ObjectCategory.CAR),
+        **dict.fromkeys(("van", "ambulance"), ObjectCategory.VAN),
+        **dict.fromkeys(("truck", "longvehicle", "concretetruck", "firetruck", "trailer"), ObjectCategory.TRUCK),
+        "bus": ObjectCategory.BUS,
+        **dict.fromkeys(("motorcycle", "motorcyclerider"), ObjectCategory.MOTORCYCLE),
+        **dict.fromkeys(("bicyclerider", "cyclist", "bicycle", "scooter", "scooterrider"), ObjectCategory.BICYCLE),
+        **dict.fromkeys(("pedestrian", "child", "roadworker"), ObjectCategory.PEDESTRIAN),
         **dict.fromkeys(
-            ("trashcan", "trafficcone", "cone", "barrier", "constructioncart", "firehydrant"), Category.STATIC
+            ("trashcan", "trafficcone", "cone", "barrier", "constructioncart", "firehydrant"), ObjectCategory.STATIC
         ),
     }
 )
 """Labels without regard to case and separators."""
-LARGEST_M: tuple[tuple[float, Category], ...] = (
-    (1.2, Category.PEDESTRIAN),
-    (2.6, Category.BICYCLE),
-    (6.5, Category.CAR),
-    (math.inf, Category.TRUCK),
+CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
+    (1.2, ObjectCategory.PEDESTRIAN),
+    (2.6, ObjectCategory.BICYCLE),
+    (6.5, ObjectCategory.CAR),
+    (math.inf, ObjectCategory.TRUCK),
 )
 """What an unknown label is taken for, by the length of the box [m]."""
 
@@ -75,10 +75,10 @@ def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str]
     )
 
 
-def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple[View, tuple[str, ...]], ...]:
+def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple[ObserverView, tuple[str, ...]], ...]:
     """Every agent's view with the notes on it; raises InputError."""
-    names = _agent_names(folder) if agents is None else list(agents)
-    files = {name: _frame_files(folder / name) for name in names}
+    names = _list_agents(folder) if agents is None else list(agents)
+    files = {name: _list_frames(folder / name) for name in names}
     first = names[0]
     for name in names[1:]:
         odd = sorted(files[name].keys() ^ files[first].keys())
@@ -87,10 +87,10 @@ def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple
             raise InputError(
                 f"{folder / lacks}: expected the same frames as the other agents have, found no frame {odd[0]:06d}"
             )
-    return tuple(_view(folder / name, [read_frame(path) for path in files[name].values()]) for name in names)
+    return tuple(_build_view(folder / name, [read_frame(path) for path in files[name].values()]) for name in names)
 
 
-def _agent_names(folder: Path) -> list[str]:
+def _list_agents(folder: Path) -> list[str]:
     """Agent folders, CAVs first; they are numbered without holes, so a missing one shows."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
@@ -104,7 +104,7 @@ def _agent_names(folder: Path) -> list[str]:
     return [str(n) for n in (*cavs, *stations)]
 
 
-def _frame_files(folder: Path) -> dict[int, Path]:
+def _list_frames(folder: Path) -> dict[int, Path]:
     """Frame files by their number, in order; raises InputError if there is none or one is missing between."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected an agent folder with frames, found none")
@@ -120,27 +120,27 @@ def _frame_files(folder: Path) -> dict[int, Path]:
     return dict(sorted(files.items()))
 
 
-def _view(folder: Path, frames: Sequence[Frame]) -> tuple[View, tuple[str, ...]]:
+def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> tuple[ObserverView, tuple[str, ...]]:
     sensor = np.array([frame.sensor for frame in frames])
-    names, rows = _rows(frames)
+    names, rows = _index_objects(frames)
     at = np.repeat(np.arange(len(frames)), [len(frame.ids) for frame in frames])
     boxes = np.full((len(names), len(frames), 12), np.nan)
     boxes[rows, at] = np.concatenate([frame.boxes for frame in frames])
-    labels, static = _votes(frames)
-    notes = [f"agent {folder.name}: {note}" for note in _label_notes(labels)]
-    tracks = tuple(_track(name, box, labels[name], static[name]) for name, box in zip(names, boxes, strict=True))
+    labels, static = _count_labels(frames)
+    notes = [f"agent {folder.name}: {note}" for note in _note_labels(labels)]
+    tracks = tuple(_build_track(name, box, labels[name], static[name]) for name, box in zip(names, boxes, strict=True))
     pose = np.column_stack((sensor[:, 0], sensor[:, 1], np.radians(sensor[:, 4])))
-    return View(folder.name, tracks, pose, infrastructure=folder.name.startswith("-")), tuple(notes)
+    return ObserverView(folder.name, tracks, pose, infrastructure=folder.name.startswith("-")), tuple(notes)
 
 
-def _rows(frames: Sequence[Frame]) -> tuple[list[str], list[int]]:
+def _index_objects(frames: Sequence[V2xpnpFrame]) -> tuple[list[str], list[int]]:
     """All ids as they appear first, and for every object of every frame the place of its id."""
     places: dict[str, int] = {}
     rows = [places.setdefault(name, len(places)) for frame in frames for name in frame.ids]
     return list(places), rows
 
 
-def _votes(frames: Sequence[Frame]) -> tuple[dict[str, Counter[str]], dict[str, Counter[bool]]]:
+def _count_labels(frames: Sequence[V2xpnpFrame]) -> tuple[dict[str, Counter[str]], dict[str, Counter[bool]]]:
     labels: dict[str, Counter[str]] = defaultdict(Counter)
     static: dict[str, Counter[bool]] = defaultdict(Counter)
     for frame in frames:
@@ -150,32 +150,32 @@ def _votes(frames: Sequence[Frame]) -> tuple[dict[str, Counter[str]], dict[str, 
     return labels, static
 
 
-def _label_notes(labels: Mapping[str, Counter[str]]) -> list[str]:
-    unknown = Counter(label for count in labels.values() if _category(label := _most(count)) is None)
+def _note_labels(labels: Mapping[str, Counter[str]]) -> list[str]:
+    unknown = Counter(label for count in labels.values() if _find_category(label := _find_most_frequent(count)) is None)
     changing = sorted(name for name, count in labels.items() if len(count) > 1)
     notes = [f"{n} things of unknown type {label!r} classed by size" for label, n in sorted(unknown.items())]
     return notes + [f"object {name} changes its type: {dict(labels[name])}" for name in changing]
 
 
-def _category(label: str) -> Category | None:
-    return LABELS.get(re.sub(r"[^a-z]", "", label.lower()))
+def _find_category(label: str) -> ObjectCategory | None:
+    return CATEGORY_BY_LABEL.get(re.sub(r"[^a-z]", "", label.lower()))
 
 
-def _most(votes: Counter[str]) -> str:
+def _find_most_frequent(votes: Counter[str]) -> str:
     """The most frequent, the first seen of equals."""
     return votes.most_common(1)[0][0]
 
 
-def _track(name: str, boxes: Float, labels: Counter[str], static: Counter[bool]) -> Track:
+def _build_track(name: str, boxes: Float, labels: Counter[str], static: Counter[bool]) -> RecordedTrack:
     """boxes: (T, 12) as `Frame.boxes`, NaN where it was not seen."""
     angle, centre, extent, location = (boxes[:, i : i + 3] for i in (0, 3, 6, 9))
     size = 2 * np.where(extent > 0, extent, np.nan)
     valid = np.isfinite(location[:, 0])
     longest = float(np.nanmax(size[:, 0], initial=0.0))
-    by_size = next(category for largest, category in LARGEST_M if longest <= largest)
-    return Track(
+    by_size = next(category for largest, category in CATEGORY_BY_LENGTH if longest <= largest)
+    return RecordedTrack(
         id=name,
-        category=_category(_most(labels)) or by_size,
+        category=_find_category(_find_most_frequent(labels)) or by_size,
         valid=valid,
         x=location[:, 0] + centre[:, 0],
         y=location[:, 1] + centre[:, 1],
@@ -186,14 +186,18 @@ def _track(name: str, boxes: Float, labels: Counter[str], static: Counter[bool])
     )
 
 
-def _choose_map(folder: Path, views: Sequence[View], paths: Sequence[Path]) -> tuple[HdMap, tuple[str, ...]]:
+def _choose_map(folder: Path, views: Sequence[ObserverView], paths: Sequence[Path]) -> tuple[HdMap, tuple[str, ...]]:
     if not paths:
         return HdMap(), ("no vector map given",)
-    points = _probes(views)
-    fits = [(_gaps(found, points), path, found, notes) for path in paths for found, notes in (read_vector_map(path),)]
+    points = _select_probes(views)
+    fits = [
+        (_measure_lane_distances(found, points), path, found, notes)
+        for path in paths
+        for found, notes in (read_vector_map(path),)
+    ]
     gaps, path, found, notes = min(fits, key=lambda fit: (float((fit[0] > OFF_MAP_M).mean()), float(np.median(fit[0]))))
     share = float((gaps > OFF_MAP_M).mean())
-    if share > OFF_MAP_SHARE:
+    if share > MAX_OFF_MAP_SHARE:
         raise InputError(
             f"{folder}: expected tracks on the lanes of {path}, found {share:.0%} of their points more than "
             f"{OFF_MAP_M:g} m off (median {np.median(gaps):.0f} m): it is the map of another place"
@@ -201,15 +205,15 @@ def _choose_map(folder: Path, views: Sequence[View], paths: Sequence[Path]) -> t
     return found, (*notes, f"map: {path.name}, {share:.1%} of track points more than {OFF_MAP_M:g} m from any lane")
 
 
-def _probes(views: Sequence[View]) -> Float:
+def _select_probes(views: Sequence[ObserverView]) -> Float:
     """Track points (N, 2), evenly thinned; the sensors' own places if nobody saw anything."""
     xy = np.concatenate([track.xy[track.valid] for view in views for track in view.tracks] or [np.zeros((0, 2))])
     if not len(xy):
         xy = np.concatenate([view.pose[:, :2] for view in views])
-    return xy[:: -(-len(xy) // PROBES)]
+    return xy[:: -(-len(xy) // MAX_PROBES)]
 
 
-def _gaps(found: HdMap, points: Float) -> Float:
+def _measure_lane_distances(found: HdMap, points: Float) -> Float:
     """Distance (N,) [m] from each point to the nearest lane's centre line."""
     lines = [shapely.LineString(lane.centre) for lane in found.lanes.values()]
     spots = shapely.points(points)

@@ -23,7 +23,7 @@ COLUMNS = ("angle", "center", "extent", "location")
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class V2xpnpFrame:
     """One file, in the file's own units (degrees, half sizes). All lists are of the same N objects."""
 
     infrastructure: bool
@@ -36,7 +36,7 @@ class Frame:
     """(N, 12): three numbers for each of `COLUMNS`."""
 
 
-def read_frame(path: Path) -> Frame:
+def read_frame(path: Path) -> V2xpnpFrame:
     """Reads one file; raises InputError if it is cut off, no YAML, or lacks what a frame needs."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -46,7 +46,7 @@ def read_frame(path: Path) -> Frame:
         raise InputError(f"{path}: expected UTF-8 text, found other bytes") from None
     if not text.endswith("\n"):
         raise InputError(f"{path}: expected a last line with its end, found {text[-20:]!r}: the file is cut off")
-    frame = _regular(text) or _any(path, text)
+    frame = _parse_regular(text) or _parse_yaml(path, text)
     _check_finite(path, frame)
     return frame
 
@@ -70,7 +70,7 @@ _WORDS = frozenset(("yes", "no", "true", "false", "on", "off", "null"))
 """Labels that YAML reads as something else than text."""
 
 
-def _regular(text: str) -> Frame | None:
+def _parse_regular(text: str) -> V2xpnpFrame | None:
     """The frame if every line of the text belongs to the dataset's fixed layout, else None."""
     head = _HEAD.match(text)
     if head is None:
@@ -84,7 +84,7 @@ def _regular(text: str) -> Frame | None:
     if any(row[14].lower() in _WORDS for row in rows):
         return None
     numbers = [row[1:4] + row[5:14] for row in rows]
-    return Frame(
+    return V2xpnpFrame(
         infrastructure=head[1] == "true",
         sensor=tuple(map(float, head.groups()[1:])),
         ids=tuple(unique),
@@ -94,7 +94,7 @@ def _regular(text: str) -> Frame | None:
     )
 
 
-def _any(path: Path, text: str) -> Frame:
+def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
     """The frame of any YAML text; raises InputError."""
     try:
         raw: Any = yaml.load(text, yaml.CSafeLoader)
@@ -106,20 +106,24 @@ def _any(path: Path, text: str) -> Frame:
     vehicles = raw.get("vehicles") or {}
     if not isinstance(vehicles, Mapping):
         raise InputError(f"{path}: vehicles: expected a mapping of objects, found {type(vehicles).__name__}")
-    things = [_thing(path, key, thing) for key, thing in vehicles.items()]
-    sensor = _numbers(f"{path}: lidar_pose", raw.get("lidar_pose"), 6)
-    _numbers(f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6)  # says the same; incomplete if cut off
-    return Frame(
+    things = [_check_object(path, key, thing) for key, thing in vehicles.items()]
+    sensor = _parse_numbers(f"{path}: lidar_pose", raw.get("lidar_pose"), 6)
+    _parse_numbers(
+        f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6
+    )  # says the same; incomplete if cut off
+    return V2xpnpFrame(
         infrastructure=raw.get("infra") is True,
         sensor=sensor,
         ids=tuple(map(str, vehicles)),
         labels=tuple(str(thing["obj_type"]) for thing in things),
         static=tuple(thing.get("attribute") == "static" for thing in things),
-        boxes=np.array([_box(path, key, thing) for key, thing in zip(vehicles, things, strict=True)]).reshape(-1, 12),
+        boxes=np.array([_parse_box(path, key, thing) for key, thing in zip(vehicles, things, strict=True)]).reshape(
+            -1, 12
+        ),
     )
 
 
-def _thing(path: Path, key: object, raw: object) -> Mapping[str, Any]:
+def _check_object(path: Path, key: object, raw: object) -> Mapping[str, Any]:
     if not isinstance(raw, Mapping):
         raise InputError(f"{path}: object {key}: expected a mapping with location, found {raw!r}")
     if "obj_type" not in raw:
@@ -127,19 +131,19 @@ def _thing(path: Path, key: object, raw: object) -> Mapping[str, Any]:
     return raw
 
 
-def _box(path: Path, key: object, thing: Mapping[str, Any]) -> tuple[float, ...]:
+def _parse_box(path: Path, key: object, thing: Mapping[str, Any]) -> tuple[float, ...]:
     where = f"{path}: object {key}"
     given = {"center": (0, 0, 0), **thing}
-    return tuple(number for name in COLUMNS for number in _numbers(f"{where}: {name}", given.get(name), 3))
+    return tuple(number for name in COLUMNS for number in _parse_numbers(f"{where}: {name}", given.get(name), 3))
 
 
-def _numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
+def _parse_numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
     if not isinstance(raw, list | tuple) or len(raw) != count or not all(type(n) in (int, float) for n in raw):
         raise InputError(f"{where}: expected {count} numbers, found {raw!r}")
     return tuple(map(float, raw))
 
 
-def _check_finite(path: Path, frame: Frame) -> None:
+def _check_finite(path: Path, frame: V2xpnpFrame) -> None:
     if not all(map(math.isfinite, frame.sensor)):
         raise InputError(f"{path}: lidar_pose: expected finite numbers, found {list(frame.sensor)}")
     bad = np.argwhere(~np.isfinite(frame.boxes))

@@ -18,8 +18,8 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.safe_pickle import NUMPY, load_pickle
-from real2sim.readers.shapes import points
+from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
+from real2sim.readers.shapes import parse_points
 
 MODULE = "opencood.data_utils.datasets.map.map_types"
 """Under which the dataset's authors pickled their classes."""
@@ -31,12 +31,12 @@ ON_CENTRE_M = 0.05
 """A boundary point so near to the centre line lies on neither side."""
 
 
-class Bag:
+class PickledFields:
     """An object of the pickle: its fields and nothing else."""
 
     fields: dict[Any, Any]
 
-    def __new__(cls, *_: object) -> "Bag":
+    def __new__(cls, *_: object) -> "PickledFields":
         """Whatever the pickle would construct it with is dropped."""
         bag = super().__new__(cls)
         bag.fields = {}
@@ -52,13 +52,22 @@ class _LaneType(int):
     """Any number; an enumeration would refuse unknown ones."""
 
 
-_NAMES = ("Map", "Lane", "MapPoint", "Crosswalk", "RoadLine", "WalkButton", "DynamicState", "TrafficSignalLaneState")
-_BAGS = {name: type(name, (Bag,), {}) for name in _NAMES}
-_ALLOWED = {
-    **NUMPY,
+_CLASS_NAMES = (
+    "Map",
+    "Lane",
+    "MapPoint",
+    "Crosswalk",
+    "RoadLine",
+    "WalkButton",
+    "DynamicState",
+    "TrafficSignalLaneState",
+)
+_CLASS_BY_NAME = {name: type(name, (PickledFields,), {}) for name in _CLASS_NAMES}
+_ALLOWED_GLOBALS = {
+    **NUMPY_GLOBALS,
     ("collections", "OrderedDict"): collections.OrderedDict,
     (MODULE, "LaneType"): _LaneType,
-    **{(MODULE, name): bag for name, bag in _BAGS.items()},
+    **{(MODULE, name): bag for name, bag in _CLASS_BY_NAME.items()},
 }
 
 
@@ -67,34 +76,34 @@ def read_vector_map(path: Path) -> tuple[HdMap, tuple[str, ...]]:
 
     Raises InputError if it is no such pickle, names another class, or has no lane.
     """
-    root: Any = load_pickle(path, _ALLOWED)
-    if not _is(root, "Map"):
+    root: Any = load_pickle(path, _ALLOWED_GLOBALS)
+    if not _is_instance(root, "Map"):
         raise InputError(f"{path}: expected a pickled Map of {MODULE}, found {type(root).__name__}")
-    features = _list(f"{path}: map_features", root.fields.get("map_features"))
+    features = _parse_list(f"{path}: map_features", root.fields.get("map_features"))
     passed: Counter[str] = Counter()
     lanes: dict[str, MapLane] = {}
-    for lane in _lanes(path, features, passed):
+    for lane in _build_lanes(path, features, passed):
         passed["lanes with the id of another one"] += lane.id in lanes
         lanes.setdefault(lane.id, lane)
     if not lanes:
         raise InputError(f"{path}: expected lanes, found none among {len(features)} map features")
     found = HdMap(
         lanes=lanes,
-        crosswalks=tuple(_crosswalks(path, features, passed)),
-        signals=_signals(path, root.fields.get("dynamic_states"), features, passed),
+        crosswalks=tuple(_build_crosswalks(path, features, passed)),
+        signals=_build_signals(path, root.fields.get("dynamic_states"), features, passed),
     )
     return found, tuple(f"{path.name}: passed over {count} {what}" for what, count in sorted((+passed).items()))
 
 
-def _is(thing: object, name: str) -> bool:
-    return isinstance(thing, _BAGS[name])
+def _is_instance(thing: object, name: str) -> bool:
+    return isinstance(thing, _CLASS_BY_NAME[name])
 
 
-def _field(thing: object, name: str) -> Any:
-    return thing.fields.get(name) if isinstance(thing, Bag) else None
+def _get_field(thing: object, name: str) -> Any:
+    return thing.fields.get(name) if isinstance(thing, PickledFields) else None
 
 
-def _list(where: str, raw: Any) -> list[Any]:
+def _parse_list(where: str, raw: Any) -> list[Any]:
     if raw is None:
         return []
     if not isinstance(raw, list | tuple | np.ndarray):
@@ -102,51 +111,53 @@ def _list(where: str, raw: Any) -> list[Any]:
     return list(raw)
 
 
-def _number(where: str, raw: Any) -> int:
+def _parse_integer(where: str, raw: Any) -> int:
     if not isinstance(raw, int | np.integer):
         raise InputError(f"{where}: expected a whole number, found {raw!r}")
     return int(raw)
 
 
-def _points(where: str, raw: Any) -> Float:
+def _parse_map_points(where: str, raw: Any) -> Float:
     """(N, 2) of a list of MapPoints or an array with columns x, y; without repetitions, N = 0 if there is none."""
-    line = _list(where, raw)
+    line = _parse_list(where, raw)
     if not line:
         return np.zeros((0, 2))
-    return points(where, [(p.fields.get("x"), p.fields.get("y")) if isinstance(p, Bag) else p for p in line])
+    return parse_points(
+        where, [(p.fields.get("x"), p.fields.get("y")) if isinstance(p, PickledFields) else p for p in line]
+    )
 
 
-def _lane_id(path: Path, fields: Mapping[Any, Any]) -> tuple[int, int]:
-    road, lane = (_number(f"{path}: lane: {name}", fields.get(name)) for name in ("road_id", "lane_id"))
+def _parse_lane_id(path: Path, fields: Mapping[Any, Any]) -> tuple[int, int]:
+    road, lane = (_parse_integer(f"{path}: lane: {name}", fields.get(name)) for name in ("road_id", "lane_id"))
     return road, lane
 
 
-def _lanes(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[MapLane]:
+def _build_lanes(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[MapLane]:
     for feature in features:
-        if not _is(feature, "Lane"):
+        if not _is_instance(feature, "Lane"):
             continue
-        road, lane = _lane_id(path, feature.fields)
+        road, lane = _parse_lane_id(path, feature.fields)
         where = f"{path}: lane {road}_{lane}"
-        centre = _points(f"{where}: polyline", feature.fields.get("polyline"))
-        kind = LANE_KINDS.get(_number(f"{where}: type", feature.fields.get("type")))
+        centre = _parse_map_points(f"{where}: polyline", feature.fields.get("polyline"))
+        kind = LANE_KINDS.get(_parse_integer(f"{where}: type", feature.fields.get("type")))
         if len(centre) < 2 or kind is None:
             passed["lanes of unknown type" if kind is None else "lanes with less than 2 points"] += 1
             continue
-        left, right = _sides(centre, _points(f"{where}: boundary", feature.fields.get("boundary")))
+        left, right = _split_boundary(centre, _parse_map_points(f"{where}: boundary", feature.fields.get("boundary")))
         yield MapLane(
             id=f"{road}_{lane}",
             kind=kind,
             centre=centre,
             left=left,
             right=right,
-            entries=tuple(map(str, _list(f"{where}: entry_lanes", feature.fields.get("entry_lanes")))),
-            exits=tuple(map(str, _list(f"{where}: exit_lanes", feature.fields.get("exit_lanes")))),
+            entries=tuple(map(str, _parse_list(f"{where}: entry_lanes", feature.fields.get("entry_lanes")))),
+            exits=tuple(map(str, _parse_list(f"{where}: exit_lanes", feature.fields.get("exit_lanes")))),
             group=str(road),
             directed=False,
         )
 
 
-def _sides(centre: Float, boundary: Float) -> tuple[Float, Float]:
+def _split_boundary(centre: Float, boundary: Float) -> tuple[Float, Float]:
     """The boundary points (N, 2) to the left and to the right of the centre line, along it; the format mixes them."""
     if not len(boundary):
         return boundary, boundary
@@ -163,25 +174,25 @@ def _sides(centre: Float, boundary: Float) -> tuple[Float, Float]:
     return left if len(left) > 1 else left[:0], right if len(right) > 1 else right[:0]
 
 
-def _crosswalks(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[Float]:
+def _build_crosswalks(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[Float]:
     for number, feature in enumerate(features):
-        if _is(feature, "Crosswalk"):
-            polygon = _points(f"{path}: crosswalk {number}: polygon", feature.fields.get("polygon"))
+        if _is_instance(feature, "Crosswalk"):
+            polygon = _parse_map_points(f"{path}: crosswalk {number}: polygon", feature.fields.get("polygon"))
             if len(polygon) > 2:
                 yield polygon
             else:
                 passed["crosswalks with less than 3 points"] += 1
 
 
-def _signals(path: Path, states: Any, features: list[Any], passed: Counter[str]) -> Mapping[str, tuple[str, ...]]:
+def _build_signals(path: Path, states: Any, features: list[Any], passed: Counter[str]) -> Mapping[str, tuple[str, ...]]:
     """One traffic light for every lane that ever has a state; the format names lanes by their place in the list."""
     signals: dict[str, tuple[str, ...]] = {}
-    for state in _list(f"{path}: dynamic_states", states):
-        for lane_state in _list(f"{path}: lane_states", _field(state, "lane_states")):
-            number = _number(f"{path}: lane_states: lane", _field(lane_state, "lane"))
+    for state in _parse_list(f"{path}: dynamic_states", states):
+        for lane_state in _parse_list(f"{path}: lane_states", _get_field(state, "lane_states")):
+            number = _parse_integer(f"{path}: lane_states: lane", _get_field(lane_state, "lane"))
             feature: Any = features[number] if 0 <= number < len(features) else None
-            if _is(feature, "Lane"):
-                name = "{}_{}".format(*_lane_id(path, feature.fields))
+            if _is_instance(feature, "Lane"):
+                name = "{}_{}".format(*_parse_lane_id(path, feature.fields))
                 signals[name] = (name,)
             else:
                 passed["signal states of unknown lanes"] += 1

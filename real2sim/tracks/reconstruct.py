@@ -13,7 +13,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 from real2sim.tracks.bounded_trajectory import Bounds, bounded
 from real2sim.tracks.kinematics import WINDOW, accelerations, jerks, runs
 from real2sim.tracks.smoothing import smoothed
@@ -60,7 +60,7 @@ class _Batch:
     """(K,)"""
 
 
-def reconstruct(tracks: Sequence[Track], dt_s: float) -> tuple[Track, ...]:
+def reconstruct(tracks: Sequence[RecordedTrack], dt_s: float) -> tuple[RecordedTrack, ...]:
     """Smooth trajectories for cleaned tracks, frame by frame in the same places; things that never move stand still."""
     moving = [(n, run) for n, track in enumerate(tracks) if not track.parked for run in runs(track.valid)]
     long = [(n, run) for n, run in moving if run.stop - run.start >= SHORTEST_FRAMES]
@@ -73,7 +73,7 @@ def reconstruct(tracks: Sequence[Track], dt_s: float) -> tuple[Track, ...]:
     return tuple(results)
 
 
-def _stacked(tracks: Sequence[Track], stretches: Sequence[tuple[int, slice]]) -> _Batch:
+def _stacked(tracks: Sequence[RecordedTrack], stretches: Sequence[tuple[int, slice]]) -> _Batch:
     frames = max(run.stop - run.start for _, run in stretches)
     xy, yaw = np.zeros((len(stretches), frames, 2)), np.zeros((len(stretches), frames))
     valid = np.zeros((len(stretches), frames), dtype=np.bool_)
@@ -85,7 +85,7 @@ def _stacked(tracks: Sequence[Track], stretches: Sequence[tuple[int, slice]]) ->
     return _Batch(xy, valid, vehicle, yaw, np.nan_to_num(length, nan=4.5))
 
 
-def _replaced(track: Track, run: slice, xy: Float, yaw: Float) -> Track:
+def _replaced(track: RecordedTrack, run: slice, xy: Float, yaw: Float) -> RecordedTrack:
     size = run.stop - run.start
     x, y, heading = track.x.copy(), track.y.copy(), track.yaw.copy()
     x[run], y[run], heading[run] = xy[:size, 0], xy[:size, 1], yaw[:size]

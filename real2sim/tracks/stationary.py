@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 
 STATIC_PATH_M, STATIC_NET_M = 1.2, 0.8
 STATIC_BOX_M, STATIC_SPEED = 0.9, 0.8
@@ -14,12 +14,12 @@ DRIFT_BOX_M, DRIFT_NET_M, DRIFT_SPEED, DRIFT_S = 3.0, 1.5, 1.5, 3.0
 """Ours: boxes of a parked car that is half hidden wander about slowly. Measured on a second's average.
 
 Stricter than MDrive's quasi-parked rule (path up to 16 m, net up to 4.5 m), which takes queueing cars for parked."""
-HEAVY = frozenset((Category.TRUCK, Category.BUS))
+HEAVY = frozenset((ObjectCategory.TRUCK, ObjectCategory.BUS))
 JITTER_FRAMES = 5
 """Frames of the moving average before the path of a track is measured: noise is not distance."""
 
 
-def moves(track: Track, dt_s: float) -> bool:
+def moves(track: RecordedTrack, dt_s: float) -> bool:
     """Whether a track ever moves: not one of MDrive's static rules holds (spec section 3 step 6)."""
     xy = track.xy[track.valid]
     if len(xy) < 2:
@@ -46,7 +46,7 @@ def _calm(xy: Float, frames: int = JITTER_FRAMES) -> Float:
     return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
 
 
-def rested(track: Track) -> Track:
+def rested(track: RecordedTrack) -> RecordedTrack:
     """A thing that never moves: one place and one heading, the medians."""
     if not track.valid.any():
         return track

@@ -8,7 +8,7 @@ import shapely
 
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 
 SAME_PLACE = 0.5
 """Share of the smaller box's area that two boxes must share to be one thing seen twice; two real things never do."""
@@ -27,7 +27,7 @@ class Boxes:
     width: Float
 
     @classmethod
-    def of(cls, tracks: Sequence[Track]) -> "Boxes":
+    def of(cls, tracks: Sequence[RecordedTrack]) -> "Boxes":
         """Boxes of tracks with the same number of frames and known sizes; an unknown yaw is 0."""
         valid = np.array([track.valid for track in tracks], dtype=np.bool_)
         x, y, yaw, length, width = (
@@ -67,7 +67,7 @@ class Contacts:
     """Pairs of boxes and frames less than 1 m apart."""
 
 
-def contacts(tracks: Sequence[Track], slack_m: float = 0.0) -> Contacts:
+def contacts(tracks: Sequence[RecordedTrack], slack_m: float = 0.0) -> Contacts:
     """Looks at all pairs and frames; boxes count `slack_m` [m] smaller on each side for collisions and spawns."""
     boxes = Boxes.of(tracks)
     first, second, frame = boxes.near_pairs(1.0)

@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, Replay
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.fit.background_vehicle import size_of
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,9 @@ class _Rail:
         return np.array([np.interp(time, self.times, column) for column in self.states.T])
 
 
-def simulate(scenario: Scenario, roads: RoadMap, tracks: Mapping[str, Track], dt_s: float, seed: int = 0) -> Simulated:
+def simulate(
+    scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float, seed: int = 0
+) -> Simulated:
     """Runs it until the log ends. `tracks`: by id in the scenario, those of the CAVs are driven."""
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: _rail_of(tracks[ego.id], dt_s) for ego in scenario.egos}
@@ -61,7 +63,7 @@ def simulate(scenario: Scenario, roads: RoadMap, tracks: Mapping[str, Track], dt
     return Simulated({name: _in_frames(np.array(rows), frames, dt_s) for name, rows in seen.items()})
 
 
-def _rail_of(track: Track, dt_s: float) -> _Rail:
+def _rail_of(track: RecordedTrack, dt_s: float) -> _Rail:
     rows = track.frames
     xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
     times = rows.astype(np.float64) * dt_s

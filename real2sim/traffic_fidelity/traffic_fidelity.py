@@ -15,7 +15,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.fit.background_vehicle import size_of
-from real2sim.recording import Track
+from real2sim.recording import RecordedTrack
 from real2sim.tracks.track_contacts import contacts
 from real2sim.traffic_fidelity.log_simulation import Simulated, simulate
 from real2sim.traffic_fidelity.passing_order import conflicts, kept_in_order
@@ -79,7 +79,12 @@ class _Vehicle:
 
 
 def closeness(
-    scenario: Scenario, roads: RoadMap, tracks: Sequence[Track], names: Mapping[str, str], dt_s: float, seed: int = 0
+    scenario: Scenario,
+    roads: RoadMap,
+    tracks: Sequence[RecordedTrack],
+    names: Mapping[str, str],
+    dt_s: float,
+    seed: int = 0,
 ) -> Closeness:
     """Runs the scenario beside its log. `names`: track id -> id in the scenario (`Fitted.names`).
 
@@ -110,7 +115,7 @@ def closeness(
     )
 
 
-def _vehicle(track: Track, vehicle: BackgroundVehicle, run: Simulated, dt_s: float) -> _Vehicle:
+def _vehicle(track: RecordedTrack, vehicle: BackgroundVehicle, run: Simulated, dt_s: float) -> _Vehicle:
     """In the frames of its schedule: before and after them the track is off the map."""
     times = np.arange(len(track.valid)) * dt_s
     ends = vehicle.schedule.progress[-1][0] if vehicle.schedule else times[-1]
@@ -142,7 +147,7 @@ def _left_early(one: _Vehicle, dt_s: float) -> bool:
 
 
 def _contacts(
-    vehicles: Sequence[_Vehicle], tracks: Mapping[str, Track], run: Simulated
+    vehicles: Sequence[_Vehicle], tracks: Mapping[str, RecordedTrack], run: Simulated
 ) -> tuple[tuple[str, str, int], ...]:
     logged = [tracks[one.name] for one in vehicles]
     placed = [_placed(tracks[one.name], run.poses[one.name]) for one in vehicles if one.name in run.poses]
@@ -154,7 +159,7 @@ def _contacts(
     return tuple((names[a], names[b], frames) for a, b, frames in found if frozenset((a, b)) not in known)
 
 
-def _placed(track: Track, poses: Float) -> Track:
+def _placed(track: RecordedTrack, poses: Float) -> RecordedTrack:
     """The track where the simulation had it."""
     valid = np.isfinite(poses[:, 0])
     length, width = size_of(track)

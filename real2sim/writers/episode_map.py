@@ -14,7 +14,7 @@ SPACING_M = 0.5
 """Largest distance between points of a lane, as in V2XPnP's maps."""
 
 
-def map_of(roads: RoadMap) -> HdMap:
+def build_hd_map(roads: RoadMap) -> HdMap:
     """A network as the map of a log: lanes for cars with boundaries, links, neighbours, limits; crosswalks, signs.
 
     Footways are not told: a RoadMap knows their outlines only.
@@ -24,22 +24,22 @@ def map_of(roads: RoadMap) -> HdMap:
         for successor in lane.successors:
             entries[successor].append(lane.id)
     return HdMap(
-        lanes={lane.id: _lane(lane, tuple(entries[lane.id])) for lane in roads.driving},
-        crosswalks=tuple(_crosswalk(line, width) for line, width in roads.crossings),
-        stop_lines=tuple(_stop_lines(roads)),
-        signals=_signals(roads),
+        lanes={lane.id: _build_lane(lane, tuple(entries[lane.id])) for lane in roads.driving},
+        crosswalks=tuple(_build_crosswalk(line, width) for line, width in roads.crossings),
+        stop_lines=tuple(_build_stop_lines(roads)),
+        signals=_build_signals(roads),
     )
 
 
-def _lane(lane: Lane, entries: tuple[str, ...]) -> MapLane:
+def _build_lane(lane: Lane, entries: tuple[str, ...]) -> MapLane:
     line = shapely.segmentize(shapely.LineString(lane.centre.xy), SPACING_M)
     centre: Float = shapely.get_coordinates(line)
     return MapLane(
         id=lane.id,
         kind=LaneKind.DRIVING,
         centre=centre,
-        left=_aside(centre, lane.width / 2),
-        right=_aside(centre, -lane.width / 2),
+        left=_offset_line(centre, lane.width / 2),
+        right=_offset_line(centre, -lane.width / 2),
         entries=entries,
         exits=lane.successors,
         left_neighbour=lane.left,
@@ -51,7 +51,7 @@ def _lane(lane: Lane, entries: tuple[str, ...]) -> MapLane:
     )
 
 
-def _aside(centre: Float, left_m: float) -> Float:
+def _offset_line(centre: Float, left_m: float) -> Float:
     """(N, 2) the points, moved to the left across the mean direction of their two segments."""
     ahead = np.diff(centre, axis=0)
     ahead /= np.hypot(ahead[:, 0], ahead[:, 1])[:, None]
@@ -60,24 +60,24 @@ def _aside(centre: Float, left_m: float) -> Float:
     return centre + left_m * np.column_stack((-mean[:, 1], mean[:, 0]))
 
 
-def _crosswalk(line: Float, width: float) -> Float:
+def _build_crosswalk(line: Float, width: float) -> Float:
     strip = shapely.buffer(shapely.LineString(line), width / 2, cap_style="flat")
     return shapely.get_coordinates(shapely.get_exterior_ring(strip))[:-1]
 
 
-def _stop_lines(roads: RoadMap) -> Iterator[StopLine]:
+def _build_stop_lines(roads: RoadMap) -> Iterator[StopLine]:
     for sign in roads.stop_signs or ():
         lane = roads.lanes[sign.lane]
-        yield StopLine(_across(lane.centre, sign.line_pos_m, lane.width), (lane.id,), "stop")
+        yield StopLine(_build_cross_line(lane.centre, sign.line_pos_m, lane.width), (lane.id,), "stop")
 
 
-def _across(line: Polyline, s: float, width: float) -> Float:
+def _build_cross_line(line: Polyline, s: float, width: float) -> Float:
     (x, y), yaw = line.at(s), line.yaw_at(s)
     half = np.array((-np.sin(yaw), np.cos(yaw))) * width / 2
     return np.array((x, y)) + np.array((half, -half))
 
 
-def _signals(roads: RoadMap) -> Mapping[str, tuple[str, ...]]:
+def _build_signals(roads: RoadMap) -> Mapping[str, tuple[str, ...]]:
     """Traffic light -> lanes it controls."""
     lanes: defaultdict[str, list[str]] = defaultdict(list)
     for lane in roads.driving:

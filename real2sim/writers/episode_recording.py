@@ -14,19 +14,23 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from real2sim.recording import Category, Recording, Track, View
-from real2sim.writers.episode_map import map_of
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+from real2sim.writers.episode_map import build_hd_map
 
 DT_S = 0.1
 STRIDE = round(DT_S * TICKS_PER_SECOND)
 """Ticks between two frames of the log."""
-LARGEST_M: tuple[tuple[float, Category], ...] = ((5.4, Category.CAR), (6.5, Category.VAN), (np.inf, Category.TRUCK))
+CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
+    (5.4, ObjectCategory.CAR),
+    (6.5, ObjectCategory.VAN),
+    (np.inf, ObjectCategory.TRUCK),
+)
 """What vehicles are called, by their length [m], where the scenario does not say."""
 STATION_YAW = 0.0
 """Stations look in all directions."""
 
 
-def recording_of(
+def record_episode(
     episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, window_s: tuple[float, float] | None = None
 ) -> Recording:
     """The episode as a log of 10 Hz: all road users as tracks of the first view, a further view for every station.
@@ -37,25 +41,27 @@ def recording_of(
     """
     if (episode.scenario, episode.ego_ids) != (scenario.id, tuple(ego.id for ego in scenario.egos)):
         raise InputError(f"recording of {episode.scenario}: expected an episode of scenario {scenario.id}")
-    ticks = _ticks(episode, window_s)
+    ticks = _select_ticks(episode, window_s)
     there = episode.valid[ticks]
     cavs = tuple(ego for n, ego in enumerate(episode.ego_ids) if there[:, n].all())
-    categories = _categories(episode, scenario)
-    tracks = tuple(_track(episode, n, ticks, categories[n]) for n in np.flatnonzero(there.any(axis=0)).tolist())
-    posts = tuple(View(rsu.id, (), _station(rsu.x, rsu.y, len(ticks)), True) for rsu in scenario.rsus)
+    categories = _assign_categories(episode, scenario)
+    tracks = tuple(_build_track(episode, n, ticks, categories[n]) for n in np.flatnonzero(there.any(axis=0)).tolist())
+    posts = tuple(
+        ObserverView(rsu.id, (), _build_station_pose(rsu.x, rsu.y, len(ticks)), True) for rsu in scenario.rsus
+    )
     return Recording(
         id=scenario.id,
         source="mdrive-sumo",
         dt_s=DT_S,
         frames=len(ticks),
-        views=(View("log", tracks), *posts),
-        map=map_of(roads),
+        views=(ObserverView("log", tracks), *posts),
+        map=build_hd_map(roads),
         cavs=cavs,
         notes=tuple(f"CAV {ego} is not there throughout" for ego in episode.ego_ids if ego not in cavs),
     )
 
 
-def _ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) -> np.ndarray:
+def _select_ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) -> np.ndarray:
     """The ticks that are frames of the log."""
     if window_s is None:
         first, last = 0, int(episode.valid[:, : episode.egos].sum(axis=0).min()) - 1
@@ -70,31 +76,35 @@ def _ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) -> np.n
     return ticks
 
 
-def _categories(episode: EpisodeRecord, scenario: Scenario) -> Sequence[Category]:
+def _assign_categories(episode: EpisodeRecord, scenario: Scenario) -> Sequence[ObjectCategory]:
     """Of every column of the episode: as the scenario calls it, else by kind and size."""
     models = {actor.id: actor.model for actor in scenario.actors}
-    known = {category.value: category for category in Category}
+    known = {category.value: category for category in ObjectCategory}
     return [
-        known.get(models.get(name, ""), _category(Kind(int(kind)), float(length)))
+        known.get(models.get(name, ""), _guess_category(Kind(int(kind)), float(length)))
         for name, kind, length in zip(episode.ids, episode.kind, episode.length, strict=True)
     ]
 
 
-def _category(kind: Kind, length: float) -> Category:
+def _guess_category(kind: Kind, length: float) -> ObjectCategory:
     if kind is Kind.VEHICLE:
-        return next(category for largest, category in LARGEST_M if length <= largest)
-    others = {Kind.PEDESTRIAN: Category.PEDESTRIAN, Kind.CYCLIST: Category.BICYCLE, Kind.STATIC: Category.STATIC}
+        return next(category for largest, category in CATEGORY_BY_LENGTH if length <= largest)
+    others = {
+        Kind.PEDESTRIAN: ObjectCategory.PEDESTRIAN,
+        Kind.CYCLIST: ObjectCategory.BICYCLE,
+        Kind.STATIC: ObjectCategory.STATIC,
+    }
     return others[kind]
 
 
-def _track(episode: EpisodeRecord, column: int, ticks: np.ndarray, category: Category) -> Track:
+def _build_track(episode: EpisodeRecord, column: int, ticks: np.ndarray, category: ObjectCategory) -> RecordedTrack:
     valid = episode.valid[ticks, column]
     x, y, yaw = (np.where(valid, values[ticks, column], np.nan) for values in (episode.x, episode.y, episode.yaw))
     full = np.where(valid, 1.0, np.nan)
     length, width = float(episode.length[column]) * full, float(episode.width[column]) * full
     still = not (episode.speed[ticks, column][valid] > 0).any()
-    return Track(episode.ids[column], category, valid, x, y, yaw, length, width, parked=still)
+    return RecordedTrack(episode.ids[column], category, valid, x, y, yaw, length, width, parked=still)
 
 
-def _station(x: float, y: float, frames: int) -> Float:
+def _build_station_pose(x: float, y: float, frames: int) -> Float:
     return np.tile((x, y, STATION_YAW), (frames, 1))

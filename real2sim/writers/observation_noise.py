@@ -17,11 +17,11 @@ from mdrive_sumo.core.seeding import derived_seed
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.scene import Eye, Scene
 from mdrive_sumo.sensing.visibility import Buildings, seen_rows
-from real2sim.recording import USUAL_SIZE, Category, Recording, Track, View
+from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory, ObserverView, RecordedTrack, Recording
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class ObservationNoise:
     """How unlike the truth, and one another, the views of a scene are."""
 
     position_m: float = 0.06
@@ -55,37 +55,37 @@ class Noise:
     """Chance that an agent does not call a parked thing static; for others it is a tenth of that. Assumed."""
 
 
-MISTAKEN_FOR: Mapping[Category, Category] = {
-    Category.CAR: Category.VAN,
-    Category.VAN: Category.CAR,
-    Category.BUS: Category.TRUCK,
-    Category.TRUCK: Category.STATIC,  # a "trash can" of 10 m by 3 m was seen
+CONFUSED_WITH: Mapping[ObjectCategory, ObjectCategory] = {
+    ObjectCategory.CAR: ObjectCategory.VAN,
+    ObjectCategory.VAN: ObjectCategory.CAR,
+    ObjectCategory.BUS: ObjectCategory.TRUCK,
+    ObjectCategory.TRUCK: ObjectCategory.STATIC,  # a "trash can" of 10 m by 3 m was seen
 }
 
 
-def observe(truth: Recording, noise: Noise | None, seed: int) -> Recording:
+def simulate_observers(truth: Recording, noise: ObservationNoise | None, seed: int) -> Recording:
     """The scene as its observers noted it: one view for every CAV (1, 2, ...) and every station (-1, -2, ...).
 
     `truth` holds all tracks in its first view; `truth.cavs` names those that observe, which must be there in every
-    frame; stations are further views with `infrastructure` and a pose. Ids become numbers (`numbered`). Without noise
-    everyone sees everything exactly, save themselves.
+    frame; stations are further views with `infrastructure` and a pose. Ids become numbers
+    (`assign_numbers`). Without noise every observer sees everything exactly, except itself.
     """
-    names = numbered(truth)
+    names = assign_numbers(truth)
     tracks = tuple(replace(track, id=names[track.id]) for track in truth.views[0].tracks)
     own = {track.id: track for track in tracks}
     observers = {
-        **{str(n): _cav_pose(own[names[cav]], cav) for n, cav in enumerate(truth.cavs, start=1)},
-        **{str(-n): station.pose for n, station in enumerate(_stations(truth), start=1)},
+        **{str(n): _get_cav_pose(own[names[cav]], cav) for n, cav in enumerate(truth.cavs, start=1)},
+        **{str(-n): station.pose for n, station in enumerate(_list_stations(truth), start=1)},
     }
     carriers = {str(n): names[cav] for n, cav in enumerate(truth.cavs, start=1)}
     views = tuple(
-        _view(agent, View(carriers.get(agent, ""), tracks, pose), noise, seed, truth.dt_s)
+        _simulate_view(agent, ObserverView(carriers.get(agent, ""), tracks, pose), noise, seed, truth.dt_s)
         for agent, pose in observers.items()
     )
     return replace(truth, views=views, cavs=tuple(carriers))
 
 
-def numbered(truth: Recording) -> dict[str, str]:
+def assign_numbers(truth: Recording) -> dict[str, str]:
     """The number that stands for each track's id: the id itself if all are plain numbers, else counted."""
     ids = [track.id for track in truth.views[0].tracks]
     if all(name.isdecimal() and name == str(int(name)) for name in ids):
@@ -93,32 +93,36 @@ def numbered(truth: Recording) -> dict[str, str]:
     return {name: str(n) for n, name in enumerate(ids)}
 
 
-def _stations(truth: Recording) -> list[View]:
+def _list_stations(truth: Recording) -> list[ObserverView]:
     return [view for view in truth.views[1:] if view.infrastructure]
 
 
-def _cav_pose(track: Track, cav: str) -> Float:
+def _get_cav_pose(track: RecordedTrack, cav: str) -> Float:
     if not track.valid.all():
         raise ValueError(f"CAV {cav} must be there in every frame, it is absent in {int((~track.valid).sum())}")
     return np.column_stack((track.x, track.y, track.yaw))
 
 
-def _view(agent: str, scene: View, noise: Noise | None, seed: int, dt_s: float) -> View:
+def _simulate_view(
+    agent: str, scene: ObserverView, noise: ObservationNoise | None, seed: int, dt_s: float
+) -> ObserverView:
     """scene: all tracks, the carrier's id as observer ("" for a station) and the carrier's pose."""
     others = tuple(track for track in scene.tracks if track.id != scene.observer)
     station = agent.startswith("-")
     if noise is None:
-        return View(agent, others, scene.pose, station)
-    pose = scene.pose if station else _mounted(scene.pose, noise, np.random.default_rng(derived_seed(seed, agent)))
-    seen = _seen(scene, pose, noise, noise.station_range_m if station else noise.cav_range_m)
+        return ObserverView(agent, others, scene.pose, station)
+    pose = (
+        scene.pose if station else _offset_sensor(scene.pose, noise, np.random.default_rng(derived_seed(seed, agent)))
+    )
+    seen = _compute_visibility(scene, pose, noise, noise.station_range_m if station else noise.cav_range_m)
     noted = (
-        _noted(track, seen[track.id], noise, np.random.default_rng(derived_seed(seed, agent, track.id)), dt_s)
+        _observe_track(track, seen[track.id], noise, np.random.default_rng(derived_seed(seed, agent, track.id)), dt_s)
         for track in others
     )
-    return View(agent, tuple(track for track in noted if track.valid.any()), pose, station)
+    return ObserverView(agent, tuple(track for track in noted if track.valid.any()), pose, station)
 
 
-def _mounted(pose: Float, noise: Noise, rng: np.random.Generator) -> Float:
+def _offset_sensor(pose: Float, noise: ObservationNoise, rng: np.random.Generator) -> Float:
     """Pose (T, 3) of a lidar on a car."""
     ahead = rng.choice((-1.0, 1.0)) * rng.uniform(*noise.mount_m)
     aside, turn = rng.normal(0.0, 0.05), math.radians(rng.uniform(-noise.mount_deg, noise.mount_deg))
@@ -132,7 +136,7 @@ def _mounted(pose: Float, noise: Noise, rng: np.random.Generator) -> Float:
     )
 
 
-def _seen(scene: View, pose: Float, noise: Noise, range_m: float) -> dict[str, Bool]:
+def _compute_visibility(scene: ObserverView, pose: Float, noise: ObservationNoise, range_m: float) -> dict[str, Bool]:
     """(T,) for every track: whether enough of it is in sight, past the other boxes."""
     buildings = Buildings(RoadMap("", Path(), {}, (), (), (), (), None, ""))
     seen = np.zeros((len(scene.tracks), len(pose)), dtype=np.bool_)
@@ -140,34 +144,36 @@ def _seen(scene: View, pose: Float, noise: Noise, range_m: float) -> dict[str, B
         rows = [i for i, track in enumerate(scene.tracks) if track.valid[t]]
         ids = [scene.tracks[i].id for i in rows]
         eye = Eye(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
-        boxes = _boxes([scene.tracks[i] for i in rows], t)
+        boxes = _build_objects([scene.tracks[i] for i in rows], t)
         seen[rows, t] = seen_rows(eye, Scene(t, boxes, {}), buildings, range_m, noise.least_visible)
     return {track.id: row for track, row in zip(scene.tracks, seen, strict=True)}
 
 
-def _boxes(tracks: list[Track], t: int) -> Objects:
+def _build_objects(tracks: list[RecordedTrack], t: int) -> Objects:
     rows = np.array([(k.x[t], k.y[t], k.yaw[t], k.length[t], k.width[t]) for k in tracks]).reshape(-1, 5)
-    usual = np.array([(0.0, *USUAL_SIZE[k.category]) for k in tracks]).reshape(-1, 3)
+    usual = np.array([(0.0, *DEFAULT_SIZE_M[k.category]) for k in tracks]).reshape(-1, 3)
     yaw, length, width = np.where(np.isnan(rows[:, 2:]), usual, rows[:, 2:]).T
     kinds = np.array([k.category.kind for k in tracks], dtype=np.uint8)
     ids = tuple(k.id for k in tracks)
     return Objects(ids, kinds, rows[:, 0], rows[:, 1], yaw, np.zeros(len(rows)), length, width)
 
 
-def _noted(track: Track, seen: Bool, noise: Noise, rng: np.random.Generator, dt_s: float) -> Track:
+def _observe_track(
+    track: RecordedTrack, seen: Bool, noise: ObservationNoise, rng: np.random.Generator, dt_s: float
+) -> RecordedTrack:
     """One track as one agent notes it; `seen` (T,)."""
     count = len(track.valid)
-    valid = track.valid & seen & ~_gaps(count, noise, rng, dt_s)
+    valid = track.valid & seen & ~_draw_gaps(count, noise, rng, dt_s)
     gone = np.where(valid, 0.0, np.nan)
-    walker = track.category is Category.PEDESTRIAN
-    error = _wandering(count, noise, rng, dt_s)
+    walker = track.category is ObjectCategory.PEDESTRIAN
+    error = _draw_correlated_error(count, noise, rng, dt_s)
     scale = np.exp(rng.normal(0.0, noise.walker_size if walker else noise.size, (2, count if walker else 1)))
-    yaw = _junk_yaw(count, noise, rng) if walker else _lagging_yaw(track, noise, rng, dt_s)
+    yaw = _draw_random_yaw(count, noise, rng) if walker else _lag_yaw(track, noise, rng, dt_s)
     mistaken = rng.random() < noise.wrong_label
     doubt = noise.wrong_attribute if track.parked else noise.wrong_attribute / 10
     return replace(
         track,
-        category=MISTAKEN_FOR.get(track.category, track.category) if mistaken else track.category,
+        category=CONFUSED_WITH.get(track.category, track.category) if mistaken else track.category,
         valid=valid,
         x=track.x + error[:, 0] + gone,
         y=track.y + error[:, 1] + gone,
@@ -178,7 +184,7 @@ def _noted(track: Track, seen: Bool, noise: Noise, rng: np.random.Generator, dt_
     )
 
 
-def _gaps(count: int, noise: Noise, rng: np.random.Generator, dt_s: float) -> Bool:
+def _draw_gaps(count: int, noise: ObservationNoise, rng: np.random.Generator, dt_s: float) -> Bool:
     """(T,) where a track is interrupted."""
     gaps = np.zeros(count, dtype=np.bool_)
     for start in np.flatnonzero(rng.random(count) < noise.gaps_per_s * dt_s).tolist():
@@ -186,7 +192,7 @@ def _gaps(count: int, noise: Noise, rng: np.random.Generator, dt_s: float) -> Bo
     return gaps
 
 
-def _wandering(count: int, noise: Noise, rng: np.random.Generator, dt_s: float) -> Float:
+def _draw_correlated_error(count: int, noise: ObservationNoise, rng: np.random.Generator, dt_s: float) -> Float:
     """(T, 2) [m] a stationary first-order process: errors that last a while."""
     keep = math.exp(-dt_s / noise.correlation_s)
     error = rng.normal(0.0, noise.position_m, (count, 2))
@@ -195,12 +201,12 @@ def _wandering(count: int, noise: Noise, rng: np.random.Generator, dt_s: float) 
     return error
 
 
-def _junk_yaw(count: int, noise: Noise, rng: np.random.Generator) -> Float:
+def _draw_random_yaw(count: int, noise: ObservationNoise, rng: np.random.Generator) -> Float:
     flips = np.cumsum(rng.random(count) < noise.flip).astype(np.float64)
     return wrap_angles(rng.uniform(-math.pi, math.pi) + math.pi * flips)
 
 
-def _lagging_yaw(track: Track, noise: Noise, rng: np.random.Generator, dt_s: float) -> Float:
+def _lag_yaw(track: RecordedTrack, noise: ObservationNoise, rng: np.random.Generator, dt_s: float) -> Float:
     """The yaw of some time ago, by a low pass over the frames in which the thing is there."""
     follow = dt_s / (noise.lag_s + dt_s)
     yaw, late = track.yaw.copy(), math.nan

@@ -12,30 +12,30 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.readers.v2xpnp import DT_S
-from real2sim.recording import Category, Recording, Track, View
-from real2sim.writers.observation_noise import Noise, numbered, observe
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+from real2sim.writers.observation_noise import ObservationNoise, assign_numbers, simulate_observers
 
-LABELS: Mapping[Category, str] = {
-    Category.CAR: "Car",
-    Category.VAN: "Van",
-    Category.TRUCK: "Truck",
-    Category.BUS: "Bus",
-    Category.MOTORCYCLE: "Motorcycle",
-    Category.BICYCLE: "BicycleRider",
-    Category.PEDESTRIAN: "Pedestrian",
-    Category.STATIC: "TrashCan",
+LABEL_BY_CATEGORY: Mapping[ObjectCategory, str] = {
+    ObjectCategory.CAR: "Car",
+    ObjectCategory.VAN: "Van",
+    ObjectCategory.TRUCK: "Truck",
+    ObjectCategory.BUS: "Bus",
+    ObjectCategory.MOTORCYCLE: "Motorcycle",
+    ObjectCategory.BICYCLE: "BicycleRider",
+    ObjectCategory.PEDESTRIAN: "Pedestrian",
+    ObjectCategory.STATIC: "TrashCan",
 }
 _HALF_HEIGHT_M = 0.75
 _DECIMALS = 3
 
 
-def write_v2xpnp(truth: Recording, folder: Path, noise: Noise | None, seed: int) -> dict[str, str]:
-    """Writes what the observers of a known scene would have noted (`observe`); tells the number of each track's id.
+def write_v2xpnp(truth: Recording, folder: Path, noise: ObservationNoise | None, seed: int) -> dict[str, str]:
+    """Write what the observers of a known scene would have recorded; return the number of each track id.
 
-    `truth`: all tracks in the first view, CAVs by their tracks' ids, stations as further views (see `observe`).
+    `truth` and `noise` are those of `simulate_observers`.
     """
-    write_views(observe(truth, noise, seed), folder)
-    return numbered(truth)
+    write_views(simulate_observers(truth, noise, seed), folder)
+    return assign_numbers(truth)
 
 
 def write_views(recording: Recording, folder: Path) -> None:
@@ -51,45 +51,45 @@ def write_views(recording: Recording, folder: Path) -> None:
             raise ValueError(f"V2XPnP has numbers for observers and ids, not those of view {view.observer!r}")
         target = folder / view.observer
         target.mkdir(parents=True, exist_ok=True)
-        for t, text in enumerate(_texts(view, recording.frames)):
+        for t, text in enumerate(_format_frames(view, recording.frames)):
             (target / f"{t:06d}.yaml").write_text(text, encoding="utf-8")
 
 
-def _texts(view: View, frames: int) -> list[str]:
+def _format_frames(view: ObserverView, frames: int) -> list[str]:
     """The text of every frame."""
     objects: list[list[str]] = [[] for _ in range(frames)]
     for track in sorted(view.tracks, key=lambda track: int(track.id)):
-        for t, numbers in zip(track.frames.tolist(), _numbers(track), strict=True):
-            objects[t].append(_object(track, numbers))
+        for t, numbers in zip(track.frames.tolist(), _tabulate(track), strict=True):
+            objects[t].append(_format_object(track, numbers))
     yaws = np.degrees(view.pose[:, 2])
-    heads = [_head(view, x, y, yaw) for (x, y, _), yaw in zip(view.pose.tolist(), yaws.tolist(), strict=True)]
+    heads = [_format_head(view, x, y, yaw) for (x, y, _), yaw in zip(view.pose.tolist(), yaws.tolist(), strict=True)]
     return [head + ("\n" + "".join(rows) if rows else " {}\n") for head, rows in zip(heads, objects, strict=True)]
 
 
-def _numbers(track: Track) -> list[list[float]]:
+def _tabulate(track: RecordedTrack) -> list[list[float]]:
     """Rows of x, y, yaw [degrees], half length, half width of the frames in which it is there."""
     rows = np.column_stack((track.xy, np.degrees(track.yaw), track.length / 2, track.width / 2))[track.frames]
     known: Float = np.where(np.isnan(rows), 0.0, rows)
     return known.tolist()
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return repr(round(value, _DECIMALS))
 
 
-def _head(view: View, x: float, y: float, yaw_deg: float) -> str:
+def _format_head(view: ObserverView, x: float, y: float, yaw_deg: float) -> str:
     height = 4.0 if view.infrastructure else 1.9
-    pose = "".join(f"- {_number(value)}\n" for value in (x, y, height, 0.0, yaw_deg, 0.0))
+    pose = "".join(f"- {_format_number(value)}\n" for value in (x, y, height, 0.0, yaw_deg, 0.0))
     infra = "true" if view.infrastructure else "false"
     return f"ego_speed: 0\ninfra: {infra}\nlidar_pose:\n{pose}true_ego_pose:\n{pose}vehicles:"
 
 
-def _object(track: Track, numbers: list[float]) -> str:
-    x, y, yaw, half_length, half_width = map(_number, numbers)
-    attribute = "static" if track.parked else "''"
+def _format_object(track: RecordedTrack, numbers: list[float]) -> str:
+    x, y, yaw, half_length, half_width = map(_format_number, numbers)
+    attribute, label = "static" if track.parked else "''", LABEL_BY_CATEGORY[track.category]
     return (
         f"  {track.id}:\n    angle:\n    - 0.0\n    - {yaw}\n    - 0.0\n    attribute: {attribute}\n"
         f"    center:\n    - 0\n    - 0\n    - 0\n"
         f"    extent:\n    - {half_length}\n    - {half_width}\n    - {_HALF_HEIGHT_M}\n"
-        f"    location:\n    - {x}\n    - {y}\n    - {_HALF_HEIGHT_M}\n    obj_type: {LABELS[track.category]}\n"
+        f"    location:\n    - {x}\n    - {y}\n    - {_HALF_HEIGHT_M}\n    obj_type: {label}\n"
     )

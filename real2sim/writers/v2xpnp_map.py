@@ -17,19 +17,19 @@ from real2sim.readers.v2xpnp_map import LANE_KINDS, MODULE
 
 
 @dataclass(frozen=True, slots=True)
-class _Object:
+class _PickledObject:
     """An instance of a class of the original."""
 
     name: str
-    fields: "Mapping[str, _Value]"
+    fields: "Mapping[str, _PickledValue]"
 
 
 @dataclass(frozen=True, slots=True)
-class _LaneType:
+class _PickledLaneType:
     value: int
 
 
-_Value = _Object | _LaneType | int | float | str | None | Sequence["_Value"]
+_PickledValue = _PickledObject | _PickledLaneType | int | float | str | None | Sequence["_PickledValue"]
 _TYPES = {kind: number for number, kind in LANE_KINDS.items()} | {LaneKind.BIKE: 3}
 """The format has no cycle lanes; they are written as shoulders."""
 
@@ -40,18 +40,22 @@ def write_vector_map(found: HdMap, path: Path) -> Mapping[str, str]:
     Lost is what the format cannot say: widths, limits, neighbours, directions, stop lines, ids of traffic lights; a
     lane's two boundaries become one list.
     """
-    numbers = lane_numbers(found)
+    numbers = assign_lane_numbers(found)
     names = {lane: f"{road}_{place}" for lane, (road, place) in numbers.items()}
-    lanes = [_lane(lane, numbers[lane.id], names) for lane in found.lanes.values()]
+    lanes = [_build_lane(lane, numbers[lane.id], names) for lane in found.lanes.values()]
     crosswalks = [
-        _Object("Crosswalk", {"polygon": _points(polygon), "id": i}) for i, polygon in enumerate(found.crosswalks)
+        _PickledObject("Crosswalk", {"polygon": _build_points(polygon), "id": i})
+        for i, polygon in enumerate(found.crosswalks)
     ]
-    fields: dict[str, _Value] = {"map_features": [*lanes, *crosswalks], "dynamic_states": _dynamic_states(found)}
-    path.write_bytes(b"\x80\x02" + _pickled(_Object("Map", fields)) + b".")
+    fields: dict[str, _PickledValue] = {
+        "map_features": [*lanes, *crosswalks],
+        "dynamic_states": _build_dynamic_states(found),
+    }
+    path.write_bytes(b"\x80\x02" + _encode(_PickledObject("Map", fields)) + b".")
     return names
 
 
-def lane_numbers(found: HdMap) -> dict[str, tuple[int, int]]:
+def assign_lane_numbers(found: HdMap) -> dict[str, tuple[int, int]]:
     """road_id and lane_id of every lane: as the ids say if all are "road_lane", else counted.
 
     Lanes of one group, or else neighbours, become one road, counted from left to right from 1.
@@ -61,12 +65,12 @@ def lane_numbers(found: HdMap) -> dict[str, tuple[int, int]]:
         return {name: (int(part[1]), int(part[2])) for name, part in parts.items() if part}
     roads: dict[str, list[tuple[int, str]]] = defaultdict(list)
     for lane in found.lanes.values():
-        head, steps = _leftmost(found, lane)
+        head, steps = _find_leftmost(found, lane)
         roads[f"group {lane.group}" if lane.group else f"lane {head}"].append((steps, lane.id))
     return {name: (r, n) for r, row in enumerate(roads.values()) for n, (_, name) in enumerate(sorted(row), start=1)}
 
 
-def _leftmost(found: HdMap, lane: MapLane) -> tuple[str, int]:
+def _find_leftmost(found: HdMap, lane: MapLane) -> tuple[str, int]:
     """The lane farthest to the left over neighbours, and how many steps it is away."""
     seen = [lane.id]
     while (left := found.lanes[seen[-1]].left_neighbour) in found.lanes and left not in seen:
@@ -74,38 +78,38 @@ def _leftmost(found: HdMap, lane: MapLane) -> tuple[str, int]:
     return seen[-1], len(seen) - 1
 
 
-def _lane(lane: MapLane, number: tuple[int, int], names: Mapping[str, str]) -> _Object:
-    fields: dict[str, _Value] = {
+def _build_lane(lane: MapLane, number: tuple[int, int], names: Mapping[str, str]) -> _PickledObject:
+    fields: dict[str, _PickledValue] = {
         "road_id": number[0],
         "lane_id": number[1],
-        "type": _LaneType(_TYPES[lane.kind]),
-        "polyline": _points(lane.centre),
+        "type": _PickledLaneType(_TYPES[lane.kind]),
+        "polyline": _build_points(lane.centre),
         "entry_lanes": [names.get(name, name) for name in lane.entries],
         "exit_lanes": [names.get(name, name) for name in lane.exits],
-        "boundary": [*_points(lane.left), *_points(lane.right)],
+        "boundary": [*_build_points(lane.left), *_build_points(lane.right)],
     }
-    return _Object("Lane", fields)
+    return _PickledObject("Lane", fields)
 
 
-def _points(line: Float) -> list[_Object]:
-    return [_Object("MapPoint", {"x": x, "y": y, "z": 0.0}) for x, y in line.tolist()]
+def _build_points(line: Float) -> list[_PickledObject]:
+    return [_PickledObject("MapPoint", {"x": x, "y": y, "z": 0.0}) for x, y in line.tolist()]
 
 
-def _dynamic_states(found: HdMap) -> list[_Object] | None:
+def _build_dynamic_states(found: HdMap) -> list[_PickledObject] | None:
     """One moment in which every lane of a traffic light is unknown; none in practice."""
     places = {name: i for i, name in enumerate(found.lanes)}
     lit = sorted({places[lane] for lanes in found.signals.values() for lane in lanes if lane in places})
     if not lit:
         return None
-    states = [_Object("TrafficSignalLaneState", {"lane": place, "state": "UNKNOWN"}) for place in lit]
-    return [_Object("DynamicState", {"timestamp_seconds": 0.0, "lane_states": states})]
+    states = [_PickledObject("TrafficSignalLaneState", {"lane": place, "state": "UNKNOWN"}) for place in lit]
+    return [_PickledObject("DynamicState", {"timestamp_seconds": 0.0, "lane_states": states})]
 
 
-def _global(name: str) -> bytes:
+def _encode_global(name: str) -> bytes:
     return f"c{MODULE}\n{name}\n".encode()
 
 
-def _pickled(value: _Value) -> bytes:
+def _encode(value: _PickledValue) -> bytes:
     """Opcodes (protocol 2) that leave the value on the stack."""
     match value:
         case None:
@@ -117,10 +121,10 @@ def _pickled(value: _Value) -> bytes:
         case str():
             text = value.encode()
             return b"X" + struct.pack("<I", len(text)) + text
-        case _LaneType():
-            return _global("LaneType") + _pickled(value.value) + b"\x85R"
-        case _Object():
-            state = b"".join(_pickled(key) + _pickled(field) for key, field in value.fields.items())
-            return _global(value.name) + b")\x81}(" + state + b"ub"
+        case _PickledLaneType():
+            return _encode_global("LaneType") + _encode(value.value) + b"\x85R"
+        case _PickledObject():
+            state = b"".join(_encode(key) + _encode(field) for key, field in value.fields.items())
+            return _encode_global(value.name) + b")\x81}(" + state + b"ub"
         case _:
-            return b"](" + b"".join(map(_pickled, value)) + b"e"
+            return b"](" + b"".join(map(_encode, value)) + b"e"

@@ -21,8 +21,8 @@ from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.recording import Recording
-from real2sim.writers.episode_recording import recording_of
-from real2sim.writers.observation_noise import Noise
+from real2sim.writers.episode_recording import record_episode
+from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
@@ -50,7 +50,7 @@ class Crowd:
 
 
 BUSY = Crowd()
-USUAL = Noise()
+USUAL = ObservationNoise()
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Driven:
     episode: EpisodeRecord
 
 
-def make_busy_log(folder: Path, noise: Noise | None = USUAL, seed: int = 0) -> tuple[Path, Path]:
+def make_busy_log(folder: Path, noise: ObservationNoise | None = USUAL, seed: int = 0) -> tuple[Path, Path]:
     """Writes folder/busy (agents 1, 2, -1, -2; 101 frames) and folder/map.pkl; returns both."""
     truth = busy_truth(seed)
     write_v2xpnp(truth, folder / "busy", noise, seed)
@@ -73,7 +73,7 @@ def make_busy_log(folder: Path, noise: Noise | None = USUAL, seed: int = 0) -> t
 def busy_truth(seed: int = 0, crowd: Crowd = BUSY, seconds: float = SECONDS) -> Recording:
     """The log without any error: all tracks in the first view, stations as further views."""
     driven = drive(seed, crowd)
-    truth = recording_of(driven.episode, driven.scenario, driven.roads, (0.0, seconds))
+    truth = record_episode(driven.episode, driven.scenario, driven.roads, (0.0, seconds))
     tracks = sorted(truth.views[0].tracks, key=lambda track: track.id.startswith(PARKED))
     return replace(truth, views=(replace(truth.views[0], tracks=tuple(tracks[: crowd.all])), *truth.views[1:]))
 

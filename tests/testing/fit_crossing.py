@@ -11,9 +11,9 @@ from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.scenario.background import Mode
 from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.fit import Fitted, fit
-from real2sim.match import Match, match
+from real2sim.match import LaneMatch, match_track
 from real2sim.network import build_network
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 from testing.map_faults import lane, lanes_map
 
 DT_S, FRAMES = 0.1, 101
@@ -45,7 +45,9 @@ def seconds() -> Float:
     return np.arange(FRAMES, dtype=np.float64) * DT_S
 
 
-def track(id_: str, x: object, y: object, category: Category = Category.CAR, parked: bool = False) -> Track:
+def track(
+    id_: str, x: object, y: object, category: ObjectCategory = ObjectCategory.CAR, parked: bool = False
+) -> RecordedTrack:
     """A track through x, y (scalars or (T,), NaN where unseen), looking where it goes, east at rest."""
     full = np.ones(FRAMES)
     xs, ys = (np.asarray(value, dtype=np.float64) * full for value in (x, y))
@@ -53,13 +55,13 @@ def track(id_: str, x: object, y: object, category: Category = Category.CAR, par
     dx, dy = (np.gradient(np.where(valid, value, 0.0)) for value in (xs, ys))
     yaw = np.where(np.hypot(dx, dy) > 0.01, np.arctan2(dy, dx), 0.0)
     seen = np.where(valid, 1.0, np.nan)
-    length, width = (0.6, 0.6) if category is Category.PEDESTRIAN else (4.5, 1.8)
-    return Track(id_, category, valid, xs * seen, ys * seen, yaw * seen, length * seen, width * seen, parked)
+    length, width = (0.6, 0.6) if category is ObjectCategory.PEDESTRIAN else (4.5, 1.8)
+    return RecordedTrack(id_, category, valid, xs * seen, ys * seen, yaw * seen, length * seen, width * seen, parked)
 
 
-def matches_of(tracks: Sequence[Track], roads: RoadMap) -> Mapping[str, Match]:
-    driving = [one for one in tracks if one.category not in (Category.PEDESTRIAN, Category.STATIC)]
-    return {one.id: match(np.column_stack((one.x, one.y, one.yaw)), roads) for one in driving}
+def matches_of(tracks: Sequence[RecordedTrack], roads: RoadMap) -> Mapping[str, LaneMatch]:
+    driving = [one for one in tracks if one.category not in (ObjectCategory.PEDESTRIAN, ObjectCategory.STATIC)]
+    return {one.id: match_track(np.column_stack((one.x, one.y, one.yaw)), roads) for one in driving}
 
 
 @dataclass(frozen=True)
@@ -67,10 +69,10 @@ class Made:
     fitted: Fitted
     scenario: Scenario
     roads: RoadMap
-    tracks: tuple[Track, ...]
+    tracks: tuple[RecordedTrack, ...]
 
 
-def made(roads: RoadMap, *tracks: Track, mode: Mode = "reactive", cavs: Sequence[str] = ("cav",)) -> Made:
+def made(roads: RoadMap, *tracks: RecordedTrack, mode: Mode = "reactive", cavs: Sequence[str] = ("cav",)) -> Made:
     """Fitted tracks and their scenario; a CAV far ahead of everybody is added."""
     everybody = (track("cav", 300.0 + 8.0 * seconds(), 0.0), *tracks)
     fitted = fit(everybody, matches_of(everybody, roads), roads, cavs, mode, DT_S)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mdrive_sumo.core.geometry import wrap_angles
-from real2sim.recording import Category, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack
 from testing.log_truth import Log
 
 
@@ -24,13 +24,13 @@ class Fault:
     observer: str
 
 
-def with_tracks(log: Log, observer: int, tracks: Sequence[Track]) -> Log:
+def with_tracks(log: Log, observer: int, tracks: Sequence[RecordedTrack]) -> Log:
     views = list(log.recording.views)
     views[observer] = replace(views[observer], tracks=tuple(tracks))
     return replace(log, recording=replace(log.recording, views=tuple(views)))
 
 
-def without(track: Track, frames: np.ndarray) -> Track:
+def without(track: RecordedTrack, frames: np.ndarray) -> RecordedTrack:
     """The track, not there in some frames."""
     gone = np.zeros(len(track.x), dtype=np.bool_)
     gone[frames] = True
@@ -38,7 +38,7 @@ def without(track: Track, frames: np.ndarray) -> Track:
     return replace(track, valid=track.valid & ~gone, **hidden)
 
 
-def number_of(track: Track) -> int:
+def number_of(track: RecordedTrack) -> int:
     return int(track.id) - 100
 
 
@@ -48,7 +48,7 @@ NOTHING: Avoid = frozenset()
 
 
 def picked(
-    log: Log, rng: np.random.Generator, count: int, suits: Callable[[Track], bool], avoid: Avoid
+    log: Log, rng: np.random.Generator, count: int, suits: Callable[[RecordedTrack], bool], avoid: Avoid
 ) -> list[tuple[int, int]]:
     """(view, track) of some different true things that suit."""
     found = [
@@ -72,7 +72,7 @@ def plant_duplicates(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 5
         view = log.recording.views[v]
         track = view.tracks[t]
         frames = track.frames[: int(rng.integers(20, track.valid.sum()))]
-        off = rng.normal(0, 0.08, 2) if track.category is Category.PEDESTRIAN else rng.normal(0, 0.2, 2)
+        off = rng.normal(0, 0.08, 2) if track.category is ObjectCategory.PEDESTRIAN else rng.normal(0, 0.2, 2)
         copy = without(track, np.setdiff1d(np.arange(len(track.x)), frames))
         copy = replace(copy, id=f"{9000 + len(faults)}", x=copy.x + off[0], y=copy.y + off[1])
         log = with_tracks(log, v, [*view.tracks, copy])
@@ -102,7 +102,7 @@ def plant_id_flips(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 5) 
     return log, faults
 
 
-def swapped(track: Track, a: Track, b: Track, frame: int) -> Track:
+def swapped(track: RecordedTrack, a: RecordedTrack, b: RecordedTrack, frame: int) -> RecordedTrack:
     if track.id not in (a.id, b.id):
         return track
     other = b if track.id == a.id else a
@@ -148,7 +148,7 @@ def plant_ego_ghosts(log: Log, seed: int, avoid: Avoid = NOTHING) -> Planted:
     return log, faults
 
 
-def is_own(thing: Track, view: View) -> bool:
+def is_own(thing: RecordedTrack, view: ObserverView) -> bool:
     away = np.hypot(thing.x - view.pose[:, 0], thing.y - view.pose[:, 1])
     return bool(np.median(away) < 1.0)
 
@@ -158,7 +158,7 @@ def plant_headings(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 6) 
     rng = np.random.default_rng(seed)
     faults: list[Fault] = []
     for v, t in picked(
-        log, rng, count, lambda track: track.valid.all() and track.category is not Category.PEDESTRIAN, avoid
+        log, rng, count, lambda track: track.valid.all() and track.category is not ObjectCategory.PEDESTRIAN, avoid
     ):
         view = log.recording.views[v]
         track = view.tracks[t]
@@ -197,10 +197,10 @@ PLANTS: dict[str, Callable[[Log, int, Avoid], Planted]] = {
 }
 
 
-def tracks_of(tracks: Sequence[Track], thing: Track) -> list[Track]:
+def tracks_of(tracks: Sequence[RecordedTrack], thing: RecordedTrack) -> list[RecordedTrack]:
     """All tracks of the result that lie on a true thing."""
-    reach = 0.4 if thing.category is Category.PEDESTRIAN else 1.0
-    found: list[Track] = []
+    reach = 0.4 if thing.category is ObjectCategory.PEDESTRIAN else 1.0
+    found: list[RecordedTrack] = []
     for track in tracks:
         both = track.valid & thing.valid
         if both.any() and np.median(np.hypot(track.x - thing.x, track.y - thing.y)[both]) < reach:

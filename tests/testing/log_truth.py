@@ -7,10 +7,10 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
 from real2sim.hd_map import HdMap
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT = 0.1
-SIZES = {Category.CAR: (4.6, 1.85), Category.TRUCK: (8.5, 2.5), Category.PEDESTRIAN: (0.5, 0.5)}
+SIZES = {ObjectCategory.CAR: (4.6, 1.85), ObjectCategory.TRUCK: (8.5, 2.5), ObjectCategory.PEDESTRIAN: (0.5, 0.5)}
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Log:
     """A recording and what really happened: `names[k]` is the id of truth k in all views."""
 
     recording: Recording
-    truth: tuple[Track, ...]
+    truth: tuple[RecordedTrack, ...]
 
 
 def profile(rng: np.random.Generator, frames: int) -> Float:
@@ -44,10 +44,10 @@ def along_bend(s: Float, radius: float, before: float) -> tuple[Float, Float, Fl
     return np.interp(s, fine, x - x[240]), np.interp(s, fine, y - y[240]), np.interp(s, fine, yaw)
 
 
-def truth(seed: int, vehicles: int = 60, walkers: int = 12, frames: int = 100) -> tuple[Track, ...]:
+def truth(seed: int, vehicles: int = 60, walkers: int = 12, frames: int = 100) -> tuple[RecordedTrack, ...]:
     """Platoons on lanes 3.5 m apart (straight and bending), a row of parked cars 2.6 m apart, walkers in pairs."""
     rng = np.random.default_rng(seed)
-    tracks: list[Track] = []
+    tracks: list[RecordedTrack] = []
     lane = 0
     while len(tracks) < vehicles - 10:
         s, bend = profile(rng, frames), rng.random() < 0.5
@@ -56,14 +56,14 @@ def truth(seed: int, vehicles: int = 60, walkers: int = 12, frames: int = 100) -
         s = s * (4.5 / 13 if bend else 1.0)
         radius, base = 15.0 - 3.5 * row, np.array((0.0, 70.0 * block))
         for place in range(min(5, vehicles - 10 - len(tracks))):
-            category = Category.TRUCK if rng.random() < 0.1 else Category.CAR
+            category = ObjectCategory.TRUCK if rng.random() < 0.1 else ObjectCategory.CAR
             way = s - 13.0 * place
             x, y, yaw = along_bend(way, radius, 30.0) if bend else (way, np.zeros(frames), np.zeros(frames))
             tracks.append(made(len(tracks), category, (x + base[0], y + base[1] + 3.5 * row, yaw)))
         lane += 1
     for place in range(vehicles - len(tracks)):
         pose = (np.full(frames, -30.0 + 2.6 * place), np.full(frames, -15.0), np.full(frames, np.pi / 2))
-        tracks.append(made(len(tracks), Category.CAR, pose))
+        tracks.append(made(len(tracks), ObjectCategory.CAR, pose))
     t = np.arange(frames) * DT
     for n in range(walkers):
         pair, beside = divmod(n, 2)
@@ -71,18 +71,18 @@ def truth(seed: int, vehicles: int = 60, walkers: int = 12, frames: int = 100) -
         goes = t * speed + 0.4 * np.sin(t * 0.5)
         x = 5 * pair + goes * np.cos(angle) - 0.8 * beside * np.sin(angle)
         y = -30 + goes * np.sin(angle) + 0.8 * beside * np.cos(angle)
-        tracks.append(made(len(tracks), Category.PEDESTRIAN, (x, y, np.full(frames, angle))))
+        tracks.append(made(len(tracks), ObjectCategory.PEDESTRIAN, (x, y, np.full(frames, angle))))
     return tuple(tracks)
 
 
-def made(number: int, category: Category, pose: tuple[Float, Float, Float]) -> Track:
+def made(number: int, category: ObjectCategory, pose: tuple[Float, Float, Float]) -> RecordedTrack:
     frames = len(pose[0])
     length, width = SIZES[category]
     full = np.full(frames, 1.0)
-    return Track(f"{100 + number}", category, full > 0, *pose, length * full, width * full)
+    return RecordedTrack(f"{100 + number}", category, full > 0, *pose, length * full, width * full)
 
 
-def alone(things: Sequence[Track], seed: int, noise: float = 1.0) -> Log:
+def alone(things: Sequence[RecordedTrack], seed: int, noise: float = 1.0) -> Log:
     """What one all-seeing observer without a pose records: there is nobody to correct it."""
     frames = len(things[0].x)
     view = seen(things, "log", np.zeros((frames, 3)), (np.random.default_rng(seed + 20_000), noise), reach=1e6)
@@ -90,7 +90,7 @@ def alone(things: Sequence[Track], seed: int, noise: float = 1.0) -> Log:
     return Log(recording, tuple(things))
 
 
-def observed(things: Sequence[Track], seed: int, noise: float = 1.0, cavs: Sequence[int] = (0, 7)) -> Log:
+def observed(things: Sequence[RecordedTrack], seed: int, noise: float = 1.0, cavs: Sequence[int] = (0, 7)) -> Log:
     """What two CAVs and two posts record: ids shared, own boxes missing, sizes and centres off by observer, range 90 m.
 
     `noise` scales everything that is uncertain; with 0 all observers tell the truth and walkers' headings are right.
@@ -98,7 +98,7 @@ def observed(things: Sequence[Track], seed: int, noise: float = 1.0, cavs: Seque
     rng = np.random.default_rng(seed + 10_000)
     frames = len(things[0].x)
     posts = [("-1", (10.0, 30.0)), ("-2", (40.0, 90.0))]
-    views: list[View] = []
+    views: list[ObserverView] = []
     for number, cav in enumerate(cavs):
         own = things[cav]
         pose = np.column_stack((own.x, own.y, own.yaw))
@@ -115,22 +115,22 @@ def observed(things: Sequence[Track], seed: int, noise: float = 1.0, cavs: Seque
 
 
 def seen(
-    things: Sequence[Track],
+    things: Sequence[RecordedTrack],
     observer: str,
     pose: Float,
     uncertainty: tuple[np.random.Generator, float],
     skip: int = -1,
     reach: float = 90.0,
-) -> View:
+) -> ObserverView:
     rng, noise = uncertainty
-    tracks: list[Track] = []
+    tracks: list[RecordedTrack] = []
     for n, thing in enumerate(things):
         near = np.hypot(thing.x - pose[:, 0], thing.y - pose[:, 1]) < reach
         if n == skip or near.sum() < 5:
             continue
         off, jitter = rng.normal(0, 0.1 * noise, 2), rng.normal(0, 0.03 * noise, (2, len(thing.x)))
         scale = 1 + noise * rng.uniform(-0.06, 0.06)
-        walker = thing.category is Category.PEDESTRIAN
+        walker = thing.category is ObjectCategory.PEDESTRIAN
         turned = rng.uniform(-np.pi, np.pi, len(thing.x)) if walker else rng.normal(0, 0.01, len(thing.x))
         columns = {
             "x": thing.x + off[0] + jitter[0],
@@ -141,4 +141,4 @@ def seen(
         }
         hidden = {name: np.where(near, values, np.nan) for name, values in columns.items()}
         tracks.append(replace(thing, valid=near, **hidden))
-    return View(observer, tuple(tracks), pose, observer.startswith("-"))
+    return ObserverView(observer, tuple(tracks), pose, observer.startswith("-"))

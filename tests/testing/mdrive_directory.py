@@ -7,7 +7,7 @@ from typing import Any
 
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.readers.mdrive import read_mdrive
-from real2sim.scene import Scene
+from real2sim.scene import SourceScene
 from testing.made_up_town import make_town
 
 Waypoint = tuple[float, ...]
@@ -58,7 +58,7 @@ class Directory:
             (self.folder / "actors_behavior.json").write_text(json.dumps({"behaviors": self.behaviors}))
         return self.folder
 
-    def read(self) -> Scene:
+    def read(self) -> SourceScene:
         return read_mdrive(self.write(), self.towns)
 
     def actor(self) -> Actor:

@@ -9,12 +9,12 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, load
 from mdrive_sumo.scenario.background import Mode
 from mdrive_sumo.scenario.scenario import Scenario
-from real2sim.clean import clean
+from real2sim.clean import clean_recording
 from real2sim.fit import Fitted, choose_cavs, fit
-from real2sim.match import match
+from real2sim.match import match_track
 from real2sim.network import build_network
 from real2sim.readers.interaction import read_interaction
-from real2sim.recording import Recording, Track
+from real2sim.recording import RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct
 from tests.real2sim.network.test_netbuild_real import LOGS, READ
 
@@ -27,7 +27,7 @@ class FittedLog:
     fitted: Fitted
     scenario: Scenario
     roads: RoadMap
-    tracks: tuple[Track, ...]
+    tracks: tuple[RecordedTrack, ...]
     dt_s: float
 
 
@@ -42,11 +42,11 @@ def recording(name: str) -> Recording:
 def fitted_log(name: str, folder: Path, mode: Mode = "reactive") -> FittedLog:
     """A real log as a scenario on its network in `folder`."""
     source = recording(name)
-    cleaned = clean(source)
+    cleaned = clean_recording(source)
     poses = {one.id: np.column_stack((one.x, one.y, one.yaw)) for one in cleaned.tracks if vehicle(one)}
     build_network(source.map, list(poses.values()), folder / name, name, source.dt_s)
     roads, tracks = load(folder / name), reconstruct(cleaned.tracks, source.dt_s)
-    matches = {one.id: match(np.column_stack((one.x, one.y, one.yaw)), roads) for one in tracks if vehicle(one)}
+    matches = {one.id: match_track(np.column_stack((one.x, one.y, one.yaw)), roads) for one in tracks if vehicle(one)}
     cavs = choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
     fitted = fit(tracks, matches, roads, cavs, mode, source.dt_s)
     scenario = Scenario(
@@ -61,5 +61,5 @@ def fitted_log(name: str, folder: Path, mode: Mode = "reactive") -> FittedLog:
     return FittedLog(fitted, scenario, roads, tracks, source.dt_s)
 
 
-def vehicle(track: Track) -> bool:
+def vehicle(track: RecordedTrack) -> bool:
     return track.category.kind is Kind.VEHICLE

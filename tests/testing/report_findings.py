@@ -8,14 +8,14 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import load
-from real2sim.clean import clean
-from real2sim.clean.cleaning_report import Change, CleaningReport, Reason
-from real2sim.findings import Findings
+from real2sim.clean import clean_recording
+from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
+from real2sim.findings import ConversionFindings
 from real2sim.fit.disposition import Became, Role
 from real2sim.network import build_network
 from real2sim.quality import Converted, assess
 from real2sim.quality.lane_segment_index import LaneIndex
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.traffic_fidelity import Closeness, ErrorAt
 from testing.map_faults import lane, lanes_map
@@ -25,10 +25,12 @@ HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>&"
 """Breaks out of text and of attributes of both kinds if anything lets it."""
 
 
-def track(id_: str, x: Float, y: Float, category: Category = Category.CAR, parked: bool = False) -> Track:
+def track(
+    id_: str, x: Float, y: Float, category: ObjectCategory = ObjectCategory.CAR, parked: bool = False
+) -> RecordedTrack:
     n = len(x)
-    size = (0.6, 0.6) if category is Category.PEDESTRIAN else (4.5, 1.8)
-    return Track(
+    size = (0.6, 0.6) if category is ObjectCategory.PEDESTRIAN else (4.5, 1.8)
+    return RecordedTrack(
         id=id_,
         category=category,
         valid=np.ones(n, dtype=np.bool_),
@@ -41,7 +43,7 @@ def track(id_: str, x: Float, y: Float, category: Category = Category.CAR, parke
     )
 
 
-def log_of(tracks: tuple[Track, ...], cavs: tuple[str, ...] = (), name: str = "log") -> Recording:
+def log_of(tracks: tuple[RecordedTrack, ...], cavs: tuple[str, ...] = (), name: str = "log") -> Recording:
     """Tracks along a straight road of two lanes that runs along x."""
     road = lanes_map(
         lane("west", [(-50.0, 0.0), (150.0, 0.0)], ("east",), width=3.5, right_neighbour="slow"),
@@ -49,12 +51,14 @@ def log_of(tracks: tuple[Track, ...], cavs: tuple[str, ...] = (), name: str = "l
         lane("slow", [(-50.0, -3.5), (150.0, -3.5)], width=3.5, left_neighbour="west"),
     )
     frames = len(tracks[0].valid)
-    return Recording(name, "by hand", DT, frames, (View("log", tracks),), road, cavs, notes=(f"a note {HOSTILE}",))
+    return Recording(
+        name, "by hand", DT, frames, (ObserverView("log", tracks),), road, cavs, notes=(f"a note {HOSTILE}",)
+    )
 
 
-def findings_of(recording: Recording, folder: Path) -> Findings:
+def findings_of(recording: Recording, folder: Path) -> ConversionFindings:
     """Everything the pipeline does before the fit."""
-    cleaned = clean(recording)
+    cleaned = clean_recording(recording)
     vehicles = [one for one in cleaned.tracks if one.category.kind is Kind.VEHICLE]
     motions = [np.column_stack((one.x, one.y, one.yaw)) for one in vehicles]
     network = build_network(recording.map, motions, folder / "network", "by-hand", DT)
@@ -63,10 +67,10 @@ def findings_of(recording: Recording, folder: Path) -> Findings:
     roads = load(folder / "network")
     lanes = LaneIndex.of_lines([lane.centre.xy for lane in roads.driving], [True] * len(roads.driving))
     quality = assess(Converted(recording.id, DT, tracks, raw, lanes))
-    return Findings(recording.id, recording, cleaned, tracks, quality, network, roads)
+    return ConversionFindings(recording.id, recording, cleaned, tracks, quality, network, roads)
 
 
-def small_findings(folder: Path) -> Findings:
+def small_findings(folder: Path) -> ConversionFindings:
     """A CAV, a car that is too fast, one of a hostile name that passes, a walker, a parked car."""
     t = np.arange(60) * DT
     still = np.zeros(60)
@@ -74,11 +78,14 @@ def small_findings(folder: Path) -> Findings:
         track("cav", 10 * t, still),
         track("fast", 36 * t - 40, still - 3.5),
         track(HOSTILE, 8 * t + 30, still),
-        track("walker", 20 + 1.2 * t, still + 4, Category.PEDESTRIAN),
+        track("walker", 20 + 1.2 * t, still + 4, ObjectCategory.PEDESTRIAN),
         track("parked", still + 60, still - 6, parked=True),
     )
     found = findings_of(log_of(tracks, ("cav",), f"log {HOSTILE}"), folder)
-    changes = (*found.cleaned.report.changes, Change(Reason.TELEPORT, "fast", 3, f"2.10 m to the side {HOSTILE}"))
+    changes = (
+        *found.cleaned.report.changes,
+        TrackChange(ChangeReason.TELEPORT, "fast", 3, f"2.10 m to the side {HOSTILE}"),
+    )
     roles = {
         "cav": Role(Became.CAV),
         "fast": Role(Became.ACTOR, f"it leaves the road {HOSTILE}"),

@@ -9,12 +9,12 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
-from real2sim.clean import Cleaned, clean
+from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.readers.v2xpnp import read_v2xpnp
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.stationary import moves
-from real2sim.writers.observation_noise import Noise, numbered, observe
+from real2sim.writers.observation_noise import ObservationNoise, assign_numbers, simulate_observers
 from real2sim.writers.v2xpnp import write_views
 
 NEAR_M = 1.0
@@ -23,19 +23,19 @@ WALKER_M = 0.6
 COVERED = 0.9
 LONG_FRAMES = 10
 """Who is seen by anybody in fewer frames was not visible long enough."""
-USUAL = Noise()
+USUAL = ObservationNoise()
 
 
 @dataclass(frozen=True)
 class Trip:
     """There and back. `truth` has the numbers of the files as ids."""
 
-    truth: tuple[Track, ...]
+    truth: tuple[RecordedTrack, ...]
     seen: dict[str, Bool]
     """Of every thing, in which frames anybody noted it (T,)."""
     read: Recording
-    cleaned: Cleaned
-    tracks: tuple[Track, ...]
+    cleaned: CleanedRecording
+    tracks: tuple[RecordedTrack, ...]
 
     @cached_property
     def owners(self) -> dict[str, str]:
@@ -48,20 +48,20 @@ class Trip:
                 found[track.id] = nearest
         return found
 
-    def on(self, thing: Track) -> list[Track]:
+    def on(self, thing: RecordedTrack) -> list[RecordedTrack]:
         """Tracks of the result that lie on a thing."""
         return [track for track in self.tracks if self.owners.get(track.id) == thing.id]
 
     @property
-    def visible(self) -> list[Track]:
+    def visible(self) -> list[RecordedTrack]:
         """Vehicles that move and were seen long enough."""
         moving = (thing for thing in self.truth if thing.category.kind is Kind.VEHICLE and not thing.parked)
         return [thing for thing in moving if self.seen[thing.id].sum() >= LONG_FRAMES]
 
     @property
-    def found(self) -> list[tuple[Track, Track]]:
+    def found(self) -> list[tuple[RecordedTrack, RecordedTrack]]:
         """Visible vehicles with one track alone that covers nine tenths of the frames in which they were seen."""
-        pairs: list[tuple[Track, Track]] = []
+        pairs: list[tuple[RecordedTrack, RecordedTrack]] = []
         for thing in self.visible:
             on, seen = self.on(thing), self.seen[thing.id]
             if len(on) == 1 and (on[0].valid & seen).sum() >= COVERED * seen.sum():
@@ -92,32 +92,32 @@ class Trip:
         return np.concatenate(gaps) if gaps else np.zeros(0)
 
 
-def apart_m(track: Track, thing: Track) -> float:
+def apart_m(track: RecordedTrack, thing: RecordedTrack) -> float:
     """Median distance [m] while both are there; infinite if they never are."""
     both = track.valid & thing.valid
     return float(np.median(np.hypot(*(track.xy - thing.xy)[both].T))) if both.any() else np.inf
 
 
-def reach_m(thing: Track) -> float:
-    return WALKER_M if thing.category is Category.PEDESTRIAN else NEAR_M
+def reach_m(thing: RecordedTrack) -> float:
+    return WALKER_M if thing.category is ObjectCategory.PEDESTRIAN else NEAR_M
 
 
 def there_and_back(
-    truth: Recording, folder: Path, map_file: Path | None = None, noise: Noise | None = USUAL, seed: int = 0
+    truth: Recording, folder: Path, map_file: Path | None = None, noise: ObservationNoise | None = USUAL, seed: int = 0
 ) -> Trip:
-    """Writes the log of a known scene (see `observe`), and makes tracks of it again."""
-    views = observe(truth, noise, seed)
+    """Writes the log of a known scene (see `simulate_observers`), and makes tracks of it again."""
+    views = simulate_observers(truth, noise, seed)
     write_views(views, folder)
-    names = numbered(truth)
+    names = assign_numbers(truth)
     things = tuple(replace(track, id=names[track.id]) for track in truth.views[0].tracks)
     carried = {names[cav] for cav in truth.cavs}
     read = read_v2xpnp(folder, (map_file,) if map_file else ())
-    cleaned = clean(read)
+    cleaned = clean_recording(read)
     seen = {thing.id: _seen(views.views, thing, carried) for thing in things}
     return Trip(things, seen, read, cleaned, reconstruct(cleaned.tracks, read.dt_s))
 
 
-def _seen(views: Sequence[View], thing: Track, carried: set[str]) -> Bool:
+def _seen(views: Sequence[ObserverView], thing: RecordedTrack, carried: set[str]) -> Bool:
     """(T,) whether anybody noted it; whoever observes is known to itself."""
     noted = [track.valid for view in views for track in view.tracks if track.id == thing.id]
     return np.any([*noted, np.full(len(thing.x), thing.id in carried)], axis=0)
@@ -126,7 +126,7 @@ def _seen(views: Sequence[View], thing: Track, carried: set[str]) -> Bool:
 def windowed(recording: Recording, frames: slice) -> Recording:
     """Some frames of a log."""
 
-    def cut(track: Track) -> Track:
+    def cut(track: RecordedTrack) -> RecordedTrack:
         columns = ("valid", "x", "y", "yaw", "length", "width")
         return track.with_rows(**{name: getattr(track, name)[frames] for name in columns})
 
@@ -139,19 +139,20 @@ def windowed(recording: Recording, frames: slice) -> Recording:
 
 def as_truth(recording: Recording, stations: int = 2) -> Recording:
     """A log as a known scene: its cleaned, smooth tracks, two of them CAVs, and stations in its midst."""
-    cleaned = clean(recording)
+    cleaned = clean_recording(recording)
     tracks = reconstruct(cleaned.tracks, recording.dt_s)
     tracks = tuple(replace(track, parked=not moves(track, recording.dt_s)) for track in tracks)
     whole = [t for t in tracks if t.valid.all() and t.category.kind is Kind.VEHICLE and np.nanmedian(t.length) < 6.5]
     movers = sorted(whole, key=lambda t: -float(np.ptp(t.xy, axis=0).max()))[:2]
     middle = np.nanmedian(np.concatenate([t.xy for t in tracks]), axis=0)
     posts = [
-        View(f"post{n}", (), np.tile((*(middle + 20.0 * n), 0.0), (recording.frames, 1)), True) for n in range(stations)
+        ObserverView(f"post{n}", (), np.tile((*(middle + 20.0 * n), 0.0), (recording.frames, 1)), True)
+        for n in range(stations)
     ]
-    return replace(recording, dt_s=0.1, views=(View("log", tracks), *posts), cavs=tuple(t.id for t in movers))
+    return replace(recording, dt_s=0.1, views=(ObserverView("log", tracks), *posts), cavs=tuple(t.id for t in movers))
 
 
-def motions_of(tracks: Sequence[Track]) -> list[Float]:
+def motions_of(tracks: Sequence[RecordedTrack]) -> list[Float]:
     """Poses (T, 3) of the vehicles that are not parked."""
     moving = (track for track in tracks if track.category.kind is Kind.VEHICLE and not track.parked)
     return [np.column_stack((track.x, track.y, track.yaw)) for track in moving]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
@@ -31,11 +31,11 @@ def track(
     x: float,
     y: float,
     speed: float,
-    category: Category = Category.CAR,
+    category: ObjectCategory = ObjectCategory.CAR,
     size: tuple[float, float] = (4.5, 1.8),
-) -> Track:
+) -> RecordedTrack:
     full = np.ones(FRAMES)
-    return Track(
+    return RecordedTrack(
         id_,
         category,
         np.ones(FRAMES, dtype=np.bool_),
@@ -55,11 +55,11 @@ def recording() -> Recording:
         track("2", 30.0, 3.5, 9.0),
         track("11", 40.0, 0.0, 8.0),
         track("12", 15.0, 3.5, 8.0),
-        track("13", 50.0, -6.0, 1.2, Category.PEDESTRIAN, (0.6, 0.6)),
+        track("13", 50.0, -6.0, 1.2, ObjectCategory.PEDESTRIAN, (0.6, 0.6)),
         track("14", 70.0, -4.0, 0.0),
     )
     pose = np.tile((*STATION, 0.0), (FRAMES, 1))
-    views = (View("log", tracks), View("-1", (), pose, infrastructure=True))
+    views = (ObserverView("log", tracks), ObserverView("-1", (), pose, infrastructure=True))
     return Recording("small", "test", DT_S, FRAMES, views, road(), ("1", "2"))
 
 

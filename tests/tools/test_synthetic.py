@@ -13,21 +13,35 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Fram
 from mdrive_sumo.episode import Ending, Recorder
 from mdrive_sumo.roads import RoadMap, load, network_folder
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay
-from tools.synthetic_recordings.record_drive import LATEST_S, LEAST_M, PLACES, WARM_UP_S, WINDOW_S, Drive, window_of
-from tools.synthetic_recordings.roadside_poses import cycling, kerb_lanes, parking, walking, zebras
-from tools.synthetic_recordings.scripted_people import People, people
-from tools.synthetic_recordings.traffic import APART_M, cavs, traffic
+from tools.synthetic_recordings.record_drive import (
+    LATEST_START_S,
+    MIN_DISTANCE_M,
+    RECORDING_SITES,
+    WARM_UP_S,
+    WINDOW_S,
+    RecordedDrive,
+    find_window,
+)
+from tools.synthetic_recordings.roadside_poses import (
+    compute_cycling_pose,
+    compute_parking_pose,
+    compute_walking_pose,
+    find_crossings,
+    find_kerb_lanes,
+)
+from tools.synthetic_recordings.scripted_people import PopulationCounts, build_people
+from tools.synthetic_recordings.traffic import APART_M, build_cavs, build_traffic
 
-CROWD = People(walkers=12, waiting=4, crossing=12, cyclists=4, parked=20)
+CROWD = PopulationCounts(walkers=12, waiting=4, crossing=12, cyclists=4, parked=20)
 
 
-@pytest.fixture(params=sorted(PLACES))
+@pytest.fixture(params=sorted(RECORDING_SITES))
 def roads(request: pytest.FixtureRequest) -> RoadMap:
-    return load(network_folder(PLACES[request.param].network))
+    return load(network_folder(RECORDING_SITES[request.param].network))
 
 
 def crowd(roads: RoadMap, seed: int = 0) -> tuple[Actor, ...]:
-    return people(roads, CROWD, 30.0, np.random.default_rng(seed))
+    return build_people(roads, CROWD, 30.0, np.random.default_rng(seed))
 
 
 def of(actors: tuple[Actor, ...], name: str) -> list[Actor]:
@@ -41,17 +55,19 @@ def surface(roads: RoadMap) -> shapely.MultiPolygon:
 
 def test_people_walk_on_pavements_and_others_keep_between_them_and_the_lanes(roads: RoadMap) -> None:
     pavement, road = shapely.MultiPolygon([shapely.Polygon(p).buffer(0) for p in roads.pavements]), surface(roads)
-    for lane in kerb_lanes(roads):
+    for lane in find_kerb_lanes(roads):
         middle = lane.centre.length / 2
         for aside in (-1.0, 0.0, 1.0):
-            assert pavement.distance(shapely.Point(walking(lane, middle, aside)[:2])) < 0.05
-        parked, rides = (shapely.Point(place(lane, middle)[:2]) for place in (parking, cycling))
+            assert pavement.distance(shapely.Point(compute_walking_pose(lane, middle, aside)[:2])) < 0.05
+        parked, rides = (
+            shapely.Point(place(lane, middle)[:2]) for place in (compute_parking_pose, compute_cycling_pose)
+        )
         assert min(pavement.distance(parked), road.distance(parked)) > 0.9  # half a car
         assert min(pavement.distance(rides), road.distance(rides)) > 0.3  # half a cyclist
 
 
 def test_crossings_are_those_of_the_network_and_know_their_lights(roads: RoadMap) -> None:
-    found = zebras(roads)
+    found = find_crossings(roads)
     for zebra, (line, _) in zip(found, roads.crossings, strict=True):
         np.testing.assert_array_equal(zebra.line, line[[0, -1]])
         for begin, end in zebra.green:
@@ -61,7 +77,7 @@ def test_crossings_are_those_of_the_network_and_know_their_lights(roads: RoadMap
 
 def test_lights_let_people_cross_only_while_cars_from_that_road_wait() -> None:
     """Phases of the net: people cross the eastern arm while the north and the south have green, 22 to 31 s."""
-    found = zebras(load(network_folder("city_crossing")))
+    found = find_crossings(load(network_folder("city_crossing")))
     (east,) = (zebra for zebra in found if zebra.line[:, 0].min() > 10.0)
     (north,) = (zebra for zebra in found if zebra.line[:, 1].min() > 10.0)
     assert (east.green, east.cycle_s) == (((22.0, 31.0),), 44.0)
@@ -83,7 +99,7 @@ def test_nobody_crosses_against_the_light(roads: RoadMap) -> None:
         (_, begin_s, _), stays = (pose[0] for pose in actor.motion.poses), actor.motion.stays
         assert stays
         way = shapely.LineString([pose[1:3] for pose in actor.motion.poses[1:]])
-        (zebra,) = (zebra for zebra in zebras(roads) if shapely.LineString(zebra.line).distance(way) < 1.31)
+        (zebra,) = (zebra for zebra in find_crossings(roads) if shapely.LineString(zebra.line).distance(way) < 1.31)
         moment = begin_s % zebra.cycle_s if zebra.green else 0.0
         assert not zebra.green or any(begin <= moment < end for begin, end in zebra.green)
 
@@ -95,7 +111,7 @@ def test_walkers_keep_to_the_pavement_for_as_long_as_a_drive_may_last(roads: Roa
         assert isinstance(actor.motion, AlongPath)
         way = shapely.LineString(actor.motion.points)
         assert max(pavement.distance(shapely.Point(point)) for point in actor.motion.points) < 0.1
-        assert way.length > (LATEST_S + WINDOW_S) * actor.motion.speed
+        assert way.length > (LATEST_START_S + WINDOW_S) * actor.motion.speed
 
 
 def test_cyclists_ride_where_nobody_parks(roads: RoadMap) -> None:
@@ -118,7 +134,7 @@ def test_parked_vehicles_do_not_overlap(roads: RoadMap) -> None:
 def test_cavs_start_apart_on_one_axis_before_a_junction_and_many_turn(roads: RoadMap) -> None:
     turns = 0
     for seed in range(20):
-        one, other = cavs(roads, 2, np.random.default_rng(seed))
+        one, other = build_cavs(roads, 2, np.random.default_rng(seed))
         assert math.hypot(one.start.x - other.start.x, one.start.y - other.start.y) > APART_M
         assert abs(math.cos(one.start.yaw - other.start.yaw)) > 0.7
         for ego in (one, other):
@@ -131,8 +147,8 @@ def test_cavs_start_apart_on_one_axis_before_a_junction_and_many_turn(roads: Roa
 
 def test_traffic_has_ways_and_keeps_away_from_the_cavs(roads: RoadMap) -> None:
     rng = np.random.default_rng(0)
-    egos = cavs(roads, 2, rng)
-    found = traffic(roads, egos, 15, 30.0, rng)
+    egos = build_cavs(roads, 2, rng)
+    found = build_traffic(roads, egos, 15, 30.0, rng)
     early = [vehicle for vehicle in found if vehicle.depart_s == 0.0]
     assert len(early) == 15
     assert all(0.0 < vehicle.depart_s < 30.0 for vehicle in found[15:])
@@ -148,7 +164,7 @@ def test_traffic_has_ways_and_keeps_away_from_the_cavs(roads: RoadMap) -> None:
         assert min(math.hypot(x - ego.start.x, y - ego.start.y) for ego in egos) > APART_M
 
 
-def drive(*legs: tuple[float, float, float]) -> Drive:
+def drive(*legs: tuple[float, float, float]) -> RecordedDrive:
     """A CAV that goes so many seconds at a speed [m/s] and yaw rate [rad/s]."""
     recorder, tick, x, y, yaw = Recorder("straight", {}, {"0": (4.9, 2.06)}), 0, 0.0, 0.0, 0.0
     for seconds, speed, rate in legs:
@@ -160,18 +176,18 @@ def drive(*legs: tuple[float, float, float]) -> Drive:
             y += speed * math.sin(yaw) / TICKS_PER_SECOND
             tick += 1
     episode = recorder.finish([Ending("0", tick - 1, End.ARRIVED)])
-    return Drive(straight_scenario(straight_ego("0")), straight_road(), episode)
+    return RecordedDrive(straight_scenario(straight_ego("0")), straight_road(), episode)
 
 
 def test_the_part_with_the_turn_is_kept() -> None:
-    start, end = window_of(drive((16.0, 5.0, 0.0), (3.0, 5.0, 0.5), (10.0, 5.0, 0.0))) or (0.0, 0.0)
+    start, end = find_window(drive((16.0, 5.0, 0.0), (3.0, 5.0, 0.5), (10.0, 5.0, 0.0))) or (0.0, 0.0)
     assert end - start == WINDOW_S
     assert start <= 16.0
     assert end >= 19.0
-    assert window_of(drive((30.0, 5.0, 0.0))) == (WARM_UP_S, WARM_UP_S + WINDOW_S)
+    assert find_window(drive((30.0, 5.0, 0.0))) == (WARM_UP_S, WARM_UP_S + WINDOW_S)
 
 
 def test_a_drive_without_a_part_in_which_the_cav_drives_is_of_no_use() -> None:
-    slow = (LEAST_M - 1.0) / WINDOW_S
-    assert window_of(drive((30.0, slow, 0.0))) is None
-    assert window_of(drive((WARM_UP_S + WINDOW_S - 1.0, 5.0, 0.0))) is None
+    slow = (MIN_DISTANCE_M - 1.0) / WINDOW_S
+    assert find_window(drive((30.0, slow, 0.0))) is None
+    assert find_window(drive((WARM_UP_S + WINDOW_S - 1.0, 5.0, 0.0))) is None

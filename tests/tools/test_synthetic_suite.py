@@ -15,46 +15,58 @@ from mdrive_sumo.scenario.catalog import SCENARIO_FILE, load_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import save_scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, Replay
-from tools.synthetic_recordings.build_suite import COUNT, SHARES, keep, kinds, make
-from tools.synthetic_recordings.candidate_selection import PAPER, Candidate, candidate, choose, means
-from tools.synthetic_recordings.convert_recording import Outcome, Task, convert, network_of, record
-from tools.synthetic_recordings.pose_thinning import AWAY_M, thinned
+from tools.synthetic_recordings.build_suite import COUNT, SHARES, build_suite, split_count, write_selection
+from tools.synthetic_recordings.candidate_selection import (
+    PAPER_MEANS,
+    SelectionCandidate,
+    build_candidate,
+    compute_means,
+    select_candidates,
+)
+from tools.synthetic_recordings.convert_recording import (
+    RecordingOutcome,
+    RecordingTask,
+    build_site_network,
+    convert_recording,
+    record_log,
+)
+from tools.synthetic_recordings.pose_thinning import AWAY_M, thin_scenario
 
 
-def one(name: str, group: str, *sums: float) -> Candidate:
-    return Candidate(name, group, (sums[0], sums[1], sums[2]), 1)
+def one(name: str, group: str, *sums: float) -> SelectionCandidate:
+    return SelectionCandidate(name, group, (sums[0], sums[1], sums[2]), 1)
 
 
 def test_those_are_chosen_whose_means_are_nearest_to_the_paper() -> None:
     far = [one(f"far{n}", "a", 90.0, 20.0, 60.0 + n) for n in range(4)]
     near = [one("near0", "a", 44.0, 61.0, 84.0), one("near1", "a", 47.0, 61.0, 84.0)]
     other = one("other", "b", 45.0, 60.0, 84.0)
-    chosen = choose([*far, *near, other], {"a": 2, "b": 1})
+    chosen = select_candidates([*far, *near, other], {"a": 2, "b": 1})
     assert [kept.id for kept in chosen] == ["near0", "near1", "other"]
-    assert np.abs(means(chosen) / PAPER - 1.0).max() < 0.02
-    assert len(choose(far, {"a": 9})) == 4
+    assert np.abs(compute_means(chosen) / PAPER_MEANS - 1.0).max() < 0.02
+    assert len(select_candidates(far, {"a": 9})) == 4
 
 
 def test_means_are_over_cavs_and_actors_over_scenarios() -> None:
-    two = Candidate("two", "a", (80.0, 90.0, 80.0), 2)
-    assert means([two, one("one", "a", 40.0, 0.0, 90.0)]).tolist() == [40.0, 30.0, 85.0]
+    two = SelectionCandidate("two", "a", (80.0, 90.0, 80.0), 2)
+    assert compute_means([two, one("one", "a", 40.0, 0.0, 90.0)]).tolist() == [40.0, 30.0, 85.0]
 
 
 def test_a_candidate_counts_everything_but_cavs_and_stations() -> None:
     ego = straight_ego("0")
     thing = Actor(id="thing", kind="static", length=1.0, width=1.0, start=Pose(x=0.0, y=9.0, yaw=0.0))
-    found = candidate(straight_scenario(ego).model_copy(update={"actors": (thing,)}), "a")
+    found = build_candidate(straight_scenario(ego).model_copy(update={"actors": (thing,)}), "a")
     assert (found.cavs, found.sums[2]) == (1, 1.0)
     assert found.sums[0] == pytest.approx(float(np.hypot(*np.diff(ego.xy, axis=0).T).sum()))
 
 
 @pytest.mark.parametrize("count", [1, 5, 10, 67])
 def test_kinds_add_up_to_the_count(count: int) -> None:
-    assert sum(kinds(count).values()) == count
+    assert sum(split_count(count).values()) == count
 
 
 def test_the_whole_bucket_has_the_papers_number_of_cavs() -> None:
-    assert kinds(COUNT) == SHARES
+    assert split_count(COUNT) == SHARES
     assert sum(cavs * number for (_, cavs), number in SHARES.items()) / COUNT == pytest.approx(1.80, abs=0.01)
 
 
@@ -67,7 +79,7 @@ def walk(wiggle: float) -> Actor:
 @pytest.mark.parametrize("wiggle", [0.0, 0.5])
 def test_thinned_replays_go_the_same_way(wiggle: float) -> None:
     scenario = straight_scenario(straight_ego("0")).model_copy(update={"actors": (walk(wiggle),)})
-    (thin,) = thinned(scenario).actors
+    (thin,) = thin_scenario(scenario).actors
     before, after = walk(wiggle).motion, thin.motion
     assert isinstance(before, Replay)
     assert isinstance(after, Replay)
@@ -85,18 +97,18 @@ def test_thinned_schedules_go_as_fast() -> None:
     vehicle = BackgroundVehicle(id="v", depart_s=0.0, edges=("e",), schedule=Schedule(progress=progress))
     scenario = straight_scenario(straight_ego("0"))
     background = Background(vehicles=(vehicle, vehicle.model_copy(update={"id": "free", "schedule": None})))
-    thin = thinned(scenario.model_copy(update={"background": background})).background.vehicles
+    thin = thin_scenario(scenario.model_copy(update={"background": background})).background.vehicles
     assert thin[0].schedule is not None
     assert thin[0].schedule.progress == (progress[0], progress[5], progress[20])
     assert thin[1].schedule is None
 
 
-def outcome(folder: Path, number: int, problems: tuple[str, ...], ds: float) -> Outcome:
+def outcome(folder: Path, number: int, problems: tuple[str, ...], ds: float) -> RecordingOutcome:
     """A scenario in the folder, and what was found in it."""
-    task = Task("crossing", number, 1, 0, folder.with_name("work"), folder)
+    task = RecordingTask("crossing", number, 1, 0, folder.with_name("work"), folder)
     scenario = straight_scenario(straight_ego("0")).model_copy(update={"id": task.name})
     save_scenario(scenario, folder / task.name / SCENARIO_FILE)
-    return Outcome(task, (), Examination(task.name, problems, None, ds))
+    return RecordingOutcome(task, (), Examination(task.name, problems, None, ds))
 
 
 def test_what_does_not_pass_is_left_out_and_what_is_solved_comes_first(
@@ -109,7 +121,7 @@ def test_what_does_not_pass_is_left_out_and_what_is_solved_comes_first(
         outcome(folder, 2, (), 100.0),
         outcome(folder, 3, (), 100.0),
     ]
-    keep(folder, made, {"crossing 1": 2})
+    write_selection(folder, made, {"crossing 1": 2})
     suite = load_suite(str(folder))
     assert [scenario.id for scenario in suite.scenarios] == ["crossing_002", "crossing_003"]
     assert suite.about.checksum == suite.checksum()
@@ -119,15 +131,15 @@ def test_what_does_not_pass_is_left_out_and_what_is_solved_comes_first(
 def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "s").mkdir()
     with pytest.raises(InputError, match="s: expected a new folder, found something there"):
-        make(tmp_path / "s", 1, 0, 1)
+        build_suite(tmp_path / "s", 1, 0, 1)
 
 
-def converted(folder: Path) -> tuple[Path, Outcome]:
+def converted(folder: Path) -> tuple[Path, RecordingOutcome]:
     """One recording, made, converted and driven."""
-    task = Task("crossing", 4, 2, 0, folder / "work", folder / "suite")
-    assert record(task) == task.log
-    done = convert(replace(task, network=network_of([task])))
-    assert isinstance(done, Outcome), done
+    task = RecordingTask("crossing", 4, 2, 0, folder / "work", folder / "suite")
+    assert record_log(task) == task.log
+    done = convert_recording(replace(task, network=build_site_network([task])))
+    assert isinstance(done, RecordingOutcome), done
     return folder / "suite", done
 
 

@@ -21,14 +21,26 @@ from mdrive_sumo.generate.validation import FULL_SCORE
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, save_suite, sealed
 from mdrive_sumo.scenario.scenario import load_scenario
-from tools.synthetic_recordings.candidate_selection import Candidate, candidate, choose, means
-from tools.synthetic_recordings.convert_recording import ABOUT, Outcome, Task, convert, network_of, record
-from tools.synthetic_recordings.record_drive import PLACES
+from tools.synthetic_recordings.candidate_selection import (
+    SelectionCandidate,
+    build_candidate,
+    compute_means,
+    select_candidates,
+)
+from tools.synthetic_recordings.convert_recording import (
+    ABOUT,
+    RecordingOutcome,
+    RecordingTask,
+    build_site_network,
+    convert_recording,
+    record_log,
+)
+from tools.synthetic_recordings.record_drive import RECORDING_SITES
 
 COUNT = 67
 SHARES = {("crossing", 2): 28, ("crossing", 1): 7, ("corridor", 2): 26, ("corridor", 1): 6}
 """Of 67: how many on each map with so many CAVs; 1.81 CAVs a scenario (paper: 1.80)."""
-SPARE = 2.0
+DRIVES_PER_SCENARIO = 2.0
 """Drives for every scenario: in some a CAV stands at a red light, some are not solvable, and the means must fit."""
 LIMIT_S = 600.0
 R = TypeVar("R")
@@ -43,49 +55,49 @@ def main(arguments: Sequence[str] | None = None) -> None:
     asked.add_argument("--workers", type=int, default=2)
     options = asked.parse_args(arguments)
     try:
-        make(options.out, options.count, options.seed, options.workers)
+        build_suite(options.out, options.count, options.seed, options.workers)
     except InputError as error:
         sys.exit(f"Error: {error}")
 
 
-def make(out: Path, count: int, seed: int, workers: int) -> None:
+def build_suite(out: Path, count: int, seed: int, workers: int) -> None:
     """Records, converts, chooses, and writes; raises InputError."""
     work = out.with_name(out.name + ".work")
     for folder in (out, work):
         if folder.exists():
             raise InputError(f"{folder}: expected a new folder, found something there")
-    wanted = kinds(count)
-    tasks = _tasks(wanted, seed, work, out)
-    logs = {task.name for task, log in _all(record, tasks, workers) if isinstance(log, Path)}
-    ready = _with_networks([task for task in tasks if task.name in logs])
-    outcomes = [one for _, one in _all(convert, ready, workers) if not isinstance(one, str)]
-    keep(out, outcomes, {f"{place} {cavs}": number for (place, cavs), number in wanted.items()})
+    wanted = split_count(count)
+    tasks = _build_tasks(wanted, seed, work, out)
+    logs = {task.name for task, log in _run_all(record_log, tasks, workers) if isinstance(log, Path)}
+    ready = _add_networks([task for task in tasks if task.name in logs])
+    outcomes = [one for _, one in _run_all(convert_recording, ready, workers) if not isinstance(one, str)]
+    write_selection(out, outcomes, {f"{place} {cavs}": number for (place, cavs), number in wanted.items()})
 
 
-def keep(out: Path, outcomes: Sequence[Outcome], wanted: dict[str, int]) -> None:
+def write_selection(out: Path, outcomes: Sequence[RecordingOutcome], wanted: dict[str, int]) -> None:
     """Chooses among the scenarios that were made, removes the others, completes and seals the suite.
 
     Left out are those that would not pass `mdrive-sumo validate`; where enough are left also those in which
     `omniscient` has an infraction.
     """
-    found: list[Candidate] = []
+    found: list[SelectionCandidate] = []
     for group, count in wanted.items():
         here = sorted((one for one in outcomes if one.task.group == group), key=lambda one: one.task.name)
         sound = [one for one in here if not one.examined.problems]
         solved = [one for one in sound if one.examined.omniscient_ds == FULL_SCORE]
         rest = [one for one in sound if one not in solved]
         kept = [*solved, *rest[: max(count - len(solved), 0)]]
-        found += [candidate(load_scenario(out / one.task.name / SCENARIO_FILE), group) for one in kept]
-    chosen = choose(found, wanted)
+        found += [build_candidate(load_scenario(out / one.task.name / SCENARIO_FILE), group) for one in kept]
+    chosen = select_candidates(found, wanted)
     for one in outcomes:
         if one.task.name not in {kept.id for kept in chosen}:
             shutil.rmtree(out / one.task.name)
     save_suite(Suite(ABOUT, out, ()))
     save_suite(sealed(load_suite(str(out))))
-    _tell(chosen, outcomes)
+    _print_summary(chosen, outcomes)
 
 
-def kinds(count: int) -> dict[tuple[str, int], int]:
+def split_count(count: int) -> dict[tuple[str, int], int]:
     """How many of each kind; rounded so that they add up."""
     exact = {key: share * count / COUNT for key, share in SHARES.items()}
     found = {key: math.floor(number) for key, number in exact.items()}
@@ -94,29 +106,34 @@ def kinds(count: int) -> dict[tuple[str, int], int]:
     return found
 
 
-def _tasks(wanted: dict[tuple[str, int], int], seed: int, work: Path, out: Path) -> list[Task]:
+def _build_tasks(wanted: dict[tuple[str, int], int], seed: int, work: Path, out: Path) -> list[RecordingTask]:
     """Numbers run over each map."""
-    tasks: list[Task] = []
-    for place in PLACES:
+    tasks: list[RecordingTask] = []
+    for place in RECORDING_SITES:
         drives = [
-            cavs for (where, cavs), number in wanted.items() if where == place for _ in range(math.ceil(SPARE * number))
+            cavs
+            for (where, cavs), number in wanted.items()
+            if where == place
+            for _ in range(math.ceil(DRIVES_PER_SCENARIO * number))
         ]
-        tasks += [Task(place, n, cavs, seed, work, out) for n, cavs in enumerate(drives)]
+        tasks += [RecordingTask(place, n, cavs, seed, work, out) for n, cavs in enumerate(drives)]
     return tasks
 
 
-def _with_networks(tasks: Sequence[Task]) -> list[Task]:
+def _add_networks(tasks: Sequence[RecordingTask]) -> list[RecordingTask]:
     """The tasks with the network of their map."""
-    found: list[Task] = []
-    for place in PLACES:
+    found: list[RecordingTask] = []
+    for place in RECORDING_SITES:
         here = [task for task in tasks if task.place == place]
         if here:
-            network = network_of(here)
+            network = build_site_network(here)
             found += [replace(task, network=network) for task in here]
     return found
 
 
-def _all(function: Callable[[Task], R | str], tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, R | str]]:
+def _run_all(
+    function: Callable[[RecordingTask], R | str], tasks: Sequence[RecordingTask], workers: int
+) -> Iterator[tuple[RecordingTask, R | str]]:
     """What became of every task, as they finish; told on standard error."""
     with ProcessPool(function, workers, LIMIT_S) as pool:
         for n, (task, answer) in enumerate(pool.run(tasks), 1):
@@ -125,10 +142,10 @@ def _all(function: Callable[[Task], R | str], tasks: Sequence[Task], workers: in
             yield task, said if isinstance(answer, WorkerFailure) else answer
 
 
-def _tell(chosen: Sequence[Candidate], outcomes: Sequence[Outcome]) -> None:
+def _print_summary(chosen: Sequence[SelectionCandidate], outcomes: Sequence[RecordingOutcome]) -> None:
     """The means, and how the baselines did, on standard output."""
     kept = [one for one in outcomes if one.task.name in {other.id for other in chosen}]
-    length, turned, actors = means(chosen).tolist()
+    length, turned, actors = compute_means(chosen).tolist()
     about = {
         "scenarios": len(chosen),
         "mean_cavs": round(sum(one.cavs for one in chosen) / len(chosen), 3),

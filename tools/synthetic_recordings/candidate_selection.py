@@ -9,13 +9,13 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
 
-PAPER = np.array((45.68, 60.92, 83.88))
+PAPER_MEANS = np.array((45.68, 60.92, 83.88))
 """Means of the bucket in the paper's table: route [m] and heading change [deg] of a CAV, background actors."""
-ROUNDS = 200
+MAX_ROUNDS = 200
 
 
 @dataclass(frozen=True)
-class Candidate:
+class SelectionCandidate:
     """A converted recording and what counts of it."""
 
     id: str
@@ -26,30 +26,32 @@ class Candidate:
     cavs: int
 
 
-def candidate(scenario: Scenario, group: str) -> Candidate:
+def build_candidate(scenario: Scenario, group: str) -> SelectionCandidate:
     """What counts of a scenario."""
     lengths, turns = (sum(map(f, scenario.egos)) for f in (route_length, heading_change_deg))
     actors = len(scenario.background.vehicles) + len(scenario.actors)
-    return Candidate(scenario.id, group, (lengths, turns, float(actors)), len(scenario.egos))
+    return SelectionCandidate(scenario.id, group, (lengths, turns, float(actors)), len(scenario.egos))
 
 
-def means(chosen: Sequence[Candidate]) -> Float:
-    """In the order of `PAPER`; lengths and turns over all CAVs, actors over the scenarios."""
+def compute_means(chosen: Sequence[SelectionCandidate]) -> Float:
+    """In the order of `PAPER_MEANS`; lengths and turns over all CAVs, actors over the scenarios."""
     sums = np.array([one.sums for one in chosen]).sum(axis=0)
     cavs = sum(one.cavs for one in chosen)
     return sums / (cavs, cavs, len(chosen))
 
 
-def choose(candidates: Sequence[Candidate], wanted: Mapping[str, int]) -> tuple[Candidate, ...]:
+def select_candidates(
+    candidates: Sequence[SelectionCandidate], wanted: Mapping[str, int]
+) -> tuple[SelectionCandidate, ...]:
     """The first of every group, then the best exchange for another of its group until none is better."""
     chosen = [
         one
         for group, count in wanted.items()
         for one in [other for other in candidates if other.group == group][:count]
     ]
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         swaps = [
-            (_distance([*chosen[:i], other, *chosen[i + 1 :]]), i, other)
+            (_compute_distance([*chosen[:i], other, *chosen[i + 1 :]]), i, other)
             for i, one in enumerate(chosen)
             for other in candidates
             if other.group == one.group and other not in chosen
@@ -57,11 +59,11 @@ def choose(candidates: Sequence[Candidate], wanted: Mapping[str, int]) -> tuple[
         if not swaps:
             break
         best, i, other = min(swaps, key=lambda swap: swap[:2])
-        if best >= _distance(chosen) - 1e-9:
+        if best >= _compute_distance(chosen) - 1e-9:
             break
         chosen[i] = other
     return tuple(sorted(chosen, key=lambda one: one.id))
 
 
-def _distance(chosen: Sequence[Candidate]) -> float:
-    return float(np.square(means(chosen) / PAPER - 1.0).sum())
+def _compute_distance(chosen: Sequence[SelectionCandidate]) -> float:
+    return float(np.square(compute_means(chosen) / PAPER_MEANS - 1.0).sum())

@@ -9,17 +9,17 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import Examination, Question, examine
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
-from real2sim.clean import clean
+from real2sim.clean import clean_recording
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.cav_selection import motions
 from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import NETWORKS, Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
-from real2sim.scene import Scene
-from real2sim.writers.episode_map import map_of
+from real2sim.scene import SourceScene
+from real2sim.writers.episode_map import build_hd_map
 from real2sim.writers.v2xpnp_map import write_vector_map
-from tools.synthetic_recordings.pose_thinning import thinned
-from tools.synthetic_recordings.record_drive import BUCKET, CATEGORY, recorded, window_of, write_log
+from tools.synthetic_recordings.pose_thinning import thin_scenario
+from tools.synthetic_recordings.record_drive import BUCKET, CATEGORY, find_window, record_drive, write_log
 
 LOGS, MAPS, QUALITY = "logs", "maps", "quality"
 ABOUT = SuiteFile(
@@ -28,12 +28,12 @@ ABOUT = SuiteFile(
     description="Dense traffic at a crossing and in a corridor of our own, recorded in SUMO by CAVs and roadside units,"
     " written in the V2XPnP format with its noise, and converted back. Not the V2XPnP data set.",
 )
-VOTERS = 8
+VOTING_LOGS = 8
 """Logs whose vehicles tell in which direction lanes are driven, and how fast."""
 
 
 @dataclass(frozen=True)
-class Task:
+class RecordingTask:
     """One recording to be made: where its log and its scenario go, and on which network it is converted."""
 
     place: str
@@ -66,43 +66,43 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RecordingOutcome:
     """What became of a recording."""
 
-    task: Task
+    task: RecordingTask
     misses: tuple[str, ...]
     """Targets of the conversion that were not met."""
     examined: Examination
     """Of the scenario, as `mdrive-sumo validate` sees it."""
 
 
-def record(task: Task) -> Path | str:
+def record_log(task: RecordingTask) -> Path | str:
     """Writes the log and the map; where the log lies, or why there is none."""
-    _quiet()
-    drive = recorded(task.place, task.number, task.cavs, task.seed)
-    if (part := window_of(drive)) is None:
+    _redirect_stdout()
+    drive = record_drive(task.place, task.number, task.cavs, task.seed)
+    if (part := find_window(drive)) is None:
         return f"{task.name}: no part of the drive in which all CAVs drive"
     write_log(drive, part, task.log, task.seed)
     task.map.parent.mkdir(parents=True, exist_ok=True)
-    write_vector_map(map_of(drive.roads), task.map.with_suffix(f".{task.number}"))
+    write_vector_map(build_hd_map(drive.roads), task.map.with_suffix(f".{task.number}"))
     task.map.with_suffix(f".{task.number}").replace(task.map)
     return task.log
 
 
-def network_of(tasks: Sequence[Task]) -> NetworkReport:
-    """SUITE/networks/<map> from the map of some logs and what moves in the first `VOTERS` of them."""
+def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
+    """SUITE/networks/<map> from the map of some logs and what moves in the first `VOTING_LOGS` of them."""
     first = tasks[0]
     name = f"v2xpnp_{first.place}"
-    recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTERS]]
-    seen = [motion for recording in recordings for motion in motions(clean(recording).tracks).values()]
+    recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTING_LOGS]]
+    seen = [motion for recording in recordings for motion in motions(clean_recording(recording).tracks).values()]
     return build_network(recordings[0].map, seen, first.suite / NETWORKS / name, name, recordings[0].dt_s)
 
 
-def convert(task: Task) -> Outcome | str:
+def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
     """Converts a log onto its network and drives the scenario; a sentence if that cannot be done."""
-    _quiet()
+    _redirect_stdout()
     recording = read_v2xpnp(task.log, task.map)
-    scene = Scene(
+    scene = SourceScene(
         id=task.name,
         source=recording.source,
         bucket=BUCKET,
@@ -117,14 +117,14 @@ def convert(task: Task) -> Outcome | str:
     except InputError as error:
         return f"{task.name}: {error}"
     folder = task.suite / task.name
-    save_scenario(thinned(built.scenario), folder / SCENARIO_FILE)
+    save_scenario(thin_scenario(built.scenario), folder / SCENARIO_FILE)
     quality = task.work / QUALITY / task.name
     quality.mkdir(parents=True, exist_ok=True)
     save_quality(built.quality, quality)
-    return Outcome(task, built.quality.misses, _examined(task))
+    return RecordingOutcome(task, built.quality.misses, _examine(task))
 
 
-def _examined(task: Task) -> Examination:
+def _examine(task: RecordingTask) -> Examination:
     """The scenario as it was written, in a suite of its own."""
     alone = task.work / "alone" / task.name
     save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
@@ -133,6 +133,6 @@ def _examined(task: Task) -> Examination:
     return examine(Question(str(alone), task.name))
 
 
-def _quiet() -> None:
+def _redirect_stdout() -> None:
     """SUMO writes warnings to standard output."""
     os.dup2(2, 1)

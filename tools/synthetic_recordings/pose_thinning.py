@@ -13,32 +13,32 @@ WALKER_TURNED_RAD = 0.3
 """The same for people on foot, whose heading matters to nobody."""
 
 
-def thinned(scenario: Scenario) -> Scenario:
+def thin_scenario(scenario: Scenario) -> Scenario:
     """The same scenario; replays and schedules go linearly from one of their points to the next."""
-    vehicles = tuple(map(_vehicle, scenario.background.vehicles))
+    vehicles = tuple(map(_thin_vehicle, scenario.background.vehicles))
     background = scenario.background.model_copy(update={"vehicles": vehicles})
-    return scenario.model_copy(update={"background": background, "actors": tuple(map(_actor, scenario.actors))})
+    return scenario.model_copy(update={"background": background, "actors": tuple(map(_thin_actor, scenario.actors))})
 
 
-def _actor(actor: Actor) -> Actor:
+def _thin_actor(actor: Actor) -> Actor:
     if not isinstance(actor.motion, Replay):
         return actor
     turned = WALKER_TURNED_RAD if actor.kind == "pedestrian" else TURNED_RAD
     poses = actor.motion.poses
-    kept = _needed(np.array(poses), np.array((AWAY_M, AWAY_M, turned)))
+    kept = _select_needed(np.array(poses), np.array((AWAY_M, AWAY_M, turned)))
     return actor.model_copy(update={"motion": actor.motion.model_copy(update={"poses": tuple(poses[k] for k in kept)})})
 
 
-def _vehicle(vehicle: BackgroundVehicle) -> BackgroundVehicle:
+def _thin_vehicle(vehicle: BackgroundVehicle) -> BackgroundVehicle:
     if vehicle.schedule is None:
         return vehicle
     progress = vehicle.schedule.progress
-    kept = _needed(np.array(progress), np.array((AWAY_M,)))
+    kept = _select_needed(np.array(progress), np.array((AWAY_M,)))
     schedule: Schedule = vehicle.schedule.model_copy(update={"progress": tuple(progress[k] for k in kept)})
     return vehicle.model_copy(update={"schedule": schedule})
 
 
-def _needed(rows: Float, away: Float) -> list[int]:
+def _select_needed(rows: Float, away: Float) -> list[int]:
     """Which of the rows (N, 1 + K), of time and K values, are needed for all to be within `away` (K,) of the lines.
 
     The method of Ramer (1972), with differences at the same time instead of distances.

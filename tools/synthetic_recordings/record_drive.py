@@ -21,20 +21,20 @@ from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.comm import PRESETS
-from real2sim.writers.episode_recording import recording_of
-from real2sim.writers.observation_noise import Noise
+from real2sim.writers.episode_recording import record_episode
+from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
-from tools.synthetic_recordings.scripted_people import People, people
-from tools.synthetic_recordings.traffic import cavs, traffic
+from tools.synthetic_recordings.scripted_people import PopulationCounts, build_people
+from tools.synthetic_recordings.traffic import build_cavs, build_traffic
 
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"
 """Who drives the CAVs while they are recorded."""
 WINDOW_S = 9.0
 WARM_UP_S = 2.0
-LATEST_S = 24.0
+LATEST_START_S = 24.0
 """The recording begins between these two moments [s] of the drive."""
-LEAST_M = 12.0
+MIN_DISTANCE_M = 12.0
 """Each CAV drives at least this far in a recording."""
 LONG_M, LONG_COST = 42.0, 3.0
 """Every metre that a CAV drives beyond this costs so many degrees in the choice of the part that is recorded: the
@@ -42,24 +42,24 @@ paper's routes are short, 45.68 m on average."""
 
 
 @dataclass(frozen=True)
-class Place:
+class RecordingSite:
     """A map, the stations on it, and how full it is."""
 
     network: str
     stations: tuple[tuple[float, float], ...]
     """x, y [m]"""
     vehicles: int
-    people: People
+    people: PopulationCounts
 
 
-PLACES = {
-    "crossing": Place("city_crossing", ((16.0, 17.0), (-16.0, -17.0)), 20, People(20, 5, 7, 5, 25)),
-    "corridor": Place("city_corridor", ((-40.0, -1.0), (40.0, 2.0)), 20, People(23, 5, 7, 6, 28)),
+RECORDING_SITES = {
+    "crossing": RecordingSite("city_crossing", ((16.0, 17.0), (-16.0, -17.0)), 20, PopulationCounts(20, 5, 7, 5, 25)),
+    "corridor": RecordingSite("city_corridor", ((-40.0, -1.0), (40.0, 2.0)), 20, PopulationCounts(23, 5, 7, 6, 28)),
 }
 
 
 @dataclass(frozen=True)
-class Drive:
+class RecordedDrive:
     """What was driven, and where."""
 
     scenario: Scenario
@@ -67,14 +67,14 @@ class Drive:
     episode: EpisodeRecord
 
 
-def recorded(place: str, number: int, count: int, seed: int) -> Drive:
-    """A drive of `count` CAVs among dense traffic at one of `PLACES`."""
-    where = PLACES[place]
+def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDrive:
+    """A drive of `count` CAVs among dense traffic at one of `RECORDING_SITES`."""
+    where = RECORDING_SITES[place]
     roads = load(network_folder(where.network))
     name = f"{place}_{number:03d}"
     rng = np.random.default_rng(derived_seed(seed, "synthetic", name))
-    egos = cavs(roads, count, rng)
-    until_s = LATEST_S + WINDOW_S
+    egos = build_cavs(roads, count, rng)
+    until_s = LATEST_START_S + WINDOW_S
     scenario = Scenario(
         id=name,
         bucket=BUCKET,
@@ -82,63 +82,63 @@ def recorded(place: str, number: int, count: int, seed: int) -> Drive:
         network=where.network,
         signals="program",
         egos=egos,
-        background=Background(vehicles=traffic(roads, egos, where.vehicles, until_s, rng)),
-        actors=people(roads, where.people, until_s, rng),
+        background=Background(vehicles=build_traffic(roads, egos, where.vehicles, until_s, rng)),
+        actors=build_people(roads, where.people, until_s, rng),
         rsus=tuple(RoadsideUnit(id=f"post{n}", x=x, y=y) for n, (x, y) in enumerate(where.stations)),
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
     drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in egos}
     with SumoWorld(scenario, roads, sizes, derived_seed(seed, name, "sumo")) as world:
-        return Drive(scenario, roads, run_episode(_setting(scenario, roads, seed), world, drivers))
+        return RecordedDrive(scenario, roads, run_episode(_build_episode_config(scenario, roads, seed), world, drivers))
 
 
-def _setting(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeConfig:
+def _build_episode_config(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeConfig:
     """Nobody speaks, so that stations need not look; and the drive is over when the last recording may end."""
-    over = round((LATEST_S + WINDOW_S) * TICKS_PER_SECOND) + 1
+    over = round((LATEST_START_S + WINDOW_S) * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
     return EpisodeConfig(scenario, roads, seed, comm=PRESETS["off"], replayed_failures=endings)
 
 
-def window_of(drive: Drive) -> tuple[float, float] | None:
+def find_window(drive: RecordedDrive) -> tuple[float, float] | None:
     """The part [s] of the drive in which the CAVs turn most, of those in which all are there and drive; None if none.
 
     Way beyond `LONG_M` counts against a part. A tenth of a degree counts as nothing, of equal parts the first is taken.
     """
-    parts = [(start, start + WINDOW_S) for start in np.arange(WARM_UP_S, LATEST_S + 0.5, 1.0).tolist()]
-    fit = [part for part in parts if _all_drive(drive.episode, part)]
-    return max(fit, key=lambda part: round(_worth_deg(drive.episode, part), 1)) if fit else None
+    parts = [(start, start + WINDOW_S) for start in np.arange(WARM_UP_S, LATEST_START_S + 0.5, 1.0).tolist()]
+    fit = [part for part in parts if _do_all_cavs_drive(drive.episode, part)]
+    return max(fit, key=lambda part: round(_score_window(drive.episode, part), 1)) if fit else None
 
 
-def _worth_deg(episode: EpisodeRecord, part: tuple[float, float]) -> float:
-    too_long = np.maximum(_driven_m(episode, part) - LONG_M, 0.0).sum()
-    return _turned_deg(episode, part) - LONG_COST * float(too_long)
+def _score_window(episode: EpisodeRecord, part: tuple[float, float]) -> float:
+    too_long = np.maximum(_measure_distances(episode, part) - LONG_M, 0.0).sum()
+    return _measure_heading_change(episode, part) - LONG_COST * float(too_long)
 
 
-def _rows(part: tuple[float, float]) -> slice:
+def _select_rows(part: tuple[float, float]) -> slice:
     """The ticks of a part, one in every tenth of a second."""
     first, last = (round(s * TICKS_PER_SECOND) for s in part)
     return slice(first, last + 1, TICKS_PER_SECOND // 10)
 
 
-def _all_drive(episode: EpisodeRecord, part: tuple[float, float]) -> bool:
-    rows = _rows(part)
+def _do_all_cavs_drive(episode: EpisodeRecord, part: tuple[float, float]) -> bool:
+    rows = _select_rows(part)
     if rows.stop > episode.ticks or not episode.valid[rows, : episode.egos].all():
         return False
-    return bool((_driven_m(episode, part) >= LEAST_M).all())
+    return bool((_measure_distances(episode, part) >= MIN_DISTANCE_M).all())
 
 
-def _driven_m(episode: EpisodeRecord, part: tuple[float, float]) -> Float:
+def _measure_distances(episode: EpisodeRecord, part: tuple[float, float]) -> Float:
     """Of every CAV."""
-    x, y = (values[_rows(part), : episode.egos] for values in (episode.x, episode.y))
+    x, y = (values[_select_rows(part), : episode.egos] for values in (episode.x, episode.y))
     return np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0)
 
 
-def _turned_deg(episode: EpisodeRecord, part: tuple[float, float]) -> float:
-    yaw = np.unwrap(episode.yaw[_rows(part), : episode.egos], axis=0)
+def _measure_heading_change(episode: EpisodeRecord, part: tuple[float, float]) -> float:
+    yaw = np.unwrap(episode.yaw[_select_rows(part), : episode.egos], axis=0)
     return float(np.degrees(np.abs(np.diff(yaw, axis=0)).sum()))
 
 
-def write_log(drive: Drive, window_s: tuple[float, float], folder: Path, seed: int) -> None:
+def write_log(drive: RecordedDrive, window_s: tuple[float, float], folder: Path, seed: int) -> None:
     """Writes FOLDER/<agent>/<frame>.yaml."""
-    truth = recording_of(drive.episode, drive.scenario, drive.roads, window_s)
-    write_v2xpnp(truth, folder, Noise(), derived_seed(seed, "noise", drive.scenario.id))
+    truth = record_episode(drive.episode, drive.scenario, drive.roads, window_s)
+    write_v2xpnp(truth, folder, ObservationNoise(), derived_seed(seed, "noise", drive.scenario.id))

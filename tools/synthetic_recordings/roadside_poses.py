@@ -17,12 +17,12 @@ PARKING_M, PAVEMENT_M = 2.2, 2.5
 """Widths of the recipes (`networks/city_crossing`, `networks/city_corridor`)."""
 RIDE_M = 0.6
 """How far from the lane's edge cyclists ride in the empty parking strip."""
-Place = tuple[float, float, float]
+RoadsidePose = tuple[float, float, float]
 """x, y [m], yaw [rad]"""
 
 
 @dataclass(frozen=True)
-class Zebra:
+class SignalledCrossing:
     """A pedestrian crossing: its ends, and when lights let people go."""
 
     line: Float
@@ -32,33 +32,33 @@ class Zebra:
     cycle_s: float
 
 
-def kerb_lanes(roads: RoadMap) -> list[Lane]:
+def find_kerb_lanes(roads: RoadMap) -> list[Lane]:
     """The rightmost lane for cars of every road."""
     return [lane for lane in roads.driving if not lane.junction and not lane.right]
 
 
-def beside(lane: Lane, s: float, right_m: float) -> Place:
+def compute_roadside_pose(lane: Lane, s: float, right_m: float) -> RoadsidePose:
     """Pose to the right of a lane's centre, at arc length s [m]."""
     (x, y), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
     return round(x + right_m * float(np.sin(yaw)), 3), round(y - right_m * float(np.cos(yaw)), 3), round(float(yaw), 4)
 
 
-def parking(lane: Lane, s: float) -> Place:
+def compute_parking_pose(lane: Lane, s: float) -> RoadsidePose:
     """In the middle of the parking strip."""
-    return beside(lane, s, lane.width / 2 + PARKING_M / 2)
+    return compute_roadside_pose(lane, s, lane.width / 2 + PARKING_M / 2)
 
 
-def cycling(lane: Lane, s: float) -> Place:
+def compute_cycling_pose(lane: Lane, s: float) -> RoadsidePose:
     """In the parking strip, near the lane."""
-    return beside(lane, s, lane.width / 2 + RIDE_M)
+    return compute_roadside_pose(lane, s, lane.width / 2 + RIDE_M)
 
 
-def walking(lane: Lane, s: float, aside: float) -> Place:
+def compute_walking_pose(lane: Lane, s: float, aside: float) -> RoadsidePose:
     """On the pavement, `aside` from -1 (at the kerb) to 1 (at the houses)."""
-    return beside(lane, s, lane.width / 2 + PARKING_M + PAVEMENT_M / 2 * (1 + 0.8 * aside))
+    return compute_roadside_pose(lane, s, lane.width / 2 + PARKING_M + PAVEMENT_M / 2 * (1 + 0.8 * aside))
 
 
-def zebras(roads: RoadMap) -> list[Zebra]:
+def find_crossings(roads: RoadMap) -> list[SignalledCrossing]:
     """The crossings of a network with their green times, from its net file; in the order of `RoadMap.crossings`."""
     net = ET.fromstring(gzip.decompress(roads.net_file.read_bytes()))
     lights = {
@@ -67,19 +67,21 @@ def zebras(roads: RoadMap) -> list[Zebra]:
         if "tl" in way.attrib
     }
     names = [edge.attrib["id"] for edge in net.iter("edge") if edge.get("function") == "crossing"]
-    return [_zebra(net, line, lights.get(name)) for name, (line, _) in zip(names, roads.crossings, strict=True)]
+    return [
+        _build_crossing(net, line, lights.get(name)) for name, (line, _) in zip(names, roads.crossings, strict=True)
+    ]
 
 
-def _zebra(net: ET.Element, line: Float, light: tuple[str, int] | None) -> Zebra:
+def _build_crossing(net: ET.Element, line: Float, light: tuple[str, int] | None) -> SignalledCrossing:
     ends = line[[0, -1]]
     if light is None:
-        return Zebra(ends, (), 0.0)
-    phases = list(_phases(net, light[0]))
+        return SignalledCrossing(ends, (), 0.0)
+    phases = list(_list_phases(net, light[0]))
     green = tuple((begin, end) for begin, end, state in phases if state[light[1]] in "Gg")
-    return Zebra(ends, green, phases[-1][1])
+    return SignalledCrossing(ends, green, phases[-1][1])
 
 
-def _phases(net: ET.Element, light: str) -> Iterator[tuple[float, float, str]]:
+def _list_phases(net: ET.Element, light: str) -> Iterator[tuple[float, float, str]]:
     """Begin and end [s] and state of every phase."""
     now = 0.0
     for program in net.iter("tlLogic"):

@@ -14,7 +14,15 @@ from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay, Standing, TimeTrigger
-from tools.synthetic_recordings.roadside_poses import Place, Zebra, cycling, kerb_lanes, parking, walking, zebras
+from tools.synthetic_recordings.roadside_poses import (
+    RoadsidePose,
+    SignalledCrossing,
+    compute_cycling_pose,
+    compute_parking_pose,
+    compute_walking_pose,
+    find_crossings,
+    find_kerb_lanes,
+)
 
 STEP_M = 3.0
 """Between points of a path."""
@@ -23,14 +31,14 @@ BAY_M = 6.8
 """Of the kerb for each parked vehicle."""
 CLEAR_M = 12.0
 """Nobody parks so near to a junction."""
-VANS = 0.15
+VAN_SHARE = 0.15
 """Share of vans among parked vehicles."""
 WAIT_M, BEYOND_M = 1.8, 3.0
 """How far from the kerb people wait to cross, and how far beyond the other kerb they go."""
 
 
 @dataclass(frozen=True)
-class People:
+class PopulationCounts:
     """How many of each there are."""
 
     walkers: int
@@ -40,20 +48,24 @@ class People:
     parked: int
 
 
-def people(roads: RoadMap, count: People, until_s: float, rng: np.random.Generator) -> tuple[Actor, ...]:
+def build_people(
+    roads: RoadMap, count: PopulationCounts, until_s: float, rng: np.random.Generator
+) -> tuple[Actor, ...]:
     """All of them; `until_s` [s] is the last moment at which somebody begins to cross."""
-    lanes = kerb_lanes(roads)
+    lanes = find_kerb_lanes(roads)
     strips = {lanes[i].id for i in rng.choice(len(lanes), size=max(len(lanes) // 4, 2), replace=False).tolist()}
     return (
-        *_walkers(lanes, count.walkers, rng),
-        *_waiting(lanes, count.waiting, rng),
-        *_crossing(zebras(roads), count.crossing, until_s, rng),
-        *_cyclists([lane for lane in lanes if lane.id in strips], count.cyclists, until_s, rng),
-        *_parked([lane for lane in lanes if lane.id not in strips], count.parked, rng),
+        *_build_walkers(lanes, count.walkers, rng),
+        *_build_waiting(lanes, count.waiting, rng),
+        *_build_crossing(find_crossings(roads), count.crossing, until_s, rng),
+        *_build_cyclists([lane for lane in lanes if lane.id in strips], count.cyclists, until_s, rng),
+        *_build_parked([lane for lane in lanes if lane.id not in strips], count.parked, rng),
     )
 
 
-def _moving(name: str, kind: str, places: Sequence[Place], speed: float, start_s: float | None = None) -> Actor:
+def _build_moving_actor(
+    name: str, kind: str, places: Sequence[RoadsidePose], speed: float, start_s: float | None = None
+) -> Actor:
     """Somebody on a path, from the start or from a time on."""
     x, y, yaw = places[0]
     length, width = BOX_M[kind]
@@ -72,7 +84,7 @@ def _moving(name: str, kind: str, places: Sequence[Place], speed: float, start_s
     )
 
 
-def _walkers(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
+def _build_walkers(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
     for n in range(count):
         lane = lanes[int(rng.integers(len(lanes)))]
         aside = float(rng.uniform(-1.0, 1.0))
@@ -80,34 +92,40 @@ def _walkers(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Ite
         begin = float(rng.uniform(3.0, lane.centre.length - 3.0))
         ahead = bool(rng.random() < 0.5)
         ends = (lane.centre.length - 1.0, 1.0) if ahead else (1.0, lane.centre.length - 1.0)
-        stations = [begin, *_legs(begin, *ends, ends[0])]
-        places = [walking(lane, s, aside) for s in stations]
+        stations = [begin, *_compute_stations(begin, *ends, ends[0])]
+        places = [compute_walking_pose(lane, s, aside) for s in stations]
         yaw = places[0][2] + (0.0 if ahead else np.pi)
-        yield _moving(f"walker{n}", "pedestrian", [(*places[0][:2], round(float(yaw), 4)), *places[1:]], speed)
+        yield _build_moving_actor(
+            f"walker{n}", "pedestrian", [(*places[0][:2], round(float(yaw), 4)), *places[1:]], speed
+        )
 
 
-def _legs(*turns: float) -> list[float]:
+def _compute_stations(*turns: float) -> list[float]:
     """Stations from the first turning point to the last; who walks on behind its path would walk onto the road."""
-    return [s for begin, end in pairwise(turns) for s in _stations(begin, end)[1:]]
+    return [s for begin, end in pairwise(turns) for s in _space_stations(begin, end)[1:]]
 
 
-def _stations(begin: float, end: float) -> list[float]:
+def _space_stations(begin: float, end: float) -> list[float]:
     return np.linspace(begin, end, max(round(abs(end - begin) / STEP_M), 1) + 1).tolist()
 
 
-def _waiting(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
+def _build_waiting(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
     """People who stand, most of them near a junction."""
     for n in range(count):
         lane = lanes[int(rng.integers(len(lanes)))]
         s = min(float(rng.exponential(10.0)), lane.centre.length - 1.0)
-        place = walking(lane, lane.centre.length - s if lane.successors else s, float(rng.uniform(-1.0, 1.0)))
+        place = compute_walking_pose(
+            lane, lane.centre.length - s if lane.successors else s, float(rng.uniform(-1.0, 1.0))
+        )
         x, y, _ = place
         length, width = BOX_M["pedestrian"]
         pose = Pose(x=x, y=y, yaw=round(float(rng.uniform(-np.pi, np.pi)), 4))
         yield Actor(id=f"waiting{n}", kind="pedestrian", length=length, width=width, start=pose, motion=Standing())
 
 
-def _crossing(ways: Sequence[Zebra], count: int, until_s: float, rng: np.random.Generator) -> Iterator[Actor]:
+def _build_crossing(
+    ways: Sequence[SignalledCrossing], count: int, until_s: float, rng: np.random.Generator
+) -> Iterator[Actor]:
     for n in range(count):
         zebra = ways[int(rng.integers(len(ways)))]
         line = zebra.line[::-1] if rng.random() < 0.5 else zebra.line
@@ -116,7 +134,7 @@ def _crossing(ways: Sequence[Zebra], count: int, until_s: float, rng: np.random.
         points = np.round([line[0] - WAIT_M * ahead + aside, line[1] + BEYOND_M * ahead + aside], 3)
         yaw = round(float(np.arctan2(ahead[1], ahead[0])), 4)
         speed = float(np.clip(rng.normal(1.4, 0.15), 1.0, 1.9))
-        begin = _setting_out(zebra, until_s, rng)
+        begin = _draw_crossing_time(zebra, until_s, rng)
         end = round(begin + float(np.hypot(*(points[1] - points[0]))) / speed, 2)
         poses = [(t, float(x), float(y), yaw) for t, (x, y) in ((0.0, points[0]), (begin, points[0]), (end, points[1]))]
         length, width = BOX_M["pedestrian"]
@@ -130,7 +148,7 @@ def _crossing(ways: Sequence[Zebra], count: int, until_s: float, rng: np.random.
         )
 
 
-def _setting_out(zebra: Zebra, until_s: float, rng: np.random.Generator) -> float:
+def _draw_crossing_time(zebra: SignalledCrossing, until_s: float, rng: np.random.Generator) -> float:
     """A moment within the first two thirds of a green interval, or at any time."""
     if not zebra.green:
         return round(float(rng.uniform(0.05, until_s)), 2)
@@ -140,22 +158,22 @@ def _setting_out(zebra: Zebra, until_s: float, rng: np.random.Generator) -> floa
     return round(begin + float(rng.uniform(0.05, length * 2 / 3)), 2)
 
 
-def _cyclists(lanes: Sequence[Lane], count: int, until_s: float, rng: np.random.Generator) -> Iterator[Actor]:
+def _build_cyclists(lanes: Sequence[Lane], count: int, until_s: float, rng: np.random.Generator) -> Iterator[Actor]:
     for n in range(count):
         lane = lanes[n % len(lanes)]
         begin = 4.0 + 10.0 * (n // len(lanes)) + float(rng.uniform(0.0, 5.0))
         end = lane.centre.length - 4.0
-        places = [cycling(lane, s) for s in _stations(min(begin, end - STEP_M), end)]
+        places = [compute_cycling_pose(lane, s) for s in _space_stations(min(begin, end - STEP_M), end)]
         speed, start_s = round(float(rng.uniform(2.0, 4.5)), 2), round(float(rng.uniform(0.0, until_s / 2)), 2)
-        yield _moving(f"cyclist{n}", "cyclist", places, speed, start_s)
+        yield _build_moving_actor(f"cyclist{n}", "cyclist", places, speed, start_s)
 
 
-def _parked(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
+def _build_parked(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
     bays = [(lane, s) for lane in lanes for s in np.arange(CLEAR_M, lane.centre.length - CLEAR_M, BAY_M).tolist()]
     chosen = sorted(rng.choice(len(bays), size=min(count, len(bays)), replace=False).tolist())
     for n, k in enumerate(chosen):
         lane, s = bays[k]
-        prop = PROPS["parked-van" if rng.random() < VANS else "parked-car"]
-        x, y, yaw = parking(lane, s + float(rng.uniform(-0.3, 0.3)))
+        prop = PROPS["parked-van" if rng.random() < VAN_SHARE else "parked-car"]
+        x, y, yaw = compute_parking_pose(lane, s + float(rng.uniform(-0.3, 0.3)))
         length = round(prop.length * float(rng.uniform(0.9, 1.05)), 2)
         yield Actor(id=f"parked{n}", kind=prop.kind, length=length, width=prop.width, start=Pose(x=x, y=y, yaw=yaw))

@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
 
 TURN_DEG = 45.0
-TURNING = 0.75
+TURNING_SHARE = 0.75
 """Share of CAVs that turn."""
 START_M = (10.0, 35.0)
 """How far before the end of their first lane CAVs start, at `START_MPS`."""
@@ -21,13 +21,13 @@ APART_M = 14.0
 """From a CAV to any other vehicle at the start."""
 GAP_M = 13.0
 """From one vehicle to the next on a lane at the start."""
-LORRIES = 0.08
-EVERY_S = (7.0, 16.0)
+TRUCK_SHARE = 0.08
+HEADWAY_S = (7.0, 16.0)
 """Between vehicles that come onto the map on one lane."""
 
 
 @dataclass(frozen=True)
-class Start:
+class VehicleStart:
     """Where a vehicle is at the beginning."""
 
     lane: Lane
@@ -35,27 +35,31 @@ class Start:
     """[m] of its centre (CAVs) or front bumper."""
 
 
-def cavs(roads: RoadMap, count: int, rng: np.random.Generator) -> tuple[Ego, ...]:
+def build_cavs(roads: RoadMap, count: int, rng: np.random.Generator) -> tuple[Ego, ...]:
     """CAVs well apart before junctions, on roads of one axis: lights then let all of them go at about the same time."""
     found: list[Ego] = []
     while len(found) < count:
-        ego = _cav(roads, str(len(found)), rng)
-        if all(_apart(ego, other) and _one_axis(ego, other) for other in found):
+        ego = _build_cav(roads, str(len(found)), rng)
+        if all(_is_apart(ego, other) and _share_axis(ego, other) for other in found):
             found.append(ego)
     return tuple(found)
 
 
-def _apart(one: Ego, other: Ego) -> bool:
+def _is_apart(one: Ego, other: Ego) -> bool:
     return bool(np.hypot(one.start.x - other.start.x, one.start.y - other.start.y) > APART_M)
 
 
-def _one_axis(one: Ego, other: Ego) -> bool:
+def _share_axis(one: Ego, other: Ego) -> bool:
     return abs(float(np.cos(one.start.yaw - other.start.yaw))) > np.cos(np.pi / 4)
 
 
-def _cav(roads: RoadMap, name: str, rng: np.random.Generator) -> Ego:
-    turns = bool(rng.random() < TURNING)
-    ways = [(first, last) for first, last in _ways(roads) if (_turn_deg(first, last) > TURN_DEG) == turns]
+def _build_cav(roads: RoadMap, name: str, rng: np.random.Generator) -> Ego:
+    turns = bool(rng.random() < TURNING_SHARE)
+    ways = [
+        (first, last)
+        for first, last in _list_junction_passes(roads)
+        if (_compute_turn(first, last) > TURN_DEG) == turns
+    ]
     first, last = ways[int(rng.integers(len(ways)))]
     lanes = drivable_path(roads, first.id, last.id)
     begin = max(first.centre.length - float(rng.uniform(*START_M)), 5.0)
@@ -68,60 +72,64 @@ def _cav(roads: RoadMap, name: str, rng: np.random.Generator) -> Ego:
     return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), start_speed=START_MPS, lanes=lanes, route=points)
 
 
-def _ways(roads: RoadMap) -> list[tuple[Lane, Lane]]:
+def _list_junction_passes(roads: RoadMap) -> list[tuple[Lane, Lane]]:
     """Pairs of lanes: one that leads into a junction, and one that it leads to."""
     into = [lane for lane in roads.driving if not lane.junction and lane.successors]
-    return [(lane, after) for lane in into for after in _beyond(roads, lane)]
+    return [(lane, after) for lane in into for after in _find_lanes_beyond(roads, lane)]
 
 
-def _beyond(roads: RoadMap, lane: Lane) -> list[Lane]:
+def _find_lanes_beyond(roads: RoadMap, lane: Lane) -> list[Lane]:
     """The lanes of roads behind the junction at a lane's end."""
     found: list[Lane] = []
     for name in lane.successors:
         after = roads.lanes[name]
-        found += _beyond(roads, after) if after.junction else [after]
+        found += _find_lanes_beyond(roads, after) if after.junction else [after]
     return found
 
 
-def _turn_deg(first: Lane, last: Lane) -> float:
+def _compute_turn(first: Lane, last: Lane) -> float:
     turn = last.centre.yaw_at(0.0) - first.centre.yaw_at(first.centre.length)
     return abs(math.degrees(math.remainder(turn, 2 * math.pi)))
 
 
-def traffic(
+def build_traffic(
     roads: RoadMap, egos: Sequence[Ego], count: int, until_s: float, rng: np.random.Generator
 ) -> tuple[BackgroundVehicle, ...]:
     """`count` vehicles that are there at the start, and others that come onto the map until `until_s` [s]."""
     cars = np.array([(ego.start.x, ego.start.y) for ego in egos])
     free = [
-        Start(lane, float(s))
+        VehicleStart(lane, float(s))
         for lane in roads.driving
         if not lane.junction
         for s in np.arange(8.0, lane.centre.length - 4.0, GAP_M)
         if np.hypot(*(cars - lane.centre.at(float(s) - 2.5)).T).min() > APART_M
     ]
     chosen = sorted(rng.choice(len(free), min(count, len(free)), replace=False).tolist())
-    early = [_vehicle(roads, f"bg{n}", free[k], 0.0, rng) for n, k in enumerate(chosen)]
-    return (*early, *_later(roads, until_s, rng))
+    early = [_build_vehicle(roads, f"bg{n}", free[k], 0.0, rng) for n, k in enumerate(chosen)]
+    return (*early, *_build_later_traffic(roads, until_s, rng))
 
 
-def _later(roads: RoadMap, until_s: float, rng: np.random.Generator) -> Iterator[BackgroundVehicle]:
+def _build_later_traffic(roads: RoadMap, until_s: float, rng: np.random.Generator) -> Iterator[BackgroundVehicle]:
     led_to = {name for lane in roads.driving for name in lane.successors}
     entries = [lane for lane in roads.driving if lane.id not in led_to and not lane.junction]
     for lane in entries:
-        now = float(rng.uniform(*EVERY_S))
+        now = float(rng.uniform(*HEADWAY_S))
         while now < until_s:
-            yield _vehicle(roads, f"late-{lane.id}-{round(10 * now)}", Start(lane, 6.0), round(now, 2), rng)
-            now += float(rng.uniform(*EVERY_S))
+            yield _build_vehicle(
+                roads, f"late-{lane.id}-{round(10 * now)}", VehicleStart(lane, 6.0), round(now, 2), rng
+            )
+            now += float(rng.uniform(*HEADWAY_S))
 
 
-def _vehicle(roads: RoadMap, name: str, start: Start, depart_s: float, rng: np.random.Generator) -> BackgroundVehicle:
+def _build_vehicle(
+    roads: RoadMap, name: str, start: VehicleStart, depart_s: float, rng: np.random.Generator
+) -> BackgroundVehicle:
     """A vehicle that goes where its lane leads, at random."""
     edges, lane = [start.lane.edge], start.lane
-    while nexts := _beyond(roads, lane):
+    while nexts := _find_lanes_beyond(roads, lane):
         lane = nexts[int(rng.integers(len(nexts)))]
         edges.append(lane.edge)
-    lorry = rng.random() < LORRIES
+    lorry = rng.random() < TRUCK_SHARE
     length, width = (7.5, 2.4) if lorry else (float(rng.uniform(4.1, 5.0)), float(rng.uniform(1.7, 1.95)))
     return BackgroundVehicle(
         id=name,

@@ -17,18 +17,18 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
-from real2sim.recording import Category
-from real2sim.writers.episode_map import map_of
-from real2sim.writers.episode_recording import recording_of
+from real2sim.recording import ObjectCategory
+from real2sim.writers.episode_map import build_hd_map
+from real2sim.writers.episode_recording import record_episode
 
 THINGS = {
-    "bike": (Kind.CYCLIST, 1.8, 0.7, Category.BICYCLE),
-    "bus": (Kind.VEHICLE, 12.0, 2.5, Category.BUS),
-    "car": (Kind.VEHICLE, 4.5, 1.8, Category.CAR),
-    "cone": (Kind.STATIC, 0.4, 0.4, Category.STATIC),
-    "lorry": (Kind.VEHICLE, 8.0, 2.5, Category.TRUCK),
-    "van": (Kind.VEHICLE, 5.9, 2.0, Category.VAN),
-    "walker": (Kind.PEDESTRIAN, 0.5, 0.5, Category.PEDESTRIAN),
+    "bike": (Kind.CYCLIST, 1.8, 0.7, ObjectCategory.BICYCLE),
+    "bus": (Kind.VEHICLE, 12.0, 2.5, ObjectCategory.BUS),
+    "car": (Kind.VEHICLE, 4.5, 1.8, ObjectCategory.CAR),
+    "cone": (Kind.STATIC, 0.4, 0.4, ObjectCategory.STATIC),
+    "lorry": (Kind.VEHICLE, 8.0, 2.5, ObjectCategory.TRUCK),
+    "van": (Kind.VEHICLE, 5.9, 2.0, ObjectCategory.VAN),
+    "walker": (Kind.PEDESTRIAN, 0.5, 0.5, ObjectCategory.PEDESTRIAN),
 }
 TICKS = 40
 ROADS = straight_road()
@@ -59,13 +59,13 @@ def episode(*last: int) -> EpisodeRecord:
 
 
 def test_everybody_is_there_at_ten_hertz_with_name_kind_and_size() -> None:
-    found = recording_of(episode(TICKS - 1), scenario("0"), ROADS)
+    found = record_episode(episode(TICKS - 1), scenario("0"), ROADS)
     assert (found.id, found.dt_s, found.frames, found.cavs, found.notes) == ("straight", 0.1, 20, ("0",), ())
     whole, post = found.views
     assert (post.observer, post.infrastructure, post.pose.tolist()) == ("post", True, [[3.0, 4.0, 0.0]] * 20)
     tracks = {track.id: track for track in whole.tracks}
     assert {name: track.category for name, track in tracks.items()} == {
-        "0": Category.CAR,
+        "0": ObjectCategory.CAR,
         **{name: category for name, (*_, category) in THINGS.items()},
     }
     for name, (_, length, width, _) in THINGS.items():
@@ -81,26 +81,26 @@ def test_everybody_is_there_at_ten_hertz_with_name_kind_and_size() -> None:
 
 def test_a_log_ends_with_its_first_observer_unless_a_window_is_given() -> None:
     driven, asked = episode(TICKS - 1, 20), scenario("0", "1")
-    found = recording_of(driven, asked, ROADS)
+    found = record_episode(driven, asked, ROADS)
     assert (found.frames, found.cavs) == (11, ("0", "1"))
-    later = recording_of(driven, asked, ROADS, (0.5, 1.5))
+    later = record_episode(driven, asked, ROADS, (0.5, 1.5))
     assert (later.frames, later.cavs, later.notes) == (11, ("0",), ("CAV 1 is not there throughout",))
     assert later.views[0].tracks[0].x[0] == pytest.approx(5.0)
     with pytest.raises(InputError, match=r"straight: expected a window within its 2 s, found \(5.0, 6.0\)"):
-        recording_of(driven, asked, ROADS, (5.0, 6.0))
+        record_episode(driven, asked, ROADS, (5.0, 6.0))
 
 
 def test_another_scenarios_episode_is_refused() -> None:
     with pytest.raises(InputError, match="expected an episode of scenario other"):
-        recording_of(episode(20), scenario("0").model_copy(update={"id": "other"}), ROADS)
+        record_episode(episode(20), scenario("0").model_copy(update={"id": "other"}), ROADS)
     with pytest.raises(InputError, match="expected an episode of scenario straight"):
-        recording_of(episode(20), scenario("a"), ROADS)
+        record_episode(episode(20), scenario("a"), ROADS)
 
 
 @pytest.mark.parametrize("name", ["town_crossing", "boulevard", "minor_road"])
 def test_the_map_is_that_of_the_network(name: str) -> None:
     roads = load(network_folder(name))
-    found = map_of(roads)
+    found = build_hd_map(roads)
     assert found.lanes.keys() == roads.lanes.keys()
     for name, lane in found.lanes.items():
         real = roads.lanes[name]
@@ -123,7 +123,7 @@ def test_the_map_is_that_of_the_network(name: str) -> None:
 
 def test_stop_signs_are_stop_lines() -> None:
     roads = load(network_folder("minor_road"))
-    (line,) = map_of(roads).stop_lines
+    (line,) = build_hd_map(roads).stop_lines
     assert roads.stop_signs is not None
     (sign,) = roads.stop_signs
     lane = roads.lanes[sign.lane]
@@ -138,7 +138,7 @@ def driven() -> Driven:
 
 
 def test_an_episode_in_sumo_is_a_log_too(driven: Driven) -> None:
-    found = recording_of(driven.episode, driven.scenario, driven.roads, (1.0, 5.0))
+    found = record_episode(driven.episode, driven.scenario, driven.roads, (1.0, 5.0))
     tracks = {track.id: track for track in found.views[0].tracks}
     assert len(tracks) > 8
     assert found.cavs == ("0", "1")

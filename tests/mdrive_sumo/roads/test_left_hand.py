@@ -15,13 +15,13 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import NetworkFile, RoadMap, load
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
 from real2sim.hd_map import HdMap, MapLane
-from real2sim.match import match
-from real2sim.netconvert import netconvert_program
+from real2sim.match import match_track
+from real2sim.netconvert import find_netconvert
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.quality_file import QualityFile
 from real2sim.pipeline.scenario_builder import Wish, build_log
-from real2sim.recording import Recording, Track
-from real2sim.scene import Scene
+from real2sim.recording import RecordedTrack, Recording
+from real2sim.scene import SourceScene
 from tests.real2sim.network.test_netbuild_real import READ
 
 NODES = '<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>'
@@ -31,7 +31,7 @@ EDGES = '<edges><edge id="ab" from="a" to="b" numLanes="3"/><edge id="ba" from="
 @pytest.fixture(scope="session")
 def netconvert() -> Path:
     try:
-        return netconvert_program()
+        return find_netconvert()
     except InputError:
         pytest.skip("needs netconvert")
 
@@ -87,7 +87,7 @@ def mirrored_lane(lane: MapLane) -> MapLane:
 def mirrored(recording: Recording) -> Recording:
     """A log as it would be in a country that keeps to the other side; which side that is it does not tell."""
 
-    def track(one: Track) -> Track:
+    def track(one: RecordedTrack) -> RecordedTrack:
         return one.with_rows(y=-one.y, yaw=-one.yaw)
 
     views = tuple(
@@ -137,7 +137,7 @@ def check_both_sides(recording: Recording, folder: Path) -> None:
             assert roads.lanes[lane.left].right == lane.id
     other = load(folder / "right")
     for a, b in zip(motions(right), motions(left), strict=True):
-        here, there = match(a, other), match(b, roads)
+        here, there = match_track(a, other), match_track(b, roads)
         assert (here.off_road, here.reason) == (there.off_road, there.reason)
         assert (
             abs(len(here.route) - len(there.route)) <= 1
@@ -175,7 +175,7 @@ def test_the_mirror_image_of_a_real_log_converts_as_well(name: str, shared_data:
     log = READ[name]()
     found: list[QualityFile] = []
     for one, folder in ((log, "as-it-is"), (mirrored(log), "mirrored")):
-        scene = Scene(name, log.source, "test", "test", one.map, one)
+        scene = SourceScene(name, log.source, "test", "test", one.map, one)
         found.append(build_log(scene, tmp_path / folder, Wish()).quality)
     before, after = found
     assert after.network.left_hand is not before.network.left_hand

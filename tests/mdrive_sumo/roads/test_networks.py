@@ -11,7 +11,7 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, load, network_folder, packaged_networks
 from mdrive_sumo.roads.network_file import NET_FILE, net_checksum, read_network_file
-from tools.build_networks import build_network, compile_net, netconvert, without_comments
+from tools.build_networks import build_network, compile_recipe, netconvert, strip_comments
 
 NAMES = sorted(packaged_networks())
 LEAST_RADIUS_M = 5.5
@@ -39,7 +39,7 @@ def surface(roads: RoadMap) -> shapely.Geometry:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_recipe_makes_the_packaged_net(name: str) -> None:
     folder = network_folder(name)
-    assert net_checksum(compile_net(folder)) == read_network_file(folder).checksum
+    assert net_checksum(compile_recipe(folder)) == read_network_file(folder).checksum
 
 
 @pytest.mark.usefixtures("compiler")
@@ -56,7 +56,7 @@ def test_a_broken_recipe_is_named(tmp_path: Path) -> None:
     folder = shutil.copytree(network_folder("minor_road"), tmp_path / "minor_road")
     (folder / "plain.nod.xml").write_text("<nodes><node")
     with pytest.raises(InputError, match="netconvert refused the recipe"):
-        compile_net(folder)
+        compile_recipe(folder)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -67,7 +67,7 @@ def test_the_net_file_holds_no_date(name: str) -> None:
 
 
 def test_comments_go_and_nothing_else() -> None:
-    assert without_comments(b"<a>\n<!-- x\n y -->\n<b/></a>") == b"<a>\n<b/></a>"
+    assert strip_comments(b"<a>\n<!-- x\n y -->\n<b/></a>") == b"<a>\n<b/></a>"
 
 
 def test_turns_are_drivable(roads: RoadMap) -> None:

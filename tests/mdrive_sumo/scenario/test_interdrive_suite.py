@@ -16,7 +16,7 @@ from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import statistics
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
-from tools.build_interdrive_suite import RECIPE_FILE, route_of, steps, write
+from tools.build_interdrive_suite import RECIPE_FILE, build_route, parse_steps, write_suite
 
 COMPOSITION = {
     "ins_c": 6, "ins_ss": 4, "ins_sl": 6, "ins_sr": 6, "ins_oppo": 4,
@@ -37,7 +37,7 @@ def street() -> RoadMap:
 
 def test_the_recipe_makes_the_packaged_files(suite: Suite, tmp_path: Path) -> None:
     shutil.copy(packaged_suites()["interdrive"] / RECIPE_FILE, tmp_path)
-    write(tmp_path)
+    write_suite(tmp_path)
     made = {path.relative_to(tmp_path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     files = (path for path in suite.folder.rglob("*") if path.is_file() and path.name != CERTIFICATE_FILE)
     kept = {path.relative_to(suite.folder): path.read_bytes() for path in files}
@@ -71,16 +71,16 @@ def test_routes_bend_no_tighter_than_a_car_does(suite: Suite) -> None:
 @pytest.mark.parametrize("text", ["", "west_in_1 5", "west_in_1 > east_out_1 5", "west_in_1 x > east_out_1 5"])
 def test_a_bad_line_of_the_recipe_is_named(text: str) -> None:
     with pytest.raises(InputError, match=r"recipe: expected"):
-        steps(text)
+        parse_steps(text)
 
 
 def test_an_unknown_lane_is_named(street: RoadMap) -> None:
     with pytest.raises(InputError, match="found 'nowhere_1'"):
-        route_of(street, steps("west_in_1 -20 > nowhere_1 5"))
+        build_route(street, parse_steps("west_in_1 -20 > nowhere_1 5"))
 
 
 def test_a_lane_change_begins_where_the_recipe_says(street: RoadMap) -> None:
-    route = route_of(street, steps("west_in_2 -45 > west_in_1 -40 > east_out_1 10"))
+    route = build_route(street, parse_steps("west_in_2 -45 > west_in_1 -40 > east_out_1 10"))
     left = street.lanes["west_in_2"].centre
     apart = [abs(left.project(x, y)[1]) for x, y in route.xy[:25]]
     assert max(apart[:5]) < 0.05

@@ -19,11 +19,11 @@ from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, DistanceTrigger, PositionTrigger, Replay
-from real2sim.atomic_folder import whole_folder
+from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.suite_converter import convert_authored
-from real2sim.readers.carla_frame import UCLA
-from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
-from real2sim.scene import Scene
+from real2sim.readers.carla_frame import UCLA_FRAME
+from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
+from real2sim.scene import SourceScene
 
 ABOUT = SuiteFile(name="made-up", title="Made up")
 
@@ -33,7 +33,7 @@ def directory(tmp_path: Path) -> Directory:
     return Directory(tmp_path)
 
 
-def convert(out: Path, *scenes: Scene) -> Suite:
+def convert(out: Path, *scenes: SourceScene) -> Suite:
     convert_authored(scenes, out, ABOUT, ["A note."])
     return load_suite(str(out))
 
@@ -97,10 +97,10 @@ def test_who_paces_off_the_lanes_keeps_to_its_path_with_a_note(directory: Direct
 
 def test_lanes_go_straightest_on(tmp_path: Path) -> None:
     """Behind the end of its path an actor's lanes go on, at the fork not to the side."""
-    east = lane("e", UCLA.xy(np.array([(0, 0), (60, 0)])), exits=("on", "off"))
+    east = lane("e", UCLA_FRAME.xy(np.array([(0, 0), (60, 0)])), exits=("on", "off"))
     on, off = (
-        lane("on", UCLA.xy(np.array([(60, 0), (160, 0)]))),
-        lane("off", UCLA.xy(np.array([(60, 0), (70, -2), (80, -10), (85, -25), (85, -60)]))),
+        lane("on", UCLA_FRAME.xy(np.array([(60, 0), (160, 0)]))),
+        lane("off", UCLA_FRAME.xy(np.array([(60, 0), (70, -2), (80, -10), (85, -25), (85, -60)]))),
     )
     directory = Directory(tmp_path)
     directory.add("npc", "a.xml", xml([(20, 0, 0), (40, 0, 0)]), name="a")
@@ -198,14 +198,14 @@ def test_an_unknown_town_is_refused(directory: Directory, tmp_path: Path) -> Non
 
 def test_a_whole_folder_takes_the_place_of_an_empty_one(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
-    with whole_folder(tmp_path / "out") as draft:
+    with atomic_folder(tmp_path / "out") as draft:
         (draft / "a").write_text("a")
     assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*"))] == ["out", "out/a"]
 
 
 @pytest.mark.parametrize("error", [InputError("broken"), KeyboardInterrupt(), OSError(28, "No space left on device")])
 def test_nothing_is_left_of_a_folder_that_fails(tmp_path: Path, error: BaseException) -> None:
-    with pytest.raises((InputError, KeyboardInterrupt)) as caught, whole_folder(tmp_path / "out") as draft:
+    with pytest.raises((InputError, KeyboardInterrupt)) as caught, atomic_folder(tmp_path / "out") as draft:
         (draft / "a").write_text("a")
         raise error
     assert not list(tmp_path.iterdir())
@@ -222,7 +222,7 @@ def test_what_is_there_is_not_written_over(tmp_path: Path, there: str) -> None:
         out.symlink_to(tmp_path / "nowhere")
     else:
         (out / "mine").mkdir(parents=True)
-    with pytest.raises(InputError, match="new or empty folder"), whole_folder(out):
+    with pytest.raises(InputError, match="new or empty folder"), atomic_folder(out):
         pytest.fail("the block must not run")
 
 
@@ -230,7 +230,7 @@ def test_what_is_there_is_not_written_over(tmp_path: Path, there: str) -> None:
 def real(tmp_path_factory: pytest.TempPathFactory) -> Suite:
     out = tmp_path_factory.mktemp("real") / "out"
     towns = SHARED_DATA / "carla_towns"
-    folders = mdrive_folders([SHARED_DATA / "mdrive" / "interaction"])
+    folders = find_mdrive_folders([SHARED_DATA / "mdrive" / "interaction"])
     return convert(out, *(read_mdrive(folder, towns) for folder in folders))
 
 

@@ -14,7 +14,7 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.episode.episode import EpisodeRecord
 from mdrive_sumo.episode.episode_file import load_episode
-from real2sim.readers.carla_frame import UCLA
+from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.writers.v2xpnp_map import write_vector_map
 
 
@@ -46,7 +46,7 @@ def directory(tmp_path: Path) -> Directory:
 
 def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path: Path) -> None:
     """The map is a pickle whose lanes tell no direction; the logged car and a pedestrian are where the log has them."""
-    west = lane("0_1", UCLA.xy(np.array([(x, 0.0) for x in range(200, -1, -1)])), directed=False)
+    west = lane("0_1", UCLA_FRAME.xy(np.array([(x, 0.0) for x in range(200, -1, -1)])), directed=False)
     write_vector_map(lanes_map(west), tmp_path / "map.pkl")
     for name, x in (("x_vehicle_1_0.xml", 5), ("x_vehicle_2_1.xml", 25)):
         (directory.folder / name).write_text(xml([(x, 0, 0), (60, 0, 0)]))
@@ -56,8 +56,8 @@ def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path
     convert(directory.write(), "--map", tmp_path / "map.pkl", "--out", tmp_path / "out")
     (episode,) = driven(tmp_path / "out", "idm", tmp_path / "run").values()
     assert [ending.end for ending in episode.endings] == ["arrived", "arrived"]
-    assert way(episode, "a")[40] == pytest.approx((60 + 20 + UCLA.x, UCLA.y - 0.3), abs=0.02)
-    assert way(episode, "b")[40] == pytest.approx((100 + UCLA.x, UCLA.y - 6), abs=0.02)
+    assert way(episode, "a")[40] == pytest.approx((60 + 20 + UCLA_FRAME.x, UCLA_FRAME.y - 0.3), abs=0.02)
+    assert way(episode, "b")[40] == pytest.approx((100 + UCLA_FRAME.x, UCLA_FRAME.y - 6), abs=0.02)
 
 
 @needs_data

@@ -18,8 +18,8 @@ from real2sim import netconvert
 from real2sim.carla.conversion_report import write_networks_report
 from real2sim.carla.opendrive import read_opendrive
 from real2sim.carla.opendrive_converter import convert_opendrive
-from real2sim.carla.road_links import mend_links
-from real2sim.carla.town_network import Town, build_town
+from real2sim.carla.road_links import repair_road_links
+from real2sim.carla.town_network import TownNetwork, build_town_network
 
 MAPS = SHARED_DATA / "carla_towns"
 
@@ -72,7 +72,7 @@ def test_without_any_signal_the_signs_are_unknown_not_none(tmp_path: Path) -> No
 def test_a_map_is_compiled_with_its_signs(tmp_path: Path, geometry: str) -> None:
     signals = SIGN.format(id="r", s=50, t=-5) + SIGN.format(id="l", s=10, t=5) + SIGN.format(id="far", s=9, t=60)
     xodr(tmp_path, geometry, signals)
-    town = build_town("TownXX", tmp_path, tmp_path / "net")
+    town = build_town_network("TownXX", tmp_path, tmp_path / "net")
     roads = load(town.folder)
     assert town.stop_signs == 2
     assert town.unplaced_signs == ("far",)
@@ -89,12 +89,12 @@ def test_the_offset_is_checked_with_lanes_that_do_not_begin_at_the_reference_lin
         offset='<laneOffset s="0" a="-1.7" b="0" c="0" d="0"/>',
         signals=SIGN.format(id="r", s=5, t=-9),
     )
-    assert build_town("TownXX", tmp_path, tmp_path / "net").offset_error_m < 0.01
+    assert build_town_network("TownXX", tmp_path, tmp_path / "net").offset_error_m < 0.01
 
 
 def test_the_same_map_gives_the_same_bytes(tmp_path: Path) -> None:
     xodr(tmp_path)
-    first, second = (build_town("TownXX", tmp_path, tmp_path / name).folder for name in ("a", "b"))
+    first, second = (build_town_network("TownXX", tmp_path, tmp_path / name).folder for name in ("a", "b"))
     assert (first / "map.net.xml.gz").read_bytes() == (second / "map.net.xml.gz").read_bytes()
     assert (first / "network.json").read_bytes() == (second / "network.json").read_bytes()
     assert b"<!--" not in gzip.decompress((first / "map.net.xml.gz").read_bytes())
@@ -102,13 +102,13 @@ def test_the_same_map_gives_the_same_bytes(tmp_path: Path) -> None:
 
 def test_a_ready_net_is_taken_where_the_xodr_is_missing_or_predates_signals(tmp_path: Path) -> None:
     xodr(tmp_path, signals=SIGN.format(id="r", s=50, t=-5))
-    with_signs = build_town("TownXX", tmp_path, tmp_path / "first")
+    with_signs = build_town_network("TownXX", tmp_path, tmp_path / "first")
     (tmp_path / "TownXX.net.xml").write_bytes(gzip.decompress((with_signs.folder / "map.net.xml.gz").read_bytes()))
-    assert build_town("TownXX", tmp_path, tmp_path / "both").source.startswith("TownXX.xodr")
+    assert build_town_network("TownXX", tmp_path, tmp_path / "both").source.startswith("TownXX.xodr")
     xodr(tmp_path)
-    assert build_town("TownXX", tmp_path, tmp_path / "old").source.startswith("ready net")
+    assert build_town_network("TownXX", tmp_path, tmp_path / "old").source.startswith("ready net")
     (tmp_path / "TownXX.xodr").unlink()
-    ready = build_town("TownXX", tmp_path, tmp_path / "ready")
+    ready = build_town_network("TownXX", tmp_path, tmp_path / "ready")
     assert ready.stop_signs is None
     assert ready.offset == with_signs.offset
     assert read_network_file(ready.folder).stop_signs is None
@@ -128,7 +128,7 @@ def test_a_ready_net_is_taken_where_the_xodr_is_missing_or_predates_signals(tmp_
 def test_a_bad_map_is_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     (tmp_path / "TownXX.xodr").write_text(text)
     with pytest.raises(InputError, match=sentence) as caught:
-        build_town("TownXX", tmp_path, tmp_path / "net")
+        build_town_network("TownXX", tmp_path, tmp_path / "net")
     assert "TownXX.xodr" in str(caught.value)
 
 
@@ -157,14 +157,14 @@ def two_roads(link: str) -> str:
 )
 def test_a_link_that_one_road_alone_tells_is_mended(tmp_path: Path, link: str, was: str) -> None:
     (tmp_path / "TownXX.xodr").write_text(two_roads(link))
-    town = build_town("TownXX", tmp_path, tmp_path / "net")
+    town = build_town_network("TownXX", tmp_path, tmp_path / "net")
     assert town.repairs == (f"road 8: its predecessor is road 7, which says so, not {was}",)
     assert drivable_path(load(town.folder), "-7_0", "-8_0")
     assert drivable_path(load(town.folder), "8_0", "7_0")
     assert "(mended: road 8" in networks_report(tmp_path, town)
 
 
-def networks_report(folder: Path, town: Town) -> str:
+def networks_report(folder: Path, town: TownNetwork) -> str:
     write_networks_report([town], folder)
     return (folder / "networks.md").read_text()
 
@@ -173,7 +173,7 @@ def test_links_that_both_roads_tell_are_let_be() -> None:
     both = '<link><predecessor elementType="road" elementId="7" contactPoint="end"/></link>'
     root = ElementTree.fromstring(two_roads(both))
     before = ElementTree.tostring(root)
-    assert mend_links(root) == ()
+    assert repair_road_links(root) == ()
     assert ElementTree.tostring(root) == before
 
 
@@ -208,13 +208,13 @@ def test_maps_that_cannot_be_converted_leave_nothing(tmp_path: Path, names: tupl
 
 def test_a_missing_town_names_both_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected Town05\.xodr or Town05\.net\.xml, found neither"):
-        build_town("Town05", tmp_path, tmp_path / "net")
+        build_town_network("Town05", tmp_path, tmp_path / "net")
 
 
 def test_a_net_without_an_offset_is_refused(tmp_path: Path) -> None:
     (tmp_path / "TownXX.net.xml").write_text("<net/>")
     with pytest.raises(InputError, match="netOffset"):
-        build_town("TownXX", tmp_path, tmp_path / "net")
+        build_town_network("TownXX", tmp_path, tmp_path / "net")
 
 
 def test_without_netconvert_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,20 +222,20 @@ def test_without_netconvert_the_extra_is_named(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(netconvert.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setitem(os.environ, "PATH", "")
     with pytest.raises(InputError, match=r"pip install 'mdrive-sumo\[convert\]'"):
-        build_town("TownXX", tmp_path, tmp_path / "net")
+        build_town_network("TownXX", tmp_path, tmp_path / "net")
 
 
 @needs_data
 @pytest.mark.parametrize("name", ["Town01", "Town02", "Town03", "Town04", "Town05", "Town06", "Town07"])
 def test_the_offset_of_every_carla_town_is_right_to_a_centimetre(tmp_path: Path, name: str) -> None:
-    town = build_town(name, MAPS, tmp_path / "net")
+    town = build_town_network(name, MAPS, tmp_path / "net")
     assert town.offset_error_m < 0.01
     assert town.stop_signs == {"Town03": None, "Town05": None, "Town07": 19}.get(name, 0)
 
 
 @needs_data
 def test_the_19_stop_signs_of_town07_stand_shortly_before_a_junction(tmp_path: Path) -> None:
-    roads = load(build_town("Town07", MAPS, tmp_path / "net").folder)
+    roads = load(build_town_network("Town07", MAPS, tmp_path / "net").folder)
     assert roads.stop_signs is not None
     for box in roads.stop_signs:
         lane = roads.lanes[box.lane]

@@ -9,16 +9,16 @@ from testing.log_faults import PLANTS, Fault, planted, tracks_of
 from testing.log_truth import Log, alone, observed, truth
 
 from mdrive_sumo.core.geometry import wrap_angles
-from real2sim.clean import Cleaned, clean
-from real2sim.clean.cleaning_report import Reason
+from real2sim.clean import CleanedRecording, clean_recording
+from real2sim.clean.cleaning_report import ChangeReason
 
 REASONS = {
-    "duplicate": {Reason.DUPLICATE},
-    "id flip": {Reason.ID_FLIP},
-    "jump": {Reason.TELEPORT},
-    "ego ghost": {Reason.EGO_GHOST},
-    "heading": {Reason.HEADING},
-    "gap": {Reason.GAP},
+    "duplicate": {ChangeReason.DUPLICATE},
+    "id flip": {ChangeReason.ID_FLIP},
+    "jump": {ChangeReason.TELEPORT},
+    "ego ghost": {ChangeReason.EGO_GHOST},
+    "heading": {ChangeReason.HEADING},
+    "gap": {ChangeReason.GAP},
 }
 """How the report calls what was planted."""
 ERROR_M = 0.6
@@ -27,7 +27,7 @@ HEADING_RAD = 0.3
 SHARE = 0.98
 
 
-def repaired(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
+def repaired(fault: Fault, log: Log, cleaned: CleanedRecording) -> bool:
     """Whether exactly one track lies on the thing, near it and rightly turned in the frames of the fault."""
     thing, frames = log.truth[fault.thing], list(fault.frames)
     found = tracks_of(cleaned.tracks, thing)
@@ -42,13 +42,13 @@ def repaired(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
     return near and (fault.kind != "heading" or bool((turned[frames] < HEADING_RAD).all()))
 
 
-def told(fault: Fault, log: Log, cleaned: Cleaned) -> bool:
+def told(fault: Fault, log: Log, cleaned: CleanedRecording) -> bool:
     """Whether the report has an entry of that reason for the track, or for the name in the source that was left out.
 
     A duplicate too far off to be fused is left out for lying inside the track, which the entry names.
     """
     names = {track.id for track in tracks_of(cleaned.tracks, log.truth[fault.thing])} | {log.truth[fault.thing].id}
-    inside = {change for change in cleaned.report.of(Reason.INSIDE) if names & set(change.detail.split())}
+    inside = {change for change in cleaned.report.of(ChangeReason.INSIDE) if names & set(change.detail.split())}
     found = {change for change in cleaned.report.changes if change.reason in REASONS[fault.kind]}
     return any(change.track in names for change in found) or bool(inside and fault.kind == "duplicate")
 
@@ -57,7 +57,7 @@ def rates(logs: Iterable[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], li
     """Share of repaired faults per kind, and those nobody was told about."""
     total, good, silent = Counter[str](), Counter[str](), list[Fault]()
     for log, faults in logs:
-        cleaned = clean(log.recording)
+        cleaned = clean_recording(log.recording)
         for fault in faults:
             total[fault.kind] += 1
             good[fault.kind] += repaired(fault, log, cleaned)

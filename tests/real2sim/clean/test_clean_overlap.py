@@ -6,11 +6,11 @@ import numpy as np
 from testing.log_truth import DT, made
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.clean import clean
-from real2sim.clean.cleaning_report import Change, Reason
-from real2sim.clean.overlap_resolution import apart
+from real2sim.clean import clean_recording
+from real2sim.clean.cleaning_report import ChangeReason, TrackChange
+from real2sim.clean.overlap_resolution import resolve_overlaps
 from real2sim.hd_map import HdMap
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.track_contacts import contacts
 
@@ -18,18 +18,20 @@ T = np.arange(60) * DT
 HERE = np.zeros(60)
 
 
-def car(number: int, x: Float, y: float = 0.0, category: Category = Category.CAR) -> Track:
+def car(number: int, x: Float, y: float = 0.0, category: ObjectCategory = ObjectCategory.CAR) -> RecordedTrack:
     return made(number, category, (x, HERE + y, HERE.copy()))
 
 
-def late(track: Track, frame: int) -> Track:
+def late(track: RecordedTrack, frame: int) -> RecordedTrack:
     valid = np.arange(60) >= frame
     columns = {name: np.where(valid, getattr(track, name), np.nan) for name in ("x", "y", "yaw", "length", "width")}
     return replace(track, valid=valid, **columns)
 
 
-def settled(*tracks: Track, cavs: tuple[str, ...] = ()) -> tuple[tuple[Track, ...], tuple[Change, ...]]:
-    kept, changes = apart(tracks, cavs, DT)
+def settled(
+    *tracks: RecordedTrack, cavs: tuple[str, ...] = ()
+) -> tuple[tuple[RecordedTrack, ...], tuple[TrackChange, ...]]:
+    kept, changes = resolve_overlaps(tracks, cavs, DT)
     assert contacts(reconstruct(kept, DT), 0.1).spawn_overlaps == ()
     return kept, changes
 
@@ -42,7 +44,7 @@ def test_things_apart_are_left_alone() -> None:
 def test_a_track_that_is_badly_seen_at_first_begins_later() -> None:
     second = late(car(1, 8 * T + np.clip(3.0 + 6.0 * (T - 2.2), 3.0, 9.0)), 20)
     (_, kept), changes = settled(car(0, 8 * T), second)
-    assert {(change.reason, change.track) for change in changes} == {(Reason.OVERLAP, second.id)}
+    assert {(change.reason, change.track) for change in changes} == {(ChangeReason.OVERLAP, second.id)}
     assert kept.frames[0] == 20 + sum(change.frames for change in changes)
     assert 22 < kept.frames[0] <= 33
 
@@ -50,7 +52,7 @@ def test_a_track_that_is_badly_seen_at_first_begins_later() -> None:
 def test_boxes_a_little_too_large_become_smaller() -> None:
     parked = [replace(car(n, HERE + 4.3 * n), parked=True) for n in (0, 1)]
     kept, (change,) = settled(*parked)
-    assert change.reason is Reason.OVERLAP
+    assert change.reason is ChangeReason.OVERLAP
     assert "95%" in change.detail
     assert np.allclose([track.length[0] for track in kept], 0.95 * 4.6)
 
@@ -59,7 +61,7 @@ def test_what_lies_inside_another_goes_with_a_reason() -> None:
     ghost = late(car(1, 8 * T + 1.5, 0.3), 10)
     (kept,), (change,) = settled(car(0, 8 * T), ghost)
     assert kept.id == "100"
-    assert (change.reason, change.track, change.frames) == (Reason.INSIDE, ghost.id, 50)
+    assert (change.reason, change.track, change.frames) == (ChangeReason.INSIDE, ghost.id, 50)
 
 
 def test_a_connected_vehicle_stays_whoever_came_first() -> None:
@@ -70,8 +72,8 @@ def test_a_connected_vehicle_stays_whoever_came_first() -> None:
 
 
 def test_cleaning_tells_of_it_and_lists_what_is_lost() -> None:
-    walker = made(1, Category.PEDESTRIAN, (8 * T + 0.5, HERE, HERE))
-    view = View("log", (car(0, 8 * T), walker))
-    cleaned = clean(Recording("made", "made", DT, 60, (view,), HdMap()))
+    walker = made(1, ObjectCategory.PEDESTRIAN, (8 * T + 0.5, HERE, HERE))
+    view = ObserverView("log", (car(0, 8 * T), walker))
+    cleaned = clean_recording(Recording("made", "made", DT, 60, (view,), HdMap()))
     assert [track.id for track in cleaned.tracks] == ["100"]
     assert cleaned.report.lost == {"101": "overlaps 100 in 60 of 60 frames: left out"}

@@ -17,10 +17,10 @@ from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
-from real2sim.atomic_folder import whole_folder
-from real2sim.clean import clean
-from real2sim.clean.cleaning_report import Change, CleaningReport, Reason
-from real2sim.cli.log_options import told
+from real2sim.atomic_folder import atomic_folder
+from real2sim.clean import clean_recording
+from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
+from real2sim.cli.log_options import show_progress
 from real2sim.fit.background_vehicle import size_of
 from real2sim.fit.disposition import Became, Role
 from real2sim.pipeline.cav_selection import cav_tracks
@@ -28,8 +28,8 @@ from real2sim.pipeline.log_conversion import scenario_id, windows_of
 from real2sim.pipeline.log_source import Log, read
 from real2sim.pipeline.quality_file import load_quality
 from real2sim.pipeline.suite_summary import summary, summary_table
-from real2sim.recording import View
-from real2sim.targets import Target, by_sumo, lost_target, silently_lost
+from real2sim.recording import ObserverView
+from real2sim.targets import FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
@@ -141,7 +141,7 @@ def test_summary_names_what_misses_its_target(suite: Path, tmp_path: Path) -> No
     shutil.copytree(suite, tmp_path / "worse")
     path = tmp_path / "worse" / "small" / "quality.json"
     quality = load_quality(path)
-    far = Target(name="error p95", value=1.5, limit=1.0, unit="m")
+    far = FidelityTarget(name="error p95", value=1.5, limit=1.0, unit="m")
     path.write_text(quality.model_copy(update={"targets": (far,), "passed": False}).model_dump_json())
     table = run("--summary", tmp_path / "worse")
     assert table.exit_code == 1
@@ -208,7 +208,7 @@ def test_a_cav_of_the_source_that_will_not_do_is_told(tmp_path: Path) -> None:
     (tmp_path / "log").mkdir()
     log = recording()
     tracks = (track("1", 20.0, 0.0, 0.0), *log.views[0].tracks[1:])
-    write_v2xpnp(replace(log, views=(View("log", tracks), log.views[1])), tmp_path / "log" / "small", None, 0)
+    write_v2xpnp(replace(log, views=(ObserverView("log", tracks), log.views[1])), tmp_path / "log" / "small", None, 0)
     write_vector_map(road(), tmp_path / "map.pkl")
     done = run("v2xpnp", tmp_path / "log", "--map", tmp_path / "map.pkl", "--out", tmp_path / "out", "--report")
     assert done.exit_code in (0, 1), done.output
@@ -224,7 +224,7 @@ def test_a_cav_of_the_source_that_will_not_do_is_told(tmp_path: Path) -> None:
 def test_a_cav_is_named_by_source_scenario_or_how_it_begins() -> None:
     ids = ("0bfc7d407d09490cbca7", "36209f00d7442a19485f")
     tracks = [track(id_, 20.0, 0.0, 8.0) for id_ in ids]
-    cleaned = clean(recording())
+    cleaned = clean_recording(recording())
     for name in (ids[1], "36209f", "36209f00d7", "3"):
         assert cav_tracks((name,), cleaned, tracks, {}) == (ids[1],)
     with pytest.raises(InputError, match=r"CAV 7: expected one of the vehicles \(none is usable\), found none"):
@@ -237,8 +237,8 @@ def test_an_odd_size_is_bounded_and_told() -> None:
         replace(one, length=one.length * 12, width=one.width * 8) if one.id == "11" else one
         for one in log.views[0].tracks
     )
-    cleaned = clean(replace(log, views=(View("log", tracks), log.views[1])))
-    told = {change.track: change.detail for change in cleaned.report.of(Reason.SIZE)}
+    cleaned = clean_recording(replace(log, views=(ObserverView("log", tracks), log.views[1])))
+    told = {change.track: change.detail for change in cleaned.report.of(ChangeReason.SIZE)}
     assert told["11"] == (
         "length 54.00 m is beyond what a scenario can have: 40, width 14.40 m is beyond what a scenario can have: 10"
     )
@@ -304,35 +304,35 @@ def test_ids_are_those_of_logs_in_plain_characters() -> None:
 @pytest.mark.parametrize(
     ("target", "met"),
     [
-        (Target(name="a", value=3.0, limit=3.0), True),
-        (Target(name="a", value=3.1, limit=3.0), False),
-        (Target(name="a", value=0.9, limit=0.9, at_least=True), True),
-        (Target(name="a", value=0.8, limit=0.9, at_least=True), False),
-        (Target(name="a", value=None, limit=0.9), None),
+        (FidelityTarget(name="a", value=3.0, limit=3.0), True),
+        (FidelityTarget(name="a", value=3.1, limit=3.0), False),
+        (FidelityTarget(name="a", value=0.9, limit=0.9, at_least=True), True),
+        (FidelityTarget(name="a", value=0.8, limit=0.9, at_least=True), False),
+        (FidelityTarget(name="a", value=None, limit=0.9), None),
     ],
 )
-def test_targets(target: Target, met: bool | None) -> None:
+def test_targets(target: FidelityTarget, met: bool | None) -> None:
     assert target.met is met
 
 
 def test_a_track_of_the_source_may_be_lost_with_a_reason_only(small: tuple[Path, Path]) -> None:
     log, map_ = small
     recording = read(Log("v2xpnp", log, (map_,)))
-    cleaned = clean(recording)
+    cleaned = clean_recording(recording)
     roles = {track.id: Role(Became.ACTOR) for track in cleaned.tracks}
-    assert lost_target(recording, cleaned, roles).value == 0
-    assert silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT)}) == ("11",)
-    assert silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT, "it left the map")}) == ()
+    assert build_lost_target(recording, cleaned, roles).value == 0
+    assert find_silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT)}) == ("11",)
+    assert find_silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT, "it left the map")}) == ()
     forgotten = replace(cleaned, successors={k: v for k, v in cleaned.successors.items() if k != "12"})
-    assert silently_lost(recording, forgotten, {k: v for k, v in roles.items() if k != "12"}) == ("12",)
-    short = Change(Reason.TOO_SHORT, "12", 3, "seen in 3 frames only")
+    assert find_silently_lost(recording, forgotten, {k: v for k, v in roles.items() if k != "12"}) == ("12",)
+    short = TrackChange(ChangeReason.TOO_SHORT, "12", 3, "seen in 3 frames only")
     said = replace(cleaned, report=CleaningReport((*cleaned.report.changes, short)))
-    assert silently_lost(recording, said, {k: v for k, v in roles.items() if k != "12"}) == ()
+    assert find_silently_lost(recording, said, {k: v for k, v in roles.items() if k != "12"}) == ()
 
 
 def test_a_whole_track_that_is_left_out_as_a_teleport_is_lost_with_its_reason() -> None:
-    whole = Change(Reason.TELEPORT, "7", 3, "left out of 1", whole=True)
-    assert CleaningReport((whole, Change(Reason.TELEPORT, "8", 1, "a step"))).lost == {"7": "left out of 1"}
+    whole = TrackChange(ChangeReason.TELEPORT, "7", 3, "left out of 1", whole=True)
+    assert CleaningReport((whole, TrackChange(ChangeReason.TELEPORT, "8", 1, "a step"))).lost == {"7": "left out of 1"}
 
 
 @pytest.mark.parametrize(("mode", "driven"), [("reactive", 2), ("hybrid", 2), ("replay", 0)])
@@ -340,7 +340,7 @@ def test_cavs_and_scripted_vehicles_are_not_driven_by_sumo(suite: Path, mode: st
     quality = load_quality(suite / "small" / "quality.json")
     assert (quality.by_sumo, quality.fidelity.moving_vehicles) == (2, 4)
     roles = {role.track: Role(role.became) for role in quality.fit}
-    assert by_sumo(quality.fidelity, roles, mode) == driven
+    assert count_sumo_driven(quality.fidelity, roles, mode) == driven
     page = (suite / "small" / "conversion.html").read_text()
     assert "SUMO drives 2 of the moving vehicles (reactive)" in page
     assert '<td class="number">2 of 4</td>' in (suite / "conversion.html").read_text()
@@ -356,7 +356,7 @@ def test_every_target_has_a_tile(suite: Path) -> None:
 
 def test_a_terminated_conversion_leaves_nothing(tmp_path: Path) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt), whole_folder(tmp_path / "out") as draft:
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "out") as draft:
         (draft / "half").touch()
         signal.raise_signal(signal.SIGTERM)
     assert list(tmp_path.iterdir()) == []
@@ -394,8 +394,8 @@ class Terminal(io.StringIO):
 def test_progress_is_one_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
-    told(1, 2, "first: passed")
-    told(2, 2, "second: passed")
+    show_progress(1, 2, "first: passed")
+    show_progress(2, 2, "second: passed")
     before, half, end = screen.getvalue().split("\r\x1b[K")
     assert (before, end) == ("", "")
     assert half == "█" * 12 + "░" * 12 + " 1/2  first: passed"

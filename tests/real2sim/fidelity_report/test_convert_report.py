@@ -13,13 +13,13 @@ import pytest
 from testing.paths import ROOT
 from testing.report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
-from real2sim.clean.cleaning_report import Reason
+from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fidelity_report.formatting import CLEANED, FIGURES, failures, words_of
 from real2sim.fidelity_report.index_page import index_html, index_line, write_index
 from real2sim.fidelity_report.line_chart import Chart, Series, draw
 from real2sim.fidelity_report.network_section import deviation
 from real2sim.fidelity_report.report_page import PAGE, page_html, write_page
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
 from real2sim.readers.scenarionet import read_scenarionet
@@ -61,12 +61,12 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Findings:
+def found(tmp_path_factory: pytest.TempPathFactory) -> ConversionFindings:
     return small_findings(tmp_path_factory.mktemp("findings"))
 
 
 @pytest.fixture(scope="module")
-def html(found: Findings) -> str:
+def html(found: ConversionFindings) -> str:
     return page_html(found)
 
 
@@ -108,7 +108,7 @@ def tile(html: str, name: str) -> tuple[str, str]:
     return found[1], found[2]
 
 
-def test_tiles_say_what_misses_its_target(found: Findings, html: str) -> None:
+def test_tiles_say_what_misses_its_target(found: ConversionFindings, html: str) -> None:
     assert tile(html, "moving vehicles passing all checks") == ("missed", "2 of 3")
     assert tile(html, "order kept at conflicts") == ("missed", "17 of 20")
     assert tile(html, "traffic off the log at 5 s, median") == ("met", "1.00 m")
@@ -117,7 +117,7 @@ def test_tiles_say_what_misses_its_target(found: Findings, html: str) -> None:
     assert tile(page_html(unknown), "error median") == ("open", "–")
 
 
-def test_the_head_says_what_the_pipeline_says_is_missed(found: Findings, html: str) -> None:
+def test_the_head_says_what_the_pipeline_says_is_missed(found: ConversionFindings, html: str) -> None:
     assert "Misses 2 targets." in html
     told = page_html(replace(found, misses=("the only one",)))
     assert "Misses 1 target." in told
@@ -126,7 +126,7 @@ def test_the_head_says_what_the_pipeline_says_is_missed(found: Findings, html: s
     assert "Faithful." in page_html(replace(found, quality=passed, closeness=None))
 
 
-def test_no_conflicts_are_not_a_kept_order(found: Findings) -> None:
+def test_no_conflicts_are_not_a_kept_order(found: ConversionFindings) -> None:
     assert found.closeness is not None
     update = {"order_pairs": 0, "order_kept": 0, "order_share": None, "order_changed": ()}
     html = page_html(replace(found, closeness=found.closeness.model_copy(update=update)))
@@ -134,7 +134,7 @@ def test_no_conflicts_are_not_a_kept_order(found: Findings) -> None:
     assert "No two of them share a conflict point." in html
 
 
-def test_traffic_is_told_by_number_whatever_the_scenario_calls_it(found: Findings, html: str) -> None:
+def test_traffic_is_told_by_number_whatever_the_scenario_calls_it(found: ConversionFindings, html: str) -> None:
     section = html.split('id="traffic"')[1].split("<section")[0]
     number = re.search(r"No\. (\d)</b>", card(html, "&lt;script"))
     assert number is not None
@@ -143,7 +143,7 @@ def test_traffic_is_told_by_number_whatever_the_scenario_calls_it(found: Finding
     assert "Not measured." in page_html(replace(found, closeness=None))
 
 
-def test_a_scenario_without_anything_has_a_page(found: Findings) -> None:
+def test_a_scenario_without_anything_has_a_page(found: ConversionFindings) -> None:
     empty = found.quality.model_copy(update={"actors": (), "moving_vehicles": 0, "error_median": None})
     bare = replace(found, quality=empty, tracks=(), cleaned=replace(found.cleaned, tracks=(), cavs={}), closeness=None)
     assert "–" in Page(page_html(bare)).text
@@ -151,7 +151,7 @@ def test_a_scenario_without_anything_has_a_page(found: Findings) -> None:
 
 def test_every_check_and_every_reason_has_words() -> None:
     assert {check.figure for check in CHECKS} <= set(FIGURES)
-    assert set(CLEANED) == set(Reason)
+    assert set(CLEANED) == set(ChangeReason)
     assert set(FIGURES) <= set(ActorQuality.model_fields)
 
 
@@ -174,7 +174,7 @@ def drawn(html: str, id_: str) -> np.ndarray:
     return np.cumsum(numbers.reshape(-1, 2), axis=0)
 
 
-def test_tracks_are_drawn_where_they_are(found: Findings, html: str) -> None:
+def test_tracks_are_drawn_where_they_are(found: ConversionFindings, html: str) -> None:
     number = int(re.search(r"No\. (\d)</b>", card(html, ">cav<"))[1])  # type: ignore[index]
     cav = next(one for one in found.tracks if one.id == "cav")
     raw = next(one for one in found.cleaned.tracks if one.id == "cav")
@@ -188,7 +188,7 @@ def test_tracks_are_drawn_where_they_are(found: Findings, html: str) -> None:
     assert np.abs(both).max() <= 100 * np.hypot(cav.x - raw.x, cav.y - raw.y).max() + 1
 
 
-def test_the_network_off_its_source_is_marked(found: Findings) -> None:
+def test_the_network_off_its_source_is_marked(found: ConversionFindings) -> None:
     assert deviation(found).distance.max() < 0.2
     hd_map = found.recording.map
     west = hd_map.lanes["west"]
@@ -248,7 +248,7 @@ def test_every_picture_has_words_and_every_input_a_label(html: str) -> None:
     assert page.all("html")[0]["lang"] == "en"
 
 
-def test_the_same_findings_give_the_same_bytes(found: Findings, html: str, tmp_path: Path) -> None:
+def test_the_same_findings_give_the_same_bytes(found: ConversionFindings, html: str, tmp_path: Path) -> None:
     assert write_page(tmp_path, found) == tmp_path / PAGE
     assert (tmp_path / PAGE).read_text("utf-8") == html
 
@@ -277,7 +277,7 @@ def test_a_real_log_has_a_page(shared_data: Path, tmp_path: Path) -> None:
 # ---- the index
 
 
-def test_the_index_lists_what_misses_first_and_links_every_page(found: Findings, tmp_path: Path) -> None:
+def test_the_index_lists_what_misses_first_and_links_every_page(found: ConversionFindings, tmp_path: Path) -> None:
     line = index_line(found)
     assert (line.passed, line.moving, line.median_at_5s, line.order_share) == (2, 3, 1.0, 0.85)
     good = replace(line, id="aa-good", misses=())

@@ -11,7 +11,7 @@ from testing.report_findings import HOSTILE, small_findings
 
 from real2sim.fidelity_report.index_page import index_line, write_index
 from real2sim.fidelity_report.report_page import write_page
-from real2sim.findings import Findings
+from real2sim.findings import ConversionFindings
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update")
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Findings:
+def found(tmp_path_factory: pytest.TempPathFactory) -> ConversionFindings:
     return small_findings(tmp_path_factory.mktemp("findings"))
 
 
@@ -51,7 +51,7 @@ def tab(browser: Any) -> Iterator[Any]:
 
 
 @pytest.fixture
-def page(tab: Any, found: Findings, tmp_path: Path) -> Any:
+def page(tab: Any, found: ConversionFindings, tmp_path: Path) -> Any:
     tab.goto(write_page(tmp_path, found).as_uri())
     return tab
 
@@ -63,7 +63,7 @@ def test_nothing_is_wider_than_the_screen(page: Any, width: int) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_the_index_fits_a_small_screen(tab: Any, found: Findings, tmp_path: Path) -> None:
+def test_the_index_fits_a_small_screen(tab: Any, found: ConversionFindings, tmp_path: Path) -> None:
     tab.set_viewport_size({"width": 400, "height": 800})
     tab.goto(write_index(tmp_path, f"suite {HOSTILE}", [index_line(found)]).as_uri())
     assert tab.evaluate("document.documentElement.scrollWidth") <= 400

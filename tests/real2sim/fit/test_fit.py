@@ -15,7 +15,7 @@ from mdrive_sumo.scenario.scripted_actor import Replay, Standing
 from real2sim.fit import choose_cavs, fit, passed_over, scenario_names, unfit
 from real2sim.fit.disposition import Became
 from real2sim.fit.route_path import path_of, progress_of
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def roads(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
     return crossing(tmp_path_factory.mktemp("crossing"))
 
 
-def vehicle(roads: RoadMap, *tracks: Track, which: int = 0) -> BackgroundVehicle:
+def vehicle(roads: RoadMap, *tracks: RecordedTrack, which: int = 0) -> BackgroundVehicle:
     return made(roads, *tracks).fitted.background.vehicles[which]
 
 
@@ -117,9 +117,9 @@ def test_what_never_moves_stands_and_who_walks_repeats_the_log(roads: RoadMap) -
     fitted = made(
         roads,
         track("parked", 50.0, -2.6, parked=True),
-        track("cone", 60.0, -2.6, Category.STATIC, parked=True),
-        track("walker", 100.0, -5.0 + seconds(), Category.PEDESTRIAN),
-        track("rider", 20.0 + 4.0 * seconds(), -5.0, Category.BICYCLE),
+        track("cone", 60.0, -2.6, ObjectCategory.STATIC, parked=True),
+        track("walker", 100.0, -5.0 + seconds(), ObjectCategory.PEDESTRIAN),
+        track("rider", 20.0 + 4.0 * seconds(), -5.0, ObjectCategory.BICYCLE),
     ).fitted
     kinds = {actor.id: actor.kind for actor in fitted.actors}
     assert kinds == {"parked": "vehicle", "cone": "static", "walker": "pedestrian", "rider": "cyclist"}
@@ -182,10 +182,10 @@ def test_the_route_of_a_cav_that_hardly_moves_goes_on_along_its_lane(roads: Road
         (track("a", np.where(seconds() > 1.0, 20.0 + 10.0 * seconds(), np.nan), 0.0), "appears only in frame 11"),
         (track("a", 20.0 + 10.0 * seconds(), -12.0), "off the road"),
         (track("a", 20.0 + 10.0 * seconds(), -2.6), "starts 2.6 m beside its lane"),
-        (track("a", 20.0, seconds(), Category.PEDESTRIAN), "expected a vehicle, found a pedestrian"),
+        (track("a", 20.0, seconds(), ObjectCategory.PEDESTRIAN), "expected a vehicle, found a pedestrian"),
     ],
 )
-def test_who_cannot_be_a_cav_is_refused_in_one_sentence(roads: RoadMap, one: Track, sentence: str) -> None:
+def test_who_cannot_be_a_cav_is_refused_in_one_sentence(roads: RoadMap, one: RecordedTrack, sentence: str) -> None:
     with pytest.raises(InputError, match=f"CAV a: .*{sentence}"):
         made(roads, one, cavs=("a",))
 

@@ -13,8 +13,16 @@ from testing.map_faults import drive, lane, lanes_map
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, load, packaged_networks, route_along
 from real2sim.hd_map import HdMap
-from real2sim.match.lane_candidates import lane_index
-from real2sim.match.lane_matcher import CHANGE_M, DETOUR_M, Match, best_chain, emission, match, transition
+from real2sim.match.lane_candidates import load_candidate_index
+from real2sim.match.lane_matcher import (
+    DETOUR_M,
+    LANE_CHANGE_M,
+    LaneMatch,
+    compute_emission_cost,
+    compute_transition_cost,
+    find_best_chain,
+    match_track,
+)
 from real2sim.network import build_network
 
 EAST = np.column_stack((np.arange(0.0, 201.0, 5.0), np.zeros(41)))
@@ -42,9 +50,9 @@ def drivable(roads: RoadMap, route: tuple[str, ...]) -> bool:
     )
 
 
-def checked(track: Float, roads: RoadMap, worst_offset: float = 0.2) -> Match:
+def checked(track: Float, roads: RoadMap, worst_offset: float = 0.2) -> LaneMatch:
     """The match of a track that must be matched throughout."""
-    found = match(track, roads)
+    found = match_track(track, roads)
     assert (found.reason, found.off_road, found.breaks) == ("", False, ())
     assert drivable(roads, found.route)
     assert set(found.lane) <= set(found.route)
@@ -113,7 +121,7 @@ def test_every_way_through_the_packaged_networks_is_found_in_noise(name: str) ->
         dense = route_along(roads, path, 5.0, roads.lanes[goal].centre.length - 5.0)
         track = drive(dense.xy)
         track[:, :2] += rng.normal(0.0, 0.15, (len(track), 2))
-        found = match(track, roads)
+        found = match_track(track, roads)
         assert (found.route, found.reason) == (path, "")
         driven += 1
     assert driven >= (3 if name == "lane_drop" else 5)
@@ -160,7 +168,7 @@ def test_at_a_fork_the_whole_track_decides(goal: str, end: float, tmp_path: Path
     line = np.concatenate((EAST[:20], ways[goal]))
     track = drive(line)
     track[:, 1] += 0.3 * np.sin(np.arange(len(track)))
-    found = match(track, roads)
+    found = match_track(track, roads)
     assert found.lane[-1] == f"e{goal}_0"
     assert {id_ for id_ in found.lane if not roads.lanes[id_].junction} == {"ein_0", f"e{goal}_0"}
 
@@ -168,17 +176,17 @@ def test_at_a_fork_the_whole_track_decides(goal: str, end: float, tmp_path: Path
 def test_gaps_are_bridged_and_unseen_frames_have_no_lane(roundabout: Town) -> None:
     track = roundabout.tracks["half"].copy()
     track[40:60] = np.nan
-    found = match(track, roundabout.roads)
+    found = match_track(track, roundabout.roads)
     assert found.reason == ""
-    assert found.route == match(roundabout.tracks["half"], roundabout.roads).route
+    assert found.route == match_track(roundabout.tracks["half"], roundabout.roads).route
     assert found.lane[39] and found.lane[60] and not any(found.lane[40:60])
     assert np.isnan(found.s[40:60]).all()
 
 
 def test_the_offset_is_signed(tmp_path: Path) -> None:
     roads = roads_of(tmp_path, lanes_map(lane("a", EAST)))
-    assert match(drive(moved(EAST, 0.0, 0.7)), roads).offset == pytest.approx(0.7)
-    assert match(drive(moved(EAST, 0.0, -0.7)), roads).offset == pytest.approx(-0.7)
+    assert match_track(drive(moved(EAST, 0.0, 0.7)), roads).offset == pytest.approx(0.7)
+    assert match_track(drive(moved(EAST, 0.0, -0.7)), roads).offset == pytest.approx(-0.7)
 
 
 # --- off the road, standing, and without a way --------------------------------------------------------------------
@@ -213,7 +221,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
     ],
 )
 def test_what_is_off_the_road_stays_there(track: Float, reason: str, street: RoadMap) -> None:
-    found = match(track, street)
+    found = match_track(track, street)
     assert (found.off_road, found.reason, found.route) == (True, reason, ())
     assert set(found.lane) == {""}
     assert np.isnan(found.offset).all()
@@ -225,23 +233,23 @@ def test_a_queue_stands_in_its_lane(street: RoadMap) -> None:
 
 
 def test_a_wrong_way_driver_is_not_on_the_lane(street: RoadMap) -> None:
-    assert match(drive(EAST[::-1] - (0.0, 1.0)), street).lane[50] in ("", "ewest_0")
+    assert match_track(drive(EAST[::-1] - (0.0, 1.0)), street).lane[50] in ("", "ewest_0")
 
 
 def test_one_frame_is_enough(street: RoadMap) -> None:
-    assert match(np.array([[50.0, 0.1, 0.0]]), street).lane == ("eeast_0",)
+    assert match_track(np.array([[50.0, 0.1, 0.0]]), street).lane == ("eeast_0",)
 
 
 def test_out_of_a_driveway_the_route_begins_on_the_road(street: RoadMap) -> None:
     turn = np.concatenate(([(60.0, -25.0)], arc(68.0, -8.0, 8.0, 180.0, 90.0), EAST[15:]))
-    found = match(drive(turn), street)
+    found = match_track(drive(turn), street)
     assert (found.off_road, found.reason, found.route) == (False, "", ("eeast_0",))
     assert found.lane[0] == ""
 
 
 def test_where_no_way_leads_on_the_match_says_so(tmp_path: Path) -> None:
     roads = roads_of(tmp_path, lanes_map(lane("a", EAST), lane("b", moved(EAST, 250.0, 0.0))))
-    found = match(drive(np.concatenate((EAST, moved(EAST, 250.0, 0.0)))), roads)
+    found = match_track(drive(np.concatenate((EAST, moved(EAST, 250.0, 0.0)))), roads)
     assert found.reason == "no way from lane ea_0 to lane eb_0"
     assert not found.off_road
     assert len(found.breaks) == 1
@@ -258,23 +266,23 @@ def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
     """Against every combination of candidates of a few key frames."""
     roads = load(packaged_networks()["town_crossing"])
     rng = np.random.default_rng(seed)
-    index = lane_index(roads)
+    index = load_candidate_index(roads)
     ways = [one for one in roads.driving if one.junction]
     through = ways[int(rng.integers(len(ways)))].centre
     xy = np.array([through.at(s) for s in np.linspace(-6.0, through.length + 6.0, 4)]) + rng.normal(0, 1.0, (4, 2))
     yaw = np.array([through.yaw_at(s) for s in np.linspace(0.0, through.length, 4)])
     near = index.near(xy, yaw, 3.0)
     keys = [int(k) for k in np.unique(near.point)]
-    rows, hops = best_chain(index, near, keys, xy)
+    rows, hops = find_best_chain(index, near, keys, xy)
 
     def cost(chain: tuple[int, ...]) -> float:
-        total = float(emission(near.d[list(chain)], near.turn[list(chain)]).sum())
+        total = float(compute_emission_cost(near.d[list(chain)], near.turn[list(chain)]).sum())
         for a, b in itertools.pairwise(chain):
             driven = float(np.hypot(*np.diff(xy[near.point[a] : near.point[b] + 1], axis=0).T).sum())
             start, goal = (roads.driving[near.lane[row]].id for row in (a, b))
-            hop = index.hops(start, driven + DETOUR_M, CHANGE_M).get(goal)
+            hop = index.hops(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
             along = 0.0 if hop is None else hop.length + float(near.s[b] - near.s[a])
-            total += 60.0 if hop is None else min(transition(along, driven, hop.changes), 60.0)
+            total += 60.0 if hop is None else min(compute_transition_cost(along, driven, hop.changes), 60.0)
         return total
 
     layers = [np.flatnonzero(near.point == key).tolist() for key in keys]
@@ -284,12 +292,12 @@ def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
 
 def test_hops_are_the_shortest_ways() -> None:
     roads = load(packaged_networks()["boulevard"])
-    index = lane_index(roads)
+    index = load_candidate_index(roads)
     start = next(one.id for one in roads.driving if not one.junction and one.left and one.successors)
-    for goal, hop in index.hops(start, 400.0, CHANGE_M).items():
+    for goal, hop in index.hops(start, 400.0, LANE_CHANGE_M).items():
         assert (hop.lanes[0], hop.lanes[-1]) == (start, goal)
         steps = list(itertools.pairwise(hop.lanes))
         ahead = [roads.lanes[a].centre.length for a, b in steps if b in roads.lanes[a].successors]
         assert hop.length == pytest.approx(sum(ahead))
         assert hop.changes == len(steps) - len(ahead)
-    assert {goal: hop.length for goal, hop in index.hops(start, 1.0, CHANGE_M).items()}[start] == 0.0
+    assert {goal: hop.length for goal, hop in index.hops(start, 1.0, LANE_CHANGE_M).items()}[start] == 0.0

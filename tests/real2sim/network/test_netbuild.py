@@ -17,10 +17,10 @@ from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.network import NetworkReport, build_network
-from real2sim.network.lane_directions import turned, vote_directions
+from real2sim.network.lane_directions import reverse_lane, vote_directions
 from real2sim.network.lane_links import rebuild_links
-from real2sim.network.lane_segment import Strip
-from real2sim.network.map_measurements import line_distances
+from real2sim.network.lane_segment import LaneSegment
+from real2sim.network.map_measurements import measure_line_distances
 
 EAST = np.column_stack((np.arange(0.0, 101.0, 5.0), np.zeros(21)))
 
@@ -84,9 +84,9 @@ def test_lanes_start_and_end_exactly_where_the_map_says(tmp_path: Path) -> None:
 
 def test_fit_is_the_distance_to_lines_of_the_same_direction() -> None:
     line = Polyline(EAST)
-    assert line_distances([line], [Polyline(moved(EAST, y=0.3))]) == pytest.approx(0.3)
-    assert line_distances([line], [Polyline(EAST[::-1])]) == pytest.approx(20.0)
-    assert line_distances([line], [Polyline(EAST[::-1]), Polyline(moved(EAST, y=7.0))]) == pytest.approx(7.0)
+    assert measure_line_distances([line], [Polyline(moved(EAST, y=0.3))]) == pytest.approx(0.3)
+    assert measure_line_distances([line], [Polyline(EAST[::-1])]) == pytest.approx(20.0)
+    assert measure_line_distances([line], [Polyline(EAST[::-1]), Polyline(moved(EAST, y=7.0))]) == pytest.approx(7.0)
 
 
 # --- direction ----------------------------------------------------------------------------------------------------
@@ -121,7 +121,7 @@ def test_a_wrong_way_driver_does_not_turn_a_directed_lane() -> None:
 
 
 def test_a_turned_lane_has_its_sides_changed_over() -> None:
-    one = turned(lane("a", EAST, left=moved(EAST, y=2.0), right=moved(EAST, y=-2.0), left_neighbour="b"))
+    one = reverse_lane(lane("a", EAST, left=moved(EAST, y=2.0), right=moved(EAST, y=-2.0), left_neighbour="b"))
     assert one.centre[0] == pytest.approx((100.0, 0.0))
     assert one.left[0] == pytest.approx((100.0, -2.0))
     assert (one.left_neighbour, one.right_neighbour) == ("", "b")
@@ -144,9 +144,10 @@ def test_an_undecided_lane_takes_the_direction_of_its_neighbour() -> None:
 def repair(hd_map: HdMap) -> tuple[set[str], set[tuple[str, str]]]:
     """Lanes that were turned round and links that were added, without compiling."""
     inverted = set(vote_directions(hd_map.lanes, []).inverted)
-    lanes = {id_: turned(one) if id_ in inverted else one for id_, one in hd_map.lanes.items()}
+    lanes = {id_: reverse_lane(one) if id_ in inverted else one for id_, one in hd_map.lanes.items()}
     strips = {
-        id_: Strip(id_, id_, Polyline(one.centre), 3.5, 13.9, one.kind, one.junction) for id_, one in lanes.items()
+        id_: LaneSegment(id_, id_, Polyline(one.centre), 3.5, 13.9, one.kind, one.junction)
+        for id_, one in lanes.items()
     }
     return inverted, set(rebuild_links(strips, all_links(lanes)).added)
 
@@ -343,7 +344,7 @@ def test_sumo_drives_on_it(tmp_path: Path) -> None:
     goal = roads.lanes[roads.lanes[into.successors[0]].successors[0]]
     trip = f'<routes><vehicle id="v" depart="0"><route edges="{into.edge} {goal.edge}"/></vehicle></routes>'
     (tmp_path / "routes.xml").write_text(trip)
-    sumo = netconvert.netconvert_program().with_name("sumo")
+    sumo = netconvert.find_netconvert().with_name("sumo")
     call = [str(sumo), "-n", str(roads.net_file), "-r", "routes.xml", "--tripinfo-output", "trips.xml", "--no-step-log"]
     call += ["--xml-validation", "never"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)

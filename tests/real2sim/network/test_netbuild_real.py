@@ -14,11 +14,11 @@ from mdrive_sumo.core.geometry import Float, polyline
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, load
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.match.lane_matcher import STILL_M, match
+from real2sim.match.lane_matcher import STILL_M, match_track
 from real2sim.network import NetworkReport, build_network
-from real2sim.network.lane_directions import turned, vote_directions
+from real2sim.network.lane_directions import reverse_lane, vote_directions
 from real2sim.network.lane_links import rebuild_links
-from real2sim.network.lane_segment import Strip, part
+from real2sim.network.lane_segment import LaneSegment, clip_polyline
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
@@ -87,7 +87,7 @@ def test_centre_lines_lie_on_those_of_the_source(network: Network) -> None:
 
 def test_every_driven_manoeuvre_is_routable(network: Network) -> None:
     driving = [motion for motion in read(network.name).motions if moves(motion)]
-    matches = [match(motion, network.roads) for motion in driving]
+    matches = [match_track(motion, network.roads) for motion in driving]
     on_road = [found for found in matches if not found.off_road]
     assert all(found.reason == "" for found in on_road)
     assert all(found.route for found in on_road)
@@ -104,7 +104,7 @@ def test_maps_as_dirty_as_those_of_v2xpnp_route_every_manoeuvre_too(
 ) -> None:
     """No directions, no sides, no neighbours, a fifth of the links, ends up to 0.7 m short, lanes 5 cm astray."""
     _, roads = built(name, dirty(read(name).map, np.random.default_rng(0)), tmp_path)
-    matches = [match(motion, roads) for motion in read(name).motions if moves(motion)]
+    matches = [match_track(motion, roads) for motion in read(name).motions if moves(motion)]
     assert {found.reason for found in matches if not found.off_road} == {""}
     assert sum(not found.off_road for found in matches) >= 0.6 * len(matches)
 
@@ -115,7 +115,7 @@ def dirty(hd_map: HdMap, rng: np.random.Generator) -> HdMap:
         if one.kind is LaneKind.DRIVING and long_enough(one.centre):
             line = polyline(one.centre)
             ends = rng.uniform(0.0, min(0.7, line.length / 5), 2)
-            xy = part(line, ends[0], line.length - ends[1]).xy + rng.normal(0.0, 0.05, (1, 2))
+            xy = clip_polyline(line, ends[0], line.length - ends[1]).xy + rng.normal(0.0, 0.05, (1, 2))
             exits = tuple(exit_ for exit_ in one.exits if rng.random() < 0.2)
             lanes[id_] = lane(id_, xy[::-1] if rng.random() < 0.3 else xy, exits, directed=False)
     return HdMap(lanes=lanes)
@@ -147,7 +147,7 @@ def test_faults_planted_in_real_maps_are_repaired(share: float, shared_data: Pat
         faulty = plant(clean, rng, share, share)
         found = vote_directions(faulty.map.lanes, read(name).motions)
         inverted = set(found.inverted)
-        straight = {id_: turned(lane) if id_ in inverted else lane for id_, lane in faulty.map.lanes.items()}
+        straight = {id_: reverse_lane(lane) if id_ in inverted else lane for id_, lane in faulty.map.lanes.items()}
         added = set(rebuild_links(strips(HdMap(lanes=straight)), all_links(straight)).added)
         told = faulty.reversed - set(found.undecided)
         planted += len(told) + len(faulty.removed)
@@ -163,8 +163,8 @@ def long_enough(centre: Float) -> bool:
     return len(centre) > 1 and float(np.hypot(*np.diff(centre, axis=0).T).sum()) > 0.5
 
 
-def strips(hd_map: HdMap) -> dict[str, Strip]:
+def strips(hd_map: HdMap) -> dict[str, LaneSegment]:
     return {
-        id_: Strip(id_, id_, polyline(lane.centre), 3.5, 13.9, lane.kind, lane.junction)
+        id_: LaneSegment(id_, id_, polyline(lane.centre), 3.5, 13.9, lane.kind, lane.junction)
         for id_, lane in hd_map.lanes.items()
     }

@@ -12,7 +12,7 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.quality.actor_quality import actor_quality, dtw, errors
 from real2sim.quality.lane_segment_index import LaneIndex
 from real2sim.quality.reconstruction_quality import CHECKS, Check, Converted, assess, judged
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 from real2sim.tracks import kinematics
 from real2sim.tracks.stationary import moves
 from real2sim.tracks.track_contacts import contacts
@@ -21,12 +21,12 @@ DT = 0.1
 T = np.arange(100) * DT
 
 
-def track(x: Float, y: Float | float = 0.0, yaw: Float | float = 0.0, **kwargs: object) -> Track:
+def track(x: Float, y: Float | float = 0.0, yaw: Float | float = 0.0, **kwargs: object) -> RecordedTrack:
     n = len(x)
     full = {"length": 4.5, "width": 1.8} | {k: v for k, v in kwargs.items() if k in ("length", "width")}
-    return Track(
+    return RecordedTrack(
         id=str(kwargs.get("id", "a")),
-        category=kwargs.get("category", Category.CAR),  # type: ignore[arg-type]
+        category=kwargs.get("category", ObjectCategory.CAR),  # type: ignore[arg-type]
         valid=np.ones(n, dtype=np.bool_),
         x=np.asarray(x, dtype=np.float64),
         y=np.broadcast_to(np.asarray(y, dtype=np.float64), n).copy(),
@@ -36,7 +36,7 @@ def track(x: Float, y: Float | float = 0.0, yaw: Float | float = 0.0, **kwargs: 
     )
 
 
-def circle(radius: float, speed: float) -> Track:
+def circle(radius: float, speed: float) -> RecordedTrack:
     angle = speed / radius * T
     return track(radius * np.sin(angle), radius * (1 - np.cos(angle)), angle)
 
@@ -89,7 +89,7 @@ def test_fast_driving_and_hard_braking_are_no_jumps() -> None:
     assert actor_quality(track(np.minimum.accumulate(braking[::-1])[::-1]), DT).jumps_05m == 0
 
 
-PLANTED: dict[str, Track] = {
+PLANTED: dict[str, RecordedTrack] = {
     "jumps_1m": track(10 * T + 1.5 * (T >= 5)),
     "acceleration_max": track(10 * T + np.where(T > 5, 3.5 * (T - 5) ** 2, 0.0)),
     "speed_max": track(31 * T),
@@ -200,7 +200,7 @@ def test_spawn_overlap_and_duplicates() -> None:
     assert found.spawn_overlaps == ((0, 1),)
     assert found.duplicates == ((0, 1),)
     assert contacts([CRUISE, replace(late, x=10 * T + 4.0)]).duplicates == ()
-    assert contacts([CRUISE, replace(late, category=Category.PEDESTRIAN)]).duplicates == ()
+    assert contacts([CRUISE, replace(late, category=ObjectCategory.PEDESTRIAN)]).duplicates == ()
     assert contacts([CRUISE, track(10 * T + 1000)]).least_distance_m > 990
 
 
@@ -215,17 +215,17 @@ JITTER = np.random.default_rng(3).normal(0, 0.1, (2, 100))
         (track(JITTER[0], JITTER[1]), False),
         (track(0.3 * T), True),
         (track(0.05 * T), False),
-        (track(0.1 * np.sin(6 * T), category=Category.BUS), False),
-        (track(np.minimum(T, 1.5), category=Category.BUS), True),
-        (track(0.2 * np.sin(6 * T), category=Category.BUS), False),
+        (track(0.1 * np.sin(6 * T), category=ObjectCategory.BUS), False),
+        (track(np.minimum(T, 1.5), category=ObjectCategory.BUS), True),
+        (track(0.2 * np.sin(6 * T), category=ObjectCategory.BUS), False),
     ],
 )
-def test_static_rules(thing: Track, expected: bool) -> None:
+def test_static_rules(thing: RecordedTrack, expected: bool) -> None:
     assert moves(thing, DT) is expected
 
 
 def test_assess_tells_moving_static_and_walkers_apart() -> None:
-    walker = track(1.2 * T, 30.0, category=Category.PEDESTRIAN, id="w")
+    walker = track(1.2 * T, 30.0, category=ObjectCategory.PEDESTRIAN, id="w")
     tracks = [CRUISE, replace(PLANTED["jumps_1m"], id="j", y=np.full(100, 10.0)), track(STILL, 60.0, id="s"), walker]
     quality = assess(Converted("log", DT, tracks, {t.id: t for t in tracks}, lost={"x": "left the map"}))
     assert (quality.moving_vehicles, quality.moving_passed, quality.static_things, quality.walkers) == (2, 1, 1, 1)

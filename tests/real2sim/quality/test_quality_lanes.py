@@ -8,7 +8,7 @@ import pytest
 from real2sim.quality.actor_quality import actor_quality
 from real2sim.quality.lane_segment_index import LaneIndex
 from real2sim.quality.reconstruction_quality import Converted, assess, judged
-from real2sim.recording import Category
+from real2sim.recording import ObjectCategory
 from tests.real2sim.quality.test_quality import DT, T, track
 
 
@@ -74,7 +74,7 @@ def test_a_wide_lane_is_on_the_route_to_its_edge() -> None:
 
 
 def test_cyclists_and_walkers_are_not_bound_to_lanes() -> None:
-    rider = track(5 * T, 8.0, category=Category.BICYCLE, id="b")
+    rider = track(5 * T, 8.0, category=ObjectCategory.BICYCLE, id="b")
     quality = assess(Converted("log", DT, [rider], {}, lanes()))
     assert (quality.moving_vehicles, quality.walkers, quality.walkers_passed) == (0, 1, 1)
 

@@ -20,9 +20,9 @@ from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import statistics
 from real2sim.authored.interdrive import convert_interdrive
-from real2sim.authored.start_separation import moved
+from real2sim.authored.start_separation import advance_start
 from real2sim.cli import convert
-from real2sim.match.waypoint_matcher import Leg, match_waypoints
+from real2sim.match.waypoint_matcher import RouteLeg, match_waypoints
 from real2sim.readers.interdrive import read_interdrive
 
 ROUTES = SHARED_DATA / "mdrive" / "interdrive"
@@ -133,10 +133,12 @@ def test_a_start_is_moved_on_over_lane_changes_and_waypoints(work: Path) -> None
     offset = np.array(read_network_file(roads.folder).offset)
     xy = np.array([(20, -1.75), (60, -1.75), (100, -5.25)]) + offset
     legs = match_waypoints(roads, xy).legs
-    assert moved(roads, legs, 50.0)[0] == Leg(legs[1].lanes, pytest.approx(legs[0].start_s + 50.0), legs[1].goal_s)
-    assert len(moved(roads, legs, 39.0)) == 2
+    assert advance_start(roads, legs, 50.0)[0] == RouteLeg(
+        legs[1].lanes, pytest.approx(legs[0].start_s + 50.0), legs[1].goal_s
+    )
+    assert len(advance_start(roads, legs, 39.0)) == 2
     with pytest.raises(InputError, match="long enough"):
-        moved(roads, legs, 500.0)
+        advance_start(roads, legs, 500.0)
 
 
 def test_starts_that_cannot_be_moved_apart_are_an_error(work: Path) -> None:

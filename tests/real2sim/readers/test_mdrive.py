@@ -20,10 +20,10 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
 )
 from real2sim.hd_map import HdMap
-from real2sim.readers.carla_frame import UCLA, CarlaFrame
-from real2sim.readers.mdrive import VectorMap, mdrive_folders, read_mdrive
-from real2sim.readers.mdrive_blueprints import shape_of
-from real2sim.readers.mdrive_weather import nearest_weather
+from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
+from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
+from real2sim.readers.mdrive_blueprints import find_blueprint_shape
+from real2sim.readers.mdrive_weather import find_nearest_weather
 from real2sim.scene import TownMap
 
 REAL = SHARED_DATA / "mdrive" / "interaction"
@@ -255,7 +255,7 @@ def test_behaviours_that_do_nothing_are_noted(directory: Directory) -> None:
     ],
 )
 def test_the_weather_is_the_nearest(numbers: Mapping[str, float], name: str) -> None:
-    found, note = nearest_weather(numbers)
+    found, note = find_nearest_weather(numbers)
     assert found == name
     assert bool(note) == bool(numbers), "what is lost is noted"
 
@@ -285,19 +285,19 @@ def test_the_weather_is_that_of_the_first_cav(directory: Directory) -> None:
     ],
 )
 def test_blueprints_have_the_size_of_their_class(model: str, kind: str, length: float) -> None:
-    shape = shape_of(model)
+    shape = find_blueprint_shape(model)
     assert shape is not None
     assert (shape.kind, shape.length) == (kind, length)
 
 
 def test_a_name_of_no_blueprint_has_no_class() -> None:
-    assert shape_of("Car") is None
+    assert find_blueprint_shape("Car") is None
 
 
 def test_carlas_frame_lies_where_mdrive_says_in_the_frame_of_v2xpnp() -> None:
-    log = UCLA.xy(np.array([(-114.6, 20.0)]))
+    log = UCLA_FRAME.xy(np.array([(-114.6, 20.0)]))
     assert log[0].tolist() == pytest.approx([-114.6 + 502.5, -20.0 - 201.0])
-    assert UCLA.yaw_of(30.0) == pytest.approx(-math.radians(30.0))
+    assert UCLA_FRAME.yaw_of(30.0) == pytest.approx(-math.radians(30.0))
     quarter = CarlaFrame(1.0, 2.0, math.pi / 2)
     assert quarter.xy(np.array([(10.0, -5.0)]))[0].tolist() == pytest.approx([1 - 5, 2 + 10])
     assert quarter.yaw_of(90.0) == pytest.approx(0.0)
@@ -314,14 +314,14 @@ def test_a_vector_map_has_its_scenarios_in_its_own_frame(directory: Directory) -
 
 def test_directories_are_found_below_a_folder(directory: Directory, tmp_path: Path) -> None:
     folder = directory.write()
-    assert mdrive_folders([folder]) == mdrive_folders([tmp_path]) == (folder,)
+    assert find_mdrive_folders([folder]) == find_mdrive_folders([tmp_path]) == (folder,)
     with pytest.raises(InputError, match=r"towns: expected a directory with actors_manifest\.json"):
-        mdrive_folders([directory.towns])
+        find_mdrive_folders([directory.towns])
 
 
 @needs_data
 def test_the_real_directories_are_read_whole() -> None:
-    scenes = {scene.id: scene for scene in (read_mdrive(folder, SHARED_DATA) for folder in mdrive_folders([REAL]))}
+    scenes = {scene.id: scene for scene in (read_mdrive(folder, SHARED_DATA) for folder in find_mdrive_folders([REAL]))}
     assert {id_: (len(s.routes), len(s.actors), s.weather) for id_, s in scenes.items()} == {
         "Construction_Zone_10": (2, 5, "default"),
         "Pedestrian_Crosswalk_8": (4, 3, "default"),

@@ -20,7 +20,7 @@ from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import LaneKind
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.argoverse2_sensor import AXLE_TO_CENTRE_M
-from real2sim.recording import Category, Recording, Track
+from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 Rows = dict[str, list[Any]]
 no_fixture_check = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
@@ -50,7 +50,7 @@ def sensor(sensor_folder: Path) -> Recording:
     return read_argoverse2(sensor_folder)
 
 
-def _tracks(recording: Recording) -> dict[str, Track]:
+def _tracks(recording: Recording) -> dict[str, RecordedTrack]:
     (view,) = recording.views
     return {track.id: track for track in view.tracks}
 
@@ -106,7 +106,9 @@ def test_everything_of_the_real_log_is_there(sensor: Recording, sensor_folder: P
 def test_standing_things_stand_in_the_city_while_the_ego_drives(sensor: Recording) -> None:
     """Boxes are told in the frame of the ego: a wrong pose or quaternion would smear them."""
     tracks = _tracks(sensor)
-    standing = [track for track in tracks.values() if track.category is Category.STATIC and track.valid.sum() > 50]
+    standing = [
+        track for track in tracks.values() if track.category is ObjectCategory.STATIC and track.valid.sum() > 50
+    ]
     ego = tracks["AV"]
     assert np.hypot(ego.x[-1] - ego.x[0], ego.y[-1] - ego.y[0]) > 30
     assert len(standing) > 5
@@ -140,7 +142,7 @@ def test_velocity_by_differences_is_that_of_the_source(forecasting: Recording, f
     differences = []
     for row in parquet.read_table(path).to_pylist():
         track, at = tracks.get(row["track_id"]), row["timestep"]
-        if track is not None and 0 < at < forecasting.frames - 1 and track.category is Category.CAR:
+        if track is not None and 0 < at < forecasting.frames - 1 and track.category is ObjectCategory.CAR:
             velocity = (track.xy[at + 1] - track.xy[at - 1]) / 0.2
             differences.append(np.hypot(*(velocity - (row["velocity_x"], row["velocity_y"]))))
     assert np.nanmedian(differences) < 0.2
@@ -152,7 +154,7 @@ def test_headings_of_real_cars_are_those_of_their_way(sensor: Recording) -> None
     for track in _tracks(sensor).values():
         step = np.diff(track.xy, axis=0)
         fast = np.hypot(*step.T) > 0.3
-        if track.category is Category.CAR and fast.any():
+        if track.category is ObjectCategory.CAR and fast.any():
             errors.append(wrap_angles(np.arctan2(step[:, 1], step[:, 0]) - track.yaw[1:])[fast])
     assert np.median(np.abs(np.concatenate(errors))) < math.radians(2)
 
@@ -219,19 +221,19 @@ def scenario(folder: Path, rows: Rows | None = None, lanes: Any = None) -> Path:
 @pytest.mark.parametrize(
     ("type_", "category"),
     [
-        ("vehicle", Category.CAR),
-        ("bus", Category.BUS),
-        ("motorcyclist", Category.MOTORCYCLE),
-        ("cyclist", Category.BICYCLE),
-        ("pedestrian", Category.PEDESTRIAN),
-        ("static", Category.STATIC),
-        ("riderless_bicycle", Category.STATIC),
-        ("construction", Category.STATIC),
+        ("vehicle", ObjectCategory.CAR),
+        ("bus", ObjectCategory.BUS),
+        ("motorcyclist", ObjectCategory.MOTORCYCLE),
+        ("cyclist", ObjectCategory.BICYCLE),
+        ("pedestrian", ObjectCategory.PEDESTRIAN),
+        ("static", ObjectCategory.STATIC),
+        ("riderless_bicycle", ObjectCategory.STATIC),
+        ("construction", ObjectCategory.STATIC),
     ],
 )
-def test_types_of_a_scenario_become_categories(tmp_path: Path, type_: str, category: Category) -> None:
+def test_types_of_a_scenario_become_categories(tmp_path: Path, type_: str, category: ObjectCategory) -> None:
     track = _tracks(read_argoverse2(scenario(tmp_path, track_rows("7", type_, ALL))))["7"]
-    assert (track.category, track.parked) == (category, category is Category.STATIC)
+    assert (track.category, track.parked) == (category, category is ObjectCategory.STATIC)
 
 
 @given(timesteps=st.sets(st.integers(0, 9), min_size=1), order=st.randoms())
@@ -371,7 +373,7 @@ def test_boxes_come_from_the_egos_frame_into_the_citys(tmp_path: Path, x: float,
     assert track.valid.all()
     np.testing.assert_allclose(track.xy, np.tile((x, y), (len(track.x), 1)), atol=2e-3)  # of interpolated poses
     np.testing.assert_allclose(wrap_angles(track.yaw - yaw), 0.0, atol=2e-4)
-    assert (track.category, track.length[0], track.width[0]) == (Category.BUS, 4.5, 2.0)
+    assert (track.category, track.length[0], track.width[0]) == (ObjectCategory.BUS, 4.5, 2.0)
 
 
 def test_sweeps_come_onto_a_grid_of_10_hz(tmp_path: Path) -> None:
@@ -433,11 +435,11 @@ def test_riders_and_what_they_ride_are_one(tmp_path: Path) -> None:
     recording = read_argoverse2(log(tmp_path, *boxes))
     found = {id_: (track.category, track.parked) for id_, track in _tracks(recording).items() if id_ != "AV"}
     assert found == {
-        "bike": (Category.BICYCLE, False),
-        "lone rider": (Category.BICYCLE, False),
-        "parked": (Category.STATIC, True),
-        "held": (Category.BICYCLE, False),
-        "rolling": (Category.BICYCLE, False),
+        "bike": (ObjectCategory.BICYCLE, False),
+        "lone rider": (ObjectCategory.BICYCLE, False),
+        "parked": (ObjectCategory.STATIC, True),
+        "held": (ObjectCategory.BICYCLE, False),
+        "rolling": (ObjectCategory.BICYCLE, False),
     }
     assert any("2 riders" in note for note in recording.notes)
 

@@ -20,13 +20,13 @@ from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import LaneKind
 from real2sim.readers.commonroad import read_commonroad
-from real2sim.recording import Category, Recording, Track
+from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 SCENARIOS = {"USA_US101-3_3_T-1": "2018b", "USA_Peach-4_8_T-1": "2020a"}
 Real = tuple[Recording, ElementTree.Element]
 
 
-def _tracks(recording: Recording) -> dict[str, Track]:
+def _tracks(recording: Recording) -> dict[str, RecordedTrack]:
     return {track.id: track for track in recording.views[0].tracks}
 
 
@@ -67,7 +67,7 @@ def test_every_recorded_state_is_there(real: Real) -> None:
         np.testing.assert_allclose(track.yaw[rows], [_float(state, "orientation/exact") for state in states])
         np.testing.assert_allclose(track.length[rows], _float(one, "shape/rectangle/length"))
         np.testing.assert_allclose(track.width[rows], _float(one, "shape/rectangle/width"))
-        assert (track.category, track.parked) == (Category.CAR, False)
+        assert (track.category, track.parked) == (ObjectCategory.CAR, False)
 
 
 def test_every_lanelet_is_there(real: Real) -> None:
@@ -216,7 +216,7 @@ def test_gaps_and_the_first_frame(write: Write) -> None:
 )
 def test_what_moves(write: Write, type_: str, category: str) -> None:
     track = _tracks(read_commonroad(write(_lanelet(1, 0), _obstacle(7, type_=type_))))["7"]
-    assert (track.category, track.parked) == (Category(category), False)
+    assert (track.category, track.parked) == (ObjectCategory(category), False)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_what_moves(write: Write, type_: str, category: str) -> None:
 )
 def test_what_stands_is_there_all_the_time(write: Write, type_: str, category: str) -> None:
     track = _tracks(read_commonroad(write(_lanelet(1, 0), _obstacle(7), _parked(8, type_))))["8"]
-    assert (track.category, track.parked, track.valid.all()) == (Category(category), True, True)
+    assert (track.category, track.parked, track.valid.all()) == (ObjectCategory(category), True, True)
     np.testing.assert_array_equal(track.x, [30] * 4)
 
 

@@ -19,7 +19,7 @@ from real2sim.hd_map import HdMap, LaneKind
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.osm_file import read_osm
-from real2sim.recording import Category, Recording, Track
+from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 MAP = "DR_USA_Intersection_EP0.osm"
 VEHICLES = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy,psi_rad,length,width"
@@ -43,7 +43,7 @@ def real(data: Path) -> Recording:
     return read_interaction(data, data / MAP)
 
 
-def _tracks(recording: Recording) -> tuple[Track, ...]:
+def _tracks(recording: Recording) -> tuple[RecordedTrack, ...]:
     return recording.views[0].tracks
 
 
@@ -132,7 +132,7 @@ def test_real_rules(real: Recording) -> None:
 def test_real_crosswalks(real: Recording) -> None:
     """Four pairs of lines; most of the pedestrians on the road are on them."""
     walks = shapely.union_all([shapely.Polygon(walk) for walk in real.map.crosswalks])
-    walkers = np.concatenate([one.xy[one.valid] for one in _tracks(real) if one.category is Category.PEDESTRIAN])
+    walkers = np.concatenate([one.xy[one.valid] for one in _tracks(real) if one.category is ObjectCategory.PEDESTRIAN])
     on_road = walkers[shapely.contains_xy(shapely.union_all(_areas(real.map)), *walkers.T)]
     assert len(real.map.crosswalks) == 4
     assert walks.area < 0.12 * shapely.union_all(_areas(real.map)).area
@@ -343,8 +343,8 @@ def test_frames_start_with_the_first_of_both_tables(folder: Path) -> None:
     assert (recording.frames, recording.id) == (5, "map_vehicle_tracks_007")
     np.testing.assert_array_equal(first.valid, [False, True, True, False, True])
     np.testing.assert_array_equal(first.x, [np.nan, 1, 2, np.nan, 4])
-    assert (truck.category, truck.length[2], truck.yaw[2]) == (Category.TRUCK, 9, 3.1)
-    assert (walker.category, cyclist.category) == (Category.PEDESTRIAN, Category.BICYCLE)
+    assert (truck.category, truck.length[2], truck.yaw[2]) == (ObjectCategory.TRUCK, 9, 3.1)
+    assert (walker.category, cyclist.category) == (ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE)
     assert np.isnan([walker.yaw, walker.length, walker.width]).all()
     assert recording.notes == ("1 of the pedestrian/bicycle tracks taken for bicycles by their speed",)
 

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import LaneKind
-from real2sim.readers.safe_pickle import NUMPY, load_pickle
+from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
 from real2sim.readers.scenarionet import AXLE_TO_CENTRE_M, read_scenarionet
-from real2sim.recording import Category, Recording, Track
+from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 SCENES = ("sd_nuscenes_scene-0757", "sd_nuscenes_v1.0-mini_scene-0103", "sd_nuscenes_v1.0-mini_scene-1100")
 FRAMES = 5
@@ -34,7 +34,7 @@ class _Numpy(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         assert module in ("numpy", "numpy.core.multiarray"), f"{module}.{name}"
-        return NUMPY[module, name]
+        return NUMPY_GLOBALS[module, name]
 
 
 @pytest.fixture(scope="module", params=SCENES)
@@ -47,7 +47,7 @@ def scene(request: pytest.FixtureRequest, shared_data: Path) -> tuple[Recording,
 Scene = tuple[Recording, Description]
 
 
-def _moving(recording: Recording) -> list[Track]:
+def _moving(recording: Recording) -> list[RecordedTrack]:
     vehicles = [track for track in recording.views[0].tracks if track.category.kind is Kind.VEHICLE]
     return [track for track in vehicles if np.hypot(*np.ptp(track.xy[track.frames], axis=0)) > 5]
 
@@ -80,7 +80,7 @@ def test_real_vehicles_drive_on_lanes_and_forwards(scene: Scene) -> None:
     assert _ahead(moving) > 0.97
 
 
-def _ahead(tracks: list[Track]) -> float:
+def _ahead(tracks: list[RecordedTrack]) -> float:
     """How much of the way that tracks make they make along their headings."""
     steps = [np.diff(track.xy, axis=0) for track in tracks]
     along = [
@@ -236,22 +236,22 @@ def test_lanes_are_linked_only_where_nobody_links_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("type_", "finer", "expected"),
     [
-        ("VEHICLE", "vehicle.car", Category.CAR),
-        ("VEHICLE", "VEHICLE", Category.CAR),
-        ("VEHICLE", "vehicle.bus.bendy", Category.BUS),
-        ("VEHICLE", "vehicle.construction", Category.TRUCK),
-        ("VEHICLE", "vehicle.emergency.ambulance", Category.VAN),
-        ("CYCLIST", "vehicle.bicycle", Category.BICYCLE),
-        ("CYCLIST", "vehicle.motorcycle", Category.MOTORCYCLE),
-        ("PEDESTRIAN", "human.pedestrian.adult", Category.PEDESTRIAN),
-        ("TRAFFIC_CONE", "movable_object.trafficcone", Category.STATIC),
-        ("TRAFFIC_BARRIER", "", Category.STATIC),
+        ("VEHICLE", "vehicle.car", ObjectCategory.CAR),
+        ("VEHICLE", "VEHICLE", ObjectCategory.CAR),
+        ("VEHICLE", "vehicle.bus.bendy", ObjectCategory.BUS),
+        ("VEHICLE", "vehicle.construction", ObjectCategory.TRUCK),
+        ("VEHICLE", "vehicle.emergency.ambulance", ObjectCategory.VAN),
+        ("CYCLIST", "vehicle.bicycle", ObjectCategory.BICYCLE),
+        ("CYCLIST", "vehicle.motorcycle", ObjectCategory.MOTORCYCLE),
+        ("PEDESTRIAN", "human.pedestrian.adult", ObjectCategory.PEDESTRIAN),
+        ("TRAFFIC_CONE", "movable_object.trafficcone", ObjectCategory.STATIC),
+        ("TRAFFIC_BARRIER", "", ObjectCategory.STATIC),
     ],
 )
-def test_types_become_categories(tmp_path: Path, type_: str, finer: str, expected: Category) -> None:
+def test_types_become_categories(tmp_path: Path, type_: str, finer: str, expected: ObjectCategory) -> None:
     (only,) = read(tmp_path, description(tracks={"1": track(type_, finer)})).views[0].tracks
     assert only.category is expected
-    assert only.parked == (expected is Category.STATIC)
+    assert only.parked == (expected is ObjectCategory.STATIC)
 
 
 def test_what_is_passed_over_is_noted(tmp_path: Path) -> None:

@@ -18,10 +18,10 @@ from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.hd_map import LaneKind
-from real2sim.readers.v2xpnp import LABELS, read_v2xpnp
-from real2sim.readers.v2xpnp_frame import _any, _regular, read_frame
+from real2sim.readers.v2xpnp import CATEGORY_BY_LABEL, read_v2xpnp
+from real2sim.readers.v2xpnp_frame import _parse_regular, _parse_yaml, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import Category
+from real2sim.recording import ObjectCategory
 
 EXCERPT = SHARED_DATA / "v2xpnp_excerpt" / "2023-03-17-16-12-12_3_0"
 POSE = [10.0, 20.0, 1.0, -4.0, 90.0, 2.0]
@@ -74,7 +74,7 @@ def test_units_and_frames(tmp_path: Path) -> None:
     np.testing.assert_allclose(car.xy, [[1, 2], [1.5, 1.75]])
     np.testing.assert_allclose(car.yaw, math.radians(30))
     np.testing.assert_allclose((car.length[0], car.width[0]), (4.5, 1.9))
-    assert (car.id, car.category, car.parked, infra.tracks) == ("7", Category.CAR, False, ())
+    assert (car.id, car.category, car.parked, infra.tracks) == ("7", ObjectCategory.CAR, False, ())
     assert read.notes == ("no vector map given",)
 
 
@@ -92,24 +92,24 @@ def test_frames_without_the_thing_are_invalid(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("label", "category"),
     [
-        ("Car", Category.CAR),
-        ("PoliceCar", Category.CAR),
-        ("Van", Category.VAN),
-        ("Truck", Category.TRUCK),
-        ("LongVehicle", Category.TRUCK),
-        ("ConcreteTruck", Category.TRUCK),
-        ("Bus", Category.BUS),
-        ("Motorcycle", Category.MOTORCYCLE),
-        ("BicycleRider", Category.BICYCLE),
-        ("Cyclist", Category.BICYCLE),
-        ("Scooter", Category.BICYCLE),
-        ("Pedestrian", Category.PEDESTRIAN),
-        ("Child", Category.PEDESTRIAN),
-        ("TrashCan", Category.STATIC),
-        ("traffic_cone", Category.STATIC),
+        ("Car", ObjectCategory.CAR),
+        ("PoliceCar", ObjectCategory.CAR),
+        ("Van", ObjectCategory.VAN),
+        ("Truck", ObjectCategory.TRUCK),
+        ("LongVehicle", ObjectCategory.TRUCK),
+        ("ConcreteTruck", ObjectCategory.TRUCK),
+        ("Bus", ObjectCategory.BUS),
+        ("Motorcycle", ObjectCategory.MOTORCYCLE),
+        ("BicycleRider", ObjectCategory.BICYCLE),
+        ("Cyclist", ObjectCategory.BICYCLE),
+        ("Scooter", ObjectCategory.BICYCLE),
+        ("Pedestrian", ObjectCategory.PEDESTRIAN),
+        ("Child", ObjectCategory.PEDESTRIAN),
+        ("TrashCan", ObjectCategory.STATIC),
+        ("traffic_cone", ObjectCategory.STATIC),
     ],
 )
-def test_known_labels(tmp_path: Path, label: str, category: Category) -> None:
+def test_known_labels(tmp_path: Path, label: str, category: ObjectCategory) -> None:
     read = read_v2xpnp(log(tmp_path / "a", {"1": [frame({1: thing(obj_type=label)})]}), ())
     assert read.views[0].tracks[0].category is category
     assert read.notes == ("no vector map given",)
@@ -117,9 +117,16 @@ def test_known_labels(tmp_path: Path, label: str, category: Category) -> None:
 
 @pytest.mark.parametrize(
     ("half_length", "category"),
-    [(0.3, Category.PEDESTRIAN), (0.9, Category.BICYCLE), (2.2, Category.CAR), (6.0, Category.TRUCK)],
+    [
+        (0.3, ObjectCategory.PEDESTRIAN),
+        (0.9, ObjectCategory.BICYCLE),
+        (2.2, ObjectCategory.CAR),
+        (6.0, ObjectCategory.TRUCK),
+    ],
 )
-def test_unknown_labels_are_noted_and_classed_by_size(tmp_path: Path, half_length: float, category: Category) -> None:
+def test_unknown_labels_are_noted_and_classed_by_size(
+    tmp_path: Path, half_length: float, category: ObjectCategory
+) -> None:
     text = frame({1: thing(obj_type="Zeppelin", extent=[half_length, 0.3, 1.0])})
     read = read_v2xpnp(log(tmp_path / "a", {"1": [text]}), ())
     assert read.views[0].tracks[0].category is category
@@ -130,7 +137,7 @@ def test_majority_decides_label_and_attribute(tmp_path: Path) -> None:
     texts = [frame({1: thing(obj_type=label, attribute=a)}) for label, a in (("Van", ""), *[("Car", "static")] * 2)]
     read = read_v2xpnp(log(tmp_path / "a", {"1": texts}), ())
     (track,) = read.views[0].tracks
-    assert (track.category, track.parked) == (Category.CAR, True)
+    assert (track.category, track.parked) == (ObjectCategory.CAR, True)
     assert any(note.startswith("agent 1: object 1 changes its type") for note in read.notes)
 
 
@@ -185,7 +192,7 @@ frames = st.fixed_dictionaries(
 @settings(max_examples=150, deadline=None)
 def test_fast_path_is_the_yaml_parser(raw: dict[str, Any]) -> None:
     text = yaml.dump(raw)
-    fast, slow = _regular(text), _any(Path("f.yaml"), text)
+    fast, slow = _parse_regular(text), _parse_yaml(Path("f.yaml"), text)
     if any(v["obj_type"] in ("No", "TRUE", "Off", "Traffic Cone", "cone") for v in raw["vehicles"].values()):
         assert fast is None
         return
@@ -198,14 +205,14 @@ def test_fast_path_is_the_yaml_parser(raw: dict[str, Any]) -> None:
 @pytest.mark.parametrize("bare", ["No", "TRUE", "Off", "Null"])
 def test_labels_that_yaml_takes_for_something_else(bare: str) -> None:
     text = frame({1: thing()}).replace("Car", bare)
-    assert _regular(text) is None
-    assert _any(Path("f.yaml"), text).labels == (str(yaml.safe_load(bare)),)
+    assert _parse_regular(text) is None
+    assert _parse_yaml(Path("f.yaml"), text).labels == (str(yaml.safe_load(bare)),)
 
 
 def test_other_layouts_are_read_too(tmp_path: Path) -> None:
     box = "{location: [1, 2, 0], extent: [2, 1, 1], angle: [0, 9, 0], obj_type: Car}"
     text = f"lidar_pose: [1, 2, 3, 4, 5, 6]\nvehicles: {{7: {box}}}\n"
-    assert _regular(text) is None
+    assert _parse_regular(text) is None
     (tmp_path / "f.yaml").write_text(text)
     read = read_frame(tmp_path / "f.yaml")
     assert (read.ids, read.labels, read.static, read.infrastructure) == (("7",), ("Car",), (False,), False)
@@ -513,7 +520,7 @@ def test_real_frames(first_frames: Path) -> None:
 def test_real_frames_have_the_regular_layout() -> None:
     for path in EXCERPT.glob("*/*.yaml"):
         text = path.read_text()
-        fast, slow = _regular(text), _any(path, text)
+        fast, slow = _parse_regular(text), _parse_yaml(path, text)
         assert fast is not None
         assert (fast.ids, fast.sensor, fast.labels, fast.static) == (slow.ids, slow.sensor, slow.labels, slow.static)
         np.testing.assert_array_equal(fast.boxes, slow.boxes)
@@ -526,4 +533,4 @@ def test_real_excerpt_has_holes() -> None:
 
 
 def test_labels_are_normalised() -> None:
-    assert all(label.isalpha() and label == label.lower() for label in LABELS)
+    assert all(label.isalpha() and label == label.lower() for label in CATEGORY_BY_LABEL)

@@ -10,27 +10,29 @@ from testing.log_faults import PLANTS, without
 from testing.log_truth import DT, alone, along_bend, made, observed, truth
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
-from real2sim.clean import clean
+from real2sim.clean import clean_recording
 from real2sim.quality import Converted, assess
 from real2sim.quality.actor_quality import actor_quality
-from real2sim.recording import Category, Track
+from real2sim.recording import ObjectCategory, RecordedTrack
 from real2sim.tracks.reconstruct import reconstruct
 from real2sim.tracks.smoothing import smoothed
 
 T = np.arange(100) * DT
 
 
-def car(x: Float, y: Float | None = None, yaw: Float | None = None, category: Category = Category.CAR) -> Track:
+def car(
+    x: Float, y: Float | None = None, yaw: Float | None = None, category: ObjectCategory = ObjectCategory.CAR
+) -> RecordedTrack:
     zero = np.zeros(len(x))
     return made(0, category, (x, zero if y is None else y, zero if yaw is None else yaw))
 
 
-def noisy(track: Track, sigma: float, seed: int = 0) -> Track:
+def noisy(track: RecordedTrack, sigma: float, seed: int = 0) -> RecordedTrack:
     off = np.random.default_rng(seed).normal(0, sigma, (2, len(track.x)))
     return replace(track, x=track.x + off[0], y=track.y + off[1])
 
 
-def one(track: Track) -> Track:
+def one(track: RecordedTrack) -> RecordedTrack:
     (result,) = reconstruct([track], DT)
     return result
 
@@ -133,7 +135,7 @@ def test_a_turn_stays_a_turn() -> None:
 
 def test_a_walker_may_turn_round() -> None:
     x = np.where(T < 5, 1.3 * T, 6.5 - 1.3 * (T - 5))
-    result = one(noisy(car(x, category=Category.PEDESTRIAN), 0.03))
+    result = one(noisy(car(x, category=ObjectCategory.PEDESTRIAN), 0.03))
     assert np.abs(result.x - x).max() < 0.4
     assert np.abs(wrap_angles(result.yaw[80] - np.pi)) < 0.3
 
@@ -171,7 +173,7 @@ def test_faulty_logs_become_faithful_scenes(seed: int, views: str) -> None:
     log = observed(truth(seed), seed) if views == "several" else alone(truth(seed), seed)
     for number, kind in enumerate(PLANTS):
         log, _ = PLANTS[kind](log, seed + number)
-    cleaned = clean(log.recording)
+    cleaned = clean_recording(log.recording)
     tracks = reconstruct(cleaned.tracks, DT)
     quality = assess(Converted("made", DT, tracks, {track.id: track for track in cleaned.tracks}))
     assert quality.moving_passed_share >= 0.95, quality.failures

@@ -9,7 +9,7 @@ from testing.real_fits import NAMES, fitted_log
 
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from real2sim.targets import closeness_targets
+from real2sim.targets import build_traffic_targets
 from real2sim.traffic_fidelity.passing_order import conflicts, kept_in_order
 from real2sim.traffic_fidelity.traffic_fidelity import GONE_M, Closeness, closeness
 
@@ -46,7 +46,7 @@ def test_the_error_is_the_distance_that_a_slower_vehicle_falls_behind(roads: Roa
     slow = {"progress": [(0.0, 0.0), (10.0, 80.0)], "lanes": [], "leaves": False}
     found = measured(changed(scene, schedule=slow, depart_speed=8.0))
     assert found.median_at_5s == pytest.approx(10.0, abs=0.5)
-    assert [target.met for target in closeness_targets(found)] == [False, None]
+    assert [target.met for target in build_traffic_targets(found)] == [False, None]
 
 
 def test_a_vehicle_that_is_gone_counts_as_far_away(roads: RoadMap) -> None:
@@ -110,7 +110,7 @@ def test_a_changed_order_is_told_by_name(roads: RoadMap) -> None:
     found = measured(changed(scene, schedule=slow, depart_speed=2.0))
     assert found.order_changed == (("a", "b"),)
     assert found.order_share == 0.0
-    assert closeness_targets(found)[1].met is False
+    assert build_traffic_targets(found)[1].met is False
 
 
 def test_contacts_that_the_log_has_not_are_told(roads: RoadMap) -> None:
@@ -134,7 +134,7 @@ def test_contacts_that_the_log_has_not_are_told(roads: RoadMap) -> None:
 def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log(name, tmp_path)
     found = closeness(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
-    assert all(target.met is not False for target in closeness_targets(found))
+    assert all(target.met is not False for target in build_traffic_targets(found))
     assert found.not_departed == ()
     assert found.vehicles >= 5
 

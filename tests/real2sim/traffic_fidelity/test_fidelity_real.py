@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from testing.shared_material import SHARED_DATA
 
-from real2sim.clean import clean
+from real2sim.clean import clean_recording
 from real2sim.hd_map import LaneKind
 from real2sim.quality import Converted, Quality, assess
 from real2sim.quality.lane_segment_index import LaneIndex
@@ -42,7 +42,7 @@ READ: dict[str, Callable[[], Recording]] = {
 @cache
 def converted(name: str) -> tuple[Quality, Recording]:
     recording = READ[name]()
-    cleaned = clean(recording)
+    cleaned = clean_recording(recording)
     tracks = reconstruct(cleaned.tracks, cleaned.dt_s)
     raw = {track.id: track for track in cleaned.tracks}
     driving = [lane for lane in recording.map.lanes.values() if lane.kind is LaneKind.DRIVING]
@@ -68,7 +68,7 @@ def test_the_figures_of_the_issue_hold(name: str, shared_data: Path) -> None:
 def test_nothing_is_lost_without_a_reason(name: str, shared_data: Path) -> None:
     """Sources with one view name every thing once: each name is a track, part of one, or listed as lost."""
     quality, recording = converted(name)
-    cleaned = clean(recording)
+    cleaned = clean_recording(recording)
     told = {change.track for change in cleaned.report.changes} | {actor.id for actor in quality.actors}
     details = " ".join(change.detail for change in cleaned.report.changes)
     names = {track.id for view in recording.views for track in view.tracks if track.valid.any()}

@@ -12,14 +12,14 @@ from testing.round_trip import Trip, as_truth, motions_of, there_and_back, windo
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, load, network_folder
-from real2sim.clean import clean
-from real2sim.clean.cleaning_report import Reason
+from real2sim.clean import clean_recording
+from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.hd_map import HdMap, LaneKind
 from real2sim.network import build_network
-from real2sim.network.lane_segment import bounds_width
+from real2sim.network.lane_segment import measure_boundary_width
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import Category, Recording, Track, View
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.network.test_netbuild_real import READ
 
@@ -72,23 +72,23 @@ def test_a_drive_in_sumo_comes_back(trip: Trip) -> None:
         assert {t.category.kind for t in trip.tracks if t.id == track} == kinds
 
 
-def car(name: str, seen: Bool) -> Track:
+def car(name: str, seen: Bool) -> RecordedTrack:
     """A car that drives at 8 m/s and turns at 10 degrees a second."""
     yaw = np.radians(np.arange(len(seen)) * 1.0)
     x, y = 0.8 * np.cumsum(np.cos(yaw)), 0.8 * np.cumsum(np.sin(yaw))
     full = np.where(seen, 1.0, np.nan)
-    return Track(name, Category.CAR, seen, x * full, y * full, yaw * full, 4.5 * full, 1.8 * full)
+    return RecordedTrack(name, ObjectCategory.CAR, seen, x * full, y * full, yaw * full, 4.5 * full, 1.8 * full)
 
 
-def seen_by(*tracks: Track) -> Recording:
-    views = tuple(View(f"-{n}", (track,), infrastructure=True) for n, track in enumerate(tracks, start=1))
+def seen_by(*tracks: RecordedTrack) -> Recording:
+    views = tuple(ObserverView(f"-{n}", (track,), infrastructure=True) for n, track in enumerate(tracks, start=1))
     return Recording("log", "test", 0.1, len(tracks[0].x), views, HdMap())
 
 
 def test_who_is_seen_by_turns_is_one_thing() -> None:
     """Never in one frame by both, as behind a row of cars that hides it now from one and now from the other."""
     turn = np.arange(80) // 8 % 2 == 0
-    found = clean(seen_by(car("7", turn), car("7", ~turn)))
+    found = clean_recording(seen_by(car("7", turn), car("7", ~turn)))
     (track,) = found.tracks
     assert track.valid.all()
     assert np.hypot(*(track.xy - car("7", turn | ~turn).xy).T).max() < 0.3
@@ -98,11 +98,11 @@ def test_what_nobody_saw_for_long_is_no_step() -> None:
     """It turned meanwhile; where it is seen again it is where it was seen."""
     seen = np.ones(80, dtype=np.bool_)
     seen[20:60] = False
-    found = clean(seen_by(car("7", seen)))
+    found = clean_recording(seen_by(car("7", seen)))
     (track,) = found.tracks
     assert np.hypot(*(track.xy - car("7", seen).xy)[seen].T).max() < 0.3
-    assert found.report.of(Reason.TELEPORT) == ()
-    assert found.report.of(Reason.LONG_GAP)
+    assert found.report.of(ChangeReason.TELEPORT) == ()
+    assert found.report.of(ChangeReason.LONG_GAP)
 
 
 def test_without_noise_it_comes_back_exactly(busy: Recording, tmp_path: Path) -> None:
@@ -122,9 +122,9 @@ def same_lanes(before: HdMap, after: HdMap, names: Mapping[str, str]) -> None:
         np.testing.assert_allclose(found.centre, lane.centre, atol=CM)
         assert set(found.exits) >= {names[other] for other in lane.exits if other in names}
         assert set(found.entries) >= {names[other] for other in lane.entries if other in names}
-        widths.append(bounds_width(found) - bounds_width(lane))
+        widths.append(measure_boundary_width(found) - measure_boundary_width(lane))
     told = np.abs(widths)[np.isfinite(widths)]
-    assert len(told) > 0.8 * np.isfinite([bounds_width(lane) for lane in before.lanes.values()]).sum()
+    assert len(told) > 0.8 * np.isfinite([measure_boundary_width(lane) for lane in before.lanes.values()]).sum()
     assert not len(told) or np.percentile(told, 95) < 0.3
 
 

@@ -18,8 +18,8 @@ from mdrive_sumo.scenario.catalog import load_suite
 from real2sim.pipeline.scenario_builder import Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
-from real2sim.scene import Scene
-from real2sim.writers.observation_noise import Noise
+from real2sim.scene import SourceScene
+from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.network.test_netbuild_real import READ
@@ -67,8 +67,8 @@ def test_it_runs(suite: Path) -> None:
     assert len(episode.ids) > 70
 
 
-def scene(name: str, recording: Recording) -> Scene:
-    return Scene(name, recording.source, "V2XPnP", "real2sim", recording.map, recording)
+def scene(name: str, recording: Recording) -> SourceScene:
+    return SourceScene(name, recording.source, "V2XPnP", "real2sim", recording.map, recording)
 
 
 @pytest.mark.full
@@ -78,7 +78,7 @@ def test_a_real_log_converts_as_well_through_the_format(name: str, shared_data: 
     truth = as_truth(real(name))
     whole = replace(truth, views=(truth.views[0],))
     direct = build_log(scene(name, whole), tmp_path / "direct", Wish()).quality
-    write_v2xpnp(truth, tmp_path / name, Noise(), 0)
+    write_v2xpnp(truth, tmp_path / name, ObservationNoise(), 0)
     write_vector_map(truth.map, tmp_path / "map.pkl")
     back = build_log(scene(name, read_v2xpnp(tmp_path / name, tmp_path / "map.pkl")), tmp_path / "back", Wish()).quality
     assert back.network.left_hand is direct.network.left_hand

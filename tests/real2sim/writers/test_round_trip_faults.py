@@ -16,20 +16,20 @@ from testing.log_truth import Log
 from testing.map_faults import plant
 from testing.round_trip import motions_of
 
-from real2sim.clean import Cleaned, clean
-from real2sim.clean.cleaning_report import Reason
+from real2sim.clean import CleanedRecording, clean_recording
+from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.network import build_network
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import Recording, Track, View
+from real2sim.recording import ObserverView, RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct
-from real2sim.writers.observation_noise import Noise, observe
+from real2sim.writers.observation_noise import ObservationNoise, simulate_observers
 from real2sim.writers.v2xpnp import write_views
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.clean.test_clean_faults import repaired, told
 
 SHARE = 0.98
-CLEAN = Noise(
+CLEAN = ObservationNoise(
     least_visible=0.0, gaps_per_s=0.0, cav_range_m=300.0, station_range_m=300.0, wrong_label=0.0, wrong_attribute=0.0
 )
 """Everybody sees everything all the time, with the usual errors of position, size and yaw."""
@@ -62,9 +62,9 @@ def through_files(log: Log, faults: Sequence[Fault], folder: Path) -> Iterator[R
         yield Result(fault, repaired(fault, log, found), told(fault, log, found))
 
 
-def chain(recording: Recording, folder: Path) -> Cleaned:
+def chain(recording: Recording, folder: Path) -> CleanedRecording:
     write_views(recording, folder)
-    found = clean(read_v2xpnp(folder, ()))
+    found = clean_recording(read_v2xpnp(folder, ()))
     return replace(found, tracks=reconstruct(found.tracks, found.dt_s))
 
 
@@ -74,13 +74,13 @@ def clean_log(seed: int) -> Log:
     once, which reconstruction smooths by up to a metre, faults or none.
     """
     real = scene(seed).views[0].tracks
-    log = Log(observe(scene(seed), CLEAN, seed), real)
+    log = Log(simulate_observers(scene(seed), CLEAN, seed), real)
     with TemporaryDirectory() as folder:
         found = chain(log.recording, Path(folder) / "log").tracks
     return replace(log, truth=tuple(expected(thing, tracks_of(found, thing)) for thing in real))
 
 
-def expected(thing: Track, found: Sequence[Track]) -> Track:
+def expected(thing: RecordedTrack, found: Sequence[RecordedTrack]) -> RecordedTrack:
     (track,) = found
     there = thing.valid & track.valid
     columns = {name: np.where(there, getattr(track, name), np.nan) for name in ("x", "y", "yaw")}
@@ -97,7 +97,7 @@ def test_a_clean_log_needs_no_repair() -> None:
     log = clean_log(0)
     gaps = [np.nanmedian(np.hypot(*(a.xy - b.xy).T)) for a, b in zip(log.truth, scene(0).views[0].tracks, strict=True)]
     assert max(gaps) < 0.5
-    assert clean(log.recording).report.of(Reason.TELEPORT) == ()
+    assert clean_recording(log.recording).report.of(ChangeReason.TELEPORT) == ()
 
 
 @pytest.mark.parametrize("kind", sorted(PLANTS))
@@ -122,7 +122,7 @@ def damaged(log: Log, fault: Fault) -> bool:
     return bool((np.hypot(*(named[0].xy - thing.xy)[frames].T) > 1.0).all())
 
 
-def lies(track: Track, thing: Track, frames: list[int]) -> bool:
+def lies(track: RecordedTrack, thing: RecordedTrack, frames: list[int]) -> bool:
     return bool(np.nanmedian(np.hypot(*(track.xy - thing.xy)[frames].T)) < 1.0) if track.valid[frames].any() else False
 
 
@@ -162,8 +162,8 @@ def map_through_files(seed: int, folder: Path) -> MapResult:
     faulty = plant(truth.map, np.random.default_rng(seed), MAP_SHARE, MAP_SHARE)
     names = write_vector_map(faulty.map, folder / f"{seed}.pkl")
     found, _ = read_vector_map(folder / f"{seed}.pkl")
-    views = (View("log", truth.views[0].tracks),)
-    tracks = clean(replace(truth, views=views, cavs=())).tracks
+    views = (ObserverView("log", truth.views[0].tracks),)
+    tracks = clean_recording(replace(truth, views=views, cavs=())).tracks
     report = build_network(found, motions_of(tracks), folder / "net", "busy")
     turned, added = set(report.directions.inverted), set(report.links_added)
     reversed_, removed = {names[n] for n in faulty.reversed}, {(names[a], names[b]) for a, b in faulty.removed}

@@ -22,10 +22,10 @@ from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import Category, Recording, Track, View
-from real2sim.writers.observation_noise import Noise, numbered, observe
-from real2sim.writers.v2xpnp import LABELS, write_v2xpnp, write_views
-from real2sim.writers.v2xpnp_map import lane_numbers, write_vector_map
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+from real2sim.writers.observation_noise import ObservationNoise, assign_numbers, simulate_observers
+from real2sim.writers.v2xpnp import LABEL_BY_CATEGORY, write_v2xpnp, write_views
+from real2sim.writers.v2xpnp_map import assign_lane_numbers, write_vector_map
 
 REAL = SHARED_DATA / "real_logs/scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
 EXCERPT = SHARED_DATA / "v2xpnp_excerpt" / "2023-03-17-16-12-12_3_0"
@@ -33,20 +33,22 @@ FRAMES = 60
 HALF_MM = 0.00051
 
 
-def track(name: str, x: Any, y: Any, yaw: Any = 0.0, category: Category = Category.CAR, **more: Any) -> Track:
-    size = {Category.PEDESTRIAN: (0.6, 0.5), Category.TRUCK: (12.0, 3.0)}.get(category, (4.5, 1.9))
+def track(
+    name: str, x: Any, y: Any, yaw: Any = 0.0, category: ObjectCategory = ObjectCategory.CAR, **more: Any
+) -> RecordedTrack:
+    size = {ObjectCategory.PEDESTRIAN: (0.6, 0.5), ObjectCategory.TRUCK: (12.0, 3.0)}.get(category, (4.5, 1.9))
     columns = [np.broadcast_to(np.asarray(v, dtype=np.float64), FRAMES).copy() for v in (x, y, yaw, *size)]
-    return Track(name, category, np.ones(FRAMES, dtype=np.bool_), *columns, **more)
+    return RecordedTrack(name, category, np.ones(FRAMES, dtype=np.bool_), *columns, **more)
 
 
 def scene(
-    *tracks: Track, cavs: tuple[str, ...] = (), stations: tuple[tuple[float, float, float], ...] = ()
+    *tracks: RecordedTrack, cavs: tuple[str, ...] = (), stations: tuple[tuple[float, float, float], ...] = ()
 ) -> Recording:
-    posts = [View(f"post {i}", (), np.tile(pose, (FRAMES, 1)), True) for i, pose in enumerate(stations)]
-    return Recording("scene", "test", 0.1, FRAMES, (View("log", tracks), *posts), HdMap(), cavs)
+    posts = [ObserverView(f"post {i}", (), np.tile(pose, (FRAMES, 1)), True) for i, pose in enumerate(stations)]
+    return Recording("scene", "test", 0.1, FRAMES, (ObserverView("log", tracks), *posts), HdMap(), cavs)
 
 
-def same_tracks(written: Track, found: Track) -> None:
+def same_tracks(written: RecordedTrack, found: RecordedTrack) -> None:
     assert (found.id, found.category, found.parked) == (written.id, written.category, written.parked)
     np.testing.assert_array_equal(found.valid, written.valid)
     there = written.valid
@@ -58,16 +60,16 @@ def same_tracks(written: Track, found: Track) -> None:
 
 
 @st.composite
-def tracks(draw: st.DrawFn, name: str, frames: int) -> Track:
+def tracks(draw: st.DrawFn, name: str, frames: int) -> RecordedTrack:
     valid = np.array(draw(st.lists(st.booleans(), min_size=frames, max_size=frames).filter(any)))
 
     def column(low: float, high: float) -> Float:
         drawn = draw(st.lists(st.floats(low, high), min_size=frames, max_size=frames))
         return np.where(valid, np.array(drawn), np.nan)
 
-    return Track(
+    return RecordedTrack(
         name,
-        draw(st.sampled_from(list(Category))),
+        draw(st.sampled_from(list(ObjectCategory))),
         valid,
         *(column(-5000, 5000), column(-5000, 5000), column(-math.pi, math.pi), column(0.1, 30), column(0.1, 5)),
         parked=draw(st.booleans()),
@@ -75,12 +77,12 @@ def tracks(draw: st.DrawFn, name: str, frames: int) -> Track:
 
 
 @st.composite
-def views(draw: st.DrawFn, observer: str, frames: int) -> View:
+def views(draw: st.DrawFn, observer: str, frames: int) -> ObserverView:
     names = draw(st.lists(st.integers(0, 999).map(str), max_size=4, unique=True))
     pose = np.array(
         draw(st.lists(st.tuples(*[st.floats(-300, 300)] * 2, st.floats(-3.14, 3.14)), min_size=frames, max_size=frames))
     )
-    return View(observer, tuple(draw(tracks(name, frames)) for name in names), pose, observer.startswith("-"))
+    return ObserverView(observer, tuple(draw(tracks(name, frames)) for name in names), pose, observer.startswith("-"))
 
 
 @st.composite
@@ -115,7 +117,7 @@ def test_without_noise_everyone_sees_everything_but_itself(tmp_path: Path) -> No
     truth = scene(
         track("ego", 10 * t, 0.0),
         track("other", 100 - 8 * t, 3.5, math.pi),
-        track("walker", 20.0, 5 + t, 1.5, Category.PEDESTRIAN),
+        track("walker", 20.0, 5 + t, 1.5, ObjectCategory.PEDESTRIAN),
         track("kerb", 40.0, -4.0, parked=True),
         cavs=("ego", "other"),
         stations=((5.0, 9.0, 1.0),),
@@ -136,14 +138,16 @@ def test_without_noise_everyone_sees_everything_but_itself(tmp_path: Path) -> No
 
 def test_unknown_sizes_and_yaws(tmp_path: Path) -> None:
     nothing = np.full(FRAMES, np.nan)
-    walker = replace(track("7", 1.0, 2.0, category=Category.PEDESTRIAN), yaw=nothing, length=nothing, width=nothing)
+    walker = replace(
+        track("7", 1.0, 2.0, category=ObjectCategory.PEDESTRIAN), yaw=nothing, length=nothing, width=nothing
+    )
     truth = scene(track("3", 0.0, 0.0), walker, cavs=("3",))
     write_v2xpnp(truth, tmp_path / "log", None, 0)
     (found,) = read_v2xpnp(tmp_path / "log", ()).views[0].tracks
     assert found.id == "7"
     assert np.isnan(found.length).all()
     assert (found.yaw == 0).all()
-    assert observe(truth, Noise(), 0).views[0].tracks[0].id == "7"
+    assert simulate_observers(truth, ObservationNoise(), 0).views[0].tracks[0].id == "7"
 
 
 # --- noise
@@ -155,25 +159,26 @@ def observed() -> tuple[Recording, Recording]:
     t = np.arange(FRAMES) * 0.1
     far = [track(str(n), 40 * math.cos(n / 6), 40 * math.sin(n / 6), n / 6) for n in range(2, 34)]
     walkers = [
-        track(str(n), 25 * math.cos(n), 25 * math.sin(n) + t, math.pi / 2, Category.PEDESTRIAN) for n in range(34, 60)
+        track(str(n), 25 * math.cos(n), 25 * math.sin(n) + t, math.pi / 2, ObjectCategory.PEDESTRIAN)
+        for n in range(34, 60)
     ]
     turning = track("60", 30.0, 60.0, wrap_angles(math.radians(25) * t))
     truth = scene(
         track("0", 0.5 * t, 0.0), track("1", 5 + 0.5 * t, 5.0, 1.0), *far, *walkers, turning,
         cavs=("0", "1"), stations=((3.0, -6.0, 0.5),),
     )  # fmt: skip
-    return truth, observe(truth, Noise(least_visible=0.0), 3)
+    return truth, simulate_observers(truth, ObservationNoise(least_visible=0.0), 3)
 
 
-def by_id(view: View) -> dict[str, Track]:
+def by_id(view: ObserverView) -> dict[str, RecordedTrack]:
     return {track.id: track for track in view.tracks}
 
 
-def both(seen: Recording) -> tuple[dict[str, Track], dict[str, Track], list[str], list[str]]:
+def both(seen: Recording) -> tuple[dict[str, RecordedTrack], dict[str, RecordedTrack], list[str], list[str]]:
     """The views of both CAVs, and which cars and walkers are in both."""
     first, second = by_id(seen.views[0]), by_id(seen.views[1])
     shared = sorted(first.keys() & second.keys() - {"60"})
-    walkers = [k for k in shared if first[k].category is Category.PEDESTRIAN]
+    walkers = [k for k in shared if first[k].category is ObjectCategory.PEDESTRIAN]
     cars = [k for k in shared if k not in walkers]
     assert min(len(cars), len(walkers)) > 15
     return first, second, cars, walkers
@@ -206,7 +211,7 @@ def test_sizes_are_constant_in_a_view_and_differ_between_views(observed: tuple[R
     assert 0.05 < np.std(ratios) < 0.15
     for name, one in first.items():
         spread = float(np.nanstd(one.length))
-        assert spread > 0.03 if one.category is Category.PEDESTRIAN else spread < 1e-9, name
+        assert spread > 0.03 if one.category is ObjectCategory.PEDESTRIAN else spread < 1e-9, name
 
 
 def test_yaws_are_junk_for_walkers_exact_for_cars_and_late_in_turns(observed: tuple[Recording, Recording]) -> None:
@@ -234,7 +239,7 @@ def test_the_lidar_is_not_the_box(observed: tuple[Recording, Recording]) -> None
 
 def test_tracks_have_gaps(observed: tuple[Recording, Recording]) -> None:
     truth, seen = observed
-    whole = observe(truth, Noise(least_visible=0.0, gaps_per_s=0.0), 3)
+    whole = simulate_observers(truth, ObservationNoise(least_visible=0.0, gaps_per_s=0.0), 3)
     share = 0.05 * 0.1 * 3  # gaps a second, seconds a frame, mean length of a gap [frames]
     for with_gaps, without in zip(seen.views, whole.views, strict=True):
         kept, full = by_id(with_gaps), by_id(without)
@@ -244,41 +249,43 @@ def test_tracks_have_gaps(observed: tuple[Recording, Recording]) -> None:
 
 
 def test_range_and_occlusion() -> None:
-    wall = track("1", 20.0, 0.0, math.pi / 2, Category.TRUCK)
+    wall = track("1", 20.0, 0.0, math.pi / 2, ObjectCategory.TRUCK)
     truth = scene(
         track("0", 0.0, 0.0), wall, track("2", 40.0, 0.0), track("3", 0.0, 100.0), track("4", 0.0, -130.0),
         cavs=("0",), stations=((0.0, 5.0, 0.0),),
     )  # fmt: skip
-    cav, station = map(by_id, observe(truth, Noise(gaps_per_s=0.0, wrong_label=0.0), 0).views)
+    cav, station = map(by_id, simulate_observers(truth, ObservationNoise(gaps_per_s=0.0, wrong_label=0.0), 0).views)
     assert cav.keys() == {"1", "3"}  # 2 is behind the truck, 4 out of range
     assert station.keys() == {"0", "1"}
-    assert by_id(observe(truth, Noise(cav_range_m=200.0), 0).views[0]).keys() == {"1", "3", "4"}
+    assert by_id(simulate_observers(truth, ObservationNoise(cav_range_m=200.0), 0).views[0]).keys() == {"1", "3", "4"}
 
 
 def test_labels_and_attributes_disagree() -> None:
     angles = [(n, n / 100 * math.pi) for n in range(2, 200)]
     ring = [track(str(n), 180 * math.cos(a), 180 * math.sin(a), a + math.pi / 2, parked=n % 2 == 0) for n, a in angles]
     truth = scene(*(track(str(n), 0.0, 5.0 * n) for n in range(2)), *ring, cavs=("0", "1"))
-    noise = Noise(least_visible=0.0, cav_range_m=500.0)
-    first, second = map(by_id, observe(truth, noise, 0).views)
+    noise = ObservationNoise(least_visible=0.0, cav_range_m=500.0)
+    first, second = map(by_id, simulate_observers(truth, noise, 0).views)
     shared = [k for k in first.keys() & second.keys() if k not in "01"]
     assert len(shared) > 100  # the CAVs hide some from each other
     assert 0 < sum(first[k].parked != second[k].parked for k in shared) < 0.3 * len(shared)
     assert any(first[k].category != second[k].category for k in shared)
     standing = [one for view in (first, second) for one in view.values() if int(one.id) >= 2]
-    assert {one.category for one in standing} == {Category.CAR, Category.VAN}
+    assert {one.category for one in standing} == {ObjectCategory.CAR, ObjectCategory.VAN}
     wrong = [one.parked != (int(one.id) % 2 == 0) for one in standing]
     assert 0.005 < np.mean(wrong) < 0.12
 
 
 def test_the_seed_decides(observed: tuple[Recording, Recording], tmp_path: Path) -> None:
     truth, seen = observed
-    noise = Noise(least_visible=0.0)
-    again, other = observe(truth, noise, 3), observe(truth, noise, 4)
+    noise = ObservationNoise(least_visible=0.0)
+    again, other = simulate_observers(truth, noise, 3), simulate_observers(truth, noise, 4)
     np.testing.assert_array_equal(again.views[0].tracks[5].x, seen.views[0].tracks[5].x)
     assert not np.array_equal(other.views[0].tracks[5].x, seen.views[0].tracks[5].x, equal_nan=True)
-    fewer = replace(truth, views=(View("log", truth.views[0].tracks[:20]),))  # others' noise is their own
-    np.testing.assert_array_equal(by_id(observe(fewer, noise, 3).views[0])["9"].y, by_id(seen.views[0])["9"].y)
+    fewer = replace(truth, views=(ObserverView("log", truth.views[0].tracks[:20]),))  # others' noise is their own
+    np.testing.assert_array_equal(
+        by_id(simulate_observers(fewer, noise, 3).views[0])["9"].y, by_id(seen.views[0])["9"].y
+    )
     write_v2xpnp(truth, tmp_path / "log", noise, 3)
     for before, after in zip(seen.views, read_v2xpnp(tmp_path / "log", ()).views, strict=True):
         found = by_id(after)
@@ -291,11 +298,13 @@ def test_the_seed_decides(observed: tuple[Recording, Recording], tmp_path: Path)
     [
         (lambda r: replace(r, dt_s=0.2), "frames 0.1 s apart, not 0.2 s"),
         (lambda r: replace(r, views=(replace(r.views[0], observer="log"),)), "not those of view 'log'"),
-        (lambda r: replace(r, views=(View("1", (track("a", 0, 0),), np.zeros((FRAMES, 3))),)), "view '1'"),
+        (lambda r: replace(r, views=(ObserverView("1", (track("a", 0, 0),), np.zeros((FRAMES, 3))),)), "view '1'"),
     ],
 )
 def test_what_the_format_cannot_say_is_refused(tmp_path: Path, spoil: Any, message: str) -> None:
-    good = Recording("a", "test", 0.1, FRAMES, (View("1", (track("5", 0, 0),), np.zeros((FRAMES, 3))),), HdMap())
+    good = Recording(
+        "a", "test", 0.1, FRAMES, (ObserverView("1", (track("5", 0, 0),), np.zeros((FRAMES, 3))),), HdMap()
+    )
     write_views(good, tmp_path / "good")
     with pytest.raises(ValueError, match=message):
         write_views(spoil(good), tmp_path / "bad")
@@ -306,12 +315,12 @@ def test_a_cav_must_be_there_throughout() -> None:
     one = track("a", 0, 0)
     one.valid[3] = False
     with pytest.raises(ValueError, match="CAV a must be there in every frame, it is absent in 1"):
-        observe(scene(one, cavs=("a",)), None, 0)
+        simulate_observers(scene(one, cavs=("a",)), None, 0)
 
 
 def test_numbers_are_kept_and_names_are_counted() -> None:
-    assert numbered(scene(track("7", 0, 0), track("30", 0, 0))) == {"7": "7", "30": "30"}
-    assert numbered(scene(track("07", 0, 0), track("7", 0, 0))) == {"07": "0", "7": "1"}
+    assert assign_numbers(scene(track("7", 0, 0), track("30", 0, 0))) == {"7": "7", "30": "30"}
+    assert assign_numbers(scene(track("07", 0, 0), track("7", 0, 0))) == {"07": "0", "7": "1"}
 
 
 def test_a_log_of_four_agents_and_84_actors_is_read_in_seconds(tmp_path: Path) -> None:
@@ -407,7 +416,7 @@ def test_lanes_of_other_sources_are_numbered(tmp_path: Path) -> None:
         MapLane("g2", LaneKind.DRIVING, line, group="g"),
     ]
     found = HdMap({lane.id: lane for lane in rows})
-    assert lane_numbers(found) == {"left": (0, 1), "right": (0, 2), "alone": (1, 1), "g1": (2, 1), "g2": (2, 2)}
+    assert assign_lane_numbers(found) == {"left": (0, 1), "right": (0, 2), "alone": (1, 1), "g1": (2, 1), "g2": (2, 2)}
     names = write_vector_map(found, tmp_path / "m.pkl")
     read, _ = read_vector_map(tmp_path / "m.pkl")
     assert set(read.lanes) == set(names.values())
@@ -419,14 +428,14 @@ def test_lanes_of_other_sources_are_numbered(tmp_path: Path) -> None:
 def test_neighbours_in_a_circle_end() -> None:
     line = np.array(((0.0, 0.0), (10.0, 0.0)))
     rows = [MapLane(a, LaneKind.DRIVING, line, left_neighbour=b) for a, b in (("a", "b"), ("b", "a"))]
-    numbers = lane_numbers(HdMap({lane.id: lane for lane in rows}))
+    numbers = assign_lane_numbers(HdMap({lane.id: lane for lane in rows}))
     assert len(set(numbers.values())) == 2
 
 
 @needs_data
 def test_a_real_log_and_its_map_survive(tmp_path: Path) -> None:
     real = read_scenarionet(REAL)
-    cars = [one for one in real.views[0].tracks if one.valid.all() and one.category is Category.CAR]
+    cars = [one for one in real.views[0].tracks if one.valid.all() and one.category is ObjectCategory.CAR]
     cav = max(cars, key=lambda one: math.dist(one.xy[0], one.xy[-1]))
     truth = replace(real, dt_s=0.1, cavs=(cav.id,))
     ids = write_v2xpnp(truth, tmp_path / "log", None, 0)
@@ -468,9 +477,9 @@ def typed(value: object) -> object:
 def test_files_are_like_the_real_ones_key_by_key(tmp_path: Path) -> None:
     t = np.arange(FRAMES) * 0.1
     things = [track("0", 10 * t, 0.0), track("1", 30.0, 5.0, 1.0, parked=True), track("2", 9.0, t, 1.0)]
-    walkers = [track("3", 20.0, 5 + t, category=Category.PEDESTRIAN)]
+    walkers = [track("3", 20.0, 5 + t, category=ObjectCategory.PEDESTRIAN)]
     truth = scene(*things, *walkers, cavs=("0", "2"), stations=((5.0, 9.0, 1.0),))
-    write_v2xpnp(truth, tmp_path / "log", Noise(), 0)
+    write_v2xpnp(truth, tmp_path / "log", ObservationNoise(), 0)
     real = sorted(EXCERPT.glob("*/*.yaml"))
     assert {path.parent.name for path in real} == {"1", "2", "-1"}
     assert {path.parent.name for path in (tmp_path / "log").glob("*/*.yaml")} == {"1", "2", "-1"}
@@ -484,4 +493,4 @@ def test_files_are_like_the_real_ones_key_by_key(tmp_path: Path) -> None:
         assert objects == real_objects
         assert typed(yaml.safe_load(written.read_text())) == typed(yaml.safe_load(path.read_text()))
     labels = {box["obj_type"] for path in real for box in yaml.safe_load(path.read_text())["vehicles"].values()}
-    assert labels <= set(LABELS.values())
+    assert labels <= set(LABEL_BY_CATEGORY.values())
