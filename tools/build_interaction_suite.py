@@ -1,4 +1,4 @@
-"""Writes the built-in `interaction` suite anew: `python -m tools.build_interaction_suite [FOLDER]`.
+"""Writes the built-in `build_interaction_suite` suite anew: `python -m tools.build_interaction_suite [FOLDER]`.
 
 For every category a pool of good scenarios is searched, of which those are kept whose means are the paper's. What is
 kept of a category is noted in FOLDER.work as soon as it is found: a search that was interrupted goes on. The suite
@@ -26,9 +26,9 @@ ABOUT = SuiteFile(
     title="MDrive-Interaction-like suite",
     description="112 scenarios of our own making in the paper's eleven categories, with the paper's means.",
 )
-POOL = 3.0
+POOL_FACTOR = 3.0
 """Scenarios in the pool for every one that is kept."""
-HIDDEN = frozenset((Category.PRE_CRASH, Category.CROSSWALK))
+OCCLUSION_CATEGORIES = frozenset((Category.PRE_CRASH, Category.CROSSWALK))
 """Categories in which only scenarios with an occlusion certificate are kept."""
 TOWARDS_BUCKET = (1.018, 0.975)
 """Of routes and heading changes: the paper's figures of the bucket (91.3 m, 55.4 deg) are not the means of its own
@@ -38,19 +38,19 @@ LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class CategoryTask:
     """A category and how many of its scenarios are kept."""
 
     category: Category
     count: int
 
 
-Made = tuple[Recipe, Scenario]
+BuiltScenario = tuple[Recipe, Scenario]
 
 
-def chosen(task: Task) -> list[Recipe]:
+def select_recipes(task: CategoryTask) -> list[Recipe]:
     """Recipes of the scenarios of a category, numbered, with weather."""
-    pool = list(_pool(task))
+    pool = list(_search_pool(task))
     figures = CATEGORIES[task.category].paper
     assert figures is not None
     wanted = replace(
@@ -60,30 +60,32 @@ def chosen(task: Task) -> list[Recipe]:
     )
     kept = selected([scenario for _, scenario in pool], wanted, task.count, random.Random(task.category))
     recipes = {scenario.id: recipe for recipe, scenario in pool}
-    return [_numbered(recipes[scenario.id], k) for k, scenario in enumerate(kept)]
+    return [_number_recipe(recipes[scenario.id], k) for k, scenario in enumerate(kept)]
 
 
-def _pool(task: Task) -> Iterator[Made]:
-    order = Order(task.category, round(task.count * POOL * (1.4 if task.category in HIDDEN else 1.0)))
+def _search_pool(task: CategoryTask) -> Iterator[BuiltScenario]:
+    order = Order(
+        task.category, round(task.count * POOL_FACTOR * (1.4 if task.category in OCCLUSION_CATEGORIES else 1.0))
+    )
     for attempt in search(order):
         if attempt.scenario is None or attempt.recipe is None or attempt.screened is None:
             continue
-        if task.category not in HIDDEN or attempt.screened.occluded:
+        if task.category not in OCCLUSION_CATEGORIES or attempt.screened.occluded:
             yield attempt.recipe, attempt.scenario
 
 
-def _numbered(recipe: Recipe, k: int) -> Recipe:
+def _number_recipe(recipe: Recipe, k: int) -> Recipe:
     return recipe.model_copy(
         update={"id": f"{recipe.proposal.category}_{k + 1:02d}", "weather": WEATHER[k % len(WEATHER)]}
     )
 
 
-def interaction(folder: Path) -> None:
+def build_interaction_suite(folder: Path) -> None:
     """Searches and writes the whole suite; raises RuntimeError where a category fails, InputError."""
     check_new(folder)
     work = folder.with_name(f"{folder.name}.work")
-    tasks = [Task(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]
-    with ProcessPool[Task, list[Recipe]](chosen, WORKERS, LIMIT_S) as pool:
+    tasks = [CategoryTask(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]
+    with ProcessPool[CategoryTask, list[Recipe]](select_recipes, WORKERS, LIMIT_S) as pool:
         for task, found in pool.run([task for task in tasks if not (work / task.category).is_dir()]):
             if isinstance(found, WorkerFailure):
                 raise RuntimeError(f"{task.category}: {found.reason}")
@@ -98,7 +100,7 @@ def interaction(folder: Path) -> None:
 def main(folders: list[str]) -> None:
     """Writes the suite to the named folder, or to its place in the package."""
     folder = Path(folders[0]) if folders else Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interaction"
-    interaction(folder)
+    build_interaction_suite(folder)
 
 
 if __name__ == "__main__":
