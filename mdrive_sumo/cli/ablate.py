@@ -12,7 +12,7 @@ from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.runs.preparation import PreparedRun, recording_path
 from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
@@ -86,7 +86,7 @@ def ablation_table(found: AblationResult) -> str:
     was = found.recorded
     rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _seconds(was.min_ttc), "", "")]
     rows += [_cells(was, effect) for effect in found.effects]
-    return f"{was.id}: {was.ticks} ticks\n\n" + text_table(HEADER, rows)
+    return f"{was.id}: {was.ticks} ticks\n\n" + format_text_table(HEADER, rows)
 
 
 def _cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, str, str, str, str, str, str, str]:

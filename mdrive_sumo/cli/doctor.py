@@ -3,7 +3,7 @@
 import click
 
 from mdrive_sumo.agent_process.sandbox import examine_layers
-from mdrive_sumo.report.installation import doctor_table, examine, sandbox_table
+from mdrive_sumo.report.installation import examine_installation, format_installation_table, format_sandbox_table
 
 NEEDED_LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "rlimits")
 """Without these there is no sandbox; the others depend on who starts it and on the machine."""
@@ -18,11 +18,11 @@ def command(sandbox: bool) -> None:
     """
     if sandbox:
         found = examine_layers()
-        click.echo(sandbox_table(found))
+        click.echo(format_sandbox_table(found))
         complete = all(layer.active for layer in found if layer.name in NEEDED_LAYERS)
     else:
-        checks = examine()
-        click.echo(doctor_table(checks))
-        complete = all(check.ok for check in checks if check.required)
+        checks = examine_installation()
+        click.echo(format_installation_table(checks))
+        complete = all(check.is_found for check in checks if check.is_required)
     if not complete:
         raise click.exceptions.Exit(1)

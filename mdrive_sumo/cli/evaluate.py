@@ -11,8 +11,8 @@ from mdrive_sumo.cli.comm import channel_of, comm_options
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.result_tables import Captured, summary_table
+from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
+from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, report_write_errors
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.preparation import EPISODES_FOLDER, PreparedRun, prepare
@@ -123,13 +123,13 @@ def command(
     whole = evaluated(ctx, run)
     shares = with_references(ctx, whole, settings) if captured else None
     with report_write_errors(run.folder / REPORT_FILE):
-        (run.folder / REPORT_FILE).write_text(report_markdown(whole, shares))
-    click.echo(summary_table(whole, shares))
+        (run.folder / REPORT_FILE).write_text(build_run_report(whole, shares))
+    click.echo(format_summary(whole, shares))
     click.echo("\n" + _written(run))
     ctx.exit(1 if whole.void else 0)
 
 
-def with_references(ctx: click.Context, results: Results, settings: RunConfig) -> Captured:
+def with_references(ctx: click.Context, results: Results, settings: RunConfig) -> CapturedCooperation:
     """Captured cooperation of a run; its two references are found finished or driven. Raises InputError."""
 
     def evaluate_reference(run: PreparedRun) -> Results:

@@ -6,7 +6,7 @@ import click
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.text_table import Row, text_table
+from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.roads import load, packaged_networks
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
@@ -15,7 +15,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
-STATISTICS_HEADER: Row = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
+STATISTICS_HEADER: TableRow = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
 
 def _suites(_: str) -> str:
@@ -26,7 +26,7 @@ def _about_suite(suite: Suite) -> str:
     rows = [(suite.name, *_statistics_cells(statistics(suite.scenarios)))]
     if suite.name in PAPER:
         rows.append(("in the paper", *_statistics_cells(PAPER[suite.name])))
-    tables = text_table(("suite", *STATISTICS_HEADER), rows)
+    tables = format_text_table(("suite", *STATISTICS_HEADER), rows)
     parts = [suite.about.title, "", tables, ""]
     if suite.about.parts:
         return "\n".join((*parts, f"parts: {', '.join(suite.about.parts)}"))
@@ -35,16 +35,16 @@ def _about_suite(suite: Suite) -> str:
 
 def _categories(suite: Suite) -> str:
     """Means of every category, and the paper's where it has a table of them."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
         found = statistics([scenario for scenario in suite.scenarios if scenario.category == name])
         rows.append((name, *_statistics_cells(found)))
         if name in set(Category) and (paper := FIGURES.get(Category(name))) is not None:
             rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in paper.means)))
-    return text_table(("category", *STATISTICS_HEADER), rows)
+    return format_text_table(("category", *STATISTICS_HEADER), rows)
 
 
-def _statistics_cells(found: SuiteStatistics) -> Row:
+def _statistics_cells(found: SuiteStatistics) -> TableRow:
     means = (found.mean_cavs, found.mean_route_m, found.mean_heading_change_deg, found.mean_actors)
     return (str(found.scenarios), str(found.cavs), *(f"{mean:.2f}" for mean in means))
 
@@ -73,15 +73,15 @@ def _scenarios(suite: str, occluded: bool | None = None) -> str:
         "known to",
     )
     rows = [(*_scenario_row(scenario), *_hidden_cells(certificates.get(scenario.id))) for scenario in chosen]
-    return text_table(header, rows) + f"\n\n{HIDDEN_LEGEND if certificates else NO_CERTIFICATES}"
+    return format_text_table(header, rows) + f"\n\n{HIDDEN_LEGEND if certificates else NO_CERTIFICATES}"
 
 
-def _scenario_row(scenario: Scenario) -> Row:
+def _scenario_row(scenario: Scenario) -> TableRow:
     _, cavs, _, *rest = _statistics_cells(statistics((scenario,)))
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
 
 
-def _hidden_cells(certificate: OcclusionCertificate | None) -> Row:
+def _hidden_cells(certificate: OcclusionCertificate | None) -> TableRow:
     if certificate is None:
         return ("?", "?")
     if not certificate.occluded:
@@ -98,14 +98,14 @@ NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examine
 
 def _agents(_: str) -> str:
     rows = [(name, (factory.__doc__ or "").strip().split("\n")[0]) for name, factory in AGENTS.items()]
-    return text_table(("agent", "what it does"), rows)
+    return format_text_table(("agent", "what it does"), rows)
 
 
 def _networks(_: str) -> str:
-    return text_table(("network", "lanes", "buildings", "stop signs", "description"), _network_rows())
+    return format_text_table(("network", "lanes", "buildings", "stop signs", "description"), _network_rows())
 
 
-def _network_rows() -> Iterator[Row]:
+def _network_rows() -> Iterator[TableRow]:
     for name, folder in packaged_networks().items():
         roads, about = load(folder), read_network_file(folder)
         signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.evaluate import MODES
-from mdrive_sumo.report.result_tables import summary_table
+from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.runs.rescore import rescore_run, save_rescored
 from mdrive_sumo.runs.stored_run import open_run
 from mdrive_sumo.scoring import ScoreMode
@@ -24,6 +24,6 @@ def command(ctx: click.Context, run_folder: Path, score_mode: str | None, suite:
     run, results = open_run(run_folder, suite)
     again = rescore_run(run, results, ScoreMode(score_mode or results.run.score_mode))
     path = save_rescored(run, again)
-    click.echo(summary_table(again))
+    click.echo(format_summary(again))
     click.echo(f"\n{path}")
     ctx.exit(1 if again.void else 0)

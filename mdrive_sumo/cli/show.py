@@ -9,9 +9,9 @@ from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.evaluate import with_references
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.result_tables import summary_table
-from mdrive_sumo.report.scenario_picture import draw_scenario
+from mdrive_sumo.report.result_tables import format_summary
+from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.report.scenario_plot import save_scenario_plot
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
 from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
@@ -56,10 +56,10 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
         click.echo(f"warning: the run was made with another {changed} than its references", err=True)
     settings = replace(run.config, suite=suite or run.config.suite, workers=workers)
     shares = with_references(ctx, results, settings) if workers else None
-    click.echo(summary_table(results, shares))
+    click.echo(format_summary(results, shares))
     if out is not None:
         with report_write_errors(out):
-            out.write_text(report_markdown(results, shares), encoding="utf-8")
+            out.write_text(build_run_report(results, shares), encoding="utf-8")
         click.echo(f"\n{out}")
 
 
@@ -68,7 +68,7 @@ def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     chosen = find_one_scenario(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
     try:
-        draw_scenario(chosen, load(network_folder(chosen.network, beside=loaded.home(chosen.id))), path)
+        save_scenario_plot(chosen, load(network_folder(chosen.network, beside=loaded.home(chosen.id))), path)
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
         raise InputError(f"{path}: cannot be written: {error}") from None
     click.echo(path)

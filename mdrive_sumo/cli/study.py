@@ -13,7 +13,7 @@ from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import clock_of
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.preparation import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
@@ -113,7 +113,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
     pictures = _drawn(told, varied, found[0], asked.out)
     _write(asked.out / "study.json", study_json(about, told))
     _write(asked.out / "study.md", study_markdown(about, told, [path for path in pictures if path.suffix == ".png"]))
-    click.echo(text_table(*table_of(told, brief=True)))
+    click.echo(format_text_table(*table_of(told, brief=True)))
     click.echo("\n" + "\n".join(str(path) for path in (asked.out / "study.json", asked.out / "study.md", *pictures)))
     ctx.exit(1 if any(line.void for line in told) else 0)
 

@@ -8,8 +8,8 @@ import click
 from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.report.replay import viewer_html
-from mdrive_sumo.report.replay_marks import marks_of
+from mdrive_sumo.report.replay_marks import find_marks
+from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.preparation import PreparedRun, recording_path
@@ -55,4 +55,4 @@ def _page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording_path(run.folder, scenario.id))
     roads = load(network_folder(scenario.network, run.suite.home(scenario.id)))
-    return viewer_html(episode, scenario, roads, marks_of(episode, result))
+    return render_replay(episode, scenario, roads, find_marks(episode, result))

@@ -1,9 +1,13 @@
-"""The two ways in which something outside this code base may be wrong."""
+"""The exceptions that a user of the library may catch. `loop.agent_driver.AgentFailure` completes the hierarchy."""
 
 
-class InputError(Exception):
+class MdriveError(Exception):
+    """Base class of every error that mdrive-sumo raises on purpose."""
+
+
+class InputError(MdriveError):
     """Unusable input. The text is one sentence for the user: what, where, expected, found. Exit code 2."""
 
 
-class WorldError(Exception):
-    """The simulator did something that makes the episode worthless; the episode becomes void."""
+class WorldError(MdriveError):
+    """The simulator failed, which makes the episode worthless; the episode becomes void."""

@@ -4,13 +4,14 @@ import time
 from typing import Protocol
 
 from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply
+from mdrive_sumo.core.errors import MdriveError
 from mdrive_sumo.core.state import Failure
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 CONTROLLER_NAMES = frozenset(CONTROLLERS)
 
 
-class AgentFailure(Exception):
+class AgentFailure(MdriveError):
     """A participant's code failed. It ends that CAV with `End.AGENT_FAILED`, and is scored."""
 
     def __init__(self, failure: Failure, text: str) -> None:

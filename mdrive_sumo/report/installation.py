@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import GAPS, SandboxLayer
-from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.core.tables import format_text_table
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
 TIME_LIMIT_S = 30.0
@@ -36,29 +36,29 @@ PACKAGES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class InstallationCheck:
     """One thing looked for: what was found ("" = nothing), who needs it, and how to get it."""
 
     name: str
     found: str
     needed_for: str
     remedy: str = ""
-    required: bool = True
+    is_required: bool = True
     """Whether the core commands need it."""
 
     @property
-    def ok(self) -> bool:
+    def is_found(self) -> bool:
         """Whether it is there."""
         return bool(self.found)
 
 
-def examine() -> tuple[Check, ...]:
+def examine_installation() -> tuple[InstallationCheck, ...]:
     """Looks at this machine; starts the simulator's library in a child, because a broken one may crash."""
     return (
-        Check("mdrive-sumo", _version("mdrive-sumo"), "everything"),
+        InstallationCheck("mdrive-sumo", _version("mdrive-sumo"), "everything"),
         _python(),
-        Check("platform", f"{platform.system()} {platform.machine()}", "everything"),
-        Check("cores", str(usable_cores()), "eval --workers auto"),
+        InstallationCheck("platform", f"{platform.system()} {platform.machine()}", "everything"),
+        InstallationCheck("cores", str(count_usable_cores()), "eval --workers auto"),
         *(_package(*row) for row in PACKAGES),
         _simulator(),
         _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
@@ -66,14 +66,14 @@ def examine() -> tuple[Check, ...]:
     )
 
 
-def usable_cores() -> int:
+def count_usable_cores() -> int:
     """Cores that this process may use. (`suite` knows too, but needs packages that may be missing here.)"""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _python() -> Check:
+def _python() -> InstallationCheck:
     found = platform.python_version() if sys.version_info >= (3, 11) else ""
-    return Check("python", found, "everything", "install Python 3.11 or newer")
+    return InstallationCheck("python", found, "everything", "install Python 3.11 or newer")
 
 
 def _version(name: str) -> str:
@@ -83,18 +83,18 @@ def _version(name: str) -> str:
         return ""
 
 
-def _package(name: str, needed_for: str, extra: str) -> Check:
+def _package(name: str, needed_for: str, extra: str) -> InstallationCheck:
     what = f"mdrive-sumo[{extra}]" if extra else name
-    return Check(name, _version(name), needed_for, f"pip install '{what}'", required=not extra)
+    return InstallationCheck(name, _version(name), needed_for, f"pip install '{what}'", is_required=not extra)
 
 
-def _simulator() -> Check:
+def _simulator() -> InstallationCheck:
     found, problem = "", "pip install libsumo"
     if _version("libsumo"):
         problem = _failure_of((sys.executable, "-c", SIMULATOR_CHECK))
         found = "" if problem else _version("libsumo")
         problem += f"; on Debian and Ubuntu: apt-get install {SYSTEM_LIBRARIES}"
-    return Check("libsumo", found, "eval, verify", problem)
+    return InstallationCheck("libsumo", found, "eval, verify", problem)
 
 
 def _failure_of(command: Iterable[str]) -> str:
@@ -108,20 +108,20 @@ def _failure_of(command: Iterable[str]) -> str:
     return (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
 
 
-def _program(name: str, needed_for: str, remedy: str) -> Check:
+def _program(name: str, needed_for: str, remedy: str) -> InstallationCheck:
     folder = Path(sys.executable).parent
     found = shutil.which(name, path=f"{folder}{os.pathsep}{os.environ.get('PATH', '')}") or ""
-    return Check(name, found, needed_for, remedy, required=False)
+    return InstallationCheck(name, found, needed_for, remedy, is_required=False)
 
 
-def doctor_table(checks: Iterable[Check]) -> str:
+def format_installation_table(checks: Iterable[InstallationCheck]) -> str:
     """The findings for the terminal, what is missing last."""
     checks = tuple(checks)
     rows = [(check.name, check.found or "missing", check.needed_for) for check in checks]
-    missing = [check for check in checks if not check.ok]
+    missing = [check for check in checks if not check.is_found]
     return "\n".join(
         (
-            text_table(("what", "found", "needed for"), rows),
+            format_text_table(("what", "found", "needed for"), rows),
             "",
             *(f"missing for {check.needed_for}: {check.name} ({check.remedy})" for check in missing),
             *(() if missing else ("Nothing is missing.",)),
@@ -129,12 +129,12 @@ def doctor_table(checks: Iterable[Check]) -> str:
     )
 
 
-def sandbox_table(layers: Iterable[SandboxLayer]) -> str:
+def format_sandbox_table(layers: Iterable[SandboxLayer]) -> str:
     """The layers around a box on this machine for the terminal, then what they do not cover."""
     rows = [(layer.name, "in force" if layer.active else "absent", layer.detail) for layer in layers]
     return "\n".join(
         (
-            text_table(("layer", "here", "how"), rows),
+            format_text_table(("layer", "here", "how"), rows),
             "",
             "The backend bubblewrap does not protect from:",
             *(f"  - {gap}" for gap in GAPS["bubblewrap"]),

@@ -37,7 +37,7 @@ class _Row:
     """Whether objects or trajectories are carried."""
 
 
-def messages_of(episode: EpisodeRecord, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
+def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
     """Header entries and integer tables (columns, rows); positions in cm from the origin [m]."""
     sent = sorted(episode.messages, key=lambda one: (one.message.type, one.message.sender, one.message.tick))
     stations = _stations(episode, scenario)

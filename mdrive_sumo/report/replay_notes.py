@@ -9,7 +9,7 @@ EXCHANGE = "llm-exchange"
 LONGEST_CHARS = 4000
 
 
-def notes_of(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
+def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
     """(tick, CAV, kind, what to read at once, what to read on demand) in order."""
     return [(note.tick, note.ego, note.note.kind, *_told(note)) for note in episode.notes]
 

@@ -4,15 +4,15 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from mdrive_sumo.core.text_table import Row, text_table
+from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
 
-SCORE_HEADER: Row = ("DS", "SR", "RC", "IP")
+SCORE_HEADER: TableRow = ("DS", "SR", "RC", "IP")
 CAPTURED_HEADER = "captured [%]"
 
 
 @dataclass(frozen=True, slots=True)
-class Captured:
+class CapturedCooperation:
     """Captured cooperation as a share (docs/studies.md), None where cooperation has next to nothing to gain."""
 
     bucket_mean: float | None
@@ -22,23 +22,23 @@ class Captured:
     """InterDrive's groups included."""
 
 
-def captured_cell(value: float | None) -> str:
+def format_captured(value: float | None) -> str:
     """A share as percent; blank if there is none."""
     return "" if value is None else f"{100 * value:.1f}"
 
 
-def score_cells(means: Means | ScenarioResult) -> Row:
+def format_scores(means: Means | ScenarioResult) -> TableRow:
     """DS, SR, RC in percent and IP, as every table shows them."""
     return (f"{means.ds:.2f}", f"{means.sr:.2f}", f"{means.rc:.2f}", f"{means.ip:.3f}")
 
 
-def agent_name(results: Results) -> str:
+def describe_agent(results: Results) -> str:
     """The agent with its labels, e.g. "omniscient [privileged]"."""
     labels = ", ".join(results.run.labels)
     return f"{results.run.agent} [{labels}]" if labels else results.run.agent
 
 
-def outcome_counts(results: Results) -> Counter[str]:
+def count_outcomes(results: Results) -> Counter[str]:
     """How the CAVs ended, most frequent first: outcome, or "agent-failed (reason)"."""
     return _sorted(
         f"{ego.outcome} ({ego.reason})" if ego.outcome == "agent-failed" else ego.outcome
@@ -47,7 +47,7 @@ def outcome_counts(results: Results) -> Counter[str]:
     )
 
 
-def infraction_counts(results: Results) -> Counter[str]:
+def count_infractions(results: Results) -> Counter[str]:
     """How often each kind of infraction happened, most frequent first, without marks that cost nothing."""
     return _sorted(
         infraction.kind
@@ -58,7 +58,7 @@ def infraction_counts(results: Results) -> Counter[str]:
     )
 
 
-def note_counts(results: Results) -> Counter[str]:
+def count_notes(results: Results) -> Counter[str]:
     """How many notes of each kind agents made, most frequent first: fallbacks of a language model, for instance."""
     return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
 
@@ -68,34 +68,36 @@ def _sorted(names: Iterable[str]) -> Counter[str]:
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
 
 
-def score_rows(results: Results, captured: Captured | None = None) -> tuple[Row, list[Row]]:
+def build_score_rows(results: Results, captured: CapturedCooperation | None = None) -> tuple[TableRow, list[TableRow]]:
     """Header and rows of scores: the buckets, then both overall means; with captured cooperation if it is given."""
     overall = results.overall
-    rows: list[Row] = [(name, str(bucket.scenarios), *score_cells(bucket)) for name, bucket in results.buckets.items()]
-    rows.append(("bucket mean", str(len(results.buckets)), *score_cells(overall.bucket_mean)))
-    rows.append(("scenario mean", str(len(results.scenarios)), *score_cells(overall.scenario_mean)))
-    header: Row = ("bucket", "scenarios", *SCORE_HEADER)
+    rows: list[TableRow] = [
+        (name, str(bucket.scenarios), *format_scores(bucket)) for name, bucket in results.buckets.items()
+    ]
+    rows.append(("bucket mean", str(len(results.buckets)), *format_scores(overall.bucket_mean)))
+    rows.append(("scenario mean", str(len(results.scenarios)), *format_scores(overall.scenario_mean)))
+    header: TableRow = ("bucket", "scenarios", *SCORE_HEADER)
     if captured is None:
         return header, rows
     shares = (*(captured.buckets.get(name) for name in results.buckets), captured.bucket_mean, captured.scenario_mean)
-    return (*header, CAPTURED_HEADER), [(*row, captured_cell(share)) for row, share in zip(rows, shares, strict=True)]
+    return (*header, CAPTURED_HEADER), [(*row, format_captured(share)) for row, share in zip(rows, shares, strict=True)]
 
 
-def summary_table(results: Results, captured: Captured | None = None) -> str:
+def format_summary(results: Results, captured: CapturedCooperation | None = None) -> str:
     """What a run ends with: scores per bucket and overall, how CAVs ended, infractions, void scenarios."""
     run = results.run
-    notes = note_counts(results)
+    notes = count_notes(results)
     facts = (
-        ("outcomes", _listed(outcome_counts(results))),
-        ("infractions", _listed(infraction_counts(results))),
+        ("outcomes", _listed(count_outcomes(results))),
+        ("infractions", _listed(count_infractions(results))),
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
     )
     return "\n".join(
         (
-            f"suite {run.suite}, agent {agent_name(results)}, seed {run.seed}, score mode {run.score_mode}",
+            f"suite {run.suite}, agent {describe_agent(results)}, seed {run.seed}, score mode {run.score_mode}",
             "",
-            text_table(*score_rows(results, captured)),
+            format_text_table(*build_score_rows(results, captured)),
             "",
             *(f"{name:<13}{value}" for name, value in facts),
             *(f"  {s.id}: {' '.join(s.reason.split())}" for s in results.scenarios if s.status == "void"),

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
-from mdrive_sumo.core.text_table import text_table
+from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.scoring import Results, ScenarioResult
 
 TIE = 0.005
@@ -100,7 +100,7 @@ def _warnings(a: Results, b: Results) -> list[str]:
 def comparison_table(comparison: RunComparison) -> str:
     """The comparison for the terminal: what to beware of, overall, then scenario by scenario."""
     wins, ties, losses = comparison.count_wins_ties_losses()
-    means = text_table(
+    means = format_text_table(
         ("B - A", "mean", "95 % from", "to"),
         [_interval_row("DS", comparison.ds), _interval_row("SR", comparison.sr)],
     )
@@ -117,7 +117,7 @@ def comparison_table(comparison: RunComparison) -> str:
             means,
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
             "",
-            text_table(header, rows),
+            format_text_table(header, rows),
             *_left_out_lines(comparison.left_out),
         )
     )

@@ -9,18 +9,23 @@ A suite may instead name others as its parts in `suite.json`: then it has their 
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, overload
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.model import Identifier
 from mdrive_sumo.scenario.scenario import Scenario, first_problem, load_scenario, save_scenario
+from mdrive_sumo.scenario.statistics import statistics
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"
@@ -54,6 +59,36 @@ class Suite:
     parts: tuple["Suite", ...] = ()
     """The suites that it is made of, see `SuiteFile.parts`."""
 
+    def __len__(self) -> int:
+        """Number of scenarios."""
+        return len(self.scenarios)
+
+    def __iter__(self) -> Iterator[Scenario]:
+        """Iterate over the scenarios in the order of the suite."""
+        return iter(self.scenarios)
+
+    @overload
+    def __getitem__(self, key: int) -> Scenario: ...
+    @overload
+    def __getitem__(self, key: slice) -> "Suite": ...
+    @overload
+    def __getitem__(self, key: str) -> "Scenario | Suite": ...
+    def __getitem__(self, key: int | slice | str) -> "Scenario | Suite":
+        """Return one scenario for an index or an exact id, and a suite of the matching ones for a slice or a glob.
+
+        A glob may match ids or categories; several are separated by commas. Raises InputError if nothing matches.
+        """
+        if isinstance(key, int):
+            return self.scenarios[key]
+        if isinstance(key, slice):
+            return replace(self, scenarios=self.scenarios[key])
+        exact = next((scenario for scenario in self.scenarios if scenario.id == key), None)
+        return exact or replace(self, scenarios=self.matching(key))
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return one row per scenario, indexed by scenario id. Needs pandas (`mdrive-sumo[notebook]`)."""
+        return build_data_frame(map(_describe_scenario, self.scenarios)).set_index("scenario")
+
     @property
     def name(self) -> str:
         """Short name, as users type it."""
@@ -76,17 +111,43 @@ class Suite:
         return (self.folder, *(part.folder for part in self.parts))
 
     def matching(self, pattern: str) -> tuple[Scenario, ...]:
-        """Scenarios whose id or category matches a glob; raises InputError if none does."""
-        found = tuple(s for s in self.scenarios if fnmatchcase(s.id, pattern) or fnmatchcase(s.category, pattern))
+        """Scenarios whose id or category matches a glob, or one of several globs separated by commas.
+
+        Raises InputError if none does.
+        """
+        globs = pattern.split(",")
+        found = tuple(s for s in self.scenarios if any(fnmatchcase(n, g) for g in globs for n in (s.id, s.category)))
         if not found:
             raise InputError(f"suite {self.name}: expected a scenario id or category like {pattern!r}, found none")
         return found
+
+
+def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
+    """Return one row of `Suite.to_frame`."""
+    found = statistics((scenario,))
+    return {
+        "scenario": scenario.id,
+        "bucket": scenario.bucket,
+        "category": scenario.category,
+        "network": scenario.network,
+        "weather": scenario.weather,
+        "cavs": found.cavs,
+        "mean_route_m": found.mean_route_m,
+        "mean_heading_change_deg": found.mean_heading_change_deg,
+        "background_vehicles": len(scenario.background.vehicles),
+        "scripted_actors": len(scenario.actors),
+    }
 
 
 def packaged_suites() -> dict[str, Path]:
     """Suites that come with mdrive-sumo: name -> folder."""
     root = Path(str(files("mdrive_sumo") / "scenarios"))
     return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
+
+
+def list_suites() -> tuple[str, ...]:
+    """Return the names of the suites that come with mdrive-sumo."""
+    return tuple(packaged_suites())
 
 
 def load_suite(name_or_folder: str) -> Suite:

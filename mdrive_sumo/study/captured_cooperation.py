@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.result_tables import Captured
+from mdrive_sumo.report.result_tables import CapturedCooperation
 from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, categories, category_groups, overall
 from mdrive_sumo.scoring.summary import buckets
 
@@ -11,7 +11,7 @@ LEAST_GAIN_DS = 2.0
 """Where perfect cooperation gains less driving score than this, a share of it would be noise and is left blank."""
 
 
-def compute_captured_cooperation(agent: Results, off: Results, omniscient: Results) -> Captured:
+def compute_captured_cooperation(agent: Results, off: Results, omniscient: Results) -> CapturedCooperation:
     """(agent - off) / (omniscient - off) on mean DS, over the scenarios that are void in none of the three runs.
 
     off: the same agent with the channel switched off. Raises InputError for runs that do not belong together.
@@ -32,7 +32,7 @@ def compute_captured_from_scenarios(
     off: Sequence[ScenarioResult],
     omniscient: Sequence[ScenarioResult],
     mode: ScoreMode,
-) -> Captured:
+) -> CapturedCooperation:
     """As `captured`, of scenarios from any number of seeds. Raises InputError if they have none in common."""
     runs = [{(s.id, s.seed): s for s in run if s.status == "ok"} for run in (agent, off, omniscient)]
     common = [key for key in runs[0] if all(key in run for run in runs)]
@@ -46,7 +46,7 @@ def compute_captured_from_scenarios(
         return categories(scenarios) | category_groups(scenarios, mode)
 
     totals = [overall(scenarios) for scenarios in (ours, without, best)]
-    return Captured(
+    return CapturedCooperation(
         bucket_mean=compute_captured_share(*(total.bucket_mean.ds for total in totals)),
         scenario_mean=compute_captured_share(*(total.scenario_mean.ds for total in totals)),
         buckets=_shares(buckets(ours), buckets(without), buckets(best)),

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.result_tables import Captured
+from mdrive_sumo.report.result_tables import CapturedCooperation
 from mdrive_sumo.runs.preparation import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results
@@ -28,7 +28,7 @@ def make_reference_configs(settings: RunConfig) -> tuple[RunConfig, RunConfig]:
     return off, best
 
 
-def evaluate_captured_cooperation(results: Results, settings: RunConfig, evaluate: Evaluate) -> Captured:
+def evaluate_captured_cooperation(results: Results, settings: RunConfig, evaluate: Evaluate) -> CapturedCooperation:
     """Captured cooperation of a finished run; `evaluate` drives the references, or finds them finished.
 
     Raises InputError, and what `evaluate` raises.

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.statistics import ConfidenceInterval
-from mdrive_sumo.core.text_table import Row as Cells
-from mdrive_sumo.report.markdown import markdown_table
-from mdrive_sumo.report.result_tables import CAPTURED_HEADER, agent_name, captured_cell
+from mdrive_sumo.core.tables import TableRow, format_markdown_table
+from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.v2x.comm import described
@@ -93,7 +92,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
         _facts(about, lines),
         HOW_TO_READ,
         CAPTURED if CAPTURED_HEADER in header else "",
-        markdown_table(header, rows, left=2),
+        format_markdown_table(header, rows, left=2),
         *(f"![{picture.stem}]({picture.name})" for picture in pictures),
     )
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -116,20 +115,20 @@ def _facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     return "\n".join(f"- {name}: {value}" for name, value in facts.items())
 
 
-def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[Cells, list[Cells]]:
+def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[TableRow, list[TableRow]]:
     """Header and rows; `brief`: for the terminal, with intervals of DS only."""
     header, rows = (BRIEF, [_brief(line) for line in lines]) if brief else (HEADER, [_cells(line) for line in lines])
     if not any(line.captured for line in lines):
         return header, rows
     return (*header, CAPTURED_HEADER), [
-        (*row, captured_cell(line.captured.scenario_mean if line.captured else None))
+        (*row, format_captured(line.captured.scenario_mean if line.captured else None))
         for row, line in zip(rows, lines, strict=True)
     ]
 
 
-def _cells(line: StudyLine) -> Cells:
+def _cells(line: StudyLine) -> TableRow:
     return (
-        agent_name(line.row.results[0]),
+        describe_agent(line.row.results[0]),
         _condition(line),
         _interval(line.ds),
         _interval(line.sr),
@@ -139,7 +138,7 @@ def _cells(line: StudyLine) -> Cells:
     )
 
 
-def _brief(line: StudyLine) -> Cells:
+def _brief(line: StudyLine) -> TableRow:
     ds, sr = _interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
     return (line.row.agent, _condition(line), ds, sr, _interval(line.ds_difference, "+"), str(line.void))
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
-from mdrive_sumo.report.result_tables import Captured
+from mdrive_sumo.report.result_tables import CapturedCooperation
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode
 from mdrive_sumo.study.captured_cooperation import compute_captured_from_scenarios
 from mdrive_sumo.study.study_runs import BEST, StudyRow
@@ -26,7 +26,7 @@ class StudyLine:
     ds_difference: ConfidenceInterval | None
     """To the same agent in the base condition, paired by scenario and seed; None for the base condition itself."""
     sr_difference: ConfidenceInterval | None
-    captured: Captured | None
+    captured: CapturedCooperation | None
     void: int
 
 
@@ -51,7 +51,7 @@ def _line(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> StudyLine:
     )
 
 
-def _captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> Captured | None:
+def _captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> CapturedCooperation | None:
     off, best = rows.get((row.agent, "off")), rows.get((BEST, "base"))
     if off is None or best is None:
         return None

@@ -56,10 +56,10 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     if ctx.invoked_subcommand is not None:
         raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
     from real2sim.pipeline.quality_file import load_qualities
-    from real2sim.pipeline.suite_summary import summary, summary_table
+    from real2sim.pipeline.suite_summary import format_summary, summary
 
     found = summary(load_qualities(suite))
-    click.echo(found.model_dump_json(indent=1) if as_json else summary_table(found))
+    click.echo(found.model_dump_json(indent=1) if as_json else format_summary(found))
     ctx.exit(0 if found.all.passed else 1)
 
 

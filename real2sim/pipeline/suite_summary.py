@@ -126,7 +126,7 @@ def _all(lines: Sequence[Line]) -> Line:
     )
 
 
-def summary_table(found: Summary) -> str:
+def format_summary(found: Summary) -> str:
     """For a terminal: a line for each scenario, all together, then what misses its target."""
     rows = [HEAD, *map(_cells, (*found.scenarios, found.all))]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]

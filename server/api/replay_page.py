@@ -25,8 +25,8 @@ def make(order: Order) -> None:
         return
     # Only where it runs: the process that answers requests needs none of this.
     from mdrive_sumo.episode import load_episode
-    from mdrive_sumo.report.replay import viewer_html
-    from mdrive_sumo.report.replay_marks import marks_of
+    from mdrive_sumo.report.replay_marks import find_marks
+    from mdrive_sumo.report.replay_page import render_replay
     from mdrive_sumo.roads import load, network_folder
     from mdrive_sumo.scenario.catalog import load_suite
     from mdrive_sumo.scoring import ScenarioResult
@@ -35,7 +35,7 @@ def make(order: Order) -> None:
     scenario = next(scenario for scenario in suite.scenarios if scenario.id == order.scenario)
     episode = load_episode(order.recording)
     roads = load(network_folder(scenario.network, suite.home(scenario.id)))
-    marks = marks_of(episode, ScenarioResult.model_validate(order.result))
+    marks = find_marks(episode, ScenarioResult.model_validate(order.result))
     part = order.page.with_suffix(".part")
-    part.write_text(viewer_html(episode, scenario, roads, marks), encoding="utf-8")
+    part.write_text(render_replay(episode, scenario, roads, marks), encoding="utf-8")
     part.replace(order.page)

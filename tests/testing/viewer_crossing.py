@@ -9,7 +9,7 @@ from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
-from mdrive_sumo.report.replay import Mark
+from mdrive_sumo.report.replay_page import ReplayMark
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.model import Pose
@@ -117,11 +117,11 @@ def plan_ahead(state: EgoState) -> Float:
     return np.stack((state.x + steps * math.cos(state.yaw), state.y + steps * math.sin(state.yaw)), axis=-1)
 
 
-def some_marks(ticks: int, text: str = "hit cav_1 at 6.3 m/s") -> list[Mark]:
+def some_marks(ticks: int, text: str = "hit cav_1 at 6.3 m/s") -> list[ReplayMark]:
     middle, late = ticks // 2, int(0.7 * ticks)
     return [
-        Mark(middle, "cav_0", "collision-vehicle", text, 1.5, -3.5),
-        Mark(late, "cav_1", "agent-failed", "crashed", 1.7, 5.0),
-        Mark(ticks // 4, "cav_1", "stop-sign", "stop-sign, x 0.80", 1.7, -30.0),
-        Mark(ticks - 1, "cav_0", "arrived", "arrived", 80.0, -1.7),
+        ReplayMark(middle, "cav_0", "collision-vehicle", text, 1.5, -3.5),
+        ReplayMark(late, "cav_1", "agent-failed", "crashed", 1.7, 5.0),
+        ReplayMark(ticks // 4, "cav_1", "stop-sign", "stop-sign, x 0.80", 1.7, -30.0),
+        ReplayMark(ticks - 1, "cav_0", "arrived", "arrived", 80.0, -1.7),
     ]

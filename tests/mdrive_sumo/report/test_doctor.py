@@ -12,15 +12,15 @@ from mdrive_sumo.report import installation
 
 
 def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
-    checks = {check.name: check for check in installation.examine()}
-    assert [name for name, check in checks.items() if check.required and not check.ok] == []
+    checks = {check.name: check for check in installation.examine_installation()}
+    assert [name for name, check in checks.items() if check.is_required and not check.is_found] == []
     assert checks["libsumo"].found == "1.28.0"
-    assert checks["cores"].found == str(installation.usable_cores())
+    assert checks["cores"].found == str(installation.count_usable_cores())
 
 
 def test_what_is_missing_is_named_with_its_command_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
-    table = installation.doctor_table(installation.examine())
+    table = installation.format_installation_table(installation.examine_installation())
     assert "missing for convert: no-such-package (pip install 'mdrive-sumo[convert]')" in table
 
 
@@ -39,7 +39,7 @@ def test_a_missing_extra_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the installed script: `.venv/bin/mdrive-sumo` without an activated environment."""
     monkeypatch.setenv("PATH", "/nowhere")
-    found = {check.name: check.found for check in installation.examine()}["netconvert"]
+    found = {check.name: check.found for check in installation.examine_installation()}["netconvert"]
     if not found:
         pytest.skip("needs netconvert")
     assert found.startswith(sys.prefix)

@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from testing.actors_world import actor
 
-from mdrive_sumo.report.scenario_picture import BUILDING, COLOURS, draw_scenario
-from mdrive_sumo.report.scenario_picture_actors import COLOURS as KIND_COLOURS
+from mdrive_sumo.report.actor_plot import COLOURS as KIND_COLOURS
+from mdrive_sumo.report.scenario_plot import BUILDING, COLOURS, save_scenario_plot
 from mdrive_sumo.roads import load, network_folder
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.catalog import load_suite
@@ -21,7 +21,7 @@ def scenario(start: str) -> Scenario:
 
 
 def drawn(one: Scenario, path: Path) -> Path:
-    draw_scenario(one, load(network_folder(one.network)), path, dpi=70)
+    save_scenario_plot(one, load(network_folder(one.network)), path, dpi=70)
     return path
 
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from mdrive_sumo.core.text_table import text_table
-from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.result_tables import infraction_counts, outcome_counts, summary_table
+from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.report.result_tables import count_infractions, count_outcomes, format_summary
+from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarise
 
 
@@ -47,7 +47,7 @@ def results() -> Results:
 
 
 def test_text_table_aligns_names_left_and_numbers_right() -> None:
-    assert text_table(("name", "n"), (("a", "1"), ("longer", "10"))).splitlines() == [
+    assert format_text_table(("name", "n"), (("a", "1"), ("longer", "10"))).splitlines() == [
         "name     n",
         "----------",
         "a        1",
@@ -56,19 +56,19 @@ def test_text_table_aligns_names_left_and_numbers_right() -> None:
 
 
 def test_a_table_without_rows_is_a_header() -> None:
-    assert text_table(("name", "n"), ()) == "name  n\n-------"
+    assert format_text_table(("name", "n"), ()) == "name  n\n-------"
 
 
 def test_summary_has_buckets_and_both_means(results: Results) -> None:
     """InterDrive (100 + 50) / 2 = 75, V2XPnP 0: bucket mean 37.5, scenario mean 150 / 3 = 50."""
-    lines = [line.split() for line in summary_table(results).splitlines()]
+    lines = [line.split() for line in format_summary(results).splitlines()]
     assert ["InterDrive", "2", "75.00", "75.00", "75.00", "0.500"] in lines
     assert ["bucket", "mean", "2", "37.50", "37.50", "37.50", "0.500"] in lines
     assert ["scenario", "mean", "3", "50.00", "50.00", "50.00", "0.500"] in lines
 
 
 def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Results) -> None:
-    text = summary_table(results)
+    text = format_summary(results)
     assert "suite demo, agent omniscient [single, privileged], seed 7, score mode mdrive" in text
     assert "outcomes     arrived 2, agent-failed (crashed) 1" in text
     assert "infractions  collision-vehicle 1\n" in text
@@ -78,12 +78,12 @@ def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Resu
 
 
 def test_marks_without_a_cost_are_no_infractions(results: Results) -> None:
-    assert infraction_counts(results) == {"collision-vehicle": 1}
-    assert sum(outcome_counts(results).values()) == 3
+    assert count_infractions(results) == {"collision-vehicle": 1}
+    assert sum(count_outcomes(results).values()) == 3
 
 
 def test_report_has_every_scenario_and_category(results: Results) -> None:
-    report = report_markdown(results)
+    report = build_run_report(results)
     assert "| r1 | ins_c | 100.00 | 100.00 | 100.00 | 0.500 | 0.81 | 600 | 0 arrived, 1 arrived |" in report
     assert "| ins_sl | 1 | 50.00 | 50.00 | 50.00 | 0.500 | 50.00 |" in report
     assert "| LM | 1 | 100.00 | 100.00 | 100.00 | 0.500 | 100.00 |" in report
@@ -92,14 +92,14 @@ def test_report_has_every_scenario_and_category(results: Results) -> None:
 
 
 def test_report_cannot_be_broken_by_texts_from_files(results: Results) -> None:
-    report = report_markdown(results)
+    report = build_run_report(results)
     assert "- void: r3: a &lt;b> \\| worker died" in report
     tables = [line for line in report.splitlines() if line.startswith("|")]
     assert all(line.endswith(" |") for line in tables)
 
 
 def test_every_row_of_a_report_table_has_as_many_cells_as_its_header(results: Results) -> None:
-    lines = report_markdown(results).splitlines()
+    lines = build_run_report(results).splitlines()
     for above, below in pairwise(lines):
         if above.startswith("|") and below.startswith("|"):
             assert above.replace("\\|", "").count("|") == below.replace("\\|", "").count("|")

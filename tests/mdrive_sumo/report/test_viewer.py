@@ -18,7 +18,7 @@ import pytest
 from testing.viewer_crossing import crossing, ego_state, record, scenario, some_marks
 
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.report.replay import viewer_html
+from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scenario.scenario import Scenario
 
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
@@ -48,7 +48,7 @@ def carried(page: str) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def test_the_page_carries_the_episode() -> None:
     episode = record()
-    header, tables = carried(viewer_html(episode, scenario(2), crossing(), some_marks(40)))
+    header, tables = carried(render_replay(episode, scenario(2), crossing(), some_marks(40)))
     motion = tables["motion"].reshape(len(episode.ids), 4, episode.ticks)
     x = np.where(episode.valid.T, motion[:, 0] / 1000 + header["origin"][0], 0.0)
     assert np.allclose(x, episode.x.T, atol=1e-9)
@@ -62,7 +62,7 @@ def test_the_page_carries_the_episode() -> None:
 
 
 def test_only_roads_near_something_are_carried() -> None:
-    header, _ = carried(viewer_html(record(), scenario(2), crossing(), ()))
+    header, _ = carried(render_replay(record(), scenario(2), crossing(), ()))
     assert len(header["map"]["lanes"]) == len(crossing().lanes) - 1  # all but the one 5 km away
     assert [len(header["map"][kind]) for kind in ("junctions", "pavements", "crossings", "buildings", "stops")] == [
         1,
@@ -79,20 +79,20 @@ def test_far_from_the_origin_numbers_stay_small() -> None:
     away["egos"][0]["route"] = [(x + 8e5, y - 8e5, yaw) for x, y, yaw in away["egos"][0]["route"]]
     away["egos"][0]["start"]["x"] += 8e5
     away["egos"][0]["start"]["y"] -= 8e5
-    header, _ = carried(viewer_html(record(), Scenario.model_validate(away), crossing(), ()))
+    header, _ = carried(render_replay(record(), Scenario.model_validate(away), crossing(), ()))
     assert header["origin"] == [8e5 - 100, -8e5 - 5] and abs(header["routes"][0][0]) < 100
 
 
 def test_hostile_texts_stay_data() -> None:
     episode = record(prefix=HOSTILE, text=HOSTILE)
-    page = viewer_html(episode, scenario(2), crossing(), some_marks(40, HOSTILE))
+    page = render_replay(episode, scenario(2), crossing(), some_marks(40, HOSTILE))
     assert "owned" not in page and "onerror" not in page
     assert carried(page)[0]["marks"][0][3] == HOSTILE
     assert page.lower().count("</script>") == 2
 
 
 def test_the_page_is_self_contained_and_the_same_every_time() -> None:
-    pages = [viewer_html(record(), scenario(2), crossing(), some_marks(40)) for _ in range(2)]
+    pages = [render_replay(record(), scenario(2), crossing(), some_marks(40)) for _ in range(2)]
     assert pages[0] == pages[1]
     reaching_out = r"https?:|//[a-z]+\.|@import|url\(|<link(?! rel=\"icon\" href=\"data:,\")|\bsrc=|\bimport\b"
     assert not re.findall(reaching_out, pages[0])
@@ -103,7 +103,7 @@ def test_the_page_stays_small(long_episode: EpisodeRecord) -> None:
     """100 road users for 60 s must be a file that can be mailed, however restless they are: here half of it."""
     restless = np.random.default_rng(1).integers(-300, 300, long_episode.quanta.shape, dtype=np.int32)
     noisy = replace(long_episode, quanta=long_episode.quanta + restless)
-    assert len(viewer_html(noisy, scenario(4), crossing(), ())) < 1_500_000
+    assert len(render_replay(noisy, scenario(4), crossing(), ())) < 1_500_000
 
 
 # ---- in a browser
@@ -129,7 +129,7 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def replay_file(tmp_path_factory: pytest.TempPathFactory, long_episode: EpisodeRecord) -> Path:
     path = tmp_path_factory.mktemp("view") / "replay.html"
-    path.write_text(viewer_html(long_episode, scenario(4), crossing(), some_marks(TICKS)), encoding="utf-8")
+    path.write_text(render_replay(long_episode, scenario(4), crossing(), some_marks(TICKS)), encoding="utf-8")
     return path
 
 
@@ -240,7 +240,7 @@ def test_the_wheel_zooms_at_the_pointer(page: Any) -> None:
 @needs_browser
 def test_what_the_page_unpacks(browser: Any, tmp_path: Path) -> None:
     path, episode = tmp_path / "short.html", record()
-    path.write_text(viewer_html(episode, scenario(2), crossing(), ()), encoding="utf-8")
+    path.write_text(render_replay(episode, scenario(2), crossing(), ()), encoding="utf-8")
     for tab in opened(browser, path.as_uri()):
         tab.evaluate("window.pose = {}; viewer.replay.sample(0, 10.5, pose)")
         between = (
@@ -267,7 +267,7 @@ def test_a_link_opens_at_its_time(browser: Any, replay_file: Path) -> None:
 def test_hostile_texts_do_nothing_in_a_browser(browser: Any, tmp_path: Path) -> None:
     path = tmp_path / "hostile.html"
     episode = record(prefix=HOSTILE, text=HOSTILE)
-    path.write_text(viewer_html(episode, scenario(2), crossing(), some_marks(40, HOSTILE)), encoding="utf-8")
+    path.write_text(render_replay(episode, scenario(2), crossing(), some_marks(40, HOSTILE)), encoding="utf-8")
     for tab in opened(browser, path.as_uri()):
         tab.evaluate("viewer.seek(20)")
         tab.hover(".mark.bad >> nth=0")

@@ -14,8 +14,8 @@ from testing.viewer_talking import RSU, talking, with_rsu
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.report.replay import viewer_html
-from mdrive_sumo.report.replay_sight import sight_of
+from mdrive_sumo.report.replay_page import render_replay
+from mdrive_sumo.report.replay_visibility import compute_visibility
 from mdrive_sumo.v2x.channel import Fate, Sent
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
 from tests.mdrive_sumo.report.test_viewer import HOSTILE, SETTLED, browser, carried, needs_browser, opened, wait  # noqa: F401  # pyright: ignore
@@ -29,7 +29,7 @@ def talk() -> EpisodeRecord:
 
 
 def page_of(episode: EpisodeRecord, egos: int = 4) -> str:
-    return viewer_html(episode, with_rsu(egos), crossing(), some_marks(episode.ticks))
+    return render_replay(episode, with_rsu(egos), crossing(), some_marks(episode.ticks))
 
 
 # ---- what the page carries
@@ -81,7 +81,7 @@ def test_unreadable_and_foreign_messages_are_only_named() -> None:
 def test_whom_a_cav_sees() -> None:
     """cav_0 drives east, the building hides from it what comes from behind; nobody sees himself."""
     episode = record(actors=30)
-    sight = sight_of(episode, crossing())
+    sight = compute_visibility(episode, crossing())
     assert sight.shape == (2, 32, 10)
     assert not sight[0, 0].any() and not sight[1, 1].any()
     away = np.hypot(episode.x[::4] - episode.x[::4, :1], episode.y[::4] - episode.y[::4, :1]).T
@@ -158,7 +158,7 @@ def wait_until(truth: Callable[[], bool], otherwise: str) -> None:
 @needs_browser
 def test_a_layer_without_anything_to_show_says_why(browser: Any, tmp_path: Path) -> None:  # noqa: F811
     path = tmp_path / "silent.html"
-    path.write_text(viewer_html(record(), scenario(2), crossing(), ()), encoding="utf-8")
+    path.write_text(render_replay(record(), scenario(2), crossing(), ()), encoding="utf-8")
     for tab in opened(browser, path.as_uri()):
         for key in "imot":
             tab.keyboard.press(key)

@@ -26,8 +26,8 @@ from mdrive_sumo.contract import Control, Message
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame
-from mdrive_sumo.report.markdown import report_markdown
-from mdrive_sumo.report.result_tables import summary_table
+from mdrive_sumo.report.result_tables import format_summary
+from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarise
 from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence_tick, rank_effects
 from mdrive_sumo.study.captured_cooperation import (
@@ -199,14 +199,14 @@ def test_every_table_shows_captured_cooperation_if_it_is_there() -> None:
     agent = run(scenario("a", 60), scenario("b", 90, bucket="Real", category="r"))
     off, best = (run(scenario("a", ds), scenario("b", 90, bucket="Real", category="r")) for ds in (40, 80))
     shares = compute_captured_cooperation(agent, off, best)
-    table = summary_table(agent, shares).splitlines()
+    table = format_summary(agent, shares).splitlines()
     assert table[2].endswith("captured [%]")
     assert table[4].split()[-1] == "50.0" and table[5].split()[-1] == "1.000"
-    page = report_markdown(agent, shares)
+    page = build_run_report(agent, shares)
     assert "Captured cooperation is (agent" in page
     assert "| InterDrive | 1 | 60.00 | 60.00 | 60.00 | 1.000 | 50.0 |" in page
     assert "| ins_c | 1 | 60.00 | 60.00 | 60.00 | 1.000 | 60.00 | 50.0 |" in page
-    assert "aptured" not in summary_table(agent) + report_markdown(agent)
+    assert "aptured" not in format_summary(agent) + build_run_report(agent)
 
 
 # ------------------------------------------------------------------------------------------------ lines and plots

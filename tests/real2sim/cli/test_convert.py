@@ -27,7 +27,7 @@ from real2sim.pipeline.cav_selection import cav_tracks
 from real2sim.pipeline.log_conversion import scenario_id, windows_of
 from real2sim.pipeline.log_source import Log, read
 from real2sim.pipeline.quality_file import load_quality
-from real2sim.pipeline.suite_summary import summary, summary_table
+from real2sim.pipeline.suite_summary import format_summary, summary
 from real2sim.recording import ObserverView
 from real2sim.targets import FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost
 from real2sim.writers.v2xpnp import write_v2xpnp
@@ -168,7 +168,7 @@ def test_summary_tells_the_worst_vehicle_and_who_touches(suite: Path) -> None:
         0,
         1,
     )
-    assert "5 s of the median scenario" in summary_table(found)
+    assert "5 s of the median scenario" in format_summary(found)
 
 
 @pytest.mark.parametrize(

@@ -1,21 +1,20 @@
-"""`report.md`: a run's results as a page to read and to publish."""
+"""`report.md`: the results of a run as a Markdown page."""
 
-import re
 import shlex
 from collections.abc import Iterable
 
-from mdrive_sumo.core.text_table import Row
+from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_table
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
     SCORE_HEADER,
-    Captured,
-    agent_name,
-    captured_cell,
-    infraction_counts,
-    note_counts,
-    outcome_counts,
-    score_cells,
-    score_rows,
+    CapturedCooperation,
+    build_score_rows,
+    count_infractions,
+    count_notes,
+    count_outcomes,
+    describe_agent,
+    format_captured,
+    format_scores,
 )
 from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, categories, category_groups, harmonic
 
@@ -34,19 +33,19 @@ channel off), on mean DS: 0 is driving alone, 100 perfect cooperation. Blank whe
 less than 2 DS; scenarios that are void in one of the three runs are left out of it."""
 
 
-def report_markdown(results: Results, captured: Captured | None = None) -> str:
+def build_run_report(results: Results, captured: CapturedCooperation | None = None) -> str:
     """The whole report: what ran, scores overall, per category and per scenario, and how to look closer."""
     parts = (
-        f"# {_escaped(results.run.suite)}: {_escaped(agent_name(results))}",
+        f"# {escape_markdown(results.run.suite)}: {escape_markdown(describe_agent(results))}",
         _facts(results),
         HOW_TO_READ,
         CAPTURED if captured else "",
         "## Scores",
         _score_table(results, captured),
         "## How it ended",
-        _counts("outcome", "CAVs", outcome_counts(results).items()),
-        _counts("infraction", "times", infraction_counts(results).items()),
-        *((_counts("note", "times", note_counts(results).items()),) if note_counts(results) else ()),
+        _counts("outcome", "CAVs", count_outcomes(results).items()),
+        _counts("infraction", "times", count_infractions(results).items()),
+        *((_counts("note", "times", count_notes(results).items()),) if count_notes(results) else ()),
         _void_list(results),
         "## Categories",
         _category_table(results, captured),
@@ -72,39 +71,41 @@ def _facts(results: Results) -> str:
     return "\n".join(f"- {name}: {value}" for name, value in facts.items())
 
 
-def _score_table(results: Results, captured: Captured | None) -> str:
-    header, rows = score_rows(results, captured)
-    return markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
+def _score_table(results: Results, captured: CapturedCooperation | None) -> str:
+    header, rows = build_score_rows(results, captured)
+    return format_markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
 
 
 def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]]) -> str:
     rows = [(kind, str(count)) for kind, count in counts]
-    return markdown_table((name, unit), rows) if rows else f"No {name}s."
+    return format_markdown_table((name, unit), rows) if rows else f"No {name}s."
 
 
 def _void_list(results: Results) -> str:
-    return "\n".join(f"- void: {s.id}: {_escaped(s.reason)}" for s in results.scenarios if s.status == "void")
+    return "\n".join(f"- void: {s.id}: {escape_markdown(s.reason)}" for s in results.scenarios if s.status == "void")
 
 
-def _category_table(results: Results, captured: Captured | None) -> str:
+def _category_table(results: Results, captured: CapturedCooperation | None) -> str:
     groups = category_groups(results.scenarios, ScoreMode(results.run.score_mode))
-    rows: list[Row] = [
-        (name, str(group.scenarios), *score_cells(group), f"{harmonic(group):.2f}")
+    rows: list[TableRow] = [
+        (name, str(group.scenarios), *format_scores(group), f"{harmonic(group):.2f}")
         for name, group in (categories(results.scenarios) | groups).items()
     ]
-    header: Row = ("category", "scenarios", *SCORE_HEADER, "H")
+    header: TableRow = ("category", "scenarios", *SCORE_HEADER, "H")
     if captured is None:
-        return markdown_table(header, rows)
+        return format_markdown_table(header, rows)
     shares = captured.categories
-    return markdown_table((*header, CAPTURED_HEADER), [(*row, captured_cell(shares.get(row[0]))) for row in rows])
+    return format_markdown_table(
+        (*header, CAPTURED_HEADER), [(*row, format_captured(shares.get(row[0]))) for row in rows]
+    )
 
 
 def _scenario_table(results: Results) -> str:
     rows = [
-        (s.id, s.category, *score_cells(s), _seconds(s.min_ttc), str(s.ticks), _endings(s)) for s in results.scenarios
+        (s.id, s.category, *format_scores(s), _seconds(s.min_ttc), str(s.ticks), _endings(s)) for s in results.scenarios
     ]
     header = ("scenario", "category", *SCORE_HEADER, "min TTC [s]", "ticks", "CAVs")
-    return markdown_table(header, rows, left=2)
+    return format_markdown_table(header, rows, left=2)
 
 
 def _seconds(value: float | None) -> str:
@@ -126,15 +127,3 @@ def _commands() -> str:
             "    mdrive-sumo compare RUN OTHER_RUN      two runs side by side",
         )
     )
-
-
-def markdown_table(header: Row, rows: Iterable[Row], left: int = 1) -> str:
-    """A table; columns from `left` on are flush right."""
-    rule = ["---" if i < left else "---:" for i in range(len(header))]
-    body = [[_escaped(cell) for cell in row] for row in rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in (header, rule, *body))
-
-
-def _escaped(text: str) -> str:
-    """Text of files as text of a Markdown page: no table break, no HTML, no line break."""
-    return re.sub(r"\s+", " ", text.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|"))

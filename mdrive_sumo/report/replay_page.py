@@ -21,9 +21,9 @@ import shapely
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.report.replay_messages import messages_of
-from mdrive_sumo.report.replay_notes import notes_of
-from mdrive_sumo.report.replay_sight import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, sight_of
+from mdrive_sumo.report.replay_messages import build_message_tables
+from mdrive_sumo.report.replay_notes import list_notes
+from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -46,7 +46,7 @@ SCRIPTS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class ReplayMark:
     """Something to find on the timeline and on the map: an infraction or how an ego ended.
 
     `kind` is a word such as "collision-vehicle", "blocked" or "arrived"; x and y are in the world frame [m].
@@ -60,7 +60,7 @@ class Mark:
     y: float
 
 
-def viewer_html(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
+def render_replay(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
     """The page. The same episode gives the same bytes; its own policy forbids it every connection."""
     static = files("mdrive_sumo.report") / "static"
     script = "\n".join((static / name).read_text("utf-8") for name in SCRIPTS)
@@ -80,16 +80,16 @@ def _policy_hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[Mark]) -> str:
+def _data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
     # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
     origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
-    talk, talk_tables = messages_of(episode, scenario, origin)
+    talk, talk_tables = build_message_tables(episode, scenario, origin)
     tables = {
         "motion": _motion(episode, origin),
         "valid": episode.valid.T,
         "controls": np.moveaxis(episode.controls, 0, -1),
         "plan_points": _plan_points(episode, origin),
-        "sight": sight_of(episode, roads),
+        "sight": compute_visibility(episode, roads),
         **talk_tables,
     }
     header = {
@@ -97,7 +97,7 @@ def _data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Seq
         "origin": origin.tolist(),
         "map": _map(roads, _surroundings(episode, scenario), origin),
         "talk": talk,
-        "notes": notes_of(episode),
+        "notes": list_notes(episode),
         "sight_every": SIGHT_EVERY_TICKS,
         "sight_range": SIGHT_RANGE_M,
         "tables": [(name, table.shape[-1], table.size) for name, table in tables.items()],
@@ -129,7 +129,7 @@ def _centimetres(xy: Float, origin: Float) -> Int:
     return np.rint((xy - origin) * 100).astype(np.int64)
 
 
-def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[Mark], origin: Float) -> dict[str, Any]:
+def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark], origin: Float) -> dict[str, Any]:
     """What happened, other than motion. CAVs are named by their column."""
     column = {ego: i for i, ego in enumerate(episode.ego_ids)}
     routes = {ego.id: _line(ego.xy, origin) for ego in scenario.egos}

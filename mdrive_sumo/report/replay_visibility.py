@@ -15,7 +15,7 @@ LEAST_VISIBLE = 0.1
 """Whoever shows less of himself counts as hidden; the same share as of the ideal detector."""
 
 
-def sight_of(episode: EpisodeRecord, roads: RoadMap) -> Int:
+def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
     """(egos, N, S) for every fourth tick: 1 where the CAV sees that road user, else 0."""
     ticks = range(0, episode.ticks, SIGHT_EVERY_TICKS)
     sight = np.zeros((episode.egos, len(episode.ids), len(ticks)), dtype=np.int64)

@@ -27,7 +27,7 @@ def draw_actors(axes: Axes, actors: Sequence[Actor], roads: RoadMap) -> None:
     for actor in actors:
         colour = COLOURS[actor.kind]
         axes.add_collection(
-            LineCollection([way_of(actor, roads)], colors=colour, linewidths=1.4, linestyles=":", zorder=7.5)
+            LineCollection([find_actor_path(actor, roads)], colors=colour, linewidths=1.4, linestyles=":", zorder=7.5)
         )
         axes.add_patch(_shape(actor, colour))
     present = {actor.kind for actor in actors}
@@ -38,7 +38,7 @@ def draw_actors(axes: Axes, actors: Sequence[Actor], roads: RoadMap) -> None:
         legend.set_zorder(15)
 
 
-def way_of(actor: Actor, roads: RoadMap) -> Float:
+def find_actor_path(actor: Actor, roads: RoadMap) -> Float:
     """Points (N, 2) [m] of where an actor goes, from its start on."""
     start = (actor.start.x, actor.start.y)
     match actor.motion:

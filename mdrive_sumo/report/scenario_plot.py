@@ -15,7 +15,7 @@ from matplotlib.path import Path
 from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float, box_corners, polyline
-from mdrive_sumo.report.scenario_picture_actors import draw_actors
+from mdrive_sumo.report.actor_plot import draw_actors
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -56,7 +56,7 @@ class _View:
         return shape.intersects(shapely.box(self.left, self.low, self.right, self.high))
 
 
-def draw_scenario(scenario: Scenario, roads: RoadMap, path: FilePath, dpi: int = 130) -> None:
+def save_scenario_plot(scenario: Scenario, roads: RoadMap, path: FilePath, dpi: int = 130) -> None:
     """Writes a PNG (or what the suffix of `path` says) of a scenario; `roads` is its network."""
     view = _view_of(scenario)
     figure, axes = _canvas(view)
