@@ -12,13 +12,6 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
-from mdrive_sumo.study.make_conditions import (
-    FACTORS,
-    ChannelCondition,
-    make_conditions,
-    parse_levels,
-    parse_pose_levels,
-)
 from testing.paths import TESTS
 
 from mdrive_sumo.cli import main
@@ -35,6 +28,13 @@ from mdrive_sumo.study.captured_cooperation import (
     compute_captured_cooperation,
     compute_captured_from_scenarios,
     compute_captured_share,
+)
+from mdrive_sumo.study.conditions import (
+    FACTORS,
+    ChannelCondition,
+    make_conditions,
+    parse_levels,
+    parse_pose_levels,
 )
 from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_runs import StudyRow, agent_folder, is_silent
