@@ -16,7 +16,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from mdrive_sumo.agent_process.agent_connection import AgentLimits as LineLimits
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.scenario import describe_first_error
 from server.store.phases import NewPhase
 from server.store.retention import Policy
 
@@ -220,7 +220,7 @@ def load(file: Path | None, environ: Mapping[str, str] = os.environ) -> Settings
     try:
         return Settings.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"{file or 'settings'}: {first_problem(error)}") from None
+        raise InputError(f"{file or 'settings'}: {describe_first_error(error)}") from None
 
 
 def _read(file: Path) -> dict[str, Any]:

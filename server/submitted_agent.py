@@ -10,7 +10,7 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.agent_spec import ANYBODY, Declaration, Hiring, box_text, opened
 from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode
-from mdrive_sumo.sensing.cameras import camera_error
+from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 from server.archive import ArchiveRefused, Manifest
 from server.enums import Reason, Track, Verdict
@@ -96,7 +96,7 @@ def admitted(entrant: Entrant) -> Declaration:
     for sensor in found.sensors:
         if sensor.kind not in KINDS:
             unknown = f"sensor {sensor.kind!r:.40}: expected one of {', '.join(KINDS[:-1])}, found none of that kind"
-            raise ArchiveRefused(camera_error(sensor.kind) or unknown)
+            raise ArchiveRefused(describe_camera_error(sensor.kind) or unknown)
     return found
 
 

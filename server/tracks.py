@@ -10,16 +10,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PRESETS, Comm, Link
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.content import CAM, CPM
 from server.enums import Track
 
-_LOST = Link(loss=1.0)
-_SHARED = MappingProxyType({CAM: Link(), CPM: Link()})
-COMM: Mapping[Track, Comm] = MappingProxyType(
+_LOST = LinkSettings(loss=1.0)
+_SHARED = MappingProxyType({CAM: LinkSettings(), CPM: LinkSettings()})
+COMM: Mapping[Track, CommSettings] = MappingProxyType(
     {
         Track.SINGLE: PRESETS["off"],
-        Track.SHARING: Comm(link=_LOST, by_type=_SHARED),
+        Track.SHARING: CommSettings(link=_LOST, by_type=_SHARED),
         Track.NEGOTIATION: PRESETS["ideal"],
         Track.JOINT: PRESETS["ideal"],
     }

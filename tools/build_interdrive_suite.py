@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import RoadMap, Route, drivable_path, load, network_folder, route_along
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite, sealed
+from mdrive_sumo.roads import RoadMap, Route, build_lane_route, find_lane_path, find_network_folder, load_road_map
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 
@@ -61,8 +61,8 @@ def build_route(roads: RoadMap, way: Sequence[RecipeStep]) -> Route:
                 change_at[len(lanes) - 1] = _to_arc_length(roads, RecipeStep(here.id, step.s))
             lanes.append(step.lane)
         elif step.lane != here.id:
-            lanes.extend(drivable_path(roads, here.id, step.lane)[1:])
-    return route_along(roads, lanes, _to_arc_length(roads, way[0]), _to_arc_length(roads, way[-1]), change_at)
+            lanes.extend(find_lane_path(roads, here.id, step.lane)[1:])
+    return build_lane_route(roads, lanes, _to_arc_length(roads, way[0]), _to_arc_length(roads, way[-1]), change_at)
 
 
 def _check_lanes(roads: RoadMap, way: Sequence[RecipeStep]) -> None:
@@ -87,7 +87,7 @@ def build_ego(roads: RoadMap, name: str, text: str) -> Ego:
 
 def build_scenario(entry: dict[str, Any]) -> Scenario:
     """A scenario from its table of the recipe; raises InputError."""
-    roads = load(network_folder(entry["network"]))
+    roads = load_road_map(find_network_folder(entry["network"]))
     try:
         egos = tuple(build_ego(roads, str(i), text) for i, text in enumerate(entry["cavs"]))
     except InputError as error:
@@ -111,7 +111,7 @@ def build_suite(folder: Path) -> Suite:
 def write_suite(folder: Path) -> Suite:
     """Writes and seals `suite.json` and every `scenario.json` of the recipe in `folder`."""
     save_suite(build_suite(folder))
-    suite = sealed(load_suite(str(folder)))  # as it is read: files are rounded
+    suite = seal_suite(load_suite(str(folder)))  # as it is read: files are rounded
     save_suite(suite)
     return suite
 

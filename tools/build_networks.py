@@ -15,12 +15,12 @@ from pathlib import Path
 from shutil import which
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import network_folder, packaged_networks
+from mdrive_sumo.roads import find_network_folder, list_packaged_networks
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     NETWORK_FILE,
     NetworkFile,
-    net_checksum,
+    compute_net_checksum,
     read_network_file,
 )
 
@@ -53,7 +53,9 @@ def build_network(folder: Path) -> NetworkFile:
     """Compiles a recipe, writes `map.net.xml.gz` and renews offset and checksum in `network.json`."""
     net = compile_recipe(folder)
     (folder / NET_FILE).write_bytes(gzip.compress(net, 9, mtime=0))
-    about = read_network_file(folder).model_copy(update={"offset": _read_offset(net), "checksum": net_checksum(net)})
+    about = read_network_file(folder).model_copy(
+        update={"offset": _read_offset(net), "checksum": compute_net_checksum(net)}
+    )
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
     return about
 
@@ -67,8 +69,8 @@ def _read_offset(net: bytes) -> tuple[float, float]:
 
 def main(names: list[str]) -> None:
     """Builds the named networks, or all packaged ones."""
-    for name in names or packaged_networks():
-        about = build_network(network_folder(name))
+    for name in names or list_packaged_networks():
+        about = build_network(find_network_folder(name))
         sys.stdout.write(f"{about.name} {about.checksum}\n")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from mdrive_sumo.actors.path_tables import Places
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Actors
-from mdrive_sumo.scenario.scripted_actor import KINDS, Actor
+from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor
 
 
 class Stage:
@@ -19,7 +19,7 @@ class Stage:
         starts = [(actor.start.x, actor.start.y, actor.start.yaw, 0.0) for actor in actors]
         self._all = np.array(starts, dtype=np.float64).reshape(-1, 4).T
         self._ids = tuple(actor.id for actor in actors)
-        self._kind = np.array([KINDS[actor.kind] for actor in actors], dtype=np.uint8)
+        self._kind = np.array([KIND_BY_NAME[actor.kind] for actor in actors], dtype=np.uint8)
         self._size = np.array([(actor.length, actor.width) for actor in actors], dtype=np.float64).reshape(-1, 2).T
         self._there: Bool | None = None
         self._cast: Actors

@@ -8,7 +8,7 @@ from mdrive_sumo.actors.motion_path import Course
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import Frame
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, LaneChange
+from mdrive_sumo.scenario.scripted_actor import Actor, LaneChange, LaneMotion
 
 ON_LANE_M = 2.0
 """An actor on a path is on a lane whose centre line is no further away, and that it goes along."""
@@ -31,7 +31,7 @@ def lane_change_m(actor: Actor, course: Course, at: tuple[float, float, float], 
     if lane is not None and neighbour:
         x, y = lane.centre.at(lane.centre.project(at[0], at[1])[0])
         return -roads.lanes[neighbour].centre.project(x, y)[1]
-    if isinstance(actor.motion, AlongLanes):
+    if isinstance(actor.motion, LaneMotion):
         return 0.0
     width = lane.width if lane is not None else LANE_WIDTH_M
     return width if left else -width

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from mdrive_sumo.roads import RoadMap, route_along
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
+from mdrive_sumo.roads import RoadMap, build_lane_route
 from mdrive_sumo.scenario.model import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, Replay, Standing
+from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion, ReplayMotion, StandingMotion
 
 SPACING_M = 0.5
 """Of the knots of a path, beside its own points."""
@@ -41,19 +41,19 @@ class Course:
     @property
     def line(self) -> Polyline:
         """Where it goes; a replay that never moves has none (ValueError)."""
-        return polyline(np.column_stack((self.x, self.y)))
+        return build_polyline(np.column_stack((self.x, self.y)))
 
 
 def course_of(actor: Actor, roads: RoadMap) -> Course | None:
     """The course of an actor; None for one that only stands. Raises InputError for lanes that do not connect."""
     match actor.motion:
-        case Standing():
+        case StandingMotion():
             return None
-        case Replay(poses=poses):
+        case ReplayMotion(poses=poses):
             return replayed(poses)
-        case AlongPath(points=points):
-            return along(polyline(points), actor)
-        case AlongLanes(lanes=lanes):
+        case PathMotion(points=points):
+            return along(build_polyline(points), actor)
+        case LaneMotion(lanes=lanes):
             return along(_lane_line(lanes, actor.start, roads), actor)
 
 
@@ -98,11 +98,11 @@ def _lane_line(lanes: Sequence[str], start: Pose, roads: RoadMap) -> Polyline:
     first = roads.lanes[lanes[0]].centre
     s, aside = first.project(start.x, start.y)
     s = min(s, first.length - 0.1)
-    line = Polyline(route_along(roads, lanes, s, roads.lanes[lanes[-1]].centre.length).xy)
+    line = Polyline(build_lane_route(roads, lanes, s, roads.lanes[lanes[-1]].centre.length).xy)
     gap = np.array((start.x, start.y)) - line.xy[0]
     share = np.clip(1.0 - line.s / max(BLEND_M, 5.0 * abs(aside)), 0.0, 1.0)
     weight = share**2 * (3.0 - 2.0 * share)
-    return polyline(line.xy + weight[:, None] * gap)
+    return build_polyline(line.xy + weight[:, None] * gap)
 
 
 def shifted(course: Course, since: float, aside: float, actor: Actor) -> tuple[Course, float]:
@@ -115,5 +115,5 @@ def shifted(course: Course, since: float, aside: float, actor: Actor) -> tuple[C
     s, x, y, yaw = (column[first:] for column in (course.s, course.x, course.y, course.yaw))
     share = np.clip((s - since - KEEP_M) / CHANGE_M, 0.0, 1.0)
     weight = aside * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    line = polyline(np.column_stack((x - weight * np.sin(yaw), y + weight * np.cos(yaw))))
+    line = build_polyline(np.column_stack((x - weight * np.sin(yaw), y + weight * np.cos(yaw))))
     return along(line, actor), since - float(course.s[first])

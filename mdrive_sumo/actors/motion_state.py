@@ -9,7 +9,7 @@ from mdrive_sumo.actors.kinematic_limits import MANNERS, safe_speed
 from mdrive_sumo.actors.path_tables import Places, Tables
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.scenario.scripted_actor import KINDS, Actor
+from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor
 
 STANDS = 1e-3
 """Slower than this [m/s] is standing: what a recording can tell apart."""
@@ -34,7 +34,7 @@ class Fitness:
 
 def fitness_of(actors: Sequence[Actor]) -> Fitness:
     """Of the movers, in their order."""
-    manners = [MANNERS[KINDS[actor.kind]] for actor in actors]
+    manners = [MANNERS[KIND_BY_NAME[actor.kind]] for actor in actors]
     names = ("accel", "brake", "full", "gap", "look", "clearance", "foresight")
     return Fitness(
         np.array([actor.motion.type == "replay" for actor in actors], dtype=np.bool_),

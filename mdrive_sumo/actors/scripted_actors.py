@@ -16,10 +16,10 @@ from mdrive_sumo.actors.motion_state import Going, Wanted, fitness_of, gone_on
 from mdrive_sumo.actors.path_tables import tables_of
 from mdrive_sumo.actors.trigger_script import Own, Phase, first_cue, initial_speed_of, next_cue, target_speed
 from mdrive_sumo.core.geometry import Bool, Float, box_corners, boxes_overlap
-from mdrive_sumo.core.state import DT, HELD_TICKS, Actors, Frame
+from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors, Frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, LaneChange, Replay, Standing
+from mdrive_sumo.scenario.scripted_actor import Actor, LaneChange, LaneMotion, PathMotion, ReplayMotion, StandingMotion
 
 ON_TIME_S = 1e-6
 """A replay whose own clock is no later than this is where its log has it."""
@@ -47,12 +47,14 @@ class ScriptedActors:
         self._cues = {i: first_cue(actor) for i, actor in enumerate(self._movers) if actor.trigger is not None}
         self._held: dict[str, int] = {}
         self._stage = Stage(actors, [i for i, _ in courses])
-        still = frozenset(actor.id for actor in actors if isinstance(actor.motion, Standing))
+        still = frozenset(actor.id for actor in actors if isinstance(actor.motion, StandingMotion))
         self._onlooker = Onlooker({actor.id: i for i, actor in enumerate(self._movers)}, still)
         watchful = [actor.avoid_collision and mode is ActorMode.DEFAULT for actor in self._movers]
         on_foot = [actor.kind == "pedestrian" for actor in self._movers]
         self._watch = Watch(np.array(watchful, np.bool_), np.array(on_foot, np.bool_), self._fitness)
-        self._stays = np.array([not isinstance(a.motion, Replay) or a.motion.stays for a in self._movers], np.bool_)
+        self._stays = np.array(
+            [not isinstance(a.motion, ReplayMotion) or a.motion.stays for a in self._movers], np.bool_
+        )
         self._target = np.array([_cruise(actor) for actor in self._movers])
         self._going = self._first(scenario)
         self._here = self._tables.places(self._going.progress)
@@ -80,7 +82,7 @@ class ScriptedActors:
             self._frozen = True
             self.present = replace(self.present, speed=np.zeros(len(self.present)))
             return self.present
-        self._held |= dict.fromkeys(struck, frame.tick + HELD_TICKS)
+        self._held |= dict.fromkeys(struck, frame.tick + STRUCK_HOLD_TICKS)
         full_brake = self._follow_scripts(frame)
         wanted = Wanted(self._target, self._limits(frame), full_brake, self._standing(frame.tick))
         self._going = gone_on(self._going, self._here, wanted, self._fitness, self._tables)
@@ -160,4 +162,4 @@ class ScriptedActors:
 
 def _cruise(actor: Actor) -> float:
     """Speed [m/s] without a script; a replay has its log's."""
-    return actor.motion.speed if isinstance(actor.motion, AlongPath | AlongLanes) else math.inf
+    return actor.motion.speed if isinstance(actor.motion, PathMotion | LaneMotion) else math.inf

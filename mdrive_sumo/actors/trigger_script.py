@@ -9,11 +9,11 @@ from mdrive_sumo.actors.pacing import initial_speed, paced_speed
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, EgoState, Frame
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
-    AlongLanes,
-    AlongPath,
     DistanceTrigger,
     HardBrake,
     LaneChange,
+    LaneMotion,
+    PathMotion,
     PositionTrigger,
     TimeTrigger,
 )
@@ -112,7 +112,7 @@ def fires(actor: Actor, own: Own, frame: Frame) -> bool:
 def target_speed(cue: Cue, actor: Actor, own: Own, frame: Frame) -> float:
     """Speed [m/s] that the script wants; of a replay, which has its own: infinite unless it shall stand."""
     motion = actor.motion
-    cruise = motion.speed if isinstance(motion, AlongPath | AlongLanes) else math.inf
+    cruise = motion.speed if isinstance(motion, PathMotion | LaneMotion) else math.inf
     match cue.phase:
         case Phase.WAITING | Phase.BRAKING | Phase.HOLDING:
             return 0.0
@@ -137,7 +137,7 @@ def paced(actor: Actor, own: Own, frame: Frame, cruise: float) -> float:
 def initial_speed_of(actor: Actor, cavs: Mapping[str, tuple[float, float]]) -> float:
     """Speed [m/s] in frame 0. `cavs`: where the CAVs start [m]."""
     motion, trigger, action = actor.motion, actor.trigger, actor.action
-    if not isinstance(motion, AlongPath | AlongLanes) or first_cue(actor).phase is Phase.WAITING:
+    if not isinstance(motion, PathMotion | LaneMotion) or first_cue(actor).phase is Phase.WAITING:
         return 0.0
     if isinstance(trigger, DistanceTrigger) and isinstance(action, HardBrake | LaneChange) and action.pacing:
         x, y = cavs[trigger.vehicle]

@@ -17,7 +17,7 @@ from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.child_process import AgentProcess
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.reply_decoding import AgentCrashError, InvalidReplyError, decode_answer
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
 T = TypeVar("T")
@@ -61,7 +61,7 @@ class AgentConnection:
         """Makes a request. An answer that is there already answers nothing."""
         self._call, self._tick = call, tick
         if self._received(1, socket.MSG_PEEK):
-            self._fail(Failure.INVALID, "expected no answer before the request, found one")
+            self._fail(FailureReason.INVALID, "expected no answer before the request, found one")
         self._frames.begin()
         limit_s = self.limits.tick_s if tick >= 0 else self.limits.start_s
         self._write(
@@ -79,7 +79,7 @@ class AgentConnection:
         self._spent_s += self.think_times_s[-1]
         return answer
 
-    def fail(self, failure: Failure, text: str) -> NoReturn:
+    def fail(self, failure: FailureReason, text: str) -> NoReturn:
         """Ends the process for what its answers say; raises AgentFailure."""
         self.failure = text
         self.close()
@@ -98,13 +98,13 @@ class AgentConnection:
         data = self._read(deadline)
         self._told_bytes += len(data)
         if self._told_bytes > (most := self.limits.episode_bytes):
-            self._fail(Failure.INVALID, f"expected answers of at most {most} bytes in an episode, found more")
+            self._fail(FailureReason.INVALID, f"expected answers of at most {most} bytes in an episode, found more")
         try:
             return read(decode_answer(data, self._tick))
         except InvalidReplyError as error:
-            self._fail(Failure.INVALID, str(error))
+            self._fail(FailureReason.INVALID, str(error))
         except AgentCrashError as error:
-            self.fail(Failure.CRASHED, str(error))
+            self.fail(FailureReason.CRASHED, str(error))
         except AgentFailure as error:
             self.fail(error.failure, error.text)
 
@@ -113,14 +113,14 @@ class AgentConnection:
         data, size, most = b"", 0, self.limits.reply_bytes
         while not size or len(data) < wire_protocol.LENGTH.size + size:
             if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
-                self._fail(Failure.TIMEOUT, "no answer within the time limit")
+                self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
             data += self._received(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
             if not size and len(data) >= wire_protocol.LENGTH.size:
                 size = wire_protocol.LENGTH.unpack_from(data)[0]
                 if not 0 < size <= most:
-                    self._fail(Failure.INVALID, f"expected an answer of at most {most} bytes, found {size}")
+                    self._fail(FailureReason.INVALID, f"expected an answer of at most {most} bytes, found {size}")
         if len(data) > wire_protocol.LENGTH.size + size:
-            self._fail(Failure.INVALID, "expected one answer, found more")
+            self._fail(FailureReason.INVALID, "expected one answer, found more")
         return data[wire_protocol.LENGTH.size :]
 
     def _received(self, size: int, flags: int = 0) -> bytes:
@@ -147,14 +147,14 @@ class AgentConnection:
     def _wait_for_room(self, deadline: float) -> None:
         while not select.select([], [self._child.socket], [], 0.01)[1]:
             if time.monotonic() > deadline:
-                self._fail(Failure.TIMEOUT, "the agent does not read within the time limit")
+                self._fail(FailureReason.TIMEOUT, "the agent does not read within the time limit")
             self._child.wait_readable(0.0)  # what it prints must flow, or it waits for us
 
     def _gone(self) -> NoReturn:
         how = self._child.describe_exit() if self._open else "it was ended"
-        self._fail(Failure.CRASHED, f"the agent's process ended ({how})")
+        self._fail(FailureReason.CRASHED, f"the agent's process ended ({how})")
 
-    def _fail(self, failure: Failure, text: str) -> NoReturn:
+    def _fail(self, failure: FailureReason, text: str) -> NoReturn:
         self.fail(failure, f"{self._call}: {text}")
 
     def usage_record(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentConnection
 from mdrive_sumo.agent_process.remote_driver import SensorCheck
 from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.sensing.navigation import to_gnss
 
@@ -82,7 +82,7 @@ class JointAgentSession:
         try:
             return reply_decoding.read_reply(self._answers.pop(ego))
         except reply_decoding.InvalidReplyError as error:
-            raise AgentFailure(Failure.INVALID, f"{ego}: {error}") from None
+            raise AgentFailure(FailureReason.INVALID, f"{ego}: {error}") from None
 
     def close(self) -> None:
         """Ends the program."""

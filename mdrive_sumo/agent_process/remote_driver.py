@@ -9,7 +9,7 @@ from mdrive_sumo.agent_process.child_process import AgentProgram, BoxedAgentProc
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
 from mdrive_sumo.contract import LABELS, Briefing, Observation, Reply, SensorSpec
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
 __all__ = ["AgentLimits", "RemoteDriver", "SensorCheck", "open_agent_connection"]
@@ -36,7 +36,7 @@ class RemoteDriver:
         """What the agent calls itself."""
         label = self._declaration().label
         if label not in LABELS:
-            self._line.fail(Failure.INVALID, f"label: expected one of {', '.join(LABELS)}, found {label!r:.60}")
+            self._line.fail(FailureReason.INVALID, f"label: expected one of {', '.join(LABELS)}, found {label!r:.60}")
         return label
 
     def sensors(self) -> tuple[SensorSpec, ...]:

@@ -10,7 +10,7 @@ from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.perception.fusion import Fusion, Reach
 from mdrive_sumo.planning.path import Path, make_path
 from mdrive_sumo.planning.stop_lines import Lines, lines_on
-from mdrive_sumo.v2x.awareness import Station
+from mdrive_sumo.v2x.awareness import AwarenessService
 from mdrive_sumo.v2x.messages import CPM
 
 RANGE_M = 80.0
@@ -50,7 +50,7 @@ class PerceptionSwapAgent:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
         self._fusion = Fusion(briefing.vehicle, Reach(COOPERATORS, NEAR_M))
-        self._station = Station(briefing, RANGE_M, PROFILES[self.detector].latency_ticks)
+        self._station = AwarenessService(briefing, RANGE_M, PROFILES[self.detector].latency_ticks)
         self._way: tuple[Path, Lines] | None = None
         self._s, self._held_until = 0.0, 0
 

@@ -4,7 +4,7 @@ from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.perception.fusion import Fusion
 from mdrive_sumo.planning.ego_planner import Drive, Habits
-from mdrive_sumo.v2x.awareness import Station
+from mdrive_sumo.v2x.awareness import AwarenessService
 
 
 class SharingAgent:
@@ -24,7 +24,7 @@ class SharingAgent:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
         self._fusion = Fusion(briefing.vehicle)
-        self._station = Station(briefing, self._habits.range_m, self._habits.latency_ticks)
+        self._station = AwarenessService(briefing, self._habits.range_m, self._habits.latency_ticks)
         self._drive: Drive | None = None
 
     def act(self, seen: Observation) -> Reply:

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 import click
 
-from mdrive_sumo.core.clock import Clock, clock_of
+from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PER, PRESETS, Comm
+from mdrive_sumo.v2x.comm import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -40,14 +40,14 @@ def comm_options(command: Command) -> Command:
     return command
 
 
-def channel_of(options: dict[str, Any]) -> tuple[Comm, Clock]:
+def channel_of(options: dict[str, Any]) -> tuple[CommSettings, Clock]:
     """The channel and the clock; their options are taken out of the dict. Raises InputError naming the option."""
     names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
     comm = comm_of(**{name: options.pop(name) for name in names})
-    return comm, clock_of(options.pop("agent_clock"))
+    return comm, parse_clock(options.pop("agent_clock"))
 
 
-def comm_of(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> Comm:
+def comm_of(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:
     """The channel of a preset, except for options that are given (as typed; None: not given). Raises InputError."""
     if comm not in PRESETS:
         raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
@@ -63,7 +63,7 @@ def comm_of(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str |
     return replace(made, mute=(*made.mute, *comm_mute))
 
 
-def _with(comm: Comm, option: str, text: str) -> Comm:
+def _with(comm: CommSettings, option: str, text: str) -> CommSettings:
     if option == "comm_budget":
         return replace(comm, budget_bytes_s=_number(text))
     read = _READERS[option]

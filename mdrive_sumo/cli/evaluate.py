@@ -17,7 +17,7 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, report_write_error
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.preparation import EPISODES_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
-from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
@@ -25,7 +25,7 @@ REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
 EXECUTORS = ("local", "dask")
 ACTOR_MODES = tuple(mode.value for mode in ActorMode)
-FRICTIONS = tuple(friction.value for friction in Friction)
+FRICTIONS = tuple(friction.value for friction in FrictionMode)
 
 
 def actor_mode(_: click.Context, __: click.Parameter, value: str) -> ActorMode:
@@ -33,9 +33,9 @@ def actor_mode(_: click.Context, __: click.Parameter, value: str) -> ActorMode:
     return ActorMode(value)
 
 
-def friction_of(_: click.Context, __: click.Parameter, value: str) -> Friction:
+def friction_of(_: click.Context, __: click.Parameter, value: str) -> FrictionMode:
     """The option --friction."""
-    return Friction(value)
+    return FrictionMode(value)
 
 
 @click.command("eval")

@@ -7,23 +7,23 @@ import click
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import TableRow, format_text_table
-from mdrive_sumo.roads import load, packaged_networks
+from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.catalog import Suite, load_suite, packaged_suites
+from mdrive_sumo.scenario.catalog import Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
+from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
 STATISTICS_HEADER: TableRow = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
 
 def _suites(_: str) -> str:
-    return "\n\n".join(_about_suite(load_suite(name)) for name in packaged_suites()) or "no suites"
+    return "\n\n".join(_about_suite(load_suite(name)) for name in list_packaged_suites()) or "no suites"
 
 
 def _about_suite(suite: Suite) -> str:
-    rows = [(suite.name, *_statistics_cells(statistics(suite.scenarios)))]
+    rows = [(suite.name, *_statistics_cells(compute_suite_statistics(suite.scenarios)))]
     if suite.name in PAPER:
         rows.append(("in the paper", *_statistics_cells(PAPER[suite.name])))
     tables = format_text_table(("suite", *STATISTICS_HEADER), rows)
@@ -37,7 +37,7 @@ def _categories(suite: Suite) -> str:
     """Means of every category, and the paper's where it has a table of them."""
     rows: list[TableRow] = []
     for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
-        found = statistics([scenario for scenario in suite.scenarios if scenario.category == name])
+        found = compute_suite_statistics([scenario for scenario in suite.scenarios if scenario.category == name])
         rows.append((name, *_statistics_cells(found)))
         if name in set(Category) and (paper := FIGURES.get(Category(name))) is not None:
             rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in paper.means)))
@@ -77,7 +77,7 @@ def _scenarios(suite: str, occluded: bool | None = None) -> str:
 
 
 def _scenario_row(scenario: Scenario) -> TableRow:
-    _, cavs, _, *rest = _statistics_cells(statistics((scenario,)))
+    _, cavs, _, *rest = _statistics_cells(compute_suite_statistics((scenario,)))
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
 
 
@@ -106,8 +106,8 @@ def _networks(_: str) -> str:
 
 
 def _network_rows() -> Iterator[TableRow]:
-    for name, folder in packaged_networks().items():
-        roads, about = load(folder), read_network_file(folder)
+    for name, folder in list_packaged_networks().items():
+        roads, about = load_road_map(folder), read_network_file(folder)
         signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))
         yield name, str(len(roads.lanes)), str(len(roads.buildings)), signs, about.description
 

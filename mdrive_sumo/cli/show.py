@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.report.scenario_plot import save_scenario_plot
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
 from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
 from mdrive_sumo.scenario.catalog import load_suite
@@ -68,7 +68,9 @@ def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     chosen = find_one_scenario(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
     try:
-        save_scenario_plot(chosen, load(network_folder(chosen.network, beside=loaded.home(chosen.id))), path)
+        save_scenario_plot(
+            chosen, load_road_map(find_network_folder(chosen.network, beside=loaded.home(chosen.id))), path
+        )
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
         raise InputError(f"{path}: cannot be written: {error}") from None
     click.echo(path)

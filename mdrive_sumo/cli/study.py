@@ -11,7 +11,7 @@ import click
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.runs.evaluate import report_write_errors
@@ -32,7 +32,7 @@ from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_files import StudyDescription, study_json, study_markdown, table_of
 from mdrive_sumo.study.study_runs import BEST, Study, StudyRow
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
-from mdrive_sumo.v2x.comm import PRESETS, Comm
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings
 
 command = click.Group("study", help="Measure what cooperation is worth: over worse channels, and message by message.")
 command.add_command(ablate_command)
@@ -141,7 +141,7 @@ class _Asked:
     out: Path
     workers: int
 
-    def base(self) -> Comm:
+    def base(self) -> CommSettings:
         """The base channel; raises InputError."""
         if self.comm not in PRESETS:
             raise InputError(f"--comm: expected one of {', '.join(PRESETS)}, found {self.comm!r:.40}")
@@ -192,7 +192,7 @@ class _Asked:
                 agent_config=load_agent_config(config) if config else {},
                 seed=self.seed,
                 comm=self.base(),
-                clock=clock_of(self.agent_clock),
+                clock=parse_clock(self.agent_clock),
                 record=not self.no_record,
                 workers=self.workers,
                 out=self.out,

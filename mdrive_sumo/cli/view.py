@@ -10,7 +10,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.replay_marks import find_marks
 from mdrive_sumo.report.replay_page import render_replay
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.preparation import PreparedRun, recording_path
 from mdrive_sumo.runs.stored_run import open_run
@@ -54,5 +54,5 @@ def _page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording_path(run.folder, scenario.id))
-    roads = load(network_folder(scenario.network, run.suite.home(scenario.id)))
+    roads = load_road_map(find_network_folder(scenario.network, run.suite.home(scenario.id)))
     return render_replay(episode, scenario, roads, find_marks(episode, result))

@@ -56,7 +56,7 @@ class DetectionProfile:
         return self.spread * (1.0 + distance / self.spread_doubles_m)
 
 
-class Published(NamedTuple):
+class PublishedPrecision(NamedTuple):
     """Average precision that a paper reports."""
 
     ap50: float
@@ -100,13 +100,13 @@ PROFILES: Mapping[str, DetectionProfile] = MappingProxyType(
     }
 )
 
-PUBLISHED: Mapping[str, Published] = MappingProxyType(
+PUBLISHED: Mapping[str, PublishedPrecision] = MappingProxyType(
     {
-        "lidar-single": Published(0.606, 0.402, V2X_VIT.format("No Fusion")),
-        "attfuse": Published(0.807, 0.664, V2X_VIT.format("OPV2V (attentive fusion)")),
-        "disconet": Published(0.844, 0.695, V2X_VIT.format("DiscoNet")),
-        "fcooper": Published(0.840, 0.680, V2X_VIT.format("F-Cooper")),
-        "cobevt": Published(0.849, 0.660, OPENCOOD),
+        "lidar-single": PublishedPrecision(0.606, 0.402, V2X_VIT.format("No Fusion")),
+        "attfuse": PublishedPrecision(0.807, 0.664, V2X_VIT.format("OPV2V (attentive fusion)")),
+        "disconet": PublishedPrecision(0.844, 0.695, V2X_VIT.format("DiscoNet")),
+        "fcooper": PublishedPrecision(0.840, 0.680, V2X_VIT.format("F-Cooper")),
+        "cobevt": PublishedPrecision(0.849, 0.660, OPENCOOD),
     }
 )
 """What the surrogates are fitted to. All but "lidar-single" fuse what several vehicles sense."""

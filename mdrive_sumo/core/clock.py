@@ -37,7 +37,7 @@ class Clock:
 IDEAL = Clock()
 
 
-def clock_of(text: str) -> Clock:
+def parse_clock(text: str) -> Clock:
     """The clock that `ideal`, `fixed:MS` or `measured` names; raises InputError."""
     if text in ("ideal", "measured"):
         return Clock(text)

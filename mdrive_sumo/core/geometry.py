@@ -161,7 +161,7 @@ class Polyline:
         return Polyline(np.column_stack([np.interp(stations, self.s, self.xy[:, axis]) for axis in (0, 1)]))
 
 
-def polyline(points: Sequence[Sequence[float]] | Float) -> Polyline:
+def build_polyline(points: Sequence[Sequence[float]] | Float) -> Polyline:
     """A polyline of the given points without consecutive repetitions (closer than 1 µm)."""
     xy = np.asarray(points, dtype=np.float64)
     steps = np.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)

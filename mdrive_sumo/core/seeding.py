@@ -7,24 +7,24 @@ import math
 from hashlib import blake2b
 
 UNIFORMS = 8
-"""How many numbers `uniforms` gives."""
+"""How many numbers `draw_uniforms` gives."""
 
 
-def derived_seed(run_seed: int, *purpose: str) -> int:
+def derive_seed(run_seed: int, *purpose: str) -> int:
     """A seed in [0, 2**31) for one purpose, e.g. derived_seed(0, scenario.id, "sumo")."""
     text = "\x00".join((str(run_seed), *purpose))
     return int.from_bytes(blake2b(text.encode(), digest_size=4).digest(), "big") >> 1
 
 
-def uniforms(seed: int, *purpose: str | int) -> tuple[float, ...]:
+def draw_uniforms(seed: int, *purpose: str | int) -> tuple[float, ...]:
     """`UNIFORMS` independent numbers in [0, 1) for one purpose, e.g. uniforms(seed, "loss", sender, receiver, tick)."""
     digest = blake2b("\x00".join(map(str, (seed, *purpose))).encode(), digest_size=8 * UNIFORMS).digest()
     return tuple((int.from_bytes(digest[i : i + 8], "little") >> 11) * 2.0**-53 for i in range(0, len(digest), 8))
 
 
-def normals(seed: int, *purpose: str | int) -> tuple[float, ...]:
+def draw_normals(seed: int, *purpose: str | int) -> tuple[float, ...]:
     """As many independent standard normal numbers for one purpose (Box and Muller's transform)."""
-    drawn = uniforms(seed, *purpose)
+    drawn = draw_uniforms(seed, *purpose)
     pairs = zip(drawn[0::2], drawn[1::2], strict=True)
     radii = ((math.sqrt(-2 * math.log(1 - a)), 2 * math.pi * b) for a, b in pairs)
     return tuple(value for r, phi in radii for value in (r * math.cos(phi), r * math.sin(phi)))

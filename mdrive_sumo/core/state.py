@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import Float
 TICKS_PER_SECOND = 20
 DT = 1 / TICKS_PER_SECOND
 """Length of a tick [s]: 20 Hz (paper, Simulation Setting)."""
-HELD_TICKS = 2 * TICKS_PER_SECOND
+STRUCK_HOLD_TICKS = 2 * TICKS_PER_SECOND
 """How long a road user that a CAV struck stands, scripted or driven by SUMO: a surrogate, neither knows an impact."""
 
 MOTION_AND_SIZE = ("x", "y", "yaw", "speed", "length", "width")
@@ -41,7 +41,7 @@ class End(StrEnum):
     AGENT_FAILED = "agent-failed"
 
 
-class Failure(StrEnum):
+class FailureReason(StrEnum):
     """Why an agent failed; the reason of `End.AGENT_FAILED`."""
 
     CRASHED = auto()

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import CONTROL_STEP, Message, Note
 from mdrive_sumo.core.geometry import Bool, Float
-from mdrive_sumo.core.state import Contact, End, Failure
+from mdrive_sumo.core.state import Contact, End, FailureReason
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
-from mdrive_sumo.v2x.channel import Sent
+from mdrive_sumo.v2x.channel import SentMessage
 
 ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 """What reached each CAV in a tick."""
@@ -25,7 +25,7 @@ class Ending:
     ego: str
     tick: int
     end: End
-    failure: Failure | None = None
+    failure: FailureReason | None = None
     text: str = ""
 
 
@@ -98,7 +98,7 @@ class EpisodeRecord:
     endings: tuple[Ending, ...]
     digests: npt.NDArray[np.uint8]
     """(T, 8): the chained digest after each tick."""
-    messages: tuple[Sent, ...] = ()
+    messages: tuple[SentMessage, ...] = ()
     """Everything that was said over the channel, in the order of sending, and what became of it."""
     notes: tuple[NoteRecord, ...] = ()
     thinking: tuple[ThinkTime, ...] = ()

@@ -13,16 +13,16 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import Contact, End, Failure, Kind
+from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
-from mdrive_sumo.v2x.channel import Fate, Sent
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 FORMAT = "mdrive-sumo/episode/2"
 _CORRUPT = (
     OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What numpy and zipfile raise for damaged files; RuntimeError for bytes that look like an encrypted member."""
-_FATES = tuple(Fate)
+_FATES = tuple(DeliveryStatus)
 Ints = npt.NDArray[np.signedinteger[Any]]
 
 
@@ -109,11 +109,11 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
     )
 
 
-def _receivers(messages: Sequence[Sent]) -> list[str]:
+def _receivers(messages: Sequence[SentMessage]) -> list[str]:
     return sorted({receiver for sent in messages for receiver in sent.fates})
 
 
-def _fates(messages: Sequence[Sent]) -> npt.NDArray[np.int32]:
+def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
     """(F, 4): index of the message, index of the receiver, index of the fate, tick."""
     column = {name: i for i, name in enumerate(_receivers(messages))}
     rows = [
@@ -124,19 +124,19 @@ def _fates(messages: Sequence[Sent]) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(-1, 4)
 
 
-def _messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[Sent, ...]:
-    fates: list[dict[str, tuple[Fate, int]]] = [{} for _ in header["messages"]]
+def _messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentMessage, ...]:
+    fates: list[dict[str, tuple[DeliveryStatus, int]]] = [{} for _ in header["messages"]]
     for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
         fates[i][header["receivers"][receiver]] = (_FATES[fate], tick)
-    payloads, begin, messages = data["payloads"].tobytes(), 0, list[Sent]()
+    payloads, begin, messages = data["payloads"].tobytes(), 0, list[SentMessage]()
     for (sender, tick, name, size), what in zip(header["messages"], fates, strict=True):
-        messages.append(Sent(Message(name, payloads[begin : begin + size], sender, tick), what))
+        messages.append(SentMessage(Message(name, payloads[begin : begin + size], sender, tick), what))
         begin += size
     return tuple(messages)
 
 
 def _ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:
-    return Ending(ego, tick, End(end), Failure(failure) if failure else None, text)
+    return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text)
 
 
 def _differences(values: Ints) -> Ints:

@@ -19,7 +19,7 @@ from mdrive_sumo.episode.episode import (
     ThinkTime,
 )
 from mdrive_sumo.episode.quantization import Quanta, to_quanta
-from mdrive_sumo.v2x.channel import Sent
+from mdrive_sumo.v2x.channel import SentMessage
 
 PLAN_EVERY_TICKS = 4
 """Plans are kept at 5 Hz: they are for looking at; what re-executes an episode is the log of controls."""
@@ -112,7 +112,7 @@ class Recorder:
         self._digests.append(self._chain.digest())
 
     def finish(
-        self, endings: Sequence[Ending], sent: Sequence[Sent] = (), thinking: Sequence[ThinkTime] = ()
+        self, endings: Sequence[Ending], sent: Sequence[SentMessage] = (), thinking: Sequence[ThinkTime] = ()
     ) -> EpisodeRecord:
         """The read-only Episode of all that was added."""
         shape = (len(self._rows), len(self._columns))

@@ -12,7 +12,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Motion, Standing
+from mdrive_sumo.scenario.scripted_actor import Actor, Motion, PathMotion, StandingMotion
 
 AHEAD_M = 38.0
 """How far ahead of a CAV's start things stand on a road without a junction."""
@@ -208,10 +208,10 @@ def _things(actor: ProposedActor) -> tuple[str, ...]:
 
 def _motion(actor: ProposedActor, ego: Ego, station: float, offset: float) -> Motion:
     if actor.motion == "static":
-        return Standing()
+        return StandingMotion()
     forth = -1.0 if actor.direction_relative_to == "opposite" else 1.0
     reach = max(len(ego.route) - 1 - station, 20.0) if forth > 0 else station
     points = [pose_at(ego, station + forth * d, offset)[:2] for d in np.arange(0.0, reach, 2.0)]
     speeds = WALK_MPS if actor.kind == "walker" else DRIVE_MPS
     path = tuple((round(x, 3), round(y, 3)) for x, y in points)
-    return AlongPath(points=path, speed=speeds[actor.speed])
+    return PathMotion(points=path, speed=speeds[actor.speed])

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mdrive_sumo.scenario.categories import FIGURES, Category, Figures
+from mdrive_sumo.scenario.categories import FIGURES, Category, CategoryFigures
 
 
 class Topology(StrEnum):
@@ -36,7 +36,7 @@ class CategoryFacts:
     needs: Needs
     egos: tuple[int, int]
     """Least and most CAVs (protocol 14.1: 2 to 6 by category)."""
-    paper: Figures | None
+    paper: CategoryFigures | None
     """None: the paper lists no scenarios of it."""
     crops: tuple[str, ...] = ()
     """Networks on which templates stage it; any other that offers what it needs serves too."""

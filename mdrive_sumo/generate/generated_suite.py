@@ -13,11 +13,11 @@ from mdrive_sumo.scenario.catalog import (
     SCENARIO_FILE,
     Suite,
     SuiteFile,
-    by_number,
+    list_packaged_suites,
     load_suite,
-    packaged_suites,
+    natural_sort_key,
     save_suite,
-    sealed,
+    seal_suite,
 )
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 
@@ -42,7 +42,7 @@ def write_generated(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], f
     ):
         draft = Path(scratch) / "suite"
         save_suite(Suite(about.model_copy(update={"checksum": ""}), draft, tuple(one for _, one in pairs)))
-        save_suite(sealed(load_suite(str(draft))))  # of what is read again: files hold rounded numbers
+        save_suite(seal_suite(load_suite(str(draft))))  # of what is read again: files hold rounded numbers
         for recipe, scenario in pairs:
             save_recipe(recipe, draft / scenario.id / RECIPE_FILE)
         if folder.exists():
@@ -56,11 +56,13 @@ def recipes_of(name_or_folder: str) -> dict[Path, Recipe]:
 
     The scenarios are not read: a suite that was changed since, which could not be loaded, can be made again.
     """
-    folder = packaged_suites().get(name_or_folder, Path(name_or_folder))
+    folder = list_packaged_suites().get(name_or_folder, Path(name_or_folder))
     homes = {path.parent for file in (SCENARIO_FILE, RECIPE_FILE) for path in folder.glob(f"*/{file}")}
     if not homes:
         raise InputError(f"suite {name_or_folder!r}: expected scenarios with recipes in <id>/{RECIPE_FILE}, found none")
-    return {home: load_recipe(home / RECIPE_FILE) for home in sorted(homes, key=lambda home: by_number(home.name))}
+    return {
+        home: load_recipe(home / RECIPE_FILE) for home in sorted(homes, key=lambda home: natural_sort_key(home.name))
+    }
 
 
 def rebuilt(recipe: Recipe) -> Scenario:
@@ -84,5 +86,5 @@ def changed_by_rebuild(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
 
 def packaged_generated() -> tuple[Scenario, ...]:
     """Scenarios of all packaged suites that were generated: they have recipes."""
-    names = [name for name, folder in packaged_suites().items() if any(folder.glob(f"*/{RECIPE_FILE}"))]
+    names = [name for name, folder in list_packaged_suites().items() if any(folder.glob(f"*/{RECIPE_FILE}"))]
     return tuple(scenario for name in names for scenario in load_suite(name).scenarios)

@@ -8,7 +8,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rules import problems
-from mdrive_sumo.scenario.scenario import shortened
+from mdrive_sumo.scenario.scenario import shorten_value
 
 END_OF_THOUGHT = "</think>"
 """Models that reason aloud close it like this before they answer."""
@@ -61,7 +61,7 @@ def _sentences(error: ValidationError) -> list[str]:
     """Where, expected, found: one sentence for everything that does not fit the schema."""
     return [
         f"{'.'.join(map(str, problem['loc'])) or 'the answer'}: {problem['msg']}"
-        + ("" if problem["type"] in ("missing", "json_invalid") else f", found {shortened(problem['input'])}")
+        + ("" if problem["type"] in ("missing", "json_invalid") else f", found {shorten_value(problem['input'])}")
         for problem in error.errors(include_url=False)
     ]
 

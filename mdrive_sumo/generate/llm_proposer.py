@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mdrive_sumo.contract import Note
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.llm_answer import demonstrations, proposal_in
 from mdrive_sumo.generate.llm_prompt import conversation
@@ -92,7 +92,7 @@ def _replayed(category: Category, seed: str, folder: Path) -> Proposal:
 
 def _number(category: Category, seed: str) -> int:
     """The seed as the model sees it; a private seed stays private."""
-    return derived_seed(0, "proposal", category, seed)
+    return derive_seed(0, "proposal", category, seed)
 
 
 def _model_settings(settings: LlmSettings) -> ModelSettings:

@@ -11,7 +11,7 @@ from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.generate.category_requirements import Topology
 from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.roads import RoadMap, load, packaged_networks
+from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 
 HIGHWAY_MPS = 16.0
 """Roads with this speed limit and one direction of travel are highways."""
@@ -66,8 +66,8 @@ def _merge(one: Way, other: Way) -> bool:
 
 def crops_for(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
     """Networks (of the packaged ones, or those named) that offer what the proposal asks for; raises InputError."""
-    folders = packaged_networks()
-    maps = [load(folders[name]) for name in sorted(names or folders)]
+    folders = list_packaged_networks()
+    maps = [load_road_map(folders[name]) for name in sorted(names or folders)]
     fitting = tuple(roads for roads in maps if _fits(offer_of(roads), proposal))
     if not fitting:
         needs = [name for name in ("oncoming", "multi_lane", "on_ramp", "merge") if getattr(proposal, f"needs_{name}")]

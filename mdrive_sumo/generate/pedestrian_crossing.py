@@ -10,7 +10,7 @@ from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, DistanceTrigger, KindName, StartMotion, Trigger
+from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName, PathMotion, StartMotion, Trigger
 
 WALK_MPS: Mapping[str, float] = {
     "slow": 1.0,
@@ -59,7 +59,7 @@ def crossing(
             length=size[0],
             width=size[1],
             start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4)),
-            motion=AlongPath(points=((round(x, 3), round(y, 3)), (round(end[0], 3), round(end[1], 3))), speed=speed),
+            motion=PathMotion(points=((round(x, 3), round(y, 3)), (round(end[0], 3), round(end[1], 3))), speed=speed),
             trigger=_trigger(ego, (x, y), end, speed),
             action=StartMotion(),
         )

@@ -22,7 +22,7 @@ from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import Screened, screen
 from mdrive_sumo.generate.spawn_points import Spawn, Ways, ego_of, line_of, spawns
 from mdrive_sumo.generate.validation.spawn_overlaps import crowded
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -123,7 +123,7 @@ def screened(scenario: Scenario, accepted: Sequence[Scenario]) -> Screened:
     """Stages after soundness; raises Rejected."""
     if (twin := duplicate_of(scenario, accepted)) is not None:
         raise Rejected(Stage.DUPLICATES, f"expected something new, found a duplicate of {twin.id}")
-    roads = load(network_folder(scenario.network))
+    roads = load_road_map(find_network_folder(scenario.network))
     if inside := list(crowded(scenario, roads)):
         raise Rejected(Stage.SOUNDNESS, f"expected room for everybody at the start, found that {inside[0]}")
     try:

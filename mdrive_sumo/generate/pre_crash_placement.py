@@ -20,10 +20,10 @@ from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
-    AlongLanes,
-    AlongPath,
     DistanceTrigger,
     HardBrake,
+    LaneMotion,
+    PathMotion,
     StartMotion,
     TimeTrigger,
 )
@@ -191,7 +191,7 @@ def _crosser(actor: ProposedActor, drive: _Drive) -> Actor:
         length=size[0],
         width=size[1],
         start=Pose(x=start.x, y=start.y, yaw=round(yaw, 4)),
-        motion=AlongPath(points=((start.x, start.y), (end.x, end.y)), speed=speed),
+        motion=PathMotion(points=((start.x, start.y), (end.x, end.y)), speed=speed),
         avoid_collision=walker,
         trigger=_when_near(drive, start, station, _crossing_s(out, speed, 1.5 if walker else 1.2)),
         action=StartMotion(),
@@ -256,9 +256,9 @@ def _leading(actor: ProposedActor, drive: _Drive) -> Actor:
     start = drive.start + LEAD_M
     ahead = _along(drive.roads, drive.way, start)
     if actor.speed != "erratic":
-        return _made(actor, start=ahead.start, motion=AlongLanes(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed]))
+        return _made(actor, start=ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed]))
     at_s = round(arrival(drive.line, start, drive.exit - 4.0), 2)
-    motion = AlongLanes(lanes=ahead.lanes, speed=6.0)
+    motion = LaneMotion(lanes=ahead.lanes, speed=6.0)
     action = HardBrake(hold_s=HOLD_S, pacing=False, least_driven_s=1.0, resume_speed=DRIVE_MPS["normal"])
     return _made(actor, start=ahead.start, motion=motion, trigger=TimeTrigger(at_s=at_s), action=action)
 
@@ -271,6 +271,6 @@ def _pulling_out(actor: ProposedActor, drive: _Drive) -> Actor:
     for s in np.arange(station + 1.0, last, 1.0):
         share = min((s - station) / PULL_OUT_M, 1.0)
         points.append(drive.at(float(s), -ROADSIDE_M * (1 - share**2 * (3 - 2 * share))))
-    motion = AlongPath(points=tuple((p.x, p.y) for p in points), speed=DRIVE_MPS[actor.speed])
+    motion = PathMotion(points=tuple((p.x, p.y) for p in points), speed=DRIVE_MPS[actor.speed])
     trigger = _when_near(drive, points[0], station, 2.5)
     return _made(actor, start=points[0], motion=motion, trigger=trigger, action=StartMotion())

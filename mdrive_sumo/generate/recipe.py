@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.scenario.model import Identifier
-from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.weather import WeatherName
 
 GENERATOR = 1
@@ -38,7 +38,7 @@ def load_recipe(path: Path) -> Recipe:
     except OSError as error:
         raise InputError(f"{path}: expected a recipe to read, found none: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
     if recipe.generator != GENERATOR:
         raise InputError(f"{path}: expected version {GENERATOR} of the generator, found {recipe.generator}")
     return recipe

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation import FULL_SCORE, NEAR_MISS_TTC_S
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
@@ -42,7 +42,7 @@ def driven(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
     """An episode with a built-in agent; raises WorldError."""
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
-    with SumoWorld(scenario, roads, sizes, derived_seed(SEED, scenario.id, "sumo")) as world:
+    with SumoWorld(scenario, roads, sizes, derive_seed(SEED, scenario.id, "sumo")) as world:
         return run_episode(EpisodeConfig(scenario, roads, SEED), world, drivers)
 
 

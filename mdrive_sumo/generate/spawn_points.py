@@ -14,7 +14,7 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.generate.lane_routes import Way
-from mdrive_sumo.roads import RoadMap, route_along
+from mdrive_sumo.roads import RoadMap, build_lane_route
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
 
@@ -54,7 +54,7 @@ class Line:
 def line_of(roads: RoadMap, way: Way, change_share: float) -> Line:
     """The whole way; a lane change begins at that share of the lane that it leaves."""
     goal_s = roads.lanes[way.lanes[-1]].centre.length
-    route = route_along(roads, way.lanes, 0.0, goal_s, _changes(roads, way, change_share))
+    route = build_lane_route(roads, way.lanes, 0.0, goal_s, _changes(roads, way, change_share))
     return Line(route.xy, 0.0)
 
 
@@ -176,7 +176,7 @@ def ego_of(roads: RoadMap, name: str, way: Way, spawn: Spawn, change_share: floa
     """The CAV that drives a way from start to goal, at rest on the first point of its dense route."""
     lanes, start_s, goal_s, dropped = _trimmed(roads, way, spawn)
     changes = {i - dropped: s for i, s in _changes(roads, way, change_share).items() if i >= dropped}
-    route = route_along(roads, lanes, start_s, goal_s, changes)
+    route = build_lane_route(roads, lanes, start_s, goal_s, changes)
     xy, yaws = route.xy.tolist(), route.yaw.tolist()
     points = tuple((round(x, 3), round(y, 3), round(yaw, 4)) for (x, y), yaw in zip(xy, yaws, strict=True))
     x, y, yaw = points[0]

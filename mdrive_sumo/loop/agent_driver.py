@@ -5,7 +5,7 @@ from typing import Protocol
 
 from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply
 from mdrive_sumo.core.errors import MdriveError
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 CONTROLLER_NAMES = frozenset(CONTROLLERS)
@@ -14,7 +14,7 @@ CONTROLLER_NAMES = frozenset(CONTROLLERS)
 class AgentFailure(MdriveError):
     """A participant's code failed. It ends that CAV with `End.AGENT_FAILED`, and is scored."""
 
-    def __init__(self, failure: Failure, text: str) -> None:
+    def __init__(self, failure: FailureReason, text: str) -> None:
         super().__init__(text)
         self.failure, self.text = failure, text
 
@@ -71,7 +71,7 @@ class LocalDriver:
         try:
             self._agent.start(briefing)
         except Exception as error:
-            raise AgentFailure(Failure.CRASHED, describe_error(error)) from error
+            raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
 
     def ask(self, seen: Observation) -> None:
         """See Driver."""
@@ -84,7 +84,7 @@ class LocalDriver:
         try:
             reply = self._agent.act(self._seen)
         except Exception as error:
-            raise AgentFailure(Failure.CRASHED, describe_error(error)) from error
+            raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
         self.thought_s = time.perf_counter() - since
         return validate_reply(reply)
 
@@ -97,7 +97,7 @@ def validate_reply(reply: object) -> Reply:
     try:
         return check_reply(reply, CONTROLLER_NAMES)
     except ReplyError as error:
-        raise AgentFailure(Failure.INVALID, str(error)) from None
+        raise AgentFailure(FailureReason.INVALID, str(error)) from None
 
 
 def describe_error(error: BaseException) -> str:

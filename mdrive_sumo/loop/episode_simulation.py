@@ -6,17 +6,17 @@ from typing import Protocol
 
 from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind, WorldState
 from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantised_frame
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.scoring import criteria
-from mdrive_sumo.sensing.briefing_builder import briefing
-from mdrive_sumo.sensing.observation_builder import Senses, Surrounds, scene_of
-from mdrive_sumo.sensing.roadside_units import Roadside
-from mdrive_sumo.sensing.scene import Scene
+from mdrive_sumo.sensing.briefing_builder import build_briefing
+from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
+from mdrive_sumo.sensing.roadside_units import RoadsideUnits
+from mdrive_sumo.sensing.scene import SensingFrame
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.vehicle import contact, control, dynamics
 
@@ -50,7 +50,8 @@ class EpisodeSimulation:
         self._references = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
         self._progress = {ego.id: criteria.Trial() for ego in scenario.egos}
         self._vehicle_states = {
-            ego.id: dynamics.rolling(ego.start.x, ego.start.y, ego.start.yaw, ego.start_speed) for ego in scenario.egos
+            ego.id: dynamics.initial_state(ego.start.x, ego.start.y, ego.start.yaw, ego.start_speed)
+            for ego in scenario.egos
         }
         self._vehicle = replace(VEHICLE, grip=config.friction.grip(scenario.weather))
         self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
@@ -62,18 +63,20 @@ class EpisodeSimulation:
         self._endings: dict[str, Ending] = {}
         self._pending_messages: dict[str, tuple[Message, ...]] = dict.fromkeys(self._vehicle_states, ())
         self._received: ReceivedMessages = {}
-        self._scene: Scene | None = None
+        self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
         self._dimensions = dict.fromkeys(self._vehicle_states, (VEHICLE.length, VEHICLE.width))
         self._recorder = Recorder(scenario.id, config.about, self._dimensions)
-        self._channel = Channel(config.comm, derived_seed(config.seed, scenario.id, "channel"))
+        self._channel = Channel(config.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
         """Whether every CAV has ended and the last frame is recorded."""
-        common = Surrounds(config.roads, WEATHERS[scenario.weather], derived_seed(config.seed, scenario.id, "sensing"))
-        self._roadside = Roadside(scenario.rsus if config.comm.on else (), common)
-        self._senses = Senses(sensors, self.briefings, common)
+        common = SensorContext(
+            config.roads, WEATHERS[scenario.weather], derive_seed(config.seed, scenario.id, "sensing")
+        )
+        self._roadside = RoadsideUnits(scenario.rsus if config.comm.on else (), common)
+        self._senses = ObservationBuilder(sensors, self.briefings, common)
 
     @property
     def frame(self) -> Frame:
@@ -133,11 +136,11 @@ class EpisodeSimulation:
         return self._recorder.finish(endings, self._channel.log(), think_times)
 
     def _build_briefings(self) -> dict[str, Briefing]:
-        config, facts = self._config, dynamics.facts(VEHICLE)
+        config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
         limit_s = self._time_limit / TICKS_PER_SECOND
         return {
-            ego.id: briefing(
-                ego, config.roads, facts, derived_seed(config.seed, config.scenario.id, "agent", ego.id), limit_s
+            ego.id: build_briefing(
+                ego, config.roads, facts, derive_seed(config.seed, config.scenario.id, "agent", ego.id), limit_s
             )
             for ego in config.scenario.egos
         }
@@ -151,7 +154,7 @@ class EpisodeSimulation:
             self._pending_messages[ego] += messages
         observers = tuple(ego for ego in self.active_egos if ego not in busy)
         is_scene_needed = self._roadside.speaks(frame.tick) or self._senses.needed(observers)
-        self._scene = scene_of(frame, self._dimensions) if is_scene_needed else None
+        self._scene = build_sensing_frame(frame, self._dimensions) if is_scene_needed else None
         messages_by_observer = {ego: self._pending_messages[ego] for ego in observers}
         self._pending_messages |= dict.fromkeys(observers, ())
         observations = self._senses.observe(frame, self._scene, self._plans, messages_by_observer)
@@ -212,7 +215,7 @@ class EpisodeSimulation:
         plan = self._plans[ego]
         key = (ego, plan.controller)
         if key not in self._controllers:
-            self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.facts(VEHICLE))
+            self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.to_vehicle_facts(VEHICLE))
         return self._controllers[key].follow(plan, state, 0)
 
     def _advance(self, frame: Frame) -> Frame:
@@ -224,7 +227,7 @@ class EpisodeSimulation:
         around = self._world.advance(_ego_states(after), scripted, struck)
         actors = around.actors.merge(scripted)
         obstacles = contact.obstacles(frame.actors, actors)
-        settled, contacts = contact.settle(before, after, self._vehicles, obstacles, self._walls)
+        settled, contacts = contact.resolve_contacts(before, after, self._vehicles, obstacles, self._walls)
         self._vehicle_states |= after if self._config.pass_through else settled
         states = _ego_states({ego: self._vehicle_states[ego] for ego in after})
         return Frame(frame.tick + 1, states, actors, around.signals, contacts)
@@ -235,5 +238,5 @@ def _find_struck(frame: Frame) -> set[str]:
     return {c.other for c in frame.contacts if c.kind != Kind.STATIC and c.other not in frame.egos}
 
 
-def _ego_states(vehicle_states: Mapping[str, dynamics.Body]) -> dict[str, EgoState]:
-    return {ego: dynamics.ego_state(state) for ego, state in vehicle_states.items()}
+def _ego_states(vehicle_states: Mapping[str, dynamics.VehicleState]) -> dict[str, EgoState]:
+    return {ego: dynamics.to_ego_state(state) for ego, state in vehicle_states.items()}

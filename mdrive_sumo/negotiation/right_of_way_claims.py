@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.negotiation.types import Member
-from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm, Pose, encode
+from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm, ReferencePose, encode
 
 Claims = frozenset[tuple[str, str]]
 """(first, second) pairs of stations."""
@@ -66,7 +66,7 @@ def ordered(group: Sequence[str], urgency: Mapping[str, float], before: Claims) 
 
 def announcement(me: Member, tick: int, terms: Terms) -> Message:
     """My MCM: what I plan and desire, and the terms of the negotiation."""
-    pose = Pose(me.x, me.y, me.yaw, tick)
+    pose = ReferencePose(me.x, me.y, me.yaw, tick)
     message = encode(
         Mcm(
             pose=pose,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, VehicleFacts
-from mdrive_sumo.core.geometry import Bool, Float, Int, polyline
+from mdrive_sumo.core.geometry import Bool, Float, Int, build_polyline
 from mdrive_sumo.planning.path import SPACING_M, Path, curve_speeds, path_through
 from mdrive_sumo.planning.path_overlap import cells_of, footprints, overlaps
 
@@ -172,7 +172,7 @@ def _least_of_three(room: Float) -> Float:
 def _shifted(path: Path, shift: _Shift, vehicle: VehicleFacts) -> Detour:
     left = shift.at(np.arange(len(path.xy), dtype=np.float64) * SPACING_M)
     moved = path.xy + left[:, None] * np.column_stack((-np.sin(path.yaw), np.cos(path.yaw)))
-    way = polyline(moved)
+    way = build_polyline(moved)
     old = np.arange(len(way.s)) * SPACING_M
     goal, first, last = np.interp(
         (path.goal_s, shift.hold[0] - shift.ramps[0], shift.hold[1] + shift.ramps[1]), old, way.s

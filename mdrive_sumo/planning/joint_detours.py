@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Privileged
-from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, polyline
+from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, build_polyline
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.detour import around, in_the_way
 from mdrive_sumo.planning.path import Path, make_path
@@ -44,7 +44,7 @@ def _views(known: Privileged, me: Briefing) -> dict[str, tuple[Path, Briefing]]:
     found: dict[str, tuple[Path, Briefing]] = {}
     for ego, route, state, room in zip(known.ego_ids, known.routes, known.states, known.rooms, strict=True):
         path = make_path(route, me.vehicle.rear_to_centre, state.yaw)
-        line = polyline(route)
+        line = build_polyline(route)
         yaws = line.yaws_at(line.s)
         found[ego] = path, replace(me, ego_id=ego, route_xy=route, route_yaw=yaws, route_s=line.s, route_room=room)
     return found

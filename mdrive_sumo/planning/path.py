@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Plan
-from mdrive_sumo.core.geometry import Float, Polyline, polyline, wrap_angle
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline, wrap_angle
 
 SPACING_M = 0.25
 """Between the points of a path."""
@@ -78,16 +78,16 @@ def make_path(route_xy: Float, rear_to_centre: float, start_yaw: float | None = 
     start_yaw: the car's direction [rad]; where the route leaves at an angle to it (a lane change from the first metre
     on) the path begins straight and joins the route within `JOIN_M`.
     """
-    route = polyline(route_xy)
+    route = build_polyline(route_xy)
     if start_yaw is not None and abs(wrap_angle(float(route.yaws[0]) - start_yaw)) > ASKEW:
         route = _joined(route, start_yaw)
     ends = [route.at(-SMOOTHING_M), *route.xy, route.at(route.length + RUN_OUT_M + SMOOTHING_M)]
-    fine = polyline(ends).resampled(SPACING_M).xy
+    fine = build_polyline(ends).resampled(SPACING_M).xy
     half = round(SMOOTHING_M / SPACING_M)
     window = np.full(2 * half + 1, 1 / (2 * half + 1))
     smooth = np.column_stack([np.convolve(fine[:, axis], window, mode="valid") for axis in (0, 1)])
-    xy = polyline(smooth).resampled(SPACING_M).xy[:-1]
-    return path_through(xy, rear_to_centre, start_yaw, goal_s=polyline(xy).project(*route.xy[-1].tolist())[0])
+    xy = build_polyline(smooth).resampled(SPACING_M).xy[:-1]
+    return path_through(xy, rear_to_centre, start_yaw, goal_s=build_polyline(xy).project(*route.xy[-1].tolist())[0])
 
 
 def path_through(xy: Float, rear_to_centre: float, start_yaw: float | None, goal_s: float) -> Path:
@@ -102,7 +102,7 @@ def _joined(route: Polyline, start_yaw: float) -> Polyline:
     straight = route.xy[0] + s * np.array((math.cos(start_yaw), math.sin(start_yaw)))
     share = s / JOIN_M
     weight = share**2 * (3 - 2 * share)
-    return polyline(straight * (1 - weight) + route.xy * weight)
+    return build_polyline(straight * (1 - weight) + route.xy * weight)
 
 
 def _curvature(yaw: Float) -> Float:

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Patch, Polygon
 
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, KindName, Replay
+from mdrive_sumo.scenario.scripted_actor import Actor, KindName, LaneMotion, PathMotion, ReplayMotion
 
 COLOURS: dict[KindName, str] = {
     "vehicle": "#3d4047",
@@ -42,14 +42,14 @@ def find_actor_path(actor: Actor, roads: RoadMap) -> Float:
     """Points (N, 2) [m] of where an actor goes, from its start on."""
     start = (actor.start.x, actor.start.y)
     match actor.motion:
-        case AlongPath(points=points):
+        case PathMotion(points=points):
             return np.array(points)
-        case AlongLanes(lanes=lanes):
+        case LaneMotion(lanes=lanes):
             centres = [roads.lanes[lane].centre.xy for lane in lanes if lane in roads.lanes]
             whole = np.concatenate([np.array([start]), *centres])
             first = 1 + int(np.argmin(np.hypot(*(whole[1:] - start).T)))
             return np.concatenate((whole[:1], whole[first:]))
-        case Replay(poses=poses):
+        case ReplayMotion(poses=poses):
             return np.array([pose[1:3] for pose in poses])
         case _:
             return np.array([start, start])

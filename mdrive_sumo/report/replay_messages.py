@@ -14,14 +14,14 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.v2x.channel import Fate
+from mdrive_sumo.v2x.channel import DeliveryStatus
 from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode
 
 SHOWN_EVERY_TICKS = 4
 """Objects of CPMs and trajectories of MCMs are carried at 5 Hz at most; all else of them is carried always."""
 POINTS_EVERY = 2
 """Of a trajectory every second point is drawn, and the last."""
-FATES = tuple(Fate)
+FATES = tuple(DeliveryStatus)
 Tables: TypeAlias = dict[str, Int]
 
 

@@ -6,8 +6,8 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.scene import Eye, Scene
-from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
 
 SIGHT_EVERY_TICKS = 4
 SIGHT_RANGE_M = 100.0
@@ -19,14 +19,16 @@ def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
     """(egos, N, S) for every fourth tick: 1 where the CAV sees that road user, else 0."""
     ticks = range(0, episode.ticks, SIGHT_EVERY_TICKS)
     sight = np.zeros((episode.egos, len(episode.ids), len(ticks)), dtype=np.int64)
-    buildings = Buildings(roads)
+    buildings = BuildingEdges(roads)
     for column, tick in enumerate(ticks):
         present = np.flatnonzero(episode.valid[tick])
-        scene = Scene(tick, _boxes(episode, tick, present), {})
+        scene = SensingFrame(tick, _boxes(episode, tick, present), {})
         for row, ego in enumerate(present[present < episode.egos].tolist()):
             boxes = scene.boxes
-            eye = Eye(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
-            sight[ego, present, column] = visible_fractions(eye, scene, buildings, SIGHT_RANGE_M) >= LEAST_VISIBLE
+            eye = SensorPose(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
+            sight[ego, present, column] = (
+                compute_visible_fractions(eye, scene, buildings, SIGHT_RANGE_M) >= LEAST_VISIBLE
+            )
     return sight
 
 

@@ -14,7 +14,7 @@ from matplotlib.patches import PathPatch, Polygon, RegularPolygon
 from matplotlib.path import Path
 from shapely.geometry.base import BaseGeometry
 
-from mdrive_sumo.core.geometry import Float, box_corners, polyline
+from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
 from mdrive_sumo.report.actor_plot import draw_actors
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
@@ -161,12 +161,12 @@ def _beside(line: shapely.LineString, left_m: float) -> Float:
 def _draw_crossings(axes: Axes, roads: RoadMap) -> None:
     """Zebra stripes."""
     for xy, width in roads.crossings:
-        bars = [_bar(xy, s, width) for s in np.arange(0.5, polyline(xy).length, 1.0)]
+        bars = [_bar(xy, s, width) for s in np.arange(0.5, build_polyline(xy).length, 1.0)]
         axes.add_collection(LineCollection(bars, colors=PAINT, linewidths=2.0, zorder=3))
 
 
 def _bar(xy: Float, s: float, width: float) -> Float:
-    line = polyline(xy)
+    line = build_polyline(xy)
     along = np.array((np.cos(line.yaw_at(s)), np.sin(line.yaw_at(s))))
     left = np.array((-along[1], along[0])) * width / 2
     return np.array((line.at(s) + left, line.at(s) - left))
@@ -272,7 +272,7 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
     figure.text(0.012, 1 - 0.45 / height, scenario.description, fontsize=8.5, va="center", color="#444444")
     for i, (ego, colour) in enumerate(_coloured(scenario.egos)):
         x = 0.012 + 0.976 * i / max(len(scenario.egos), 6)
-        length = polyline(ego.xy).length
+        length = build_polyline(ego.xy).length
         figure.text(
             x,
             0.17 / height,

@@ -1,19 +1,19 @@
 """Road networks: lanes, routing, stop lines, buildings. The only room that imports sumolib."""
 
 from mdrive_sumo.roads.network_file import NetworkFile, StopSignBox
-from mdrive_sumo.roads.road_map import Lane, RoadMap, load, network_folder, packaged_networks
-from mdrive_sumo.roads.routing import Route, dense_route, drivable_path, route_along
+from mdrive_sumo.roads.road_map import Lane, RoadMap, find_network_folder, list_packaged_networks, load_road_map
+from mdrive_sumo.roads.routing import Route, build_lane_route, find_lane_path, join_route_pieces
 
 __all__ = [
     "Lane",
     "RoadMap",
-    "load",
-    "network_folder",
-    "packaged_networks",
+    "load_road_map",
+    "find_network_folder",
+    "list_packaged_networks",
     "NetworkFile",
     "StopSignBox",
     "Route",
-    "dense_route",
-    "drivable_path",
-    "route_along",
+    "join_route_pieces",
+    "find_lane_path",
+    "build_lane_route",
 ]

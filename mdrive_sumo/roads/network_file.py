@@ -72,6 +72,6 @@ def read_network_file(folder: Path) -> NetworkFile:
         raise InputError(f"{path}: {where}: {problem['msg']}") from None
 
 
-def net_checksum(net_xml: bytes) -> str:
+def compute_net_checksum(net_xml: bytes) -> str:
     """Checksum of an uncompressed net file."""
     return "sha256:" + hashlib.sha256(net_xml).hexdigest()

@@ -14,13 +14,13 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, polyline
+from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
     NetworkFile,
     StopSignBox,
-    net_checksum,
+    compute_net_checksum,
     read_network_file,
 )
 
@@ -50,7 +50,7 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestLanes:
     """The nearest lane of M points: all (M,)."""
 
     lane: Int
@@ -85,7 +85,7 @@ class RoadMap:
 
     @cached_property
     def driving(self) -> tuple[Lane, ...]:
-        """All lanes, in the order that `Nearest.lane` indexes."""
+        """All lanes, in the order that `NearestLanes.lane` indexes."""
         return tuple(self.lanes.values())
 
     @cached_property
@@ -106,7 +106,7 @@ class RoadMap:
     def _tree(self) -> shapely.STRtree:
         return shapely.STRtree(self._lines)
 
-    def nearest(self, xy: Float) -> Nearest:
+    def nearest(self, xy: Float) -> NearestLanes:
         """Nearest driving lane to each of the points xy (M, 2) [m]; of equally near ones the first of `driving`."""
         points = shapely.points(xy)
         lane, distance = self._nearest_lanes(points)
@@ -114,7 +114,7 @@ class RoadMap:
         yaw = np.empty(len(lane))
         for i in np.unique(lane):
             yaw[lane == i] = self.driving[i].centre.yaws_at(station[lane == i])
-        return Nearest(lane, distance, yaw)
+        return NearestLanes(lane, distance, yaw)
 
     def _nearest_lanes(self, points: Any) -> tuple[Int, Float]:
         """Index and distance (M,) of the nearest lanes; a search nearby comes first, for `query_nearest` is dear."""
@@ -138,17 +138,17 @@ class RoadMap:
         return tuple(shapely.Polygon(building.polygon) for building in self.buildings)
 
 
-def packaged_networks() -> dict[str, Path]:
+def list_packaged_networks() -> dict[str, Path]:
     """Networks that come with mdrive-sumo: name -> folder."""
     root = Path(str(files("networks")))
     return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / "network.json").is_file()}
 
 
-def network_folder(name: str, beside: Path | None = None) -> Path:
+def find_network_folder(name: str, beside: Path | None = None) -> Path:
     """Folder of a network: of `beside`/networks/NAME if it is there, else of the packaged one. Raises InputError."""
     if beside is not None and (beside / "networks" / name / "network.json").is_file():
         return beside / "networks" / name
-    packaged = packaged_networks()
+    packaged = list_packaged_networks()
     if name not in packaged:
         where = f"{beside / 'networks'} or " if beside is not None else ""
         raise InputError(
@@ -158,7 +158,7 @@ def network_folder(name: str, beside: Path | None = None) -> Path:
 
 
 @lru_cache(maxsize=8)
-def load(folder: Path) -> RoadMap:
+def load_road_map(folder: Path) -> RoadMap:
     """Reads a network folder (`network.json`, `map.net.xml.gz`); raises InputError. Cached: a RoadMap never changes."""
     about = read_network_file(folder)
     path = folder / NET_FILE
@@ -167,7 +167,7 @@ def load(folder: Path) -> RoadMap:
     except (OSError, EOFError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
-    if (found := net_checksum(xml)) != about.checksum:
+    if (found := compute_net_checksum(xml)) != about.checksum:
         raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
     return _road_map(folder, about, path, _keeps_left(xml))
 
@@ -219,7 +219,7 @@ def _outline(lane: Any) -> Float:
 def _chain(lane: Any) -> Polyline | None:
     """Centre line of a sumolib lane; None if it has no extent (SUMO makes such junction lanes of zero length)."""
     try:
-        return polyline([point[:2] for point in lane.getShape(includeJunctions=False)])
+        return build_polyline([point[:2] for point in lane.getShape(includeJunctions=False)])
     except ValueError:
         return None
 

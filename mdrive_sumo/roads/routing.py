@@ -27,7 +27,7 @@ class Route:
     yaw: Float
 
 
-def drivable_path(roads: RoadMap, start: str, goal: str) -> tuple[str, ...]:
+def find_lane_path(roads: RoadMap, start: str, goal: str) -> tuple[str, ...]:
     """Lane ids from start to goal with the least length plus lane-change cost; raises InputError if there are none."""
     best: dict[str, float] = {start: 0.0}
     came: dict[str, str] = {}
@@ -61,7 +61,7 @@ def _walk_back(came: Mapping[str, str], goal: str) -> tuple[str, ...]:
     return tuple(reversed(path))
 
 
-def route_along(
+def build_lane_route(
     roads: RoadMap,
     lanes: Sequence[str],
     start_s: float,
@@ -93,7 +93,7 @@ def route_along(
                 )
             pieces.append(_stretch(lane, begin, goal_s if last else lane.centre.length))
             begin = 0.0
-    return dense_route(tuple(lanes), pieces)
+    return join_route_pieces(tuple(lanes), pieces)
 
 
 def _known(roads: RoadMap, lane_id: str) -> Lane:
@@ -126,7 +126,7 @@ def _change(lane: Lane, neighbour: Lane, leave: float, arrive: float) -> tuple[F
     return before * (1 - weight) + after * weight, yaw
 
 
-def dense_route(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Float]]) -> Route:
+def join_route_pieces(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Float]]) -> Route:
     """The route through finely sampled pieces: points (M, 2) [m] and lane directions (M,) [rad] each."""
     xy = np.concatenate([points for points, _ in pieces])
     yaw = np.unwrap(np.concatenate([directions for _, directions in pieces]))

@@ -16,7 +16,7 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
-from mdrive_sumo.sensing.cameras import camera_error
+from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 
 PRIVILEGED = "privileged"
@@ -87,7 +87,7 @@ def _existing(sensors: tuple[SensorSpec, ...]) -> None:
     for spec in sensors:
         if spec.kind not in KINDS:
             known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(KINDS)}, found none of that kind"
-            raise InputError(camera_error(spec.kind) or known)
+            raise InputError(describe_camera_error(spec.kind) or known)
 
 
 def _allowed(sensors: tuple[SensorSpec, ...]) -> None:

@@ -17,7 +17,7 @@ from mdrive_sumo.runs.preparation import TRANSCRIPTS_FOLDER, PreparedRun, record
 from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_write_error
 from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts
-from mdrive_sumo.scenario.scenario import Scenario, first_problem
+from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from mdrive_sumo.scoring import Results, ScenarioResult, save_results, summarise, void_result
 
 RESULTS_FILE = "results.json"
@@ -89,7 +89,7 @@ def _kept(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
     except ValidationError as error:
-        raise InputError(f"{run.folder / JOURNAL_FILE}: {first_problem(error)}; --fresh starts anew") from None
+        raise InputError(f"{run.folder / JOURNAL_FILE}: {describe_first_error(error)}; --fresh starts anew") from None
     return {
         entry.id: entry
         for entry in entries

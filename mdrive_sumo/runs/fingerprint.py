@@ -9,20 +9,20 @@ from platform import python_version
 
 from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.roads import network_folder
+from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig, config_text
-from mdrive_sumo.scenario.catalog import Suite, packaged_suites
+from mdrive_sumo.scenario.catalog import Suite, list_packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.v2x.comm import comm_text
+from mdrive_sumo.v2x.comm import format_comm_json
 
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
 
 
 def compute_fingerprint(settings: RunConfig, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
     """Of an evaluation; raises InputError for a network that is not there."""
-    packaged = suite.folder == packaged_suites().get(settings.suite)
+    packaged = suite.folder == list_packaged_suites().get(settings.suite)
     return {
         "suite": settings.suite if packaged else str(suite.folder.resolve()),
         "suite_checksum": suite.checksum(),
@@ -33,7 +33,7 @@ def compute_fingerprint(settings: RunConfig, suite: Suite, scenarios: tuple[Scen
         "agent_code": _agent_checksum(settings.agent),
         "seed": settings.seed,
         "score_mode": settings.score_mode,
-        "comm": comm_text(settings.comm),
+        "comm": format_comm_json(settings.comm),
         "agent_clock": settings.clock.text,
         "actors": settings.actors,
         "friction": settings.friction,
@@ -62,7 +62,7 @@ def _networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
     """Over the networks in use, what is beside their roads included."""
     digest = hashlib.sha256()
     for name, home in sorted({(scenario.network, suite.home(scenario.id)) for scenario in scenarios}):
-        digest.update(read_network_file(network_folder(name, home)).model_dump_json().encode())
+        digest.update(read_network_file(find_network_folder(name, home)).model_dump_json().encode())
     return "sha256:" + digest.hexdigest()
 
 

@@ -9,20 +9,20 @@ from typing import Any
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
-from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, hired
 from mdrive_sumo.runs.transcript import save_transcript
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.v2x.comm import comm_from
+from mdrive_sumo.v2x.comm import parse_comm
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class EpisodeJob:
     actors: str = "default"
     """How scripted road users behave, see `actors.ActorMode`."""
     friction: str = "dry"
-    """How slippery roads are, see `scenario.weather.Friction`."""
+    """How slippery roads are, see `scenario.weather.FrictionMode`."""
     transcripts: str = ""
     """Folder for the transcripts of language models; "" for none."""
     replayed: tuple[Ending, ...] = ()
@@ -88,7 +88,7 @@ def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
     scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
     if scenario is None:
         raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
-    return scenario, load(network_folder(scenario.network, suite.home(scenario.id)))
+    return scenario, load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
 
 
 @lru_cache(maxsize=2)
@@ -101,21 +101,21 @@ def _driven(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecor
         "agent": job.agent, "seed": job.seed, "comm": job.comm, "agent_clock": job.clock, "actors": job.actors,
         "friction": job.friction,
     }  # fmt: skip
-    friction = Friction(job.friction)
+    friction = FrictionMode(job.friction)
     setting = EpisodeConfig(
         scenario,
         roads,
         job.seed,
         about,
         replayed_failures=job.replayed,
-        comm=comm_from(json.loads(job.comm)),
-        clock=clock_of(job.clock),
+        comm=parse_comm(json.loads(job.comm)),
+        clock=parse_clock(job.clock),
         actor_mode=ActorMode(job.actors),
         friction=friction,
         think_times=job.thought,
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    sumo_seed, grip = derived_seed(job.seed, scenario.id, "sumo"), friction.grip(scenario.weather)
+    sumo_seed, grip = derive_seed(job.seed, scenario.id, "sumo"), friction.grip(scenario.weather)
     logs = str(Path(job.log_folder) / scenario.id) if job.log_folder else ""
     hiring = Hiring(job.agent, job.agent_config, job.limits, job.box, logs)
     with hired(hiring, list(sizes)) as drivers, SumoWorld(scenario, roads, sizes, sumo_seed, grip) as world:

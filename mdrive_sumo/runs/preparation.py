@@ -7,7 +7,7 @@ from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import Hiring, declaration
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions, resolve_locator
 from mdrive_sumo.runs.job import EpisodeJob
@@ -17,7 +17,7 @@ from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import RunInfo
-from mdrive_sumo.v2x.comm import comm_text, described
+from mdrive_sumo.v2x.comm import describe_comm, format_comm_json
 
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
@@ -50,7 +50,7 @@ class PreparedRun:
             seed=settings.seed,
             score_mode=settings.score_mode,
             recording=str(recording_path(self.folder, scenario.id)) if settings.record else "",
-            comm=comm_text(settings.comm),
+            comm=format_comm_json(settings.comm),
             clock=settings.clock.text,
             actors=settings.actors,
             friction=settings.friction,
@@ -79,7 +79,7 @@ def prepare(settings: RunConfig) -> PreparedRun:
     suite = load_suite(settings.suite)
     scenarios = suite.matching(settings.scenario)
     for scenario in scenarios:
-        check_scenario(scenario, load(network_folder(scenario.network, suite.home(scenario.id))))
+        check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite.home(scenario.id))))
     info = RunInfo(
         agent=settings.agent,
         labels=_labels(settings),
@@ -88,7 +88,7 @@ def prepare(settings: RunConfig) -> PreparedRun:
         suite_checksum=suite.checksum(),
         seed=settings.seed,
         score_mode=settings.score_mode,
-        comm=described(settings.comm),
+        comm=describe_comm(settings.comm),
         agent_clock=settings.clock.text,
         actors=settings.actors,
         friction=settings.friction,

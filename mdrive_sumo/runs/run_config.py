@@ -11,9 +11,9 @@ from pathlib import Path
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import ScoreMode
-from mdrive_sumo.v2x.comm import PRESETS, Comm, comm_text
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings, format_comm_json
 
 Scalar = float | str | bool
 RUNS_FOLDER = Path("runs")
@@ -30,11 +30,11 @@ class RunConfig:
     agent_config: Mapping[str, Scalar] = field(default_factory=dict[str, Scalar])
     seed: int = 0
     score_mode: ScoreMode = ScoreMode.MDRIVE
-    comm: Comm = PRESETS["ideal"]
+    comm: CommSettings = PRESETS["ideal"]
     clock: Clock = IDEAL
     actors: ActorMode = ActorMode.DEFAULT
     """How scripted road users behave."""
-    friction: Friction = Friction.DRY
+    friction: FrictionMode = FrictionMode.DRY
     """How slippery roads are."""
     record: bool = True
     workers: int = 1
@@ -85,16 +85,16 @@ def default_folder(settings: RunConfig, suite_name: str) -> Path:
         _comm_part(settings.comm),
         settings.clock.text if settings.clock != IDEAL else "",
         f"{settings.actors}-actors" if settings.actors != ActorMode.DEFAULT else "",
-        f"{settings.friction}-friction" if settings.friction != Friction.DRY else "",
+        f"{settings.friction}-friction" if settings.friction != FrictionMode.DRY else "",
         settings.score_mode if settings.score_mode != ScoreMode.MDRIVE else "",
         "" if settings.record else "norecord",
     ]
     return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
 
 
-def _comm_part(comm: Comm) -> str:
+def _comm_part(comm: CommSettings) -> str:
     """The channel in a folder's name: "" if ideal, a preset's name, or that and a checksum of what was changed."""
     name = "" if comm.preset == "ideal" else comm.preset
     if comm == PRESETS.get(comm.preset):
         return name
-    return (name or "comm") + hashlib.sha256(comm_text(comm).encode()).hexdigest()[:6]
+    return (name or "comm") + hashlib.sha256(format_comm_json(comm).encode()).hexdigest()[:6]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.actors import ActorMode
-from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
@@ -14,9 +14,9 @@ from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import Results, ScoreMode, load_results
-from mdrive_sumo.v2x.comm import comm_from
+from mdrive_sumo.v2x.comm import parse_comm
 
 
 def open_run(folder: Path, suite: str | None = None) -> tuple[PreparedRun, Results]:
@@ -52,10 +52,10 @@ def _settings(folder: Path, fingerprint: Mapping[str, Any]) -> RunConfig:
             agent_config=json.loads(fingerprint["agent_config"]),
             seed=fingerprint["seed"],
             score_mode=ScoreMode(fingerprint["score_mode"]),
-            comm=comm_from(json.loads(fingerprint["comm"])),
-            clock=clock_of(fingerprint["agent_clock"]),
+            comm=parse_comm(json.loads(fingerprint["comm"])),
+            clock=parse_clock(fingerprint["agent_clock"]),
             actors=ActorMode(fingerprint["actors"]),
-            friction=Friction(fingerprint.get("friction", Friction.DRY)),
+            friction=FrictionMode(fingerprint.get("friction", FrictionMode.DRY)),
             record=fingerprint["record"],
             out=folder,
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import DT, End
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.episode.quantization import from_quanta
@@ -17,7 +17,7 @@ from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.runs.transcript import transcript_path
 from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.v2x.channel import Fate
+from mdrive_sumo.v2x.channel import DeliveryStatus
 
 STATE_NAMES = ("x", "y", "yaw", "speed")
 CONTROL_NAMES = ("throttle", "brake", "steer")
@@ -54,7 +54,7 @@ def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, 
     Which ones depends on the run's seed and their ids only.
     """
     found = [result for result in results.scenarios if result.status != "void"]
-    drawn = sorted(found, key=lambda result: derived_seed(results.run.seed, result.id, "verify"))[:size]
+    drawn = sorted(found, key=lambda result: derive_seed(results.run.seed, result.id, "verify"))[:size]
     return tuple(result for result in found if result in drawn)
 
 
@@ -165,7 +165,7 @@ def _arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
         f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
         for sent in episode.messages
         for receiver, fate in sent.fates.items()
-        if fate == (Fate.DELIVERED, tick)
+        if fate == (DeliveryStatus.DELIVERED, tick)
     ]
 
 

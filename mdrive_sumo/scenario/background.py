@@ -5,12 +5,12 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from mdrive_sumo.scenario.model import Coordinate, Identifier, Part, Seconds, Speed
+from mdrive_sumo.scenario.model import Coordinate, Identifier, ScenarioPart, Seconds, Speed
 
-Mode = Literal["reactive", "replay", "hybrid"]
+BackgroundMode = Literal["reactive", "replay", "hybrid"]
 
 
-class Driving(Part):
+class CarFollowing(ScenarioPart):
     """How a driver follows; SUMO's defaults for passenger cars where nothing is said (Krauss model)."""
 
     tau_s: float = Field(default=1.0, gt=0, le=10)
@@ -23,7 +23,7 @@ class Driving(Part):
     """Driver imperfection."""
 
 
-class Schedule(Part):
+class Schedule(ScenarioPart):
     """What a vehicle of a log did along its route. It is desired; following and yielding come first."""
 
     progress: tuple[tuple[Seconds, float], ...] = Field(min_length=2)
@@ -42,7 +42,7 @@ class Schedule(Part):
         return self
 
 
-class BackgroundVehicle(Part):
+class BackgroundVehicle(ScenarioPart):
     """A vehicle driven by SUMO along `edges`."""
 
     id: Identifier
@@ -55,19 +55,19 @@ class BackgroundVehicle(Part):
     length: float = Field(default=5.0, gt=0, le=40)
     width: float = Field(default=1.8, gt=0, le=10)
     """[m]; SUMO's default passenger car."""
-    driving: Driving = Driving()
+    driving: CarFollowing = CarFollowing()
     schedule: Schedule | None = None
     log: tuple[tuple[Seconds, Coordinate, Coordinate, Coordinate], ...] = ()
     """Poses of the log for modes `replay` and `hybrid`: time since the start [s], x, y [m] of the box centre, yaw."""
 
 
-class Background(Part):
+class Background(ScenarioPart):
     """SUMO's traffic. Every vehicle is a passenger car of SUMO's default model unless said otherwise."""
 
     vehicles: tuple[BackgroundVehicle, ...] = ()
     action_step_s: float = Field(default=0.5, ge=0.05, le=1.0, multiple_of=0.05)
     """Reaction interval of background drivers (spec/sumo_pitfalls 6.1)."""
-    mode: Mode = "reactive"
+    mode: BackgroundMode = "reactive"
     """`reactive`: SUMO drives. `replay`: poses of the log, whatever happens. `hybrid`: poses of the log until a CAV's
     presence changes the situation, then SUMO drives (vehicles without a log are reactive always)."""
 

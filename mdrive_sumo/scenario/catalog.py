@@ -21,8 +21,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.model import Identifier
-from mdrive_sumo.scenario.scenario import Scenario, first_problem, load_scenario, save_scenario
-from mdrive_sumo.scenario.statistics import statistics
+from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
+from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,7 +124,7 @@ class Suite:
 
 def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
     """Return one row of `Suite.to_frame`."""
-    found = statistics((scenario,))
+    found = compute_suite_statistics((scenario,))
     return {
         "scenario": scenario.id,
         "bucket": scenario.bucket,
@@ -139,7 +139,7 @@ def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
     }
 
 
-def packaged_suites() -> dict[str, Path]:
+def list_packaged_suites() -> dict[str, Path]:
     """Suites that come with mdrive-sumo: name -> folder."""
     root = Path(str(files("mdrive_sumo") / "scenarios"))
     return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
@@ -147,12 +147,12 @@ def packaged_suites() -> dict[str, Path]:
 
 def list_suites() -> tuple[str, ...]:
     """Return the names of the suites that come with mdrive-sumo."""
-    return tuple(packaged_suites())
+    return tuple(list_packaged_suites())
 
 
 def load_suite(name_or_folder: str) -> Suite:
     """A packaged suite by name, or any suite by its folder; raises InputError."""
-    packaged = packaged_suites()
+    packaged = list_packaged_suites()
     folder = packaged.get(name_or_folder, Path(name_or_folder))
     if not folder.is_dir():
         raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither")
@@ -167,20 +167,22 @@ def load_suite(name_or_folder: str) -> Suite:
     return suite
 
 
-def sealed(suite: Suite) -> Suite:
+def seal_suite(suite: Suite) -> Suite:
     """The same suite, of which `suite.json` will hold the checksum."""
     return replace(suite, about=suite.about.model_copy(update={"checksum": suite.checksum()}))
 
 
 def _scenarios(folder: Path) -> tuple[Scenario, ...]:
-    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: by_number(path.parent.name))
+    paths = sorted(folder.glob(f"*/{SCENARIO_FILE}"), key=lambda path: natural_sort_key(path.parent.name))
     if not paths:
         raise InputError(f"{folder}: expected scenarios in <id>/{SCENARIO_FILE}, found none")
     return tuple(_scenario(path) for path in paths)
 
 
 def _parts(about: SuiteFile, folder: Path) -> tuple[Suite, ...]:
-    parts = tuple(load_suite(name if name in packaged_suites() else str(folder.parent / name)) for name in about.parts)
+    parts = tuple(
+        load_suite(name if name in list_packaged_suites() else str(folder.parent / name)) for name in about.parts
+    )
     if nested := [part.name for part in parts if part.about.parts]:
         raise InputError(f"{folder}: expected parts with scenarios of their own, found {nested[0]!r}, which has parts")
     return parts
@@ -208,7 +210,7 @@ def _suite_file(path: Path) -> SuiteFile:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
 
 
 def _scenario(path: Path) -> Scenario:
@@ -218,6 +220,6 @@ def _scenario(path: Path) -> Scenario:
     return scenario
 
 
-def by_number(name: str) -> list[tuple[int, str]]:
+def natural_sort_key(name: str) -> list[tuple[int, str]]:
     """Sort key of names with numbers in them, which count by value: r2 before r10."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

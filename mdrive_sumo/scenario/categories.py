@@ -27,7 +27,7 @@ class Category(StrEnum):
     LANE_DROP = "lane-drop"
 
 
-class Level(StrEnum):
+class InteractivityLevel(StrEnum):
     """Interactivity levels of the paper."""
 
     STATIC = "static-avoidance"
@@ -35,17 +35,17 @@ class Level(StrEnum):
     COORDINATION = "dynamic-coordination"
 
 
-LEVELS: Mapping[Category, Level] = dict.fromkeys(Category, Level.COORDINATION) | {
-    Category.BLOCKED_LANE: Level.STATIC,
-    Category.CONSTRUCTION: Level.STATIC,
-    Category.OVERTAKING: Level.STATIC,
-    Category.CROSSWALK: Level.DYNAMIC,
+LEVELS: Mapping[Category, InteractivityLevel] = dict.fromkeys(Category, InteractivityLevel.COORDINATION) | {
+    Category.BLOCKED_LANE: InteractivityLevel.STATIC,
+    Category.CONSTRUCTION: InteractivityLevel.STATIC,
+    Category.OVERTAKING: InteractivityLevel.STATIC,
+    Category.CROSSWALK: InteractivityLevel.DYNAMIC,
 }
 """Which level a category belongs to (protocol 1.2); of the lane drop our own choice."""
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class CategoryFigures:
     """Means of the paper's table over the scenarios of a category."""
 
     count: int
@@ -60,18 +60,18 @@ class Figures:
         return self.cavs, self.route_m, self.heading_change_deg, self.actors
 
 
-FIGURES: Mapping[Category, Figures] = {
-    Category.PRE_CRASH: Figures(12, 2.17, 42.6, 91.5, 1.25),
-    Category.BLOCKED_LANE: Figures(10, 4.7, 88.8, 6.5, 3.4),
-    Category.CONSTRUCTION: Figures(10, 4.6, 95.5, 6.4, 7.1),
-    Category.HIGHWAY_MERGE: Figures(10, 4.6, 121.3, 18.5, 0.0),
-    Category.LANE_CHANGE: Figures(10, 4.2, 100.9, 43.5, 0.0),
-    Category.DEADLOCK: Figures(10, 4.7, 94.5, 89.7, 0.0),
-    Category.MAJOR_MINOR: Figures(10, 4.0, 71.4, 34.0, 0.6),
-    Category.OVERTAKING: Figures(10, 3.7, 63.0, 0.2, 2.1),
-    Category.CROSSWALK: Figures(10, 3.8, 92.5, 9.5, 2.7),
-    Category.ROUNDABOUT: Figures(10, 4.0, 112.1, 296.3, 0.0),
-    Category.UNPROTECTED_LEFT: Figures(10, 5.1, 95.9, 40.2, 0.3),
+FIGURES: Mapping[Category, CategoryFigures] = {
+    Category.PRE_CRASH: CategoryFigures(12, 2.17, 42.6, 91.5, 1.25),
+    Category.BLOCKED_LANE: CategoryFigures(10, 4.7, 88.8, 6.5, 3.4),
+    Category.CONSTRUCTION: CategoryFigures(10, 4.6, 95.5, 6.4, 7.1),
+    Category.HIGHWAY_MERGE: CategoryFigures(10, 4.6, 121.3, 18.5, 0.0),
+    Category.LANE_CHANGE: CategoryFigures(10, 4.2, 100.9, 43.5, 0.0),
+    Category.DEADLOCK: CategoryFigures(10, 4.7, 94.5, 89.7, 0.0),
+    Category.MAJOR_MINOR: CategoryFigures(10, 4.0, 71.4, 34.0, 0.6),
+    Category.OVERTAKING: CategoryFigures(10, 3.7, 63.0, 0.2, 2.1),
+    Category.CROSSWALK: CategoryFigures(10, 3.8, 92.5, 9.5, 2.7),
+    Category.ROUNDABOUT: CategoryFigures(10, 4.0, 112.1, 296.3, 0.0),
+    Category.UNPROTECTED_LEFT: CategoryFigures(10, 5.1, 95.9, 40.2, 0.3),
 }
 """The paper lists no lane drops."""
 MEANS = ("CAVs", "route [m]", "heading change [deg]", "actors")
@@ -81,7 +81,7 @@ WEATHER_OF_TEN: Mapping[WeatherName, int] = {"cloudy": 3, "night": 3, "default":
 """Of every ten scenarios of a category (paper, "Scenario Description")."""
 
 
-def deviations(found: Sequence[float], wanted: Sequence[float]) -> Iterator[float]:
+def compute_deviations(found: Sequence[float], wanted: Sequence[float]) -> Iterator[float]:
     """By how much means in the order of `MEANS` differ from those wanted: a share of these, or of `FLOOR`."""
     for mean, aim, floor in zip(found, wanted, FLOOR, strict=True):
         yield (mean - aim) / max(aim, floor)

@@ -12,7 +12,7 @@ from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, PositionTrigger, Replay
+from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion, PositionTrigger, ReplayMotion
 from mdrive_sumo.vehicle import dynamics
 
 OFF_LANE_M = 4.0
@@ -36,7 +36,7 @@ def check_scenario(scenario: Scenario, roads: RoadMap) -> None:
     map_box = (lanes_xy.min(0), lanes_xy.max(0))
     for actor in scenario.actors:
         where = f"scenario {scenario.id}: actor {actor.id}"
-        if isinstance(actor.motion, AlongLanes):
+        if isinstance(actor.motion, LaneMotion):
             _check_lanes(where, actor.motion.lanes, roads)
         _check_within(where, actor, map_box)
         _check_begin(where, actor, roads)
@@ -88,9 +88,9 @@ def _points(actor: Actor) -> Float:
     """(N, 2) points [m] that an actor's file names: start, way, trigger."""
     points = [(actor.start.x, actor.start.y)]
     match actor.motion:
-        case AlongPath(points=way):
+        case PathMotion(points=way):
             points += way
-        case Replay(poses=poses):
+        case ReplayMotion(poses=poses):
             points += [(x, y) for _, x, y, _ in poses]
         case _:
             pass
@@ -103,14 +103,14 @@ def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
     """A motion begins at the start, and leads somewhere."""
     begin, start = (actor.start.x, actor.start.y), (actor.start.x, actor.start.y)
     match actor.motion:
-        case AlongPath(points=way):
+        case PathMotion(points=way):
             begin = way[0]
             if max(math.dist(begin, point) for point in way) <= LEADS_M:
                 raise InputError(f"{where}: expected a path that leads somewhere, found at most {LEADS_M:g} m of it")
-        case AlongLanes(lanes=lanes):
+        case LaneMotion(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
             begin = centre.at(min(max(centre.project(*start)[0], 0.0), centre.length))
-        case Replay(poses=poses):
+        case ReplayMotion(poses=poses):
             begin = poses[0][1:3]
         case _:
             return
@@ -121,33 +121,33 @@ def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
 
 
 def _check_room(where: str, actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> None:
-    for ego, area in contacts_at_start(actor, egos, roads):
+    for ego, area in find_start_overlaps(actor, egos, roads):
         raise InputError(f"{where}: start: expected room, found CAV {ego} there ({area:.2f} m2 overlap)")
 
 
-def contacts_at_start(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> Iterator[tuple[str, float]]:
+def find_start_overlaps(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> Iterator[tuple[str, float]]:
     """Ids of the CAVs in which an actor stands in frame 0, and the overlaps [m2]; who comes later is in none."""
-    if isinstance(actor.motion, Replay) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
+    if isinstance(actor.motion, ReplayMotion) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
         return
-    box = _box(first_pose(actor, roads), actor.length, actor.width)
+    box = _box(compute_first_pose(actor, roads), actor.length, actor.width)
     for ego in egos:
         area = float(shapely.intersection(box, _box(ego.start, CAR.length, CAR.width)).area)
         if area > TOUCHING_M2:
             yield ego.id, area
 
 
-def first_pose(actor: Actor, roads: RoadMap) -> Pose:
+def compute_first_pose(actor: Actor, roads: RoadMap) -> Pose:
     """Where a motion begins, which may be beside the actor's `start`, heading along it."""
     start = actor.start
     match actor.motion:
-        case AlongPath(points=way):
+        case PathMotion(points=way):
             (x, y), ahead = way[0], next((point for point in way if math.dist(point, way[0]) > LEADS_M), None)
             return Pose(x=x, y=y, yaw=math.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
-        case AlongLanes(lanes=lanes):
+        case LaneMotion(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
             yaw = centre.yaw_at(min(max(centre.project(start.x, start.y)[0], 0.0), centre.length))
             return Pose(x=start.x, y=start.y, yaw=yaw)
-        case Replay(poses=poses):
+        case ReplayMotion(poses=poses):
             _, x, y, yaw = poses[0]
             return Pose(x=x, y=y, yaw=yaw)
         case _:

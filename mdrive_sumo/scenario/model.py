@@ -11,13 +11,13 @@ Seconds = Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)]
 Speed = Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)]
 
 
-class Part(BaseModel):
+class ScenarioPart(BaseModel):
     """A piece of a scenario file: it never changes, and unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
-class Pose(Part):
+class Pose(ScenarioPart):
     """Box centre [m] and yaw [rad]."""
 
     x: Coordinate

@@ -10,7 +10,7 @@ from mdrive_sumo.scenario.scripted_actor import KindName
 
 
 @dataclass(frozen=True, slots=True)
-class Prop:
+class PropType:
     """A kind of thing: length and width [m]; hitting it counts as a collision with `kind`.
 
     That multiplies the infraction penalty by 0.65 for what is static, by 0.60 for a vehicle (protocol 7.1).
@@ -21,14 +21,14 @@ class Prop:
     kind: KindName = "static"
 
 
-PROPS: dict[str, Prop] = {
-    "cone": Prop(0.4, 0.4),
-    "barrier": Prop(2.0, 0.6),
-    "crate": Prop(1.2, 0.8),
-    "bin": Prop(0.8, 0.8),
-    "pallet": Prop(1.2, 0.8),
-    "sign": Prop(0.8, 0.3),
-    "parked-car": Prop(4.6, 1.85, "vehicle"),
-    "parked-van": Prop(5.9, 2.0, "vehicle"),
-    "parked-truck": Prop(8.5, 2.5, "vehicle"),
+PROPS: dict[str, PropType] = {
+    "cone": PropType(0.4, 0.4),
+    "barrier": PropType(2.0, 0.6),
+    "crate": PropType(1.2, 0.8),
+    "bin": PropType(0.8, 0.8),
+    "pallet": PropType(1.2, 0.8),
+    "sign": PropType(0.8, 0.3),
+    "parked-car": PropType(4.6, 1.85, "vehicle"),
+    "parked-van": PropType(5.9, 2.0, "vehicle"),
+    "parked-truck": PropType(8.5, 2.5, "vehicle"),
 }

@@ -15,14 +15,14 @@ from pydantic import Field, ValidationError, model_validator
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.background import Background
-from mdrive_sumo.scenario.model import Coordinate, Identifier, Part, Point, Pose, Speed
+from mdrive_sumo.scenario.model import Coordinate, Identifier, Point, Pose, ScenarioPart, Speed
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.weather import WeatherName
 
 FORMAT = "mdrive-sumo/scenario/1"
 
 
-class Ego(Part):
+class Ego(ScenarioPart):
     """One CAV: where it is at tick 0 and the route it shall drive."""
 
     id: Identifier
@@ -56,7 +56,7 @@ class Ego(Part):
         return self
 
 
-class RoadsideUnit(Part):
+class RoadsideUnit(ScenarioPart):
     """A station beside the road that tells by CPM what it sees, with an objects sensor of the given profile."""
 
     id: Identifier
@@ -67,7 +67,7 @@ class RoadsideUnit(Part):
     """Error profile of its detections, see docs/sensors.md."""
 
 
-class Scenario(Part):
+class Scenario(ScenarioPart):
     """One closed-loop episode: map, CAVs with routes, traffic, conditions."""
 
     format: Literal["mdrive-sumo/scenario/1"] = FORMAT
@@ -111,7 +111,7 @@ def load_scenario(path: Path) -> Scenario:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
@@ -128,7 +128,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
     path.write_text(json.dumps(data, separators=(",", ":")) + "\n")
 
 
-def first_problem(error: ValidationError) -> str:
+def describe_first_error(error: ValidationError) -> str:
     """The first thing that is wrong with a file, as one sentence: where, expected, found."""
     problem = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in problem["loc"]) or "the file"
@@ -136,13 +136,13 @@ def first_problem(error: ValidationError) -> str:
     found = (
         ""
         if problem["type"] in ("missing", "json_invalid", "value_error")
-        else f", found {shortened(problem['input'])}"
+        else f", found {shorten_value(problem['input'])}"
     )
     said = problem["msg"].removeprefix("Value error, ")  # pydantic's words before a sentence of ours
     return f"{where}: {said}{found}{more}"
 
 
-def shortened(value: object) -> str:
+def shorten_value(value: object) -> str:
     """A value in a sentence: at most 60 characters."""
     text = "NaN" if isinstance(value, float) and math.isnan(value) else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -10,16 +10,16 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.scenario.model import Coordinate, Identifier, Part, Pose, Seconds, Speed
+from mdrive_sumo.scenario.model import Coordinate, Identifier, Pose, ScenarioPart, Seconds, Speed
 
 
-class Standing(Part):
+class StandingMotion(ScenarioPart):
     """Stands at its start all the time."""
 
     type: Literal["standing"] = "standing"
 
 
-class AlongPath(Part):
+class PathMotion(ScenarioPart):
     """Goes along an authored polyline, which is followed literally; the first point is the start."""
 
     type: Literal["path"] = "path"
@@ -30,7 +30,7 @@ class AlongPath(Part):
     start_speed: Speed = 0.0
 
 
-class AlongLanes(Part):
+class LaneMotion(ScenarioPart):
     """Goes along the centre lines of lanes (a SUMO route with its junction lanes), beginning at the start."""
 
     type: Literal["lanes"] = "lanes"
@@ -40,7 +40,7 @@ class AlongLanes(Part):
     start_speed: Speed = 0.0
 
 
-class Replay(Part):
+class ReplayMotion(ScenarioPart):
     """Repeats timed poses, linear in between; it is there from the first to the last of them."""
 
     type: Literal["replay"] = "replay"
@@ -50,7 +50,7 @@ class Replay(Part):
     """Whether it stays where it ends, instead of leaving."""
 
     @model_validator(mode="after")
-    def _in_time(self) -> "Replay":
+    def _in_time(self) -> "ReplayMotion":
         times = [pose[0] for pose in self.poses]
         for i, (before, after) in enumerate(pairwise(times)):
             if after <= before:
@@ -58,10 +58,10 @@ class Replay(Part):
         return self
 
 
-Motion = Annotated[Standing | AlongPath | AlongLanes | Replay, Field(discriminator="type")]
+Motion = Annotated[StandingMotion | PathMotion | LaneMotion | ReplayMotion, Field(discriminator="type")]
 
 
-class DistanceTrigger(Part):
+class DistanceTrigger(ScenarioPart):
     """When a CAV comes near: centre to centre (protocol 3.4)."""
 
     type: Literal["distance_to_vehicle"] = "distance_to_vehicle"
@@ -70,14 +70,14 @@ class DistanceTrigger(Part):
     distance_m: float = Field(default=8.0, ge=1, le=50)
 
 
-class TimeTrigger(Part):
+class TimeTrigger(ScenarioPart):
     """At a time since the start."""
 
     type: Literal["time"] = "time"
     at_s: Seconds
 
 
-class PositionTrigger(Part):
+class PositionTrigger(ScenarioPart):
     """When a CAV's centre is within a circle."""
 
     type: Literal["at_position"] = "at_position"
@@ -90,13 +90,13 @@ class PositionTrigger(Part):
 Trigger = Annotated[DistanceTrigger | TimeTrigger | PositionTrigger, Field(discriminator="type")]
 
 
-class StartMotion(Part):
+class StartMotion(ScenarioPart):
     """Stands until triggered, then goes (protocol 3.4)."""
 
     type: Literal["start_motion"] = "start_motion"
 
 
-class HardBrake(Part):
+class HardBrake(ScenarioPart):
     """When triggered, but not before it has driven for a while: full brake to a standstill, hold, resume."""
 
     type: Literal["hard_brake"] = "hard_brake"
@@ -109,7 +109,7 @@ class HardBrake(Part):
     least_driven_m: float = Field(default=0.0, ge=0, le=1000)
 
 
-class LaneChange(Part):
+class LaneChange(ScenarioPart):
     """When triggered, but not before it has driven for a while: 5 m straight, 25 m over to the next lane."""
 
     type: Literal["lane_change"] = "lane_change"
@@ -124,7 +124,7 @@ class LaneChange(Part):
 
 Action = Annotated[StartMotion | HardBrake | LaneChange, Field(discriminator="type")]
 KindName = Literal["vehicle", "pedestrian", "cyclist", "static"]
-KINDS: dict[KindName, Kind] = {
+KIND_BY_NAME: dict[KindName, Kind] = {
     "vehicle": Kind.VEHICLE,
     "pedestrian": Kind.PEDESTRIAN,
     "cyclist": Kind.CYCLIST,
@@ -132,7 +132,7 @@ KINDS: dict[KindName, Kind] = {
 }
 
 
-class Actor(Part):
+class Actor(ScenarioPart):
     """A scripted road user or a prop. Its kind decides what hitting it costs; a parked car is a vehicle."""
 
     id: Identifier
@@ -143,7 +143,7 @@ class Actor(Part):
     width: float = Field(gt=0, le=40)
     """[m]"""
     start: Pose
-    motion: Motion = Standing()
+    motion: Motion = StandingMotion()
     avoid_collision: bool = True
     """Whether it stops for what is in its way. The original drops this flag; `--actors original` does too."""
     mirrored: bool = True
@@ -156,9 +156,9 @@ class Actor(Part):
     def _sensible(self) -> "Actor":
         if self.trigger is None and self.action is not None:
             raise ValueError(f"actor {self.id}: expected a trigger for its action {self.action.type}, found none")
-        if self.trigger is not None and isinstance(self.motion, Standing):
+        if self.trigger is not None and isinstance(self.motion, StandingMotion):
             raise ValueError(f"actor {self.id}: expected a motion that its trigger sets off, found standing")
-        if isinstance(self.action, HardBrake | LaneChange) and not isinstance(self.motion, AlongPath | AlongLanes):
+        if isinstance(self.action, HardBrake | LaneChange) and not isinstance(self.motion, PathMotion | LaneMotion):
             raise ValueError(
                 f"actor {self.id}: expected a path or lanes for {self.action.type}, found {self.motion.type}"
             )

@@ -50,25 +50,25 @@ scenarios times their mean. Recomputed from the paper's own table of categories,
 (protocol 1.1)."""
 
 
-def statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
+def compute_suite_statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
     """Statistics of at least one scenario."""
     egos = [ego for scenario in scenarios for ego in scenario.egos]
     return SuiteStatistics(
         scenarios=len(scenarios),
         cavs=len(egos),
         mean_cavs=len(egos) / len(scenarios),
-        mean_route_m=fmean(map(route_length, egos)),
-        mean_heading_change_deg=fmean(map(heading_change_deg, egos)),
+        mean_route_m=fmean(map(compute_route_length, egos)),
+        mean_heading_change_deg=fmean(map(compute_heading_change_deg, egos)),
         mean_actors=fmean(len(scenario.background.vehicles) + len(scenario.actors) for scenario in scenarios),
     )
 
 
-def route_length(ego: Ego) -> float:
+def compute_route_length(ego: Ego) -> float:
     """Length of a CAV's dense route [m]."""
     return float(np.hypot(*np.diff(ego.xy, axis=0).T).sum())
 
 
-def heading_change_deg(ego: Ego) -> float:
+def compute_heading_change_deg(ego: Ego) -> float:
     """Cumulative heading change [deg]: sum of absolute heading differences along the smoothed route."""
     steps = np.diff(_smoothed(ego.xy), axis=0)
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))

@@ -21,7 +21,7 @@ class Weather:
     """Of object detection."""
     lidar_range: float
     grip: float = 1.0
-    """Of the friction between tyres and road; counts only with `Friction.WEATHER`."""
+    """Of the friction between tyres and road; counts only with `FrictionMode.WEATHER`."""
 
 
 WEATHERS: Mapping[WeatherName, Weather] = MappingProxyType(
@@ -34,7 +34,7 @@ WEATHERS: Mapping[WeatherName, Weather] = MappingProxyType(
 )
 
 
-class Friction(StrEnum):
+class FrictionMode(StrEnum):
     """How slippery roads are."""
 
     DRY = "dry"
@@ -44,4 +44,4 @@ class Friction(StrEnum):
 
     def grip(self, weather: WeatherName) -> float:
         """Share of the friction of a dry road, in (0, 1]."""
-        return WEATHERS[weather].grip if self is Friction.WEATHER else 1.0
+        return WEATHERS[weather].grip if self is FrictionMode.WEATHER else 1.0

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.scenario import first_problem, shortened
+from mdrive_sumo.scenario.scenario import describe_first_error, shorten_value
 from mdrive_sumo.scoring.results import FORMAT, Results
 
 
@@ -16,12 +16,12 @@ def load_results(path: Path) -> Results:
     try:
         data: Any = json.loads(path.read_bytes())
         if isinstance(data, dict) and data.get("format") != FORMAT:
-            raise InputError(f"{path}: format: expected {FORMAT!r}, found {shortened(data.get('format'))}")
+            raise InputError(f"{path}: format: expected {FORMAT!r}, found {shorten_value(data.get('format'))}")
         return Results.model_validate(data)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected JSON, found a corrupt file ({error})") from None
 

@@ -9,7 +9,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.metrics import EgoRecord, ego_records, min_ttc
 from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.score_mode import ScoreMode, driving_score, scenario_means
-from mdrive_sumo.v2x.channel import counted
+from mdrive_sumo.v2x.channel import count_deliveries
 
 
 def score_episode(
@@ -33,7 +33,7 @@ def score_episode(
         digest=episode.digest,
         ticks=episode.ticks,
         egos=tuple(_ego_result(record) for record in records),
-        comm=counted(episode.messages),
+        comm=count_deliveries(episode.messages),
         notes=dict(Counter(record.note.kind for record in episode.notes)),
     )
 

@@ -8,10 +8,10 @@ from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.sensing.route_room import route_room
+from mdrive_sumo.sensing.route_room import compute_route_room
 
 
-def briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_limit_s: float) -> Briefing:
+def build_briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_limit_s: float) -> Briefing:
     """All that the agent of one CAV is told before the first tick."""
     route = Polyline(ego.xy)
     lanes = _assigned_lanes(ego, roads)
@@ -28,7 +28,7 @@ def briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_li
         route_speed_limit=np.array([lane.speed_limit for lane in lanes]),
         stop_signs=tuple(StopSign(s) for s in _sign_stations(ego, roads, route)),
         traffic_lights=tuple(_lights(ego, roads, route)),
-        route_room=route_room(roads, ego.xy, ego.yaw),
+        route_room=compute_route_room(roads, ego.xy, ego.yaw),
     )
 
 

@@ -5,7 +5,7 @@ import re
 CAMERA_WORDS = frozenset({"camera", "rgb", "rgba", "depth", "semantic", "segmentation", "fisheye", "image"})
 
 
-def camera_error(kind: str) -> str:
+def describe_camera_error(kind: str) -> str:
     """One sentence for whoever asks for a camera ("rgb", "sensor.camera.depth", "CAM_FRONT"...); "" for other kinds."""
     words = re.split(r"[^a-z]+", kind.lower())
     if not CAMERA_WORDS.isdisjoint(words) or words[0] == "cam":

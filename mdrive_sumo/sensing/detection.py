@@ -12,10 +12,10 @@ from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.detection_noise import blurred, false_positives, found
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
-from mdrive_sumo.sensing.sensor_options import check_names, choice, number
-from mdrive_sumo.sensing.visibility import Buildings, View
+from mdrive_sumo.sensing.detection_noise import add_errors, draw_detected, draw_false_positives
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible")
 SECTORS = 72
@@ -27,14 +27,14 @@ MAX_RANGE_M = 1000.0
 class ObjectsSensor:
     """Detections, nearest first, under track names of the carrier's own; docs/sensors.md describes the options."""
 
-    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError for unknown or bad options, or a range that is not in (0, 1000] m."""
-        check_names(spec, OPTIONS)
-        self._profile = PROFILES[choice(spec, "profile", IDEAL, tuple(PROFILES))]
-        self._half_fov = np.deg2rad(number(spec, "fov_deg", 360.0, 1.0, 360.0)) / 2
-        self._yaw = np.deg2rad(number(spec, "yaw_deg", 0.0, -360.0, 360.0))
+        check_option_names(spec, OPTIONS)
+        self._profile = PROFILES[read_choice(spec, "profile", IDEAL, tuple(PROFILES))]
+        self._half_fov = np.deg2rad(read_number(spec, "fov_deg", 360.0, 1.0, 360.0)) / 2
+        self._yaw = np.deg2rad(read_number(spec, "yaw_deg", 0.0, -360.0, 360.0))
         self._sectors = _sectors(spec)
-        self._min_visible = number(spec, "min_visible", self._profile.min_visible, 0.0, 1.0)
+        self._min_visible = read_number(spec, "min_visible", self._profile.min_visible, 0.0, 1.0)
         if not 0.0 < spec.range_m <= MAX_RANGE_M:
             raise InputError(f"sensor 'objects': expected a range_m in (0, {MAX_RANGE_M:g}], found {spec.range_m!r}")
         self._range_m = spec.range_m * fitting.weather.objects_range
@@ -43,22 +43,22 @@ class ObjectsSensor:
         self._names: dict[str, str] = {}
         self._told: deque[tuple[int, Objects]] = deque(maxlen=self._profile.latency_ticks + 1)
 
-    def sense(self, scene: Scene, eye: Eye) -> Objects:
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> Objects:
         """The newest look that is `latency_ticks` old or older; before, nothing is seen, nor known to be free."""
         self._told.append((scene.tick, self._seen(scene, eye)))
         due_tick = scene.tick - self._profile.latency_ticks
         ready = [seen for tick, seen in self._told if tick <= due_tick]
         return ready[-1] if ready else replace(Objects.empty(), free_m=np.zeros(self._sectors))
 
-    def _seen(self, scene: Scene, eye: Eye) -> Objects:
-        view = View(eye, scene, walls_of(self._roads), self._range_m)
+    def _seen(self, scene: SensingFrame, eye: SensorPose) -> Objects:
+        view = SightView(eye, scene, load_building_edges(self._roads), self._range_m)
         truth = scene.boxes.take(self._detected(view))
         seen = truth if self._exact else self._flawed(view, truth)
         near = seen.take(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
         return replace(near, ids=names, free_m=view.free(self._sectors) if self._sectors else np.zeros(0))
 
-    def _detected(self, view: View) -> npt.NDArray[np.intp]:
+    def _detected(self, view: SightView) -> npt.NDArray[np.intp]:
         """Rows of what is detected, but for false positives."""
         fractions = view.fractions()
         boxes, eye = view.scene.boxes, view.eye
@@ -69,20 +69,20 @@ class ObjectsSensor:
         distance = np.hypot(boxes.x[rows] - eye.x, boxes.y[rows] - eye.y)
         recall = self._profile.recall_at(distance, np.maximum(fractions[rows], self._profile.min_visible))
         ids = tuple(boxes.ids[row] for row in rows.tolist())
-        return rows[found(self._seed, view.scene.tick, ids, recall)]
+        return rows[draw_detected(self._seed, view.scene.tick, ids, recall)]
 
-    def _in_field(self, x: Float, y: Float, eye: Eye) -> Bool:
+    def _in_field(self, x: Float, y: Float, eye: SensorPose) -> Bool:
         """(N,) whether the centres lie in the field of view."""
         if self._half_fov >= np.pi:
             return np.ones(len(x), dtype=np.bool_)
         bearings = wrap_angles(np.arctan2(y - eye.y, x - eye.x) - eye.yaw - self._yaw)
         return np.abs(bearings) <= self._half_fov
 
-    def _flawed(self, view: View, truth: Objects) -> Objects:
+    def _flawed(self, view: SightView, truth: Objects) -> Objects:
         """With errors, and with false positives among them where sight is free."""
         eye, tick = view.eye, view.scene.tick
         at = np.array((eye.x, eye.y))
-        ghosts = false_positives(self._profile, self._seed, tick, at, self._range_m)
+        ghosts = draw_false_positives(self._profile, self._seed, tick, at, self._range_m)
         if ghosts.ids:
             free = view.free(SECTORS)
             sector = (np.arctan2(ghosts.y - eye.y, ghosts.x - eye.x) - eye.yaw) % TAU / TAU * SECTORS
@@ -90,12 +90,12 @@ class ObjectsSensor:
             sight = np.minimum(free[between], free[(between + 1) % SECTORS])
             open_to = np.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
             ghosts = ghosts.take(open_to & self._in_field(ghosts.x, ghosts.y, eye))
-        return blurred(self._profile, self._seed, tick, truth, at).concat(ghosts)
+        return add_errors(self._profile, self._seed, tick, truth, at).concat(ghosts)
 
     def _name(self, true_id: str) -> str:
         name = self._names.get(true_id)
         if name is None:
-            name = self._names[true_id] = observed_name(self._carrier, true_id)
+            name = self._names[true_id] = derive_track_name(self._carrier, true_id)
         return name
 
 
@@ -104,10 +104,10 @@ def _sectors(spec: SensorSpec) -> int:
     wish = spec.options.get("free_space", False)
     if isinstance(wish, bool):
         return SECTORS if wish else 0
-    return round(number(spec, "free_space", 0.0, 0.0, MAX_SECTORS))
+    return round(read_number(spec, "free_space", 0.0, 0.0, MAX_SECTORS))
 
 
 @lru_cache(maxsize=8)
-def walls_of(roads: RoadMap) -> Buildings:
+def load_building_edges(roads: RoadMap) -> BuildingEdges:
     """The walls of a map, made ready once for all sensors."""
-    return Buildings(roads)
+    return BuildingEdges(roads)

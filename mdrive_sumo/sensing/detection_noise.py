@@ -12,7 +12,7 @@ import numpy as np
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.contract.detector_profiles import FAR_M, DetectionProfile
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
-from mdrive_sumo.core.seeding import UNIFORMS, normals, uniforms
+from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import Kind
 
 EPOCH_TICKS = 10
@@ -26,26 +26,26 @@ CAR_M = (4.5, 1.9)
 @lru_cache(maxsize=4096)
 def _phase(seed: int, name: str) -> int:
     """When the epochs of this object begin, so that not all things appear and vanish in the same tick."""
-    return int(uniforms(seed, "phase", name)[0] * EPOCH_TICKS)
+    return int(draw_uniforms(seed, "phase", name)[0] * EPOCH_TICKS)
 
 
 @lru_cache(maxsize=4096)
 def _luck(seed: int, name: str, epoch: int) -> float:
-    return uniforms(seed, "miss", name, epoch)[0]
+    return draw_uniforms(seed, "miss", name, epoch)[0]
 
 
 @lru_cache(maxsize=4096)
 def _errors(seed: int, name: str, epoch: int) -> tuple[float, ...]:
-    return normals(seed, "error", name, epoch)
+    return draw_normals(seed, "error", name, epoch)
 
 
-def found(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> Bool:
+def draw_detected(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> Bool:
     """(N,) which of the things that are detected with probability recall (N,) are detected in this tick."""
     lucks = [_luck(seed, name, (tick + _phase(seed, name)) // EPOCH_TICKS) for name in ids]
     return np.array(lucks, dtype=np.float64) < recall
 
 
-def blurred(profile: DetectionProfile, seed: int, tick: int, truth: Objects, at: Float) -> Objects:
+def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, at: Float) -> Objects:
     """The objects, by true ids, with errors; `at` (2,) [m] is where they are seen from."""
     noise = np.array([_smooth(seed, tick, name) for name in truth.ids]).reshape(-1, UNIFORMS)
     x, y = truth.x - at[0], truth.y - at[1]
@@ -73,7 +73,7 @@ def _smooth(seed: int, tick: int, name: str) -> Float:
     )
 
 
-def false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
+def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
     """Cars that are not there, within range_m of `at` (2,) [m]; each stands still for an epoch."""
     density = profile.false_positives / (math.pi * FAR_M**2)
     low, high = ((at - range_m) // CELL_M).astype(int), ((at + range_m) // CELL_M).astype(int)
@@ -106,7 +106,7 @@ def _in_cell(seed: int, tick: int, i: int, j: int, density: float) -> list[tuple
 
 @lru_cache(maxsize=4096)
 def _ghost(seed: int, cell: str, epoch: int, i: int, j: int, density: float) -> list[tuple[str, float, float, float]]:
-    luck, x, y, yaw, *_ = uniforms(seed, "ghost", cell, epoch)
+    luck, x, y, yaw, *_ = draw_uniforms(seed, "ghost", cell, epoch)
     if luck >= density * CELL_M**2:
         return []
     return [(f"ghost {cell} {epoch}", (i + x) * CELL_M, (j + y) * CELL_M, (yaw - 0.5) * TAU)]

@@ -17,10 +17,10 @@ import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.contract.detector_profiles import DetectionProfile, Published
+from mdrive_sumo.contract.detector_profiles import DetectionProfile, PublishedPrecision
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.sensing.detection_noise import CAR_M, EPOCH_TICKS, blurred, false_positives, found
+from mdrive_sumo.sensing.detection_noise import CAR_M, EPOCH_TICKS, add_errors, draw_detected, draw_false_positives
 
 FRAMES = 800
 CARS = 12
@@ -33,7 +33,7 @@ HIDDEN_FROM_ONE = 0.25
 HERE: Float = np.zeros(2)
 
 
-def measured_ap(profile: DetectionProfile, iou: float, seed: int, hidden: float = 0.0) -> float:
+def measure_average_precision(profile: DetectionProfile, iou: float, seed: int, hidden: float = 0.0) -> float:
     """Average precision in [0, 1] of simulated detections at a threshold of intersection over union in (0, 1]."""
     frames = _compared(profile, seed, hidden)
     hits = np.concatenate([_matched(overlap, iou) for _, overlap in frames])
@@ -55,10 +55,10 @@ def _frames(profile: DetectionProfile, seed: int, hidden: float) -> Iterator[tup
         visible = np.where(rng.random(CARS) < PLAIN, 1.0, rng.uniform(0.1, 1.0, CARS))
         visible[rng.random(CARS) < hidden] = 0.0
         recall = profile.recall_at(np.hypot(truth.x, truth.y), visible)
-        seen = truth.take(found(seed, tick, truth.ids, recall))
-        ghosts = false_positives(profile, seed, tick, HERE, REACH_M[0])
+        seen = truth.take(draw_detected(seed, tick, truth.ids, recall))
+        ghosts = draw_false_positives(profile, seed, tick, HERE, REACH_M[0])
         ghosts = ghosts.take(np.abs(ghosts.y) <= REACH_M[1])
-        told = blurred(profile, seed, tick, seen, HERE).concat(ghosts)
+        told = add_errors(profile, seed, tick, seen, HERE).concat(ghosts)
         yield truth, told.take(np.argsort(np.hypot(told.x, told.y), kind="stable"))
 
 
@@ -111,7 +111,9 @@ def _average_precision(scores: Float, hits: Bool, truths: int) -> float:
     return float(envelope[ranked].sum() / truths)
 
 
-def fitted(profile: DetectionProfile, target: Published, seed: int, hidden: float = 0.0) -> DetectionProfile:
+def fit_profile(
+    profile: DetectionProfile, target: PublishedPrecision, seed: int, hidden: float = 0.0
+) -> DetectionProfile:
     """The profile with the recall and the spread with which its average precision is the published one.
 
     Recall decides about the figure at 0.5, spread about that at 0.7; each is found by bisection, in turns.
@@ -119,11 +121,17 @@ def fitted(profile: DetectionProfile, target: Published, seed: int, hidden: floa
     for _ in range(3):
         for_recall = profile
         recall = _bisected(
-            lambda value, p=for_recall: measured_ap(replace(p, recall=value), 0.5, seed, hidden) - target.ap50, 0.3, 1.0
+            lambda value, p=for_recall: (
+                measure_average_precision(replace(p, recall=value), 0.5, seed, hidden) - target.ap50
+            ),
+            0.3,
+            1.0,
         )
         profile = for_spread = replace(profile, recall=round(recall, 3))
         spread = _bisected(
-            lambda value, p=for_spread: target.ap70 - measured_ap(replace(p, spread=value), 0.7, seed, hidden),
+            lambda value, p=for_spread: (
+                target.ap70 - measure_average_precision(replace(p, spread=value), 0.7, seed, hidden)
+            ),
             0.01,
             1.0,
         )

@@ -13,19 +13,19 @@ from mdrive_sumo.contract import PointCloud, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.sensing.lidar_cast import Key, cast, keys, unkeyed
-from mdrive_sumo.sensing.lidar_rays import Rays, Single, elevations, leaning, upright
+from mdrive_sumo.sensing.lidar_cast import HitKeys, cast_rays, pack_keys, unpack_keys
+from mdrive_sumo.sensing.lidar_rays import Float32, LidarRays, build_tilted_rays, build_upright_rays, compute_elevations
 from mdrive_sumo.sensing.lidar_world import (
     BUILDING_M,
-    Place,
-    height_of_vehicle,
-    outlines,
-    prisms,
-    reflectivities,
-    walls,
+    LidarPose,
+    assume_reflectivities,
+    assume_vehicle_height,
+    load_building_outlines,
+    select_boxes,
+    select_walls,
 )
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
-from mdrive_sumo.sensing.sensor_options import check_names, choice, number
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 
 CHANNELS = 64
 RANGE_M = 85.0
@@ -67,7 +67,7 @@ NOISE, DROPOUT = 0, 1
 
 
 @dataclass(frozen=True, slots=True)
-class Mount:
+class LidarMount:
     """Where the sensor sits: against the box centre on the ground, right-handed [m, rad]."""
 
     x: float
@@ -77,11 +77,11 @@ class Mount:
     pitch: float
     yaw: float
 
-    def place(self, eye: Eye) -> Place:
+    def place(self, eye: SensorPose) -> LidarPose:
         """In the world, for a carrier there."""
         cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
         x, y = eye.x + cos * self.x - sin * self.y, eye.y + sin * self.x + cos * self.y
-        return Place(x, y, self.z, eye.yaw + self.yaw)
+        return LidarPose(x, y, self.z, eye.yaw + self.yaw)
 
 
 class LidarSensor:
@@ -90,30 +90,30 @@ class LidarSensor:
     Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see docs/sensors.md.
     """
 
-    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError."""
         _check_rays(spec)
-        check_names(spec, OPTIONS)
-        self._profile = PROFILES[choice(spec, "profile", "default", PROFILES)]
+        check_option_names(spec, OPTIONS)
+        self._profile = PROFILES[read_choice(spec, "profile", "default", PROFILES)]
         self._mount = _mount(spec, fitting)
-        self._noise_m = number(spec, "noise_m", 0.0, 0.0, 1.0)
-        self._dropout = number(spec, "dropout", 0.0, 0.0, 1.0)
+        self._noise_m = read_number(spec, "noise_m", 0.0, 0.0, 1.0)
+        self._dropout = read_number(spec, "dropout", 0.0, 0.0, 1.0)
         self._names = _flag(spec, "hit_ids")
         self._fitting = fitting
         self._rays = _rays(self._profile.columns, self._mount.roll, self._mount.pitch)
         self._range = RANGE_M * fitting.weather.lidar_range
         self._empty = _without_anything(self._rays, self._mount.z, self._range)
 
-    def sense(self, scene: Scene, eye: Eye) -> PointCloud | None:
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> PointCloud | None:
         """The scan of this tick, None in ticks without one."""
         if scene.tick % self._profile.every_ticks:
             return None
         place, boxes = self._mount.place(eye), scene.boxes
-        around = prisms(boxes, eye.row, place, self._range)
-        behind = walls(outlines(self._fitting.roads), place, self._range, 1 + len(boxes.ids))
-        return self._cloud(scene, *unkeyed(cast(self._rays, around, behind, place.z, self._empty)))
+        around = select_boxes(boxes, eye.row, place, self._range)
+        behind = select_walls(load_building_outlines(self._fitting.roads), place, self._range, 1 + len(boxes.ids))
+        return self._cloud(scene, *unpack_keys(cast_rays(self._rays, around, behind, place.z, self._empty)))
 
-    def _cloud(self, scene: Scene, across: Single, owner: Int) -> PointCloud:
+    def _cloud(self, scene: SensingFrame, across: Float32, owner: Int) -> PointCloud:
         distance = across * self._rays.stretch
         hit = owner != NOTHING
         if self._dropout:
@@ -125,7 +125,7 @@ class LidarSensor:
         distance, owner = distance[rows], owner[rows]
         points = np.empty((len(rows), 4), dtype=np.float32)
         np.multiply(self._rays.local[rows], distance[:, None], out=points[:, :3])
-        reflectivity = reflectivities(scene.boxes, len(self._fitting.roads.buildings))
+        reflectivity = assume_reflectivities(scene.boxes, len(self._fitting.roads.buildings))
         np.multiply(reflectivity[owner], np.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
         hits, names = self._named(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
         return PointCloud(points, hits, names)
@@ -134,7 +134,7 @@ class LidarSensor:
         """Counter-based: depends on nothing but the sensor, the tick and the stream."""
         return np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, stream, tick)))
 
-    def _named(self, scene: Scene, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
+    def _named(self, scene: SensingFrame, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
         """Index of what each point lies on, and the names of all that is hit."""
         boxes, buildings = scene.boxes.ids, self._fitting.roads.buildings
         count = np.bincount(owner, minlength=1 + len(boxes) + len(buildings))
@@ -142,7 +142,7 @@ class LidarSensor:
         index = np.full(len(count), -1, dtype=np.int32)
         index[found] = np.arange(len(found))
         names = (
-            observed_name(self._fitting.carrier, boxes[i - 1])
+            derive_track_name(self._fitting.carrier, boxes[i - 1])
             if i <= len(boxes)
             else f"building:{buildings[i - 1 - len(boxes)].id}"
             for i in found.tolist()
@@ -150,17 +150,19 @@ class LidarSensor:
         return index[owner], tuple(names)
 
 
-def _without_anything(rays: Rays, height: float, reach: float) -> Key:
+def _without_anything(rays: LidarRays, height: float, reach: float) -> HitKeys:
     """What the rays hit on bare ground."""
     ground = height / np.maximum(-rays.slope, 1e-9)
     limit = reach / rays.stretch.astype(np.float64)
-    return np.where(ground <= limit, keys(ground, np.array(0)), keys(limit, np.array(NOTHING)))
+    return np.where(ground <= limit, pack_keys(ground, np.array(0)), pack_keys(limit, np.array(NOTHING)))
 
 
 @lru_cache(maxsize=8)
-def _rays(columns: int, roll: float, pitch: float) -> Rays:
-    elevation = elevations(CHANNELS, *FIELD_DEG)
-    return leaning(columns, elevation, roll, pitch) if roll or pitch else upright(columns, elevation)
+def _rays(columns: int, roll: float, pitch: float) -> LidarRays:
+    elevation = compute_elevations(CHANNELS, *FIELD_DEG)
+    return (
+        build_tilted_rays(columns, elevation, roll, pitch) if roll or pitch else build_upright_rays(columns, elevation)
+    )
 
 
 def _check_rays(spec: SensorSpec) -> None:
@@ -177,18 +179,20 @@ def _check_rays(spec: SensorSpec) -> None:
         )
 
 
-def _mount(spec: SensorSpec, fitting: Fitting) -> Mount:
+def _mount(spec: SensorSpec, fitting: SensorSetup) -> LidarMount:
     car = None if fitting.briefing is None else fitting.briefing.vehicle
-    roof = height_of_vehicle(car.length if car is not None else 0.0)
-    x, y = (number(spec, name, 0.0, -10.0, 10.0) for name in ("x", "y"))
-    z = number(spec, "z", roof + ABOVE_ROOF_M, 0.05, BUILDING_M - 0.5)
+    roof = assume_vehicle_height(car.length if car is not None else 0.0)
+    x, y = (read_number(spec, name, 0.0, -10.0, 10.0) for name in ("x", "y"))
+    z = read_number(spec, "z", roof + ABOVE_ROOF_M, 0.05, BUILDING_M - 0.5)
     if car is not None and abs(x) <= car.length / 2 and abs(y) <= car.width / 2 and z <= roof:
         raise InputError(
             f"sensor 'lidar': pose: expected a place outside of the car's body "
             f"({car.length:g} x {car.width:g} x {roof:g} m), found x = {x:g}, y = {y:g}, z = {z:g} inside it"
         )
-    roll, pitch, yaw = (math.radians(number(spec, f"{name}_deg", 0.0, -180, 180)) for name in ("roll", "pitch", "yaw"))
-    return Mount(x, y, z, roll, pitch, yaw)
+    roll, pitch, yaw = (
+        math.radians(read_number(spec, f"{name}_deg", 0.0, -180, 180)) for name in ("roll", "pitch", "yaw")
+    )
+    return LidarMount(x, y, z, roll, pitch, yaw)
 
 
 def _flag(spec: SensorSpec, name: str) -> bool:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int, wrap_angles
-from mdrive_sumo.sensing.lidar_rays import Rays
+from mdrive_sumo.sensing.lidar_rays import LidarRays
 
-Key = npt.NDArray[np.int64]
+HitKeys = npt.NDArray[np.int64]
 """Distance as the bits of a float32, which sort as the numbers do, and behind it the owner: the least one wins."""
 
 EDGE_SLACK = 1e-9
@@ -23,7 +23,7 @@ TOUCH_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Prisms:
+class LidarBoxes:
     """Boxes (N,) in the frame of the level sensor [m, rad]; tops are heights above the sensor."""
 
     x: Float
@@ -36,7 +36,7 @@ class Prisms:
 
 
 @dataclass(frozen=True, slots=True)
-class Walls:
+class LidarWalls:
     """Walls (E,) from start to end (E, 2), outside to the right, in the frame of the level sensor [m]."""
 
     start: Float
@@ -46,7 +46,7 @@ class Walls:
 
 
 @dataclass(frozen=True, slots=True)
-class Meetings:
+class RayIntersections:
     """Columns that meet something between two horizontal distances [m], all (M,)."""
 
     column: Int
@@ -55,42 +55,42 @@ class Meetings:
     top: Float
     owner: Int
 
-    def take(self, rows: Bool) -> "Meetings":
+    def take(self, rows: Bool) -> "RayIntersections":
         """Some of them."""
-        return Meetings(self.column[rows], self.near[rows], self.far[rows], self.top[rows], self.owner[rows])
+        return RayIntersections(self.column[rows], self.near[rows], self.far[rows], self.top[rows], self.owner[rows])
 
 
-def keys(distance: Float, owner: Int) -> Key:
+def pack_keys(distance: Float, owner: Int) -> HitKeys:
     """Sortable pairs; distance >= 0."""
     return distance.astype(np.float32).view(np.int32).astype(np.int64) << 32 | owner
 
 
-def unkeyed(key: Key) -> tuple[npt.NDArray[np.float32], Int]:
+def unpack_keys(key: HitKeys) -> tuple[npt.NDArray[np.float32], Int]:
     """Distances and owners."""
     return (key >> 32).astype(np.int32).view(np.float32), key & 0xFFFFFFFF
 
 
-def spread(low: Int, count: Int) -> tuple[Int, Int]:
+def expand_ranges(low: Int, count: Int) -> tuple[Int, Int]:
     """For every i the numbers low[i] ... low[i] + count[i] - 1: (i of each, the numbers)."""
     which = np.repeat(np.arange(len(count)), count)
     ends = np.cumsum(count)
     return which, np.arange(len(which)) + (low - ends + count)[which]
 
 
-def _columns(rays: Rays, low: Float, high: Float) -> tuple[Int, Int]:
+def _columns(rays: LidarRays, low: Float, high: Float) -> tuple[Int, Int]:
     """Columns between two directions [rad], low in [-pi, pi), high - low <= 2 pi: (i of each, column)."""
     first, last = _first_at(rays, low - EDGE_SLACK), _first_at(rays, high + EDGE_SLACK)
-    which, column = spread(first, np.minimum(last - first, len(rays.azimuth)))
+    which, column = expand_ranges(first, np.minimum(last - first, len(rays.azimuth)))
     return which, column % len(rays.azimuth)
 
 
-def _first_at(rays: Rays, angle: Float) -> Int:
+def _first_at(rays: LidarRays, angle: Float) -> Int:
     """Index of the first column at or after the angle, counted on over whole turns."""
     turn = np.floor(angle / TAU)
     return np.searchsorted(rays.azimuth, angle - turn * TAU) + turn.astype(np.int64) * len(rays.azimuth)
 
 
-def meet_prisms(rays: Rays, boxes: Prisms) -> Meetings:
+def intersect_boxes(rays: LidarRays, boxes: LidarBoxes) -> RayIntersections:
     """Where columns enter and leave boxes; near is 0 above a box."""
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
     # The sensor in the frame of each box.
@@ -105,10 +105,10 @@ def meet_prisms(rays: Rays, boxes: Prisms) -> Meetings:
     near, far = np.maximum(in_x, in_y), np.minimum(out_x, out_y)
     met = (near <= far) & (far > 0) & ((near > 0) | (boxes.top[which] < 0))
     which = which[met]
-    return Meetings(column[met], np.maximum(near[met], 0.0), far[met], boxes.top[which], boxes.owner[which])
+    return RayIntersections(column[met], np.maximum(near[met], 0.0), far[met], boxes.top[which], boxes.owner[which])
 
 
-def _spans(boxes: Prisms, cos: Float, sin: Float, over: Bool) -> tuple[Float, Float]:
+def _spans(boxes: LidarBoxes, cos: Float, sin: Float, over: Bool) -> tuple[Float, Float]:
     """First and last direction [rad] in which each box is seen."""
     ahead, left = CORNERS[0] * boxes.length / 2, CORNERS[1] * boxes.width / 2
     corners = np.arctan2(boxes.y + ahead * sin + left * cos, boxes.x + ahead * cos - left * sin)
@@ -124,7 +124,7 @@ def _slab(start: Float, step: Float, half: Float) -> tuple[Float, Float]:
     return middle - reach, middle + reach
 
 
-def meet_walls(rays: Rays, walls: Walls) -> Meetings:
+def intersect_walls(rays: LidarRays, walls: LidarWalls) -> RayIntersections:
     """Where columns meet walls from outside."""
     x, y = walls.start.T
     along = walls.end - walls.start
@@ -141,16 +141,16 @@ def meet_walls(rays: Rays, walls: Walls) -> Meetings:
     which = which[met]
     near = area[which] / turn[met]
     top = np.full(len(near), walls.top)
-    return Meetings(column[met], near, near, top, walls.owner[front[which]])
+    return RayIntersections(column[met], near, near, top, walls.owner[front[which]])
 
 
-def cast(rays: Rays, boxes: Prisms, walls: Walls, height: float, ground: Key) -> Key:
+def cast_rays(rays: LidarRays, boxes: LidarBoxes, walls: LidarWalls, height: float, ground: HitKeys) -> HitKeys:
     """The first hit of every ray of the scan.
 
     height: of the sensor [m]; ground: what each ray hits without anything in its way. Walls are as high as each other
     and higher than all boxes, so that each hides whatever is behind it.
     """
-    wall, box = meet_walls(rays, walls), meet_prisms(rays, boxes)
+    wall, box = intersect_walls(rays, walls), intersect_boxes(rays, boxes)
     nearest = np.full(len(rays.azimuth), np.inf)
     np.minimum.at(nearest, wall.column, wall.near)
     best = ground.copy()
@@ -163,25 +163,25 @@ def cast(rays: Rays, boxes: Prisms, walls: Walls, height: float, ground: Key) ->
     return best
 
 
-def _hit_by_columns(rays: Rays, met: Meetings, height: float, best: Key) -> None:
+def _hit_by_columns(rays: LidarRays, met: RayIntersections, height: float, best: HitKeys) -> None:
     """Channels between foot and top of a side hit it, channels between the top's near and far end hit the roof."""
     near, channels = np.maximum(met.near, TOUCH_M), len(rays.climb)
     foot = np.searchsorted(rays.climb, -height / near)
     edge = np.searchsorted(rays.climb, met.top / near, side="right")
-    which, ray = spread(met.column * channels + foot, np.maximum(edge - foot, 0))
-    np.minimum.at(best, ray, keys(near, met.owner)[which])
+    which, ray = expand_ranges(met.column * channels + foot, np.maximum(edge - foot, 0))
+    np.minimum.at(best, ray, pack_keys(near, met.owner)[which])
     roofs = met.take(met.top < 0)
     low = edge[met.top < 0]
     end = np.searchsorted(rays.climb, roofs.top / roofs.far, side="right")
-    which, ray = spread(roofs.column * channels + low, end - low)
+    which, ray = expand_ranges(roofs.column * channels + low, end - low)
     distance = roofs.top[which] / rays.climb[ray - roofs.column[which] * channels]
-    np.minimum.at(best, ray, keys(distance, roofs.owner[which]))
+    np.minimum.at(best, ray, pack_keys(distance, roofs.owner[which]))
 
 
-def _hit_one_by_one(rays: Rays, met: Meetings, best: Key) -> None:
+def _hit_one_by_one(rays: LidarRays, met: RayIntersections, best: HitKeys) -> None:
     """Every column has one ray; what it meets below the ground comes later than the ground."""
     climb = rays.climb[met.column]
     side = np.flatnonzero(met.near * climb <= met.top)
-    np.minimum.at(best, rays.order[met.column[side]], keys(met.near[side], met.owner[side]))
+    np.minimum.at(best, rays.order[met.column[side]], pack_keys(met.near[side], met.owner[side]))
     roof = np.flatnonzero((met.near * climb > met.top) & (met.far * climb <= met.top))
-    np.minimum.at(best, rays.order[met.column[roof]], keys(met.top[roof] / climb[roof], met.owner[roof]))
+    np.minimum.at(best, rays.order[met.column[roof]], pack_keys(met.top[roof] / climb[roof], met.owner[roof]))

@@ -8,14 +8,14 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.geometry import TAU, Float, Int
 
-Single = npt.NDArray[np.float32]
+Float32 = npt.NDArray[np.float32]
 
 UPRIGHT_TAN = 1e6
 """Rays steeper than this count as so steep: they move a hundredth of a millimetre while they fall 10 m."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rays:
+class LidarRays:
     """Columns of rays with one azimuth each. A sensor that leans has as many columns as rays."""
 
     azimuth: Float
@@ -30,18 +30,18 @@ class Rays:
     """(rays,) which ray of the scan each (column, channel) is."""
     slope: Float
     """(rays,) tangent of elevation of each ray of the scan."""
-    stretch: Single
+    stretch: Float32
     """(rays,) length of each ray of the scan per horizontal metre."""
-    local: Single
+    local: Float32
     """(rays, 3) unit vectors of the rays of the scan in the sensor's frame."""
 
 
-def elevations(channels: int, lower_deg: float, upper_deg: float) -> Float:
+def compute_elevations(channels: int, lower_deg: float, upper_deg: float) -> Float:
     """Elevations (C,) [rad] from the lowest to the highest channel."""
     return np.radians(np.linspace(lower_deg, upper_deg, channels))
 
 
-def rotation(roll: float, pitch: float, yaw: float) -> Float:
+def rotation_matrix(roll: float, pitch: float, yaw: float) -> Float:
     """Right-handed rotation (3, 3) about x, then y, then z [rad]."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
     about_x = np.array(((1, 0, 0), (0, cr, -sr), (0, sr, cr)))
@@ -50,24 +50,24 @@ def rotation(roll: float, pitch: float, yaw: float) -> Float:
     return about_z @ about_y @ about_x
 
 
-def directions(columns: int, elevation: Float) -> Float:
+def compute_directions(columns: int, elevation: Float) -> Float:
     """Unit vectors (columns * C, 3): from straight ahead counter-clockwise, in each column from the lowest channel."""
     azimuth = np.repeat(TAU * np.arange(columns) / columns, len(elevation))
     height = np.tile(elevation, columns)
     return np.stack((np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)), axis=-1)
 
 
-def upright(columns: int, elevation: Float) -> Rays:
+def build_upright_rays(columns: int, elevation: Float) -> LidarRays:
     """The rays of a sensor that stands upright."""
     azimuth, climb = TAU * np.arange(columns) / columns, np.tan(elevation)
-    local = directions(columns, elevation)
+    local = compute_directions(columns, elevation)
     return _rays(azimuth, climb, np.arange(len(local)), np.tile(climb, columns), local)
 
 
-def leaning(columns: int, elevation: Float, roll: float, pitch: float) -> Rays:
+def build_tilted_rays(columns: int, elevation: Float, roll: float, pitch: float) -> LidarRays:
     """The rays of a sensor that leans, each a column of its own."""
-    local = directions(columns, elevation)
-    level = local @ rotation(roll, pitch, 0.0).T
+    local = compute_directions(columns, elevation)
+    level = local @ rotation_matrix(roll, pitch, 0.0).T
     azimuth = np.arctan2(level[:, 1], level[:, 0]) % TAU
     azimuth[azimuth >= TAU] = 0.0  # what % makes of the smallest negative numbers
     order = np.argsort(azimuth, kind="stable")
@@ -75,7 +75,7 @@ def leaning(columns: int, elevation: Float, roll: float, pitch: float) -> Rays:
     return _rays(azimuth[order], slope[order], order, slope, local)
 
 
-def _rays(azimuth: Float, climb: Float, order: Int, slope: Float, local: Float) -> Rays:
+def _rays(azimuth: Float, climb: Float, order: Int, slope: Float, local: Float) -> LidarRays:
     across = np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
     stretch, shared = np.sqrt(1 + slope**2).astype(np.float32), len(climb) < len(order)
-    return Rays(azimuth, across, climb, shared, order, slope, stretch, local.astype(np.float32))
+    return LidarRays(azimuth, across, climb, shared, order, slope, stretch, local.astype(np.float32))

@@ -12,7 +12,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.lidar_cast import Prisms, Walls
+from mdrive_sumo.sensing.lidar_cast import LidarBoxes, LidarWalls
 
 VAN_LENGTH_M, TRUCK_LENGTH_M = 5.5, 7.5
 """From these lengths on, a vehicle is as high as a van, and as a truck or bus."""
@@ -26,7 +26,7 @@ REFLECTIVITY_OF_KIND = np.array((0.8, 0.4, 0.5, 0.6))
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class LidarPose:
     """Where the level sensor is in the world: x, y, height [m] and yaw [rad]."""
 
     x: float
@@ -40,19 +40,19 @@ class Place:
         return (xy - (self.x, self.y)) @ np.array(((cos, -sin), (sin, cos)))
 
 
-def height_of_vehicle(length: float) -> float:
+def assume_vehicle_height(length: float) -> float:
     """Height [m] assumed for a vehicle of this length [m]."""
     return CAR_M if length < VAN_LENGTH_M else VAN_M if length < TRUCK_LENGTH_M else TRUCK_M
 
 
-def heights(kind: npt.NDArray[np.uint8], length: Float) -> Float:
+def assume_heights(kind: npt.NDArray[np.uint8], length: Float) -> Float:
     """Heights (N,) [m] assumed for boxes of these kinds and lengths [m]."""
     of_vehicles = np.where(length < VAN_LENGTH_M, CAR_M, np.where(length < TRUCK_LENGTH_M, VAN_M, TRUCK_M))
     return np.where(kind == Kind.VEHICLE, of_vehicles, HEIGHT_OF_KIND_M[kind])
 
 
 @dataclass(frozen=True, slots=True)
-class Outlines:
+class BuildingOutlines:
     """All walls of a map (E, 2) [m] with their outside to the right, and the building (E,) of each."""
 
     start: Float
@@ -61,7 +61,7 @@ class Outlines:
 
 
 @lru_cache(maxsize=8)
-def outlines(roads: RoadMap) -> Outlines:
+def load_building_outlines(roads: RoadMap) -> BuildingOutlines:
     """The buildings' walls."""
     rings = [
         np.asarray(shapely.orient_polygons(shape, exterior_cw=False).exterior.coords) for shape in roads.building_shapes
@@ -69,10 +69,10 @@ def outlines(roads: RoadMap) -> Outlines:
     none = np.zeros((0, 2))
     start = np.concatenate((none, *(ring[:-1] for ring in rings)))
     end = np.concatenate((none, *(ring[1:] for ring in rings)))
-    return Outlines(start, end, np.repeat(np.arange(len(rings)), [len(ring) - 1 for ring in rings]))
+    return BuildingOutlines(start, end, np.repeat(np.arange(len(rings)), [len(ring) - 1 for ring in rings]))
 
 
-def prisms(boxes: Objects, without: int | None, place: Place, reach: float) -> Prisms:
+def select_boxes(boxes: Objects, without: int | None, place: LidarPose, reach: float) -> LidarBoxes:
     """Boxes whose centre is within `reach` [m] beside their size; owners are 1 + row."""
     xy = place.seen(np.stack((boxes.x, boxes.y), axis=-1))
     close = np.hypot(xy[:, 0], xy[:, 1]) < reach + boxes.length + boxes.width
@@ -80,21 +80,21 @@ def prisms(boxes: Objects, without: int | None, place: Place, reach: float) -> P
         close[without] = False
     rows = np.flatnonzero(close)
     length = boxes.length[rows]
-    top = heights(boxes.kind[rows], length) - place.z
+    top = assume_heights(boxes.kind[rows], length) - place.z
     x, y = xy[rows].T
-    return Prisms(x, y, boxes.yaw[rows] - place.yaw, length, boxes.width[rows], top, rows + 1)
+    return LidarBoxes(x, y, boxes.yaw[rows] - place.yaw, length, boxes.width[rows], top, rows + 1)
 
 
-def walls(of: Outlines, place: Place, reach: float, first_owner: int) -> Walls:
+def select_walls(of: BuildingOutlines, place: LidarPose, reach: float, first_owner: int) -> LidarWalls:
     """Walls that come within `reach` [m] of the place."""
     start, end = place.seen(of.start), place.seen(of.end)
     along = end - start
     foot = np.clip(-(start * along).sum(1) / np.maximum((along**2).sum(1), 1e-12), 0, 1)[:, None]
     close = ((start + foot * along) ** 2).sum(1) <= reach**2
-    return Walls(start[close], end[close], BUILDING_M - place.z, of.building[close] + first_owner)
+    return LidarWalls(start[close], end[close], BUILDING_M - place.z, of.building[close] + first_owner)
 
 
-def reflectivities(boxes: Objects, buildings: int) -> npt.NDArray[np.float32]:
+def assume_reflectivities(boxes: Objects, buildings: int) -> npt.NDArray[np.float32]:
     """By owner: the ground, the boxes, the buildings."""
     of_boxes = REFLECTIVITY_OF_KIND[boxes.kind]
     values = np.concatenate(((GROUND_REFLECTIVITY,), of_boxes, np.full(buildings, BUILDING_REFLECTIVITY)))

@@ -9,9 +9,9 @@ import math
 
 from mdrive_sumo.contract import Gnss, Imu, SensorSpec
 from mdrive_sumo.core.geometry import TAU
-from mdrive_sumo.core.seeding import normals
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
-from mdrive_sumo.sensing.sensor_options import check_names, number
+from mdrive_sumo.core.seeding import draw_normals
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensor_options import check_option_names, read_number
 
 EARTH_RADIUS_M = 6_378_137.0
 """Equatorial radius of WGS 84."""
@@ -41,17 +41,17 @@ def to_compass(yaw: float) -> float:
 class GnssSensor:
     """Satellite receiver. Option noise_m: standard deviation [m] of each of east, north and up, new in every tick."""
 
-    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError."""
-        check_names(spec, ("noise_m",))
-        self._noise_m = number(spec, "noise_m", 0.0, 0.0, MAX_NOISE)
+        check_option_names(spec, ("noise_m",))
+        self._noise_m = read_number(spec, "noise_m", 0.0, 0.0, MAX_NOISE)
         self._seed = fitting.seed
 
-    def sense(self, scene: Scene, eye: Eye) -> Gnss:
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> Gnss:
         """The position of the box centre."""
         if not self._noise_m:
             return to_gnss(eye.x, eye.y)
-        east, north, up, *_ = (self._noise_m * value for value in normals(self._seed, "gnss", scene.tick))
+        east, north, up, *_ = (self._noise_m * value for value in draw_normals(self._seed, "gnss", scene.tick))
         read = to_gnss(eye.x + east, eye.y + north)
         return Gnss(read.latitude_deg, read.longitude_deg, up)
 
@@ -62,19 +62,19 @@ class ImuSensor:
     The car moves in a plane: it is accelerated along yaw and, as it turns, by speed * yaw rate to the left.
     """
 
-    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError."""
         names = ("noise_acceleration", "noise_gyro", "noise_compass_deg")
-        check_names(spec, names)
-        sigmas = [number(spec, name, 0.0, 0.0, MAX_NOISE) for name in names]
+        check_option_names(spec, names)
+        sigmas = [read_number(spec, name, 0.0, 0.0, MAX_NOISE) for name in names]
         self._acceleration, self._gyro, self._compass = sigmas[0], sigmas[1], math.radians(sigmas[2])
         self._noisy = any(sigmas)
         self._carrier, self._seed = fitting.carrier, fitting.seed
 
-    def sense(self, scene: Scene, eye: Eye) -> Imu:
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> Imu:
         """What the unit reads in this tick."""
         ego = scene.egos[self._carrier]
-        drawn = normals(self._seed, "imu", scene.tick) if self._noisy else (0.0,) * 8
+        drawn = draw_normals(self._seed, "imu", scene.tick) if self._noisy else (0.0,) * 8
         a, g = self._acceleration, self._gyro
         return Imu(
             acceleration=(
@@ -90,11 +90,11 @@ class ImuSensor:
 class SpeedometerSensor:
     """Speedometer without noise. It has no options."""
 
-    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError."""
-        check_names(spec, ())
+        check_option_names(spec, ())
         self._carrier = fitting.carrier
 
-    def sense(self, scene: Scene, eye: Eye) -> float:  # noqa: ARG002  # every sensor is asked alike
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> float:  # noqa: ARG002  # every sensor is asked alike
         """Speed [m/s] along yaw."""
         return scene.egos[self._carrier].speed

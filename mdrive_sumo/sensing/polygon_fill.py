@@ -11,7 +11,7 @@ import shapely
 from mdrive_sumo.core.geometry import Float, Int
 
 
-def edges_of(shape: shapely.Geometry) -> Float:
+def polygon_edges(shape: shapely.Geometry) -> Float:
     """Edges (E, 2, 2) [m], from and to, of polygons: outlines counter-clockwise, holes clockwise."""
     polygons = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
     rings = [
@@ -27,7 +27,7 @@ def box_edges(corners: Float) -> Float:
     return np.stack((corners, np.roll(corners, -1, axis=1)), axis=2).reshape(-1, 2, 2)
 
 
-def filled(edges: Float, layer: Int, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+def fill_polygons(edges: Float, layer: Int, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     """Layers (max(layer) + 1, H, W) of 0 and 255 for a shape (layers, size): a pixel is 255 if its centre is inside.
 
     edges: (E, 2, 2) [pixels], (column, row) counted from the corner of the image; each layer's form closed rings.

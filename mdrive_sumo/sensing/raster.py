@@ -14,9 +14,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.polygon_fill import box_edges, edges_of, filled
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
-from mdrive_sumo.sensing.sensor_options import check_names, choice, number
+from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons, polygon_edges
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 
 LAYERS = ("drivable", "lane_lines", "route", "vehicles", "walkers", "static", "self")
 LAYER_OF_KIND = np.zeros(len(Kind), dtype=np.int64)
@@ -58,39 +58,39 @@ class RasterSensor:
     Options: profile (a name in `PROFILES`), size [pixels] (keeps what the profile's image covers), metres_per_pixel.
     """
 
-    def __init__(self, spec: SensorSpec, fitting: Fitting) -> None:
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError."""
-        check_names(spec, ("profile", "size", "metres_per_pixel"))
-        view = PROFILES[choice(spec, "profile", "default", PROFILES)]
+        check_option_names(spec, ("profile", "size", "metres_per_pixel"))
+        view = PROFILES[read_choice(spec, "profile", "default", PROFILES)]
         self._size = _whole(spec, "size", view.size)
-        self._metres = number(spec, "metres_per_pixel", view.extent_m / self._size, 0.02, 5.0)
+        self._metres = read_number(spec, "metres_per_pixel", view.extent_m / self._size, 0.02, 5.0)
         fixed = [*_map_edges(fitting.roads, max(LINE_WIDTH_M, self._metres)), _route_edges(fitting.briefing)]
         self._fixed = np.concatenate(fixed)
         self._layer = np.repeat(np.arange(len(fixed)), [len(edges) for edges in fixed])
 
-    def sense(self, scene: Scene, eye: Eye, seen: Objects) -> Raster:
+    def sense(self, scene: SensingFrame, eye: SensorPose, seen: Objects) -> Raster:
         """The raster of this tick; seen: what is drawn besides the map, the route and the car itself."""
         corners = boxes_corners(seen.x, seen.y, seen.yaw, seen.length, seen.width)
         boxes = np.concatenate((corners, _own_box(scene, eye)[None]))
         layer = np.append(LAYER_OF_KIND[seen.kind], LAYERS.index("self"))
         edges = _in_pixels(np.concatenate((self._fixed, box_edges(boxes))), eye, self._size, self._metres)
-        pixels = filled(edges, np.concatenate((self._layer, np.repeat(layer, 4))), (len(LAYERS), self._size))
+        pixels = fill_polygons(edges, np.concatenate((self._layer, np.repeat(layer, 4))), (len(LAYERS), self._size))
         return Raster(LAYERS, pixels, self._metres)
 
 
 def _whole(spec: SensorSpec, name: str, default: int) -> int:
-    value = number(spec, name, default, 16, 1024)
+    value = read_number(spec, name, default, 16, 1024)
     if not value.is_integer():
         raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected a whole number, found {value}")
     return int(value)
 
 
-def _own_box(scene: Scene, eye: Eye) -> Float:
+def _own_box(scene: SensingFrame, eye: SensorPose) -> Float:
     boxes = scene.boxes
     return box_corners(eye.x, eye.y, eye.yaw, float(boxes.length[eye.row]), float(boxes.width[eye.row]))
 
 
-def _in_pixels(xy: Float, eye: Eye, size: int, metres: float) -> Float:
+def _in_pixels(xy: Float, eye: SensorPose, size: int, metres: float) -> Float:
     """Points (..., 2) [m] as (column, row) from the corner of the image: the car in the middle, looking up."""
     cos, sin = math.cos(eye.yaw) / metres, math.sin(eye.yaw) / metres
     x, y = xy[..., 0] - eye.x, xy[..., 1] - eye.y
@@ -110,7 +110,7 @@ def _map_edges(roads: RoadMap, line_width: float) -> tuple[Float, Float]:
     half = np.array([lane.width / 2 for lane in streets])
     borders = np.concatenate((shapely.offset_curve(outlines, half), shapely.offset_curve(outlines, -half)))
     lines = shapely.union_all(shapely.buffer(borders, line_width / 2, cap_style="flat", quad_segs=2))
-    return edges_of(drivable), edges_of(shapely.simplify(lines, 0.01))
+    return polygon_edges(drivable), polygon_edges(shapely.simplify(lines, 0.01))
 
 
 def _strip(centre: Float, width: float) -> shapely.Geometry:
@@ -124,4 +124,4 @@ def _route_edges(briefing: Briefing | None) -> Float:
     xy = briefing.route_xy
     legs = np.array(shapely.linestrings(np.stack((xy[:-1], xy[1:]), axis=1)), dtype=object)
     strips = shapely.buffer(legs, briefing.route_lane_width[1:] / 2, quad_segs=8)
-    return edges_of(shapely.simplify(shapely.union_all(strips), 0.01))
+    return polygon_edges(shapely.simplify(shapely.union_all(strips), 0.01))

@@ -6,21 +6,21 @@ import numpy as np
 
 from mdrive_sumo.contract import Message, SensorSpec
 from mdrive_sumo.contract.detector_profiles import PROFILES
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.sensing.detection import ObjectsSensor
-from mdrive_sumo.sensing.observation_builder import Surrounds
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
-from mdrive_sumo.v2x.messages import MAX_OBJECTS, Cpm, Pose, encode
+from mdrive_sumo.sensing.observation_builder import SensorContext
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.v2x.messages import MAX_OBJECTS, Cpm, ReferencePose, encode
 
 EVERY_TICKS = 2
 """CPMs at 10 Hz, the highest rate of ETSI TS 103 324."""
 
 
-class Roadside:
+class RoadsideUnits:
     """All road-side units of an episode."""
 
-    def __init__(self, units: Sequence[RoadsideUnit], common: Surrounds) -> None:
+    def __init__(self, units: Sequence[RoadsideUnit], common: SensorContext) -> None:
         """Raises InputError for an unknown error profile."""
         self._units = tuple(units)
         self._sensors = [_sensor(unit, common) for unit in units]
@@ -34,19 +34,19 @@ class Roadside:
         """Whether anything is said in this tick."""
         return bool(self._units) and tick % EVERY_TICKS == 0
 
-    def said(self, scene: Scene) -> dict[str, tuple[Message, ...]]:
+    def said(self, scene: SensingFrame) -> dict[str, tuple[Message, ...]]:
         """The CPM of every unit."""
         return {unit.id: (_told(unit, sensor, scene),) for unit, sensor in zip(self._units, self._sensors, strict=True)}
 
 
-def _sensor(unit: RoadsideUnit, common: Surrounds) -> ObjectsSensor:
+def _sensor(unit: RoadsideUnit, common: SensorContext) -> ObjectsSensor:
     spec = SensorSpec("objects", range_m=unit.range_m, options={"profile": unit.profile, "free_space": True})
-    seed = derived_seed(common.seed, "sensor", unit.id)
-    return ObjectsSensor(spec, Fitting(unit.id, seed, common.roads, common.weather, None))
+    seed = derive_seed(common.seed, "sensor", unit.id)
+    return ObjectsSensor(spec, SensorSetup(unit.id, seed, common.roads, common.weather, None))
 
 
-def _told(unit: RoadsideUnit, sensor: ObjectsSensor, scene: Scene) -> Message:
-    seen = sensor.sense(scene, Eye(unit.x, unit.y, 0.0, None))
+def _told(unit: RoadsideUnit, sensor: ObjectsSensor, scene: SensingFrame) -> Message:
+    seen = sensor.sense(scene, SensorPose(unit.x, unit.y, 0.0, None))
     seen = seen.take(slice(MAX_OBJECTS))  # the nearest
     age = np.full(len(seen.ids), PROFILES[unit.profile].latency_ticks, dtype=np.uint8)
-    return encode(Cpm(Pose(unit.x, unit.y, 0.0, scene.tick), unit.range_m, seen, age, roadside=True))
+    return encode(Cpm(ReferencePose(unit.x, unit.y, 0.0, scene.tick), unit.range_m, seen, age, roadside=True))

@@ -23,7 +23,7 @@ class _Surface(NamedTuple):
     tree: shapely.STRtree
 
 
-def route_room(roads: RoadMap, xy: Float, yaw: Float) -> Float:
+def compute_route_room(roads: RoadMap, xy: Float, yaw: Float) -> Float:
     """Free width (N, 2) [m] to the left and to the right of route points xy (N, 2) [m] whose lane points to yaw (N,).
 
     Measured across the lane, up to the edge of all lanes and junctions together, oncoming lanes included; at most

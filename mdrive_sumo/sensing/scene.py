@@ -10,11 +10,11 @@ from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
-from mdrive_sumo.v2x.messages import track_name
+from mdrive_sumo.v2x.messages import format_track_name
 
 
 @dataclass(frozen=True)
-class Scene:
+class SensingFrame:
     """Everybody at one tick, by their true ids; the first rows are the CAVs, in the order of `egos`."""
 
     tick: int
@@ -29,18 +29,18 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Eye:
+class SensorPose:
     """Where a sensor is carried: the pose of the CAV's box centre or of a road-side unit [m, rad]."""
 
     x: float
     y: float
     yaw: float
     row: int | None
-    """The carrier's row in `Scene.boxes`, which it neither sees nor is hidden by; None for a road-side unit."""
+    """The carrier's row in `SensingFrame.boxes`, which it neither sees nor is hidden by; None for a road-side unit."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fitting:
+class SensorSetup:
     """What a sensor knows of the car and the world into which it is built."""
 
     carrier: str
@@ -53,10 +53,10 @@ class Fitting:
     """None for a road-side unit."""
 
 
-def observed_name(carrier: str, true_id: str) -> str:
+def derive_track_name(carrier: str, true_id: str) -> str:
     """The track name under which a carrier sees something: the same in every tick, another one for every carrier.
 
     A perfect tracker is part of every sensor here; that two carriers see the same thing must be found out by them.
     """
     digest = blake2b(f"{carrier}\x00{true_id}".encode(), digest_size=4).digest()
-    return track_name(int.from_bytes(digest, "big"))
+    return format_track_name(int.from_bytes(digest, "big"))

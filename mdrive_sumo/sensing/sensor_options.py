@@ -6,7 +6,7 @@ from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 
 
-def check_names(spec: SensorSpec, known: Collection[str]) -> None:
+def check_option_names(spec: SensorSpec, known: Collection[str]) -> None:
     """Raises InputError for an option that this kind of sensor does not have."""
     for name in spec.options:
         if name not in known:
@@ -14,7 +14,7 @@ def check_names(spec: SensorSpec, known: Collection[str]) -> None:
             raise InputError(f"sensor {spec.kind!r}: expected {expected}, found option {name!r}")
 
 
-def number(spec: SensorSpec, name: str, default: float, low: float, high: float) -> float:
+def read_number(spec: SensorSpec, name: str, default: float, low: float, high: float) -> float:
     """The option as a number in [low, high]; raises InputError."""
     value = spec.options.get(name, default)
     if isinstance(value, bool | str) or not low <= value <= high:  # NaN fails too
@@ -24,7 +24,7 @@ def number(spec: SensorSpec, name: str, default: float, low: float, high: float)
     return float(value)
 
 
-def choice(spec: SensorSpec, name: str, default: str, known: Collection[str]) -> str:
+def read_choice(spec: SensorSpec, name: str, default: str, known: Collection[str]) -> str:
     """The option as one of the known names; raises InputError."""
     value = spec.options.get(name, default)
     if not isinstance(value, str) or value not in known:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.scene import Eye, Scene
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
 
 TIE = 1e-9
 """Edges whose 1/distance differs by less [1/m] are equally near: 0.01 mm at 100 m. Touching boxes do not flicker."""
@@ -27,7 +27,7 @@ FLAT = 1e-9
 """The eye lies on an edge's line, and does not see it, below this value of twice their triangle [m2]."""
 
 
-class Buildings:
+class BuildingEdges:
     """The walls of a map, made ready once."""
 
     def __init__(self, roads: RoadMap) -> None:
@@ -44,7 +44,7 @@ class Buildings:
         )
         self._building = np.repeat(np.arange(len(rings)), sizes)
 
-    def near(self, eye: Eye, reach_m: float) -> tuple[Float, Float]:
+    def near(self, eye: SensorPose, reach_m: float) -> tuple[Float, Float]:
         """Starts and ends (V, 2) [m] of the walls of buildings that are not wholly farther than reach_m."""
         if not len(self._radii):
             return self.starts, self.ends
@@ -99,12 +99,12 @@ def _pieces(first: npt.NDArray[np.intp], after: npt.NDArray[np.intp], intervals:
 
 
 @dataclass(frozen=True)
-class View:
+class SightView:
     """What one eye sees of a scene within range_m."""
 
-    eye: Eye
-    scene: Scene
-    buildings: Buildings
+    eye: SensorPose
+    scene: SensingFrame
+    buildings: BuildingEdges
     range_m: float
 
     @cached_property
@@ -204,24 +204,28 @@ class View:
         return 1.0 / near
 
 
-def visible_fractions(eye: Eye, scene: Scene, buildings: Buildings, range_m: float) -> Float:
+def compute_visible_fractions(eye: SensorPose, scene: SensingFrame, buildings: BuildingEdges, range_m: float) -> Float:
     """(N,) share in [0, 1] of each box's angular width, seen from the eye's point, that nothing hides.
 
     The carrier's own box neither hides nor is seen; what has no point within range_m is not seen.
     """
-    return View(eye, scene, buildings, range_m).fractions()
+    return SightView(eye, scene, buildings, range_m).fractions()
 
 
-def free_sight(eye: Eye, scene: Scene, buildings: Buildings, range_m: float, sectors: int) -> Float:
+def compute_free_sight(
+    eye: SensorPose, scene: SensingFrame, buildings: BuildingEdges, range_m: float, sectors: int
+) -> Float:
     """(sectors,) how far sight is free [m], at most range_m, on the ray at the beginning of each equal sector.
 
     Sectors are counted counter-clockwise from the eye's yaw. Buildings, vehicles and high static boxes end
     sight.
     """
-    return View(eye, scene, buildings, range_m).free(sectors)
+    return SightView(eye, scene, buildings, range_m).free(sectors)
 
 
-def seen_rows(eye: Eye, scene: Scene, buildings: Buildings, range_m: float, least: float = 0.0) -> Bool:
+def find_visible_rows(
+    eye: SensorPose, scene: SensingFrame, buildings: BuildingEdges, range_m: float, least: float = 0.0
+) -> Bool:
     """(N,) whether more than nothing and at least the share `least` of each box is in sight."""
-    fractions = visible_fractions(eye, scene, buildings, range_m)
+    fractions = compute_visible_fractions(eye, scene, buildings, range_m)
     return (fractions > 0.0) & (fractions >= least)

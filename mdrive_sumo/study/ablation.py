@@ -18,11 +18,11 @@ from mdrive_sumo.runs.transcript import transcript_path
 from mdrive_sumo.runs.verify import find_first_difference
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
-from mdrive_sumo.v2x.channel import Fate, Sent
-from mdrive_sumo.v2x.comm import Comm, comm_from, comm_text
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.comm import CommSettings, format_comm_json, parse_comm
 
 Mute = tuple[str, ...]
-"""Patterns of `Comm.mute` that are muted together; () changes nothing."""
+"""Patterns of `CommSettings.mute` that are muted together; () changes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,21 +56,21 @@ class AblationResult:
     """The largest change of DS first, then of minimum TTC, then the earliest parting."""
 
 
-def list_sender_and_type_patterns(messages: Sequence[Sent]) -> tuple[str, ...]:
+def list_sender_and_type_patterns(messages: Sequence[SentMessage]) -> tuple[str, ...]:
     """Every sender and every type of message that reached somebody, each alone."""
     reached = [sent.message for sent in messages if _reached(sent)]
     senders, types = ({getattr(message, name) for message in reached} for name in ("sender", "type"))
     return (*(f"{sender}/*" for sender in sorted(senders)), *(f"*/{kind}" for kind in sorted(types)))
 
 
-def list_message_patterns(messages: Sequence[Sent], kind: str) -> tuple[str, ...]:
+def list_message_patterns(messages: Sequence[SentMessage], kind: str) -> tuple[str, ...]:
     """Every message of a type that reached somebody, each alone; several that one sender sent in a tick go together."""
     reached = (sent.message for sent in messages if sent.message.type == kind and _reached(sent))
     return tuple(dict.fromkeys(f"{message.sender}/{kind}@{message.tick}" for message in reached))
 
 
-def _reached(sent: Sent) -> bool:
-    return any(fate is Fate.DELIVERED for fate, _ in sent.fates.values())
+def _reached(sent: SentMessage) -> bool:
+    return any(fate is DeliveryStatus.DELIVERED for fate, _ in sent.fates.values())
 
 
 def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], workers: int) -> Iterator[MuteEffect]:
@@ -99,7 +99,7 @@ def ablate_episode(ablation: AblationJob) -> MuteEffect:
     again = reexecute(_as_recorded(job, recorded, ablation.mute))
     scenario, roads = load_job_scenario(job)
     difference = find_first_difference(recorded, again)
-    muted = Comm(mute=ablation.mute).muted
+    muted = CommSettings(mute=ablation.mute).muted
     return MuteEffect(
         mute=ablation.mute,
         messages=sum(muted.has(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
@@ -155,13 +155,13 @@ def _apart(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int)
 
 def _as_recorded(job: EpisodeJob, recorded: EpisodeRecord, mute: Mute) -> EpisodeJob:
     failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
-    comm = comm_from(json.loads(job.comm))
+    comm = parse_comm(json.loads(job.comm))
     transcript = transcript_path(Path(job.transcripts), job.scenario)
     config = {**job.agent_config, "transcript": str(transcript)} if transcript.is_file() else job.agent_config
     return replace(
         job,
         agent_config=config,
-        comm=comm_text(replace(comm, mute=(*comm.mute, *mute))),
+        comm=format_comm_json(replace(comm, mute=(*comm.mute, *mute))),
         log_folder="",
         transcripts="",
         replayed=failures,
@@ -170,7 +170,7 @@ def _as_recorded(job: EpisodeJob, recorded: EpisodeRecord, mute: Mute) -> Episod
 
 
 def choose_mutes(
-    messages: Sequence[Sent], given: Sequence[str], each: str | None = None, most: int = 100
+    messages: Sequence[SentMessage], given: Sequence[str], each: str | None = None, most: int = 100
 ) -> tuple[str, ...]:
     """What to mute, each alone: `given` patterns and `each` message of a type; without either every sender and type.
 
@@ -179,7 +179,7 @@ def choose_mutes(
     if not messages:
         raise InputError("ablate: expected an episode in which something is said, found no message in it")
     for pattern in given:
-        muted = Comm(mute=(pattern,)).muted
+        muted = CommSettings(mute=(pattern,)).muted
         if not any(muted.has(s.message.sender, s.message.type, s.message.tick) for s in messages):
             raise InputError(f"ablate: --mute: expected a pattern that fits a message, found {pattern!r}")
     found = (*dict.fromkeys(given), *(list_message_patterns(messages, each) if each else ()))

@@ -8,7 +8,7 @@ from itertools import product
 from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PRESETS, Comm
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings
 
 GRIDS = ("one-at-a-time", "full")
 Level = tuple[float, ...]
@@ -26,12 +26,12 @@ class ChannelFactor:
     """The fields of `Link` that a level sets."""
     unit: str
 
-    def of(self, comm: Comm) -> Level | None:
+    def of(self, comm: CommSettings) -> Level | None:
         """The level that a channel has; None if it is not the same for all types of message."""
         levels = {tuple(getattr(link, field) for field in self.fields) for link in (comm.link, *comm.by_type.values())}
         return levels.pop() if len(levels) == 1 else None
 
-    def set(self, comm: Comm, level: Level) -> Comm:
+    def set(self, comm: CommSettings, level: Level) -> CommSettings:
         """The channel with that level for every type of message."""
         fields = dict(zip(self.fields, level, strict=True))
         links = {name: replace(link, **fields) for name, link in comm.by_type.items()}
@@ -62,7 +62,7 @@ class ChannelCondition:
     """A channel of a study. `levels`: by factor, only where it is not the base channel's."""
 
     name: str
-    comm: Comm
+    comm: CommSettings
     levels: Mapping[str, Level]
 
     @property
@@ -71,7 +71,9 @@ class ChannelCondition:
         return re.sub(r"[^A-Za-z0-9.+-]+", "_", self.name).strip("_")
 
 
-def make_conditions(base: Comm, varied: Mapping[str, Sequence[Level]], grid: str) -> tuple[ChannelCondition, ...]:
+def make_conditions(
+    base: CommSettings, varied: Mapping[str, Sequence[Level]], grid: str
+) -> tuple[ChannelCondition, ...]:
     """The base condition first, then all others once each. Raises InputError for unusable levels.
 
     varied: levels by factor. grid: "one-at-a-time" sets one factor at a time and leaves the others at the base
@@ -104,7 +106,7 @@ def _choices(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[
             yield {name: level}
 
 
-def _condition(base: Comm, levels: Mapping[str, Level]) -> ChannelCondition:
+def _condition(base: CommSettings, levels: Mapping[str, Level]) -> ChannelCondition:
     changed = {name: level for name, level in levels.items() if FACTORS[name].of(base) != level}
     comm = base
     for name, level in changed.items():

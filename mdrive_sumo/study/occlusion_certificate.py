@@ -20,10 +20,10 @@ from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.catalog import Suite
-from mdrive_sumo.scenario.scenario import Scenario, first_problem
-from mdrive_sumo.sensing.observation_builder import scene_of
-from mdrive_sumo.sensing.scene import Eye
-from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
+from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.sensing.observation_builder import build_sensing_frame
+from mdrive_sumo.sensing.scene import SensorPose
+from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
 
 CERTIFICATE_FILE = "occlusion.json"
 EVERY_TICKS = 4
@@ -119,7 +119,7 @@ def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
 
 
 def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
@@ -170,13 +170,13 @@ class _Sights:
     @cached_property
     def seen(self) -> Mapping[str, Bool]:
         """Observer -> (K, N) whether it sees each road user; an observer that is not there sees nobody."""
-        buildings = Buildings(self.roads)
+        buildings = BuildingEdges(self.roads)
         views = {name: np.zeros((len(self.ticks), len(self.episode.ids)), dtype=np.bool_) for name in self._observers}
         for k, tick in enumerate(self.ticks.tolist()):
             columns = np.flatnonzero(self.episode.valid[tick])
-            scene = scene_of(_frame(self.episode, tick, columns), self._sizes)
+            scene = build_sensing_frame(_frame(self.episode, tick, columns), self._sizes)
             for name, eye in self._eyes(tick, columns):
-                views[name][k, columns] = visible_fractions(eye, scene, buildings, RANGE_M) >= LEAST_VISIBLE
+                views[name][k, columns] = compute_visible_fractions(eye, scene, buildings, RANGE_M) >= LEAST_VISIBLE
         return views
 
     @property
@@ -188,12 +188,12 @@ class _Sights:
         e = self.episode
         return {ego: (float(e.length[i]), float(e.width[i])) for i, ego in enumerate(e.ego_ids)}
 
-    def _eyes(self, tick: int, columns: Int) -> Iterator[tuple[str, Eye]]:
+    def _eyes(self, tick: int, columns: Int) -> Iterator[tuple[str, SensorPose]]:
         e = self.episode
         for row, i in enumerate(columns[columns < e.egos].tolist()):
-            yield e.ids[i], Eye(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), row)
+            yield e.ids[i], SensorPose(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), row)
         for rsu in self.scenario.rsus:
-            yield rsu.id, Eye(rsu.x, rsu.y, 0.0, None)
+            yield rsu.id, SensorPose(rsu.x, rsu.y, 0.0, None)
 
     def of(self, drive: ReferenceDrive, ego: int) -> Iterator[OccludedInterval]:
         """The intervals of one CAV."""

@@ -12,7 +12,7 @@ from mdrive_sumo.core.tables import TableRow, format_markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.study_summary import StudyLine
-from mdrive_sumo.v2x.comm import described
+from mdrive_sumo.v2x.comm import describe_comm
 
 FORMAT = "mdrive-sumo/study/1"
 HEADER = ("agent", "condition", "DS", "SR", "DS - base", "SR - base", "void")
@@ -67,7 +67,7 @@ def _line_values(line: StudyLine) -> dict[str, Any]:
         "labels": row.results[0].run.labels,
         "condition": row.condition.name,
         "levels": dict(row.condition.levels),
-        "comm": described(row.condition.comm),
+        "comm": describe_comm(row.condition.comm),
         "reused": row.reused,
         "void": line.void,
         **{name: None if value is None else asdict(value) for name, value in numbers.items()},
@@ -100,7 +100,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
 
 def _facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     run = lines[0].row.results[0].run
-    channel = ", ".join(f"{name} {value}" for name, value in described(lines[0].row.condition.comm).items())
+    channel = ", ".join(f"{name} {value}" for name, value in describe_comm(lines[0].row.condition.comm).items())
     facts = {
         "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`,"
         f" {len(lines[0].row.results[0].scenarios)} of them",

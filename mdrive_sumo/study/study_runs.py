@@ -13,7 +13,7 @@ from mdrive_sumo.runs.fingerprint import compute_fingerprint, resolve_locator
 from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
 from mdrive_sumo.study.conditions import ChannelCondition
-from mdrive_sumo.v2x.comm import described
+from mdrive_sumo.v2x.comm import describe_comm
 
 RUNS_FOLDER = "runs"
 BEST = "omniscient"
@@ -111,7 +111,7 @@ def is_silent(row: StudyRow) -> bool:
 def _cell(prepared: PreparedRun, condition: ChannelCondition, seed: int, folder: Path) -> PreparedRun:
     """The run of one agent in one condition with one seed."""
     settings = replace(prepared.config, comm=condition.comm, seed=seed)
-    changed = {"comm": described(condition.comm), "seed": seed}
+    changed = {"comm": describe_comm(condition.comm), "seed": seed}
     return replace(
         prepared,
         settings=settings,

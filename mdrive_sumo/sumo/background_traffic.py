@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 import libsumo
 import numpy as np
 
-from mdrive_sumo.core.state import DT, HELD_TICKS, Actors
+from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.sumo.conflict import Mover, meets
@@ -112,7 +112,7 @@ class Traffic:
     def hold(self, struck: Collection[str], tick: int) -> None:
         """Struck vehicles stand for a while: a surrogate, SUMO knows no impact."""
         ours = {vehicle.id for vehicle in self._background.vehicles} if struck else set()
-        self._held |= dict.fromkeys(ours.intersection(struck), tick + HELD_TICKS)
+        self._held |= dict.fromkeys(ours.intersection(struck), tick + STRUCK_HOLD_TICKS)
         if not self._held:
             return
         present = set(libsumo.vehicle.getIDList())

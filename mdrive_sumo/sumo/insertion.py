@@ -14,7 +14,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap, wrap_angle
 from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.background import BackgroundVehicle, Driving
+from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
 from mdrive_sumo.sumo.logged_poses import LogPose
 from mdrive_sumo.sumo.placed_vehicles import MATCH_M
 from mdrive_sumo.sumo.schedule import ACTION_TICKS, Timetable
@@ -39,7 +39,7 @@ WAY_M = 3.0
 
 def type_of(vehicle: BackgroundVehicle) -> str:
     """SUMO's name of the type: SUMO's default where nothing is said, else one for each way to drive and size."""
-    plain = (vehicle.driving, vehicle.length, vehicle.width, vehicle.schedule) == (Driving(), 5.0, 1.8, None)
+    plain = (vehicle.driving, vehicle.length, vehicle.width, vehicle.schedule) == (CarFollowing(), 5.0, 1.8, None)
     kind = "scheduled" if vehicle.schedule else "logged" if vehicle.log else "free"
     return STANDARD if plain else f"{kind}:{vehicle.length}:{vehicle.width}:{vehicle.driving.model_dump_json()}"
 

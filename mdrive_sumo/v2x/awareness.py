@@ -4,13 +4,13 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation
 from mdrive_sumo.core.state import TICKS_PER_SECOND
-from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, REACH_M, Cam, Cpm, Pose, encode
+from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, REACH_M, Cam, Cpm, ReferencePose, encode
 
 INTERVAL_TICKS = TICKS_PER_SECOND // 10
 """Both are sent at 10 Hz, the fastest that ETSI allows (EN 302 637-2, TS 103 324)."""
 
 
-class Station:
+class AwarenessService:
     """The sending half of perception sharing."""
 
     def __init__(self, briefing: Briefing, range_m: float, latency_ticks: int = 0) -> None:
@@ -24,7 +24,7 @@ class Station:
             return ()
         self._due_tick = seen.tick - seen.tick % INTERVAL_TICKS + INTERVAL_TICKS
         own = seen.own
-        pose = Pose(own.x, own.y, own.yaw, seen.tick)
+        pose = ReferencePose(own.x, own.y, own.yaw, seen.tick)
         size = self._vehicle.length, self._vehicle.width
         cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size)
         objects = _sendable(seen.objects, own.x, own.y)

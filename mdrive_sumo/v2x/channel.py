@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from enum import StrEnum, auto
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.core.seeding import UNIFORMS, normals, uniforms
+from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
-from mdrive_sumo.v2x.comm import Comm, Link
-from mdrive_sumo.v2x.messages import moved, problem
+from mdrive_sumo.v2x.comm import CommSettings, LinkSettings
+from mdrive_sumo.v2x.messages import displace_message, find_problem
 
 Place = tuple[float, float]
 
 
-class Fate(StrEnum):
+class DeliveryStatus(StrEnum):
     """What became of a message for one receiver, or (the last four) for all of them."""
 
     DELIVERED = auto()
@@ -32,11 +32,11 @@ class Fate(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class SentMessage:
     """A message as it was sent, and what became of it."""
 
     message: Message
-    fates: Mapping[str, tuple[Fate, int]]
+    fates: Mapping[str, tuple[DeliveryStatus, int]]
     """Receiver -> (fate, tick of arrival or of the loss)."""
 
 
@@ -48,20 +48,20 @@ class _Flight:
     n: int
     """Its place among what the sender said in that tick."""
     receivers: list[str]
-    fates: dict[str, tuple[Fate, int]]
+    fates: dict[str, tuple[DeliveryStatus, int]]
 
 
 class Channel:
     """One channel of one episode. Deterministic: what happens to a message depends on names and ticks only."""
 
-    def __init__(self, comm: Comm, seed: int) -> None:
+    def __init__(self, comm: CommSettings, seed: int) -> None:
         self._comm, self._seed = comm, seed
         self._muted = comm.muted
         self._drawn: dict[tuple[str, str, int], tuple[int, tuple[float, ...]]] = {}
         """(sender, receiver, n) -> the latest block of ticks and its numbers: a cache, nothing depends on it."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
-        self._log: list[tuple[Message, dict[str, tuple[Fate, int]]]] = []
+        self._log: list[tuple[Message, dict[str, tuple[DeliveryStatus, int]]]] = []
 
     def post(
         self,
@@ -80,7 +80,7 @@ class Channel:
             others = {one: math.dist(places[sender], places[one]) for one in hearing if one != sender}
             for n, unsigned in enumerate(said[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
-                fates: dict[str, tuple[Fate, int]] = {}
+                fates: dict[str, tuple[DeliveryStatus, int]] = {}
                 self._log.append((message, fates))
                 stopped = self._stopped(message)
                 if stopped is not None:
@@ -88,27 +88,29 @@ class Channel:
                 else:
                     self._start(message, n, others, fates)
 
-    def _stopped(self, message: Message) -> Fate | None:
+    def _stopped(self, message: Message) -> DeliveryStatus | None:
         """Why a message reaches nobody; None if it goes on its way."""
         comm = self._comm
         if not comm.on:
-            return Fate.OFF
-        if problem(message) is not None:
-            return Fate.MALFORMED
+            return DeliveryStatus.OFF
+        if find_problem(message) is not None:
+            return DeliveryStatus.MALFORMED
         if self._muted and self._muted.has(message.sender, message.type, message.tick):
-            return Fate.MUTED
+            return DeliveryStatus.MUTED
         if math.isinf(comm.budget_bytes_s):
             return None
         budget = self._budgets.setdefault(message.sender, _Budget(comm.budget_bytes_s))
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
-        return None if fits else Fate.OVER_BUDGET
+        return None if fits else DeliveryStatus.OVER_BUDGET
 
-    def _start(self, message: Message, n: int, others: Mapping[str, float], fates: dict[str, tuple[Fate, int]]) -> None:
+    def _start(
+        self, message: Message, n: int, others: Mapping[str, float], fates: dict[str, tuple[DeliveryStatus, int]]
+    ) -> None:
         """Sends a message, the n-th of its sender in this tick, to the others, who are so far away [m]."""
         link = self._comm.link_of(message.type)
         reached = list(others)
         if link.loss or not math.isinf(link.range_m):
-            lost, beyond = (Fate.LOST, message.tick), (Fate.OUT_OF_RANGE, message.tick)
+            lost, beyond = (DeliveryStatus.LOST, message.tick), (DeliveryStatus.OUT_OF_RANGE, message.tick)
             for receiver, distance in others.items():
                 if distance > link.range_m:
                     fates[receiver] = beyond
@@ -125,7 +127,7 @@ class Channel:
         block, place = divmod(message.tick, UNIFORMS)
         drawn = self._drawn.get(pair)
         if drawn is None or drawn[0] != block:
-            drawn = self._drawn[pair] = block, uniforms(self._seed, "loss", *pair, block)
+            drawn = self._drawn[pair] = block, draw_uniforms(self._seed, "loss", *pair, block)
         return drawn[1][place]
 
     def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
@@ -134,7 +136,7 @@ class Channel:
         To be called in every tick; receivers without a message are named too, with an empty tuple.
         """
         boxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
-        arrived, gone = (Fate.DELIVERED, tick), (Fate.GONE, tick)
+        arrived, gone = (DeliveryStatus.DELIVERED, tick), (DeliveryStatus.GONE, tick)
         for flight in self._flights.pop(tick, ()):  # in the order of sending, for that is how they were put there
             link = self._comm.link_of(flight.message.type)
             wrong = link.pose_error_m or link.pose_error_deg
@@ -146,16 +148,18 @@ class Channel:
                 boxes[receiver].append(self._misplaced(link, flight, receiver) if wrong else flight.message)
         return {receiver: tuple(box) for receiver, box in boxes.items()}
 
-    def _misplaced(self, link: Link, flight: _Flight, receiver: str) -> Message:
+    def _misplaced(self, link: LinkSettings, flight: _Flight, receiver: str) -> Message:
         """The message with an error of its sender's pose, as this receiver gets it."""
         message = flight.message
         once = () if link.pose_error_per == "episode" else (message.tick, flight.n)
-        dx, dy, dyaw = normals(self._seed, "pose", message.sender, receiver, *once)[:3]
-        return moved(message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg))
+        dx, dy, dyaw = draw_normals(self._seed, "pose", message.sender, receiver, *once)[:3]
+        return displace_message(
+            message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg)
+        )
 
-    def log(self) -> tuple[Sent, ...]:
+    def log(self) -> tuple[SentMessage, ...]:
         """Everything that was sent, in order; messages still in flight have no fate for those receivers yet."""
-        return tuple(Sent(message, dict(fates)) for message, fates in self._log)
+        return tuple(SentMessage(message, dict(fates)) for message, fates in self._log)
 
 
 class _Budget:
@@ -177,7 +181,7 @@ class _Budget:
         return True
 
 
-def counted(messages: Iterable[Sent]) -> dict[str, int]:
+def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
     """Messages ("sent") and payload bytes ("bytes") that were handed to the channel, and for every fate how many
     receivers met it. Empty if nothing was said."""
     sent = tuple(messages)
@@ -185,4 +189,4 @@ def counted(messages: Iterable[Sent]) -> dict[str, int]:
         return {}
     fates = Counter(fate for one in sent for fate, _ in one.fates.values())
     size = sum(len(one.message.payload) for one in sent)
-    return {"sent": len(sent), "bytes": size} | {fate.value: fates[fate] for fate in Fate}
+    return {"sent": len(sent), "bytes": size} | {fate.value: fates[fate] for fate in DeliveryStatus}

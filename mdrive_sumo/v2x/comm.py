@@ -22,7 +22,7 @@ def _check(fine: bool, of: object, name: str, expected: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class LinkSettings:
     """What happens to the messages of one type on their way to one receiver. Raises InputError for unusable values."""
 
     latency_ticks: int = 0
@@ -48,7 +48,7 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
-class Mutes:
+class MuteFilter:
     """Which messages are muted; any part of (sender, type, tick) may be "*"."""
 
     patterns: frozenset[tuple[str, str, str]]
@@ -68,8 +68,8 @@ class Mutes:
 
 
 @dataclass(frozen=True, slots=True)
-class Comm:
-    """A channel: a `Link` for all types of message, others for some, a byte budget, and what is muted.
+class CommSettings:
+    """A channel: a `LinkSettings` for all types of message, others for some, a byte budget, and what is muted.
 
     Raises InputError for unusable values.
     """
@@ -78,8 +78,8 @@ class Comm:
     """Where these settings come from; the values below are what counts."""
     on: bool = True
     """False: nothing is ever delivered."""
-    link: Link = Link()
-    by_type: Mapping[str, Link] = field(default_factory=lambda: MappingProxyType({}))
+    link: LinkSettings = LinkSettings()
+    by_type: Mapping[str, LinkSettings] = field(default_factory=lambda: MappingProxyType({}))
     """Links of single types in `messages.TYPES`; an agent's own types have the link of all."""
     budget_bytes_s: float = math.inf
     """What each station may send in any second, headers included; a message beyond it is dropped."""
@@ -104,46 +104,46 @@ class Comm:
                     f"V2X channel: mute: expected SENDER/TYPE or SENDER/TYPE@TICK, each may be *, found {pattern!r:.80}"
                 )
 
-    def link_of(self, message_type: str) -> Link:
+    def link_of(self, message_type: str) -> LinkSettings:
         """The link of that type of message."""
         return self.by_type.get(message_type, self.link)
 
     @property
-    def muted(self) -> Mutes:
+    def muted(self) -> MuteFilter:
         """What `mute` says, ready to be asked."""
         found = (_MUTE.fullmatch(pattern) for pattern in self.mute)
-        return Mutes(frozenset((m[1], m[2], str(int(t)) if (t := m[3] or "*") != "*" else t) for m in found if m))
+        return MuteFilter(frozenset((m[1], m[2], str(int(t)) if (t := m[3] or "*") != "*" else t) for m in found if m))
 
 
-PRESETS: Mapping[str, Comm] = MappingProxyType(
+PRESETS: Mapping[str, CommSettings] = MappingProxyType(
     {
-        "ideal": Comm(),
-        "off": Comm("off", on=False),
-        "paper-latency": Comm("paper-latency", link=Link(latency_ticks=6)),
-        "paper-pose": Comm("paper-pose", link=Link(pose_error_m=0.6, pose_error_deg=0.6)),
+        "ideal": CommSettings(),
+        "off": CommSettings("off", on=False),
+        "paper-latency": CommSettings("paper-latency", link=LinkSettings(latency_ticks=6)),
+        "paper-pose": CommSettings("paper-pose", link=LinkSettings(pose_error_m=0.6, pose_error_deg=0.6)),
         # ITS-G5 that meets what 3GPP TR 22.885, annex A, asks for in towns without line of sight (100 ms, 90 % at
         # 150 m), in the 3 % of air time that TS 102 687 grants at 6 Mbit/s. Headers: MAC and LLC 38 B, GeoNetworking
         # single-hop 40 B, BTP 4 B, signature and digest 95 B, and 30 B for the air time of the preamble.
         # docs/v2x.md has every source, and says what this is not.
-        "realistic": Comm(
+        "realistic": CommSettings(
             "realistic",
-            link=Link(latency_ticks=2, loss=0.1, range_m=150.0),
+            link=LinkSettings(latency_ticks=2, loss=0.1, range_m=150.0),
             budget_bytes_s=22_500.0,
             header_bytes=207,
         ),
     }
 )
 
-_LINK: Mapping[str, type] = {f.name: type(f.default) for f in fields(Link)}
+_LINK: Mapping[str, type] = {f.name: type(f.default) for f in fields(LinkSettings)}
 _OWN: Mapping[str, type] = {"preset": str, "on": bool, "budget_bytes_s": float, "header_bytes": int, "mute": str}
 
 
-def comm_text(comm: Comm) -> str:
-    """The channel as canonical JSON, the inverse of `comm_from`."""
-    return json.dumps(described(comm), sort_keys=True, separators=(",", ":"))
+def format_comm_json(comm: CommSettings) -> str:
+    """The channel as canonical JSON, the inverse of `parse_comm`."""
+    return json.dumps(describe_comm(comm), sort_keys=True, separators=(",", ":"))
 
 
-def described(comm: Comm) -> dict[str, str | float | bool]:
+def describe_comm(comm: CommSettings) -> dict[str, str | float | bool]:
     """The channel as scalars, for results: unlimited values are left out, links of a type are named "TYPE.field"."""
     own = {name: kind(getattr(comm, name)) for name, kind in _OWN.items() if name != "mute"}
     told = own | _told("", comm.link)
@@ -154,12 +154,12 @@ def described(comm: Comm) -> dict[str, str | float | bool]:
     return {name: value for name, value in told.items() if value != math.inf}
 
 
-def _told(prefix: str, link: Link) -> dict[str, str | float | bool]:
+def _told(prefix: str, link: LinkSettings) -> dict[str, str | float | bool]:
     return {prefix + name: kind(getattr(link, name)) for name, kind in _LINK.items()}
 
 
-def comm_from(values: Mapping[str, Any]) -> Comm:
-    """The inverse of `described`. Raises InputError naming the option, what was expected and what was found.
+def parse_comm(values: Mapping[str, Any]) -> CommSettings:
+    """The inverse of `describe_comm`. Raises InputError naming the option, what was expected and what was found.
 
     What is left out has the value of the ideal channel.
     """
@@ -174,8 +174,8 @@ def comm_from(values: Mapping[str, Any]) -> Comm:
     if own.get("preset", "ideal") not in PRESETS:
         raise InputError(f"V2X channel: unknown preset {own['preset']!r:.40}, expected one of {', '.join(PRESETS)}")
     own["mute"] = tuple(own.get("mute", "").split())
-    by_type = {name: Link(**options) for name, options in links.items() if name}
-    return Comm(**own, link=Link(**links[""]), by_type=MappingProxyType(by_type))
+    by_type = {name: LinkSettings(**options) for name, options in links.items() if name}
+    return CommSettings(**own, link=LinkSettings(**links[""]), by_type=MappingProxyType(by_type))
 
 
 def _typed(name: str, value: object, kind: type) -> Any:

@@ -48,7 +48,7 @@ class Direction(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class ReferencePose:
     """The sender's reference pose [m, rad] and the tick in which it was there."""
 
     x: float
@@ -61,7 +61,7 @@ class Pose:
 class Cam:
     """Cooperative awareness: where I am and how I move."""
 
-    pose: Pose
+    pose: ReferencePose
     speed: float
     acceleration: float
     yaw_rate: float
@@ -73,7 +73,7 @@ class Cam:
 class Cpm:
     """Collective perception: what I detect, and how far I see."""
 
-    pose: Pose
+    pose: ReferencePose
     range_m: float
     objects: Objects
     """Track names are the sender's own; `free_m` tells its free sight in equal sectors, see `Objects`."""
@@ -87,7 +87,7 @@ class Cpm:
 class Mcm:
     """Manoeuvre coordination: what I plan, what I would rather do, what I ask others to do, what I answer them."""
 
-    pose: Pose
+    pose: ReferencePose
     speed: float
     intention: Intention
     direction: Direction
@@ -110,17 +110,17 @@ class Mcm:
 Content: TypeAlias = Cam | Cpm | Mcm | str
 
 
-def track_name(number: int) -> str:
+def format_track_name(number: int) -> str:
     """How `Objects.ids` writes a track number (32 bits)."""
     return f"t{number:08x}"
 
 
-def track_number(name: str) -> int:
-    """The inverse of `track_name`; raises MessageError for any other name."""
+def parse_track_name(name: str) -> int:
+    """The inverse of `format_track_name`; raises MessageError for any other name."""
     try:
         number = int(name[1:], 16)
     except ValueError:
         number = -1
-    if number < 0 or name != track_name(number) or len(name) != 9:
+    if number < 0 or name != format_track_name(number) or len(name) != 9:
         raise MessageError(f"cpm: expected track names such as t0000002a, found {name!r:.40}")
     return number

@@ -30,9 +30,9 @@ from mdrive_sumo.v2x.content import (
     Intention,
     Mcm,
     MessageError,
-    Pose,
-    track_name,
-    track_number,
+    ReferencePose,
+    format_track_name,
+    parse_track_name,
 )
 
 _HEADER = struct.Struct("<BiiHI")  # kind, x, y [cm], yaw [0.01 deg], tick
@@ -50,16 +50,16 @@ _CENTI = 100.0
 HEADER_BYTES = _HEADER.size
 
 
-def header(kind: int, pose: Pose) -> bytes:
+def encode_header(kind: int, pose: ReferencePose) -> bytes:
     """The first bytes of every message but text. Places more than 214 km from the origin are told as that far."""
     yaw = round(math.degrees(pose.yaw % TAU) * _CENTI) % 36000
     return _HEADER.pack(kind, _clipped(pose.x * _CENTI, 31), _clipped(pose.y * _CENTI, 31), yaw, pose.tick)
 
 
-def pose_of(payload: bytes) -> Pose:
+def decode_pose(payload: bytes) -> ReferencePose:
     """The reference pose in a payload of at least `HEADER_BYTES`."""
     _, x, y, yaw, tick = _HEADER.unpack_from(payload)
-    return Pose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick)
+    return ReferencePose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick)
 
 
 def _clipped(value: float, bits: int) -> int:
@@ -75,32 +75,32 @@ def _turned(xy: Float, yaw: float) -> Float:
     return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
 
 
-def _to_local(pose: Pose, xy: Float) -> npt.NDArray[np.int16]:
+def _to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:
     local = _turned(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
     if not (np.abs(local) <= REACH_M).all():  # NaN fails too
         raise MessageError(f"expected positions within {REACH_M} m of the sender, along and across")
     return np.rint(local * _CENTI).astype("<i2")
 
 
-def _to_world(pose: Pose, local: npt.NDArray[np.int16]) -> Float:
+def _to_world(pose: ReferencePose, local: npt.NDArray[np.int16]) -> Float:
     return _turned(local.reshape(-1, 2) / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
 
 
-def cam_body(cam: Cam, _: Pose) -> bytes:
+def encode_cam(cam: Cam, _: ReferencePose) -> bytes:
     """A CAM without its header."""
     signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
     size = (cam.length * _CENTI, cam.width * _CENTI)
     return _CAM.pack(*(_clipped(value, 15) for value in signed), *(max(_clipped(value, 16), 0) for value in size))
 
 
-def cam_parts(body: bytes) -> tuple[int, ...]:
+def parse_cam(body: bytes) -> tuple[int, ...]:
     """Takes a CAM apart; raises MessageError."""
     if len(body) != _CAM.size:
         raise MessageError(f"expected {_CAM.size} bytes after the header, found {len(body)}")
     return _CAM.unpack(body)
 
 
-def cam_of(pose: Pose, parts: tuple[int, ...]) -> Cam:
+def build_cam(pose: ReferencePose, parts: tuple[int, ...]) -> Cam:
     """The CAM of these parts."""
     speed, acceleration, yaw_rate, length, width = parts
     return Cam(pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI)
@@ -115,7 +115,7 @@ class CpmParts(NamedTuple):
     free: bytes
 
 
-def cpm_body(cpm: Cpm, pose: Pose) -> bytes:
+def encode_cpm(cpm: Cpm, pose: ReferencePose) -> bytes:
     """A CPM without its header; `pose` is the one that the receiver will read."""
     objects, count, sectors = cpm.objects, len(cpm.objects.ids), len(cpm.objects.free_m)
     if count > MAX_OBJECTS or sectors > MAX_SECTORS:
@@ -127,7 +127,7 @@ def cpm_body(cpm: Cpm, pose: Pose) -> bytes:
     return head + _object_rows(cpm, pose).tobytes() + _sight(objects.free_m, range_dm)
 
 
-def _object_rows(cpm: Cpm, pose: Pose) -> npt.NDArray[np.void]:
+def _object_rows(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     objects = cpm.objects
     numbers = np.column_stack((objects.yaw, objects.speed, objects.length, objects.width))
     if not np.isfinite(numbers).all():
@@ -135,7 +135,7 @@ def _object_rows(cpm: Cpm, pose: Pose) -> npt.NDArray[np.void]:
     if (np.asarray(objects.kind) > _LAST_KIND).any():
         raise MessageError(f"expected kinds from 0 to {_LAST_KIND}")
     rows = np.zeros(len(objects.ids), dtype=_OBJECT)
-    rows["track"] = [track_number(name) for name in objects.ids]
+    rows["track"] = [parse_track_name(name) for name in objects.ids]
     rows["kind"], rows["age"] = objects.kind, np.clip(cpm.age, 0, 255)
     rows["xy"] = _to_local(pose, np.column_stack((objects.x, objects.y)))
     rows["yaw"] = np.rint(np.degrees((objects.yaw - pose.yaw) % TAU) * _CENTI) % 36000
@@ -152,7 +152,7 @@ def _sight(free_m: Float, range_dm: int) -> bytes:
     return np.floor(steps + 1e-6).astype(np.uint8).tobytes()  # what was read is written the same again
 
 
-def cpm_parts(body: bytes) -> CpmParts:
+def parse_cpm(body: bytes) -> CpmParts:
     """Takes a CPM apart; raises MessageError."""
     if len(body) < _CPM.size:
         raise MessageError(f"expected at least {_CPM.size} bytes after the header, found {len(body)}")
@@ -165,12 +165,12 @@ def cpm_parts(body: bytes) -> CpmParts:
     return CpmParts(range_dm, bool(roadside), body[_CPM.size : end], body[end:])
 
 
-def cpm_of(pose: Pose, parts: CpmParts) -> Cpm:
+def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
     """The CPM of these parts."""
     rows = np.frombuffer(parts.rows, dtype=_OBJECT)
     xy = _to_world(pose, rows["xy"])
     objects = Objects(
-        ids=tuple(track_name(number) for number in rows["track"].tolist()),
+        ids=tuple(format_track_name(number) for number in rows["track"].tolist()),
         kind=rows["kind"].copy(),
         x=xy[:, 0],
         y=xy[:, 1],
@@ -194,7 +194,7 @@ class McmParts(NamedTuple):
     group: dict[str, int]
 
 
-def mcm_body(mcm: Mcm, pose: Pose) -> bytes:
+def encode_mcm(mcm: Mcm, pose: ReferencePose) -> bytes:
     """An MCM without its header; `pose` is the one that the receiver will read."""
     interval = _clipped(mcm.interval_s * _CENTI, 15)
     if not 1 <= interval <= 255:
@@ -211,7 +211,7 @@ def mcm_body(mcm: Mcm, pose: Pose) -> bytes:
     return fixed + b"".join(parts)
 
 
-def _points(pose: Pose, xy: Float) -> bytes:
+def _points(pose: ReferencePose, xy: Float) -> bytes:
     if len(xy) > MAX_POINTS:
         raise MessageError(f"expected at most {MAX_POINTS} points, found {len(xy)}")
     return bytes((len(xy),)) + _to_local(pose, xy).tobytes()
@@ -224,7 +224,7 @@ def _names(values: Mapping[str, int]) -> bytes:
     return bytes((len(entries),)) + b"".join(bytes((len(name), value)) + name for name, value in entries)
 
 
-def mcm_parts(body: bytes) -> McmParts:
+def parse_mcm(body: bytes) -> McmParts:
     """Takes an MCM apart; raises MessageError."""
     if len(body) < _MCM.size:
         raise MessageError(f"expected at least {_MCM.size} bytes after the header, found {len(body)}")
@@ -270,7 +270,7 @@ def _taken_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
     return found, at
 
 
-def mcm_of(pose: Pose, parts: McmParts) -> Mcm:
+def build_mcm(pose: ReferencePose, parts: McmParts) -> Mcm:
     """The MCM of these parts."""
     speed, intention, direction, interval, until = parts.fixed
     return Mcm(

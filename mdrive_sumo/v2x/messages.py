@@ -37,31 +37,31 @@ from mdrive_sumo.v2x.content import (
     Intention,
     Mcm,
     MessageError,
-    Pose,
-    track_name,
-    track_number,
+    ReferencePose,
+    format_track_name,
+    parse_track_name,
 )
 
 __all__ = [
     "CAM", "CPM", "MCM", "TEXT", "TYPES",
     "MAX_NAME_BYTES", "MAX_NAMES", "MAX_OBJECTS", "MAX_PAYLOAD_BYTES", "MAX_POINTS", "MAX_SECTORS", "MAX_TEXT_BYTES",
     "REACH_M",
-    "Cam", "Content", "Cpm", "Direction", "Intention", "Mcm", "MessageError", "Pose",
-    "decode", "encode", "moved", "problem", "track_name", "track_number",
+    "Cam", "Content", "Cpm", "Direction", "Intention", "Mcm", "MessageError", "ReferencePose",
+    "decode", "encode", "displace_message", "find_problem", "format_track_name", "parse_track_name",
 ]  # fmt: skip
 
 
 class _Codec(NamedTuple):
     kind: int
-    body: Callable[[Any, Pose], bytes]
+    body: Callable[[Any, ReferencePose], bytes]
     parts: Callable[[bytes], Any]
-    content: Callable[[Pose, Any], Content]
+    content: Callable[[ReferencePose, Any], Content]
 
 
 _CODECS: Mapping[str, _Codec] = {
-    CAM: _Codec(1, encoding.cam_body, encoding.cam_parts, encoding.cam_of),
-    CPM: _Codec(2, encoding.cpm_body, encoding.cpm_parts, encoding.cpm_of),
-    MCM: _Codec(3, encoding.mcm_body, encoding.mcm_parts, encoding.mcm_of),
+    CAM: _Codec(1, encoding.encode_cam, encoding.parse_cam, encoding.build_cam),
+    CPM: _Codec(2, encoding.encode_cpm, encoding.parse_cpm, encoding.build_cpm),
+    MCM: _Codec(3, encoding.encode_mcm, encoding.parse_mcm, encoding.build_mcm),
 }
 _NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM}
 
@@ -86,9 +86,9 @@ def _payload(content: Content) -> bytes:
             raise MessageError(f"expected at most {MAX_TEXT_BYTES} bytes, found {len(data)}")
         return data
     codec = _CODECS[_NAMES[type(content)]]
-    head = encoding.header(codec.kind, content.pose)
+    head = encoding.encode_header(codec.kind, content.pose)
     # What is told relative to the pose must not carry the rounding of the pose: hence the pose as it will be read.
-    return head + codec.body(content, encoding.pose_of(head))
+    return head + codec.body(content, encoding.decode_pose(head))
 
 
 def decode(message: Message) -> Content:
@@ -101,10 +101,10 @@ def decode(message: Message) -> Content:
         raise MessageError(f"{message.type}: {error}") from None
     if message.type == TEXT:
         return parts
-    return _CODECS[message.type].content(encoding.pose_of(message.payload), parts)
+    return _CODECS[message.type].content(encoding.decode_pose(message.payload), parts)
 
 
-def problem(message: Message) -> str | None:
+def find_problem(message: Message) -> str | None:
     """Why a message cannot be read; None if it can. What `decode` reads has none; other types must only fit in size."""
     if message.type not in TYPES:
         fits = len(message.payload) <= MAX_PAYLOAD_BYTES
@@ -130,13 +130,15 @@ def _parts(message: Message) -> Any:
     return codec.parts(payload[encoding.HEADER_BYTES :])
 
 
-def moved(message: Message, dx: float, dy: float, dyaw: float) -> Message:
+def displace_message(message: Message, dx: float, dy: float, dyaw: float) -> Message:
     """The same message with its reference pose shifted [m] and turned [rad]; types without a pose stay as they are.
 
     The message must be one that `decode` reads.
     """
     if message.type not in _CODECS:
         return message
-    at = encoding.pose_of(message.payload)
-    head = encoding.header(_CODECS[message.type].kind, Pose(at.x + dx, at.y + dy, at.yaw + dyaw, at.tick))
+    at = encoding.decode_pose(message.payload)
+    head = encoding.encode_header(
+        _CODECS[message.type].kind, ReferencePose(at.x + dx, at.y + dy, at.yaw + dyaw, at.tick)
+    )
     return Message(message.type, head + message.payload[encoding.HEADER_BYTES :], message.sender, message.tick)

@@ -14,8 +14,8 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.core.state import DT, Actors, Contact, Kind
-from mdrive_sumo.vehicle.dynamics import Body, Vehicle
-from mdrive_sumo.vehicle.impact import Points, Pose, Thing, box, collided, meeting, wall
+from mdrive_sumo.vehicle.dynamics import VehicleParameters, VehicleState
+from mdrive_sumo.vehicle.impact import Points, Pose, RigidBody, box, meeting, resolve_collision, wall
 
 PASSES = 16
 """Most rounds of pushing apart in a tick; a car squeezed between immovable things stays squeezed."""
@@ -26,7 +26,7 @@ MARGIN = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Obstacles:
+class ObstacleMotion:
     """Boxes that nobody can push, at the start and the end of one tick, row by row the same."""
 
     before: Actors
@@ -34,7 +34,7 @@ class Obstacles:
 
 
 @dataclass(frozen=True, slots=True)
-class Walls:
+class BuildingWalls:
     """Convex polygons that never move, made once an episode."""
 
     pieces: tuple[Points, ...]
@@ -44,24 +44,24 @@ class Walls:
     """(2, M) half its size [m]."""
 
 
-def obstacles(before: Actors, after: Actors) -> Obstacles:
+def obstacles(before: Actors, after: Actors) -> ObstacleMotion:
     """The actors of two successive ticks; one that is new in this tick stands where it appeared."""
     if before.ids is after.ids or before.ids == after.ids:
-        return Obstacles(before, after)
+        return ObstacleMotion(before, after)
     row = {actor: i for i, actor in enumerate(before.ids)}
     stay = [(i, row[actor]) for i, actor in enumerate(after.ids) if actor in row]
     x, y, yaw = after.x.copy(), after.y.copy(), after.yaw.copy()
     for i, j in stay:
         x[i], y[i], yaw[i] = before.x[j], before.y[j], before.yaw[j]
-    return Obstacles(replace(after, x=x, y=y, yaw=yaw), after)
+    return ObstacleMotion(replace(after, x=x, y=y, yaw=yaw), after)
 
 
-def walls(rings: Iterable[Float]) -> Walls:
+def walls(rings: Iterable[Float]) -> BuildingWalls:
     """Walls around buildings whose outlines (N, 2) [m] are given; concave ones are cut into triangles."""
     pieces = [piece for ring in rings for piece in _convex_pieces(ring)]
     low = np.array([np.min(piece, axis=0) for piece in pieces]).reshape(-1, 2).T
     high = np.array([np.max(piece, axis=0) for piece in pieces]).reshape(-1, 2).T
-    return Walls(tuple(pieces), (low + high) / 2, (high - low) / 2)
+    return BuildingWalls(tuple(pieces), (low + high) / 2, (high - low) / 2)
 
 
 def _convex_pieces(ring: Float) -> Iterator[Points]:
@@ -86,20 +86,20 @@ Axes = Float | tuple[Float, Float]
 class _Scene:
     """Everything in one tick."""
 
-    before: Mapping[str, Body]
-    after: Mapping[str, Body]
-    vehicles: Mapping[str, Vehicle]
-    actors: Obstacles
-    walls: Walls
+    before: Mapping[str, VehicleState]
+    after: Mapping[str, VehicleState]
+    vehicles: Mapping[str, VehicleParameters]
+    actors: ObstacleMotion
+    walls: BuildingWalls
 
 
-def settle(
-    before: Mapping[str, Body],
-    after: Mapping[str, Body],
-    vehicles: Mapping[str, Vehicle],
-    actors: Obstacles,
-    buildings: Walls,
-) -> tuple[dict[str, Body], tuple[Contact, ...]]:
+def resolve_contacts(
+    before: Mapping[str, VehicleState],
+    after: Mapping[str, VehicleState],
+    vehicles: Mapping[str, VehicleParameters],
+    actors: ObstacleMotion,
+    buildings: BuildingWalls,
+) -> tuple[dict[str, VehicleState], tuple[Contact, ...]]:
     """Ego bodies at the end of the tick that do not overlap anything, and what they met (sorted, unique).
 
     `before` and `after` are the bodies at the start and, as the dynamics propose, at the end of the tick. Bodies
@@ -158,7 +158,7 @@ def _spot(scene: _Scene, ego: str) -> Pose:
     return end.x, end.y, (vehicle.length + vehicle.width) / 2 + swept + MARGIN
 
 
-def _squares(actors: Obstacles) -> tuple[Axes, Axes]:
+def _squares(actors: ObstacleMotion) -> tuple[Axes, Axes]:
     """Centres and half sizes [m] of squares that hold the actors during the tick."""
     start, end = actors.before, actors.after
     swept = np.maximum(np.abs(end.x - start.x), np.abs(end.y - start.y))
@@ -173,13 +173,13 @@ def _near(spot: Pose, centre: Axes, half: Axes) -> list[int]:
     return (gap < reach).nonzero()[0].tolist()
 
 
-def _thing(key: Key, scene: _Scene) -> Thing:
+def _thing(key: Key, scene: _Scene) -> RigidBody:
     if isinstance(key, str):
         return _ego(scene.before[key], scene.after[key], scene.vehicles[key])
     return _actor(scene.actors, key) if key >= 0 else wall(scene.walls.pieces[~key])
 
 
-def _ego(before: Body, after: Body, vehicle: Vehicle) -> Thing:
+def _ego(before: VehicleState, after: VehicleState, vehicle: VehicleParameters) -> RigidBody:
     sin, cos = math.sin(after.yaw), math.cos(after.yaw)
     return replace(
         box((before.x, before.y, before.yaw), (after.x, after.y, after.yaw), vehicle.length, vehicle.width),
@@ -190,7 +190,7 @@ def _ego(before: Body, after: Body, vehicle: Vehicle) -> Thing:
     )
 
 
-def _actor(actors: Obstacles, row: int) -> Thing:
+def _actor(actors: ObstacleMotion, row: int) -> RigidBody:
     end = actors.after
     x1, y1, yaw1 = _pose(end, row)
     x0, y0, yaw0 = _pose(actors.before, row)
@@ -207,7 +207,7 @@ def _pose(actors: Actors, row: int) -> Pose:
     return float(actors.x[row]), float(actors.y[row]), float(actors.yaw[row])
 
 
-def _parted(pair: Link, things: dict[Key, Thing], met: set[Link]) -> bool:
+def _parted(pair: Link, things: dict[Key, RigidBody], met: set[Link]) -> bool:
     """Whether a pair had to be pushed apart; notes in `met` that it was in contact."""
     first, second = things[pair[0]], things[pair[1]]
     met_now = meeting(first, second)
@@ -216,11 +216,11 @@ def _parted(pair: Link, things: dict[Key, Thing], met: set[Link]) -> bool:
     met.add(pair)
     if met_now.depth == 0.0:
         return False
-    things[pair[0]], things[pair[1]] = collided(first, second, met_now)
+    things[pair[0]], things[pair[1]] = resolve_collision(first, second, met_now)
     return True
 
 
-def _body(scene: _Scene, ego: str, thing: Thing) -> Body:
+def _body(scene: _Scene, ego: str, thing: RigidBody) -> VehicleState:
     body = scene.after[ego]
     sin, cos = math.sin(body.yaw), math.cos(body.yaw)
     vx = cos * thing.velocity[0] + sin * thing.velocity[1]

@@ -25,7 +25,7 @@ SLIP_SPEED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
+class VehicleParameters:
     """Parameters of a car. SI units; the centre of gravity is the centre of the box.
 
     The defaults are the paper's car, a Lincoln MKZ 2017 (`vehicle.lincoln.mkz2017` in CARLA). "Apollo" is the
@@ -78,11 +78,11 @@ class Vehicle:
     """Drag coefficient x frontal area [m2]. Assumption: 0.30 (CARLA's blueprint value) x 2.27 m2."""
 
 
-MKZ_2017 = Vehicle()
+MKZ_2017 = VehicleParameters()
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class VehicleState:
     """The whole state of a moving car: pose of the box centre, velocity in the car's own frame, actuators."""
 
     x: float
@@ -103,22 +103,22 @@ class Body:
     """Mean change of vx in the last tick [m/s2]."""
 
 
-def at_rest(x: float, y: float, yaw: float) -> Body:
+def at_rest(x: float, y: float, yaw: float) -> VehicleState:
     """A car that stands at that pose [m, m, rad], pedals released, wheels straight."""
-    return rolling(x, y, yaw, 0.0)
+    return initial_state(x, y, yaw, 0.0)
 
 
-def rolling(x: float, y: float, yaw: float, speed: float) -> Body:
+def initial_state(x: float, y: float, yaw: float, speed: float) -> VehicleState:
     """A car that goes straight ahead at that pose [m, m, rad] with that speed [m/s], pedals released."""
-    return Body(x, y, wrap_angle(yaw), vx=speed)
+    return VehicleState(x, y, wrap_angle(yaw), vx=speed)
 
 
-def ego_state(body: Body) -> EgoState:
+def to_ego_state(body: VehicleState) -> EgoState:
     """What the world sees of a body; speed is signed, along yaw."""
     return EgoState(body.x, body.y, body.yaw, body.vx, body.acceleration, body.yaw_rate, body.steer_angle)
 
 
-def facts(vehicle: Vehicle) -> VehicleFacts:
+def to_vehicle_facts(vehicle: VehicleParameters) -> VehicleFacts:
     """What an agent is told about its car."""
     return VehicleFacts(
         length=vehicle.length,
@@ -133,7 +133,9 @@ def facts(vehicle: Vehicle) -> VehicleFacts:
     )
 
 
-def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_steps: int = SUB_STEPS) -> Body:
+def step(
+    body: VehicleState, control: Control, vehicle: VehicleParameters, dt: float = DT, sub_steps: int = SUB_STEPS
+) -> VehicleState:
     """The body `dt` seconds later under a constant control.
 
     There is no reverse gear: nothing but a push from outside makes vx negative, and a car that stands without
@@ -165,7 +167,7 @@ def step(body: Body, control: Control, vehicle: Vehicle, dt: float = DT, sub_ste
     vx, vy = cos * u + sin * v, cos * v - sin * u
     if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # tyres that stand stick
         vx = vy = yaw_rate = 0.0
-    return Body(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / dt)
+    return VehicleState(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / dt)
 
 
 def _within(limit: float, value: float) -> float:
@@ -173,14 +175,16 @@ def _within(limit: float, value: float) -> float:
     return value if -limit <= value <= limit else math.copysign(limit, value)
 
 
-def _accelerated(motion: Triple, steer_angle: float, drive: float, brake: float, vehicle: Vehicle, h: float) -> Triple:
+def _accelerated(
+    motion: Triple, steer_angle: float, drive: float, brake: float, vehicle: VehicleParameters, h: float
+) -> Triple:
     """Motion (vx, vy, yaw rate) after all forces have acted for h seconds, in the same frame."""
     grip = _grip(motion[0], drive, brake, vehicle)
     vx, vy, yaw_rate = _slipped(motion, steer_angle, grip, vehicle, h)
     return _driven(vx, drive, brake, vehicle, h), vy, yaw_rate
 
 
-def _grip(vx: float, drive: float, brake: float, vehicle: Vehicle) -> float:
+def _grip(vx: float, drive: float, brake: float, vehicle: VehicleParameters) -> float:
     """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
     braking = brake * vehicle.max_deceleration
     used = drive * vehicle.max_acceleration + (braking if vx < 0.0 else -braking)
@@ -188,7 +192,7 @@ def _grip(vx: float, drive: float, brake: float, vehicle: Vehicle) -> float:
     return math.sqrt(left) if left > 0.0 else 0.0
 
 
-def _slipped(motion: Triple, steer_angle: float, grip: float, vehicle: Vehicle, h: float) -> Triple:
+def _slipped(motion: Triple, steer_angle: float, grip: float, vehicle: VehicleParameters, h: float) -> Triple:
     """Motion after the lateral forces of both axles have acted for h seconds."""
     vx, vy, yaw_rate = motion
     mass, inertia, b = vehicle.mass, vehicle.yaw_inertia, vehicle.rear_to_centre
@@ -218,7 +222,7 @@ def _axle_force(rolling: float, sliding: float, stiffness: float, response: floa
     return _within(limit, force)
 
 
-def _driven(vx: float, drive: float, brake: float, vehicle: Vehicle, h: float) -> float:
+def _driven(vx: float, drive: float, brake: float, vehicle: VehicleParameters, h: float) -> float:
     """Forward speed after engine, air, brake and rolling resistance have acted for h seconds."""
     power = vehicle.max_power / vehicle.mass
     most = vehicle.max_acceleration if vx * vehicle.max_acceleration < power else power / vx

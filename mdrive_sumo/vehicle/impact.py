@@ -21,7 +21,7 @@ FRICTION = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class RigidBody:
     """A convex body in one tick, world frame."""
 
     start: Points
@@ -39,18 +39,18 @@ class Thing:
     """1 / yaw inertia [1/(kg m2)]"""
 
 
-def wall(piece: Points) -> Thing:
+def wall(piece: Points) -> RigidBody:
     """A convex polygon [m] that stands for ever."""
     sides = [(x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in zip(piece, piece[1:] + piece[:1], strict=True)]
-    return Thing(piece, piece, tuple((dy / math.hypot(dx, dy), -dx / math.hypot(dx, dy)) for dx, dy in sides))
+    return RigidBody(piece, piece, tuple((dy / math.hypot(dx, dy), -dx / math.hypot(dx, dy)) for dx, dy in sides))
 
 
-def box(before: Pose, after: Pose, length: float, width: float) -> Thing:
+def box(before: Pose, after: Pose, length: float, width: float) -> RigidBody:
     """A box at its poses (x, y, yaw) at the start and the end of the tick, without velocity or mass."""
     yaws = (after[2],) if after[2] == before[2] else (after[2], before[2])
     normals = [(math.cos(yaw), math.sin(yaw)) for yaw in yaws]
     normals += [(-y, x) for x, y in normals]
-    return Thing(
+    return RigidBody(
         _corners(*before, length / 2, width / 2),
         _corners(*after, length / 2, width / 2),
         tuple(normals),
@@ -71,7 +71,7 @@ def _corners(x: float, y: float, yaw: float, ahead: float, left: float) -> Point
 
 
 @dataclass(frozen=True, slots=True)
-class Meeting:
+class ContactManifold:
     """Two things met."""
 
     normal: Pair
@@ -80,14 +80,14 @@ class Meeting:
     """Overlap along it [m]; 0 if they only touch."""
 
 
-def meeting(first: Thing, second: Thing) -> Meeting | None:
+def meeting(first: RigidBody, second: RigidBody) -> ContactManifold | None:
     """How two things met in this tick, or None. Gaps are taken to change linearly between start and end."""
     entered, left, gap, apart = 0.0, 1.0, -math.inf, False
     best = (
         -1,
         -math.inf,
     )  # (0, least overlap) among directions that overlapped at the start, then (1, latest entry)
-    meeting = Meeting((1.0, 0.0), 0.0)
+    meeting = ContactManifold((1.0, 0.0), 0.0)
     for normal in _directions(first, second):
         start, end = _gap(first.start, second.start, normal), _gap(first.end, second.end, normal)
         gap = max(gap, end)
@@ -101,13 +101,13 @@ def meeting(first: Thing, second: Thing) -> Meeting | None:
             left = min(left, at)
         rank = (1, at) if start > -TOLERANCE else (0, start)
         if rank > best:
-            best, entered, meeting = rank, at if rank[0] else 0.0, Meeting(normal, -end)
+            best, entered, meeting = rank, at if rank[0] else 0.0, ContactManifold(normal, -end)
     if apart or entered > left or (best[0] == 0 and gap > -TOLERANCE):
-        return Meeting(meeting.normal, 0.0) if gap <= TOUCH else None
+        return ContactManifold(meeting.normal, 0.0) if gap <= TOUCH else None
     return meeting
 
 
-def _directions(first: Thing, second: Thing) -> Iterator[Pair]:
+def _directions(first: RigidBody, second: RigidBody) -> Iterator[Pair]:
     for x, y in first.normals + second.normals:
         yield x, y
         yield -x, -y
@@ -119,7 +119,7 @@ def _gap(first: Points, second: Points, normal: Pair) -> float:
     return min([x * nx + y * ny for x, y in second]) - max([x * nx + y * ny for x, y in first])
 
 
-def collided(first: Thing, second: Thing, meeting: Meeting) -> tuple[Thing, Thing]:
+def resolve_collision(first: RigidBody, second: RigidBody, meeting: ContactManifold) -> tuple[RigidBody, RigidBody]:
     """Both without overlap (each yields by its share of 1 / mass) and without approaching at the contact point."""
     nx, ny = meeting.normal
     share = meeting.depth / (first.per_mass + second.per_mass)
@@ -133,7 +133,7 @@ def collided(first: Thing, second: Thing, meeting: Meeting) -> tuple[Thing, Thin
     return first, second
 
 
-def _shifted(thing: Thing, dx: float, dy: float) -> Thing:
+def _shifted(thing: RigidBody, dx: float, dy: float) -> RigidBody:
     if not thing.per_mass:
         return thing
     end = tuple((x + dx, y + dy) for x, y in thing.end)
@@ -150,7 +150,9 @@ def _contact_point(first: Points, second: Points, normal: Pair) -> Pair:
     return most * nx - along * ny, most * ny + along * nx
 
 
-def _stopped(first: Thing, second: Thing, point: Pair, axis: Pair, limits: Pair) -> tuple[Thing, Thing, float]:
+def _stopped(
+    first: RigidBody, second: RigidBody, point: Pair, axis: Pair, limits: Pair
+) -> tuple[RigidBody, RigidBody, float]:
     """After the impulse [N s] within `limits` that best stops the relative motion of the point along the axis."""
     speed = _speed_at(second, point, axis) - _speed_at(first, point, axis)
     per_mass = sum(thing.per_mass + thing.per_inertia * _lever(thing, point, axis) ** 2 for thing in (first, second))
@@ -158,16 +160,16 @@ def _stopped(first: Thing, second: Thing, point: Pair, axis: Pair, limits: Pair)
     return _pushed(first, point, axis, -impulse), _pushed(second, point, axis, impulse), impulse
 
 
-def _lever(thing: Thing, point: Pair, axis: Pair) -> float:
+def _lever(thing: RigidBody, point: Pair, axis: Pair) -> float:
     return (point[0] - thing.centre[0]) * axis[1] - (point[1] - thing.centre[1]) * axis[0]
 
 
-def _speed_at(thing: Thing, point: Pair, axis: Pair) -> float:
+def _speed_at(thing: RigidBody, point: Pair, axis: Pair) -> float:
     straight = thing.velocity[0] * axis[0] + thing.velocity[1] * axis[1]
     return straight + thing.yaw_rate * _lever(thing, point, axis)
 
 
-def _pushed(thing: Thing, point: Pair, axis: Pair, impulse: float) -> Thing:
+def _pushed(thing: RigidBody, point: Pair, axis: Pair, impulse: float) -> RigidBody:
     if not thing.per_mass:
         return thing
     change = impulse * thing.per_mass

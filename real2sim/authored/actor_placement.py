@@ -6,19 +6,19 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.checks import contacts_at_start
+from mdrive_sumo.scenario.checks import find_start_overlaps
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
-    AlongLanes,
-    AlongPath,
     DistanceTrigger,
     HardBrake,
     LaneChange,
+    LaneMotion,
     Motion,
+    PathMotion,
     PositionTrigger,
-    Replay,
+    ReplayMotion,
     StartMotion,
 )
 from real2sim.match.waypoint_matcher import match_waypoints
@@ -54,7 +54,7 @@ def place_actors(
 def note_start_contacts(egos: Sequence[Ego], actors: Sequence[Actor], roads: RoadMap) -> Iterator[str]:
     """A note for each actor that stands in a CAV at the start; who is there later does not count."""
     for actor in actors:
-        for ego, _ in contacts_at_start(actor, egos, roads):
+        for ego, _ in find_start_overlaps(actor, egos, roads):
             yield f"{actor.id} overlaps CAV {ego} at the start"
 
 
@@ -90,10 +90,10 @@ def _shift_actor(actor: Actor, offset: NetOffset) -> Actor:
 
 
 def _shift_motion(motion: Motion, offset: NetOffset) -> Motion:
-    if isinstance(motion, AlongPath):
+    if isinstance(motion, PathMotion):
         points = tuple((round(x + offset[0], 3), round(y + offset[1], 3)) for x, y in motion.points)
         return motion.model_copy(update={"points": points})
-    if isinstance(motion, Replay):
+    if isinstance(motion, ReplayMotion):
         poses = tuple(
             (t, round(x + offset[0], 3), round(y + offset[1], 3), round(yaw, 4)) for t, x, y, yaw in motion.poses
         )
@@ -101,8 +101,8 @@ def _shift_motion(motion: Motion, offset: NetOffset) -> Motion:
     return motion
 
 
-def _follow_lanes(motion: Motion, roads: RoadMap) -> AlongLanes | None:
-    if not isinstance(motion, AlongPath):
+def _follow_lanes(motion: Motion, roads: RoadMap) -> LaneMotion | None:
+    if not isinstance(motion, PathMotion):
         return None
     try:
         match = match_waypoints(roads, np.array(motion.points))
@@ -111,7 +111,7 @@ def _follow_lanes(motion: Motion, roads: RoadMap) -> AlongLanes | None:
     if match.left_out or max(abs(foot.d) for foot in match.feet) > ON_LANE_M:
         return None
     lanes = match.legs[0].lanes + tuple(lane for leg in match.legs[1:] for lane in leg.lanes[1:])
-    return AlongLanes(
+    return LaneMotion(
         lanes=(*lanes, *_extend_straight(roads, lanes[-1])), speed=motion.speed, start_speed=motion.start_speed
     )
 

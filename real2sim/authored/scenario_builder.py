@@ -9,10 +9,10 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.roads import RoadMap, load
+from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.model import Pose
-from mdrive_sumo.scenario.scenario import Ego, Scenario, first_problem
+from mdrive_sumo.scenario.scenario import Ego, Scenario, describe_first_error
 from real2sim.authored.actor_placement import note_start_contacts, note_unreachable_triggers, place_actors
 from real2sim.authored.start_separation import RouteLegs, advance_start, separate_starts
 from real2sim.carla.conversion_report import DroppedWaypoint, OffLaneWaypoint, ReportedWaypoint, StartShift
@@ -48,7 +48,7 @@ def build_scenario(scene: SourceScene, network: Path) -> AuthoredScenario:
 
     The network's frame is the map's, moved by its netOffset. Actors are where their files say; CAVs are on their lanes.
     """
-    roads, offset = load(network), np.array(read_network_file(network).offset)
+    roads, offset = load_road_map(network), np.array(read_network_file(network).offset)
     cavs = [_match_route(scene, route, roads, offset) for route in scene.routes]
     shifts = _compute_shifts(scene, roads, [cav.match for cav in cavs])
     egos = tuple(_build_ego(cav, roads, shift) for cav, shift in zip(cavs, shifts, strict=True))
@@ -67,7 +67,7 @@ def build_scenario(scene: SourceScene, network: Path) -> AuthoredScenario:
             notes=notes,
         )
     except ValidationError as error:
-        raise InputError(f"{scene.id}: {first_problem(error)}") from None
+        raise InputError(f"{scene.id}: {describe_first_error(error)}") from None
     return AuthoredScenario(
         scenario=scenario,
         waypoints=sum(len(route.waypoints) for route in scene.routes),

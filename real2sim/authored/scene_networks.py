@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, polyline
+from mdrive_sumo.core.geometry import Float, build_polyline
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.scripted_actor import AlongPath, Replay
+from mdrive_sumo.scenario.scripted_actor import PathMotion, ReplayMotion
 from real2sim.carla.town_network import TownNetwork, build_town_network
 from real2sim.hd_map import HdMap
 from real2sim.network import build_network
@@ -58,9 +58,9 @@ def _collect_motions(scene: SourceScene) -> Iterator[Float]:
     for actor in scene.actors:
         if actor.kind != "vehicle":
             continue
-        if isinstance(actor.motion, Replay):
+        if isinstance(actor.motion, ReplayMotion):
             yield _sample_poses(np.array(actor.motion.poses))
-        elif isinstance(actor.motion, AlongPath):
+        elif isinstance(actor.motion, PathMotion):
             ways.append(np.array(actor.motion.points))
     for way in ways:
         yield from (_sample_path(piece) for piece in _split_at_long_chords(way))
@@ -78,6 +78,6 @@ def _split_at_long_chords(way: Float) -> Iterator[Float]:
 
 
 def _sample_path(way: Float) -> Float:
-    line = polyline(way)
+    line = build_polyline(way)
     stations = np.arange(0.0, line.length, ASSUMED_MPS * DT_S)
     return np.array([(*line.at(s), line.yaw_at(s)) for s in stations])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.statistics import statistics
+from mdrive_sumo.scenario.statistics import compute_suite_statistics
 from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.scenario_builder import OFF_LANE_M, AuthoredScenario, build_scenario
 from real2sim.authored.scene_networks import build_scene_networks
@@ -44,7 +44,7 @@ def _build_report(
     return ConversionReport(
         source=about.title,
         notes=(*notes, *signs),
-        statistics=statistics([part.scenario for part in converted]),
+        statistics=compute_suite_statistics([part.scenario for part in converted]),
         waypoints=sum(part.waypoints for part in converted),
         towns=tuple(towns.values()),
         shifts=tuple(shift for part in converted for shift in part.shifts),

@@ -10,8 +10,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import NetworkFile, RoadMap, load
-from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
+from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
+from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.carla.opendrive import OpenDriveMap, measure_offset_error, place_stop_signs, read_opendrive
 from real2sim.carla.road_links import repair_road_links, write_mended
 from real2sim.netconvert import build_opendrive_command, compile_opendrive
@@ -75,7 +75,7 @@ def _build_from_opendrive(name: str, xodr: Path, drive: OpenDriveMap, folder: Pa
     about = _build_network_file(name, xml, source, build_opendrive_command(xodr.name, "map.net.xml"))
     with tempfile.TemporaryDirectory() as draft:  # the signs need the lanes, network.json needs the signs
         _write_network(Path(draft), xml, about)
-        roads = load(Path(draft))
+        roads = load_road_map(Path(draft))
     error = _check_offset(xodr, drive, roads, about.offset)
     placed = place_stop_signs(drive.stop_signs or (), roads, about.offset)
     signs = None if drive.stop_signs is None else placed.boxes
@@ -109,7 +109,7 @@ def _build_network_file(name: str, xml: Element, source: str, build: Sequence[st
         licence=LICENCE,
         offset=_read_offset(name, xml),
         build=tuple(build),
-        checksum=net_checksum(_serialise(xml)),
+        checksum=compute_net_checksum(_serialise(xml)),
     )
 
 

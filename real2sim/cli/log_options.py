@@ -16,7 +16,7 @@ from real2sim.pipeline.log_source import Log
 from real2sim.readers.time_window import TimeWindow
 
 if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
-    from mdrive_sumo.scenario.background import Mode
+    from mdrive_sumo.scenario.background import BackgroundMode
     from mdrive_sumo.scenario.catalog import SuiteFile
     from real2sim.pipeline.batch import Batch
 
@@ -101,7 +101,7 @@ class LogCliOptions:
     window: TimeWindow | None
     every_s: float | None
     cavs: tuple[str, ...]
-    traffic: "Mode"
+    traffic: "BackgroundMode"
     report: bool
     workers: int
 

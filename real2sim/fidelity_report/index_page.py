@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from mdrive_sumo.scenario.catalog import by_number
+from mdrive_sumo.scenario.catalog import natural_sort_key
 from real2sim.fidelity_report.formatting import measured, share
 from real2sim.fidelity_report.html import Html, joined, page, table, tag
 from real2sim.fidelity_report.map_figures import plan_of, thumbnail
@@ -78,7 +78,7 @@ def write_index(suite: Path, name: str, lines: Sequence[IndexLine]) -> Path:
 
 def index_html(name: str, lines: Sequence[IndexLine]) -> str:
     """The index as text."""
-    ordered = sorted(lines, key=lambda line: (not line.misses, by_number(line.id)))
+    ordered = sorted(lines, key=lambda line: (not line.misses, natural_sort_key(line.id)))
     faithful = sum(not line.misses for line in lines)
     passed, moving = sum(line.passed for line in lines), sum(line.moving for line in lines)
     words = (

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from real2sim.fidelity_report.formatting import measured
 from real2sim.fidelity_report.html import Html, joined, table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, Plan, far_points
@@ -44,7 +44,7 @@ def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
     """Driving lanes that the network has, in their direction of travel."""
     inverted = set(network.directions.inverted)
     lanes = [lane for id_, lane in map.lanes.items() if lane.kind is LaneKind.DRIVING and id_ not in network.lost]
-    return [polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
+    return [build_polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
 
 
 def network_part(findings: ConversionFindings, plan: Plan) -> Html:

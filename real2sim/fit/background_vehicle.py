@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
+from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing, Schedule
 from real2sim.clean.object_attributes import clamp_size
 from real2sim.fit.route_path import RoutePath, path_of, progress_of, straight_on
 from real2sim.match import LaneMatch
@@ -126,7 +126,7 @@ def _entry(roads: RoadMap, lane: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def background_vehicle(one: Driven, name: str, driving: Driving, dt_s: float, log: bool) -> BackgroundVehicle:
+def background_vehicle(one: Driven, name: str, driving: CarFollowing, dt_s: float, log: bool) -> BackgroundVehicle:
     """The vehicle from its first frame on. `progress` of its schedule begins above 0 where it begins in a junction."""
     frames = np.flatnonzero(np.isfinite(one.progress))
     first, front = int(frames[0]), one.front

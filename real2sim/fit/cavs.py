@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import RoadMap, Route, route_along
+from mdrive_sumo.roads import RoadMap, Route, build_lane_route
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
 from real2sim.fit.route_path import straight_on
@@ -21,7 +21,7 @@ ROUTE_M = 20.0
 START_M = 2.0
 """How far the start may lie beside the first lane (`soundness.START_GAP_M`)."""
 CHANGE_M = 20.0
-"""Length of a lane change of `route_along`; it begins half of that before the marking is crossed."""
+"""Length of a lane change of `build_lane_route`; it begins half of that before the marking is crossed."""
 
 
 def choose_cavs(
@@ -138,7 +138,7 @@ def _dense(match: LaneMatch, roads: RoadMap, lanes: Sequence[str], start: float,
     if len(lanes) == 1 and goal - start < 0.2:
         return None
     try:
-        return route_along(roads, lanes, start, goal, _change_places(match, roads, lanes))
+        return build_lane_route(roads, lanes, start, goal, _change_places(match, roads, lanes))
     except (InputError, ValueError):  # no room to change lanes there: as early as there is room
         return build_dense_route(roads, (RouteLeg(tuple(lanes), start, goal),))
 

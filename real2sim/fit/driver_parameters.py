@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
-from mdrive_sumo.scenario.background import Driving
+from mdrive_sumo.scenario.background import CarFollowing
 from real2sim.fit.background_vehicle import Driven
 from real2sim.tracks.kinematics import derivative
 
@@ -21,7 +21,7 @@ SHARE = 5.0
 """Percentile of gaps that counts as the shortest a driver keeps."""
 
 
-def fitted(drivers: Sequence[Driven], dt_s: float) -> list[Driving]:
+def fitted(drivers: Sequence[Driven], dt_s: float) -> list[CarFollowing]:
     """Parameters of every driver, so that its model never asks for more room than it took in the log."""
     lanes, s = _places(drivers)
     return [_driving(drivers, k, lanes, s, dt_s) for k in range(len(drivers))]
@@ -37,7 +37,7 @@ def _places(drivers: Sequence[Driven]) -> tuple[Int, Float]:
     return lanes, np.array([one.match.s for one in drivers])
 
 
-def _driving(drivers: Sequence[Driven], k: int, lanes: Int, s: Float, dt_s: float) -> Driving:
+def _driving(drivers: Sequence[Driven], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
     one = drivers[k]
     speed = np.gradient(one.progress, dt_s) if len(one.progress) > 1 else np.zeros_like(one.progress)
     gaps = _gaps(drivers, k, lanes, s)
@@ -49,7 +49,7 @@ def _driving(drivers: Sequence[Driven], k: int, lanes: Int, s: Float, dt_s: floa
     seen = one.progress[np.isfinite(one.progress)]
     force = derivative(seen, dt_s, 2)
     up, down = (float(np.percentile(a, 98)) if len(a) else 0.0 for a in (force, -force))
-    return Driving(
+    return CarFollowing(
         tau_s=round(tau, 2),
         min_gap_m=round(min_gap, 2),
         accel=round(float(np.clip(1.2 * up, *ACCEL)), 2),

@@ -7,12 +7,12 @@ import numpy as np
 from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.scenario.model import Pose
-from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, KindName, Motion, Replay, Standing
+from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, KindName, Motion, ReplayMotion, StandingMotion
 from real2sim.fit.background_vehicle import Driven, poses, size_of
 from real2sim.fit.centreline_traffic import Centred, run_into
 from real2sim.recording import RecordedTrack
 
-NAMES: dict[Kind, KindName] = {kind: name for name, kind in KINDS.items()}
+NAMES: dict[Kind, KindName] = {kind: name for name, kind in KIND_BY_NAME.items()}
 
 
 def replayed(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
@@ -32,7 +32,7 @@ def replayed(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> 
         start=Pose(x=x, y=y, yaw=yaw),
         length=length,
         width=width,
-        motion=Replay(poses=_unwrapped(timed), stays=bool(track.valid[-1])),
+        motion=ReplayMotion(poses=_unwrapped(timed), stays=bool(track.valid[-1])),
         mirrored=not around,
     )
     return actor, _said(around)
@@ -61,11 +61,11 @@ def standing(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> 
     heading = round(float(np.arctan2(np.nan_to_num(np.sin(yaw)).sum(), np.nan_to_num(np.cos(yaw)).sum())), 4)
     length, width = size_of(track)
     box = box_corners(x, y, heading, length, width)
-    motion: Motion = Standing()
+    motion: Motion = StandingMotion()
     said: list[str] = []
     if any(_drives_through(box, one, track) for one in traffic.drivers):
         first, last = int(track.frames[0]) * dt_s, (int(track.frames[-1]) + 1) * dt_s
-        motion = Replay(
+        motion = ReplayMotion(
             poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
         )
         said.append("there only while the log shows it: a vehicle drives through its place at another time")

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.background import Background, Mode
+from mdrive_sumo.scenario.background import Background, BackgroundMode
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.fit.background_vehicle import Driven, background_vehicle, driven
@@ -68,7 +68,7 @@ def fit(
     matches: Mapping[str, LaneMatch],
     roads: RoadMap,
     cavs: Sequence[str],
-    mode: Mode,
+    mode: BackgroundMode,
     dt_s: float,
 ) -> Fitted:
     """Traffic from reconstructed tracks, their matches by track id (vehicles only) and the ids of the CAVs' tracks.

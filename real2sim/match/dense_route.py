@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
-from mdrive_sumo.roads import Lane, RoadMap, Route, dense_route
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
+from mdrive_sumo.roads import Lane, RoadMap, Route, join_route_pieces
 from real2sim.match.waypoint_matcher import RouteLeg
 
 CHANGE_M = 5.0
@@ -37,14 +37,14 @@ def compute_start_pose(roads: RoadMap, legs: Sequence[RouteLeg]) -> tuple[float,
 def build_dense_route(roads: RoadMap, legs: Sequence[RouteLeg]) -> Route:
     """The dense route along legs that join."""
     pieces = [piece for leg in legs for piece in _build_leg_pieces(roads, leg)]
-    return dense_route(legs[0].lanes + tuple(lane for leg in legs[1:] for lane in leg.lanes[1:]), pieces)
+    return join_route_pieces(legs[0].lanes + tuple(lane for leg in legs[1:] for lane in leg.lanes[1:]), pieces)
 
 
 def _build_leg_pieces(roads: RoadMap, leg: RouteLeg) -> Iterator[RoutePiece]:
     drives = _split_at_lane_changes([roads.lanes[lane] for lane in leg.lanes])
     here = roads.lanes[leg.lanes[0]].centre.at(leg.start_s)
     for drive in drives:
-        path = polyline(np.concatenate([lane.centre.xy for lane in drive.lanes]))
+        path = build_polyline(np.concatenate([lane.centre.xy for lane in drive.lanes]))
         rest = drive.lanes[-1].centre.length - leg.goal_s if drive is drives[-1] else 0.0
         start, aside = path.project(*here, between=(0.0, drive.lanes[0].centre.length + END_SKEW_M))
         end = max(path.length - rest, start)

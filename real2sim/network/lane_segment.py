@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from real2sim.hd_map import LaneKind, MapLane
 
 MIN_LANE_M = 0.5
@@ -70,7 +70,7 @@ def compute_yaw_difference(a: float, b: float) -> float:
 def clip_polyline(line: Polyline, begin: float, end: float) -> Polyline:
     """The line from arc length `begin` to `end` [m]."""
     inner = line.xy[(line.s > begin + 1e-6) & (line.s < end - 1e-6)]
-    return polyline(np.concatenate(([line.at(begin)], inner, [line.at(end)])))
+    return build_polyline(np.concatenate(([line.at(begin)], inner, [line.at(end)])))
 
 
 def split_segment(strip: LaneSegment, stations: Sequence[float]) -> list[LaneSegment]:
@@ -99,7 +99,7 @@ def measure_boundary_width(lane: MapLane) -> float:
     """Median distance [m] between the boundaries along the centre line; NaN if one is unknown."""
     if len(lane.left) < 2 or len(lane.right) < 2:
         return float("nan")
-    middle = shapely.points(polyline(lane.centre).resampled(2.0).xy)
+    middle = shapely.points(build_polyline(lane.centre).resampled(2.0).xy)
     return float(
         np.median(
             shapely.distance(middle, shapely.LineString(lane.left))

@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, polyline
-from mdrive_sumo.roads import NetworkFile, RoadMap, load
-from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
+from mdrive_sumo.core.geometry import Float, build_polyline
+from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
+from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.network.lane_adjacency import find_adjacencies
 from real2sim.network.lane_directions import LaneDirections, reverse_lane, vote_directions
@@ -112,7 +112,7 @@ def _select_drawable_lanes(map: HdMap, name: str) -> dict[str, MapLane]:
         if lane.centre.ndim != 2 or lane.centre.shape[1:] != (2,) or not np.isfinite(lane.centre).all():
             raise InputError(f"map of {name}: lane {id_}: expected finite points (N, 2), found {lane.centre.shape}")
     lanes = {
-        id_: replace(lane, centre=polyline(lane.centre).xy)
+        id_: replace(lane, centre=build_polyline(lane.centre).xy)
         for id_, lane in map.lanes.items()
         if len(lane.centre) > 1 and np.hypot(*np.diff(lane.centre, axis=0).T).sum() >= MIN_LANE_M
     }
@@ -138,7 +138,9 @@ def _build_segments(
             continue
         limit = lane.speed_limit if lane.speed_limit > 0 else max(DEFAULT_SPEED_MPS, seen.get(id_, 0.0))
         width = _measure_width(lane) or float("nan")
-        strips[id_] = LaneSegment(id_, id_, polyline(lane.centre), width, limit, lane.kind, lane.junction, lane.group)
+        strips[id_] = LaneSegment(
+            id_, id_, build_polyline(lane.centre), width, limit, lane.kind, lane.junction, lane.group
+        )
     return _fill_widths(strips), lost
 
 
@@ -193,7 +195,7 @@ def _build_crosswalk(number: int, outline: Float) -> LaneSegment | None:
     if width < MIN_CROSSWALK_M:
         return None
     name = f"crosswalk_{number}"
-    return LaneSegment(name, name, polyline(ends), width, FOOTWAY_MPS, LaneKind.SIDEWALK, False)
+    return LaneSegment(name, name, build_polyline(ends), width, FOOTWAY_MPS, LaneKind.SIDEWALK, False)
 
 
 def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Path, name: str) -> RoadMap:
@@ -210,12 +212,12 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
         licence="that of the log",
         offset=(0.0, 0.0),
         build=("netconvert", *build_plain_arguments(left_hand), "--output-file", "map.net.xml"),
-        checksum=net_checksum(xml),
+        checksum=compute_net_checksum(xml),
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,
     )
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
-    load.cache_clear()  # it may remember another network that lay in this folder
-    return load(folder)
+    load_road_map.cache_clear()  # it may remember another network that lay in this folder
+    return load_road_map(folder)
 
 
 def _find_unused_lanes(plan: NetworkPlan) -> set[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Polyline, polyline
+from mdrive_sumo.core.geometry import Polyline, build_polyline
 from real2sim.network.lane_adjacency import find_crossings
 from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
 from real2sim.network.segment_splitting import group_adjacent_segments
@@ -215,7 +215,7 @@ def _build_connection(strips: Mapping[str, LaneSegment], start: str, path: tuple
     through = [strips[id_] for id_ in path[:-1]]
     points = np.concatenate([[first.end], *(strip.line.xy for strip in through), [last.start]])
     apart = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    line = polyline(_drop_close_points(points)) if apart > 0.1 else None
+    line = build_polyline(_drop_close_points(points)) if apart > 0.1 else None
     return PlannedConnection(start, path[-1], line, min(s.speed for s in (*through, last)), tuple(path[:-1]))
 
 

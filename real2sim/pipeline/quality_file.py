@@ -9,8 +9,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, by_number
-from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, natural_sort_key
+from mdrive_sumo.scenario.scenario import describe_first_error
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fit.disposition import Became
 from real2sim.quality import Quality
@@ -115,14 +115,14 @@ def load_quality(path: Path) -> QualityFile:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
 
 
 def load_qualities(suite: Path) -> tuple[QualityFile, ...]:
     """Those of all scenarios of a suite, by id; raises InputError if there is none."""
     if not suite.is_dir():
         raise InputError(f"{suite}: expected a suite folder, found none")
-    paths = sorted(suite.glob(f"*/{QUALITY_FILE}"), key=lambda path: by_number(path.parent.name))
+    paths = sorted(suite.glob(f"*/{QUALITY_FILE}"), key=lambda path: natural_sort_key(path.parent.name))
     if not paths:
         written = " (authored sources have conversion.md instead)" if (suite / "conversion.md").is_file() else ""
         raise InputError(

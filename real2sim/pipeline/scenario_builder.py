@@ -6,10 +6,10 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import RoadMap, load
-from mdrive_sumo.scenario.background import Mode
+from mdrive_sumo.roads import RoadMap, load_road_map
+from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.scenario import Scenario, first_problem
+from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.findings import ConversionFindings
 from real2sim.fit import Fitted, fit
@@ -32,7 +32,7 @@ NETWORKS = "networks"
 class Wish:
     """What the user wants of the traffic."""
 
-    mode: Mode = "reactive"
+    mode: BackgroundMode = "reactive"
     cavs: tuple[str, ...] = ()
     """Names of observers or tracks; (): those of the source, else one is chosen."""
     window_s: tuple[float, float] | None = None
@@ -63,14 +63,14 @@ def build_log(scene: SourceScene, suite: Path, wish: Wish, network: NetworkRepor
     seen = motions(cleaned.tracks)
     if network is None:
         network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
-    roads = load(network.folder)
+    roads = load_road_map(network.folder)
     tracks = reconstruct(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in motions(tracks).items()}
     cavs = cav_tracks(wish.cavs, cleaned, tracks, matches)
     try:
         fitted = fit(tracks, matches, roads, cavs, wish.mode, dt_s)
     except ValidationError as error:
-        raise InputError(first_problem(error)) from None
+        raise InputError(describe_first_error(error)) from None
     notes = cav_notes(wish.cavs, cavs, cleaned, tracks, matches)
     scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
     check_scenario(scenario, roads)
@@ -123,4 +123,4 @@ def _scenario(scene: SourceScene, recording: Recording, fitted: Fitted, network:
             notes=scene.notes,
         )
     except ValidationError as error:
-        raise InputError(first_problem(error)) from None
+        raise InputError(describe_first_error(error)) from None

@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.scenario import describe_first_error
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.shapes import compute_centreline, parse_points
 
@@ -96,7 +96,7 @@ def _load_archive(path: Path) -> Av2MapArchive:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
 
 
 def _build_lane(path: Path, id_: str, segment: Av2LaneSegment) -> MapLane | None:

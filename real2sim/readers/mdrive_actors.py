@@ -9,16 +9,16 @@ from pydantic import ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.model import Pose
-from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
-    AlongPath,
     HardBrake,
     KindName,
     LaneChange,
     Motion,
-    Replay,
-    Standing,
+    PathMotion,
+    ReplayMotion,
+    StandingMotion,
 )
 from real2sim.readers.carla_frame import CarlaFrame
 from real2sim.readers.mdrive_behavior import ActorScript
@@ -94,7 +94,7 @@ def build_actor(id_: str, authored: AuthoredActor, frame: CarlaFrame) -> tuple[A
             action=script and script.action,
         )
     except ValidationError as error:
-        raise InputError(f"{authored.route.path}: {first_problem(error)}") from None
+        raise InputError(f"{authored.route.path}: {describe_first_error(error)}") from None
     return actor, tuple(f"{id_}: {note}" for note in (*notes, *more, *_note_ignored(authored, motion)))
 
 
@@ -125,17 +125,17 @@ def _build_motion(authored: AuthoredActor, frame: CarlaFrame) -> tuple[Pose, Mot
     if authored.timed and not _has_reactive_action(authored):
         times = np.asarray(authored.route.times_s)
         poses = zip(times.tolist(), xy[:, 0].tolist(), xy[:, 1].tolist(), yaws, strict=True)
-        return start, Replay(poses=tuple(poses)), []
+        return start, ReplayMotion(poses=tuple(poses)), []
     notes = ["has times, but is driven along its points"] if authored.route.times_s is not None and len(xy) > 1 else []
     points = _drop_repeated(xy)
     if authored.role == "static" and len(points) > 1:
-        return start, Standing(), [*notes, f"a static actor with {len(points)} points: stands at the first"]
+        return start, StandingMotion(), [*notes, f"a static actor with {len(points)} points: stands at the first"]
     if authored.role == "static":
-        return start, Standing(), notes
+        return start, StandingMotion(), notes
     if len(points) == 1:
-        return start, Standing(), [*notes, "a single point: stands there"]
+        return start, StandingMotion(), [*notes, "a single point: stands there"]
     ahead = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
-    path = AlongPath(points=tuple(points), speed=authored.speed)
+    path = PathMotion(points=tuple(points), speed=authored.speed)
     return start.model_copy(update={"yaw": ahead}), path, notes
 
 
@@ -144,7 +144,7 @@ def _note_ignored(authored: AuthoredActor, motion: Motion) -> list[str]:
     notes: list[str] = []
     if authored.route.attributes.get("snap_to_road", "").lower() == "true":
         notes.append("is not moved onto the road (snap_to_road), but is where its file says")
-    if authored.route.point_speeds and isinstance(motion, AlongPath):
+    if authored.route.point_speeds and isinstance(motion, PathMotion):
         notes.append(f"speeds at its points are not read, it drives at {motion.speed:g} m/s")
     return notes
 
@@ -177,6 +177,6 @@ def _drop_repeated(xy: Float) -> list[tuple[float, float]]:
 
 def _drop_idle_script(script: ActorScript | None, motion: Motion) -> tuple[ActorScript | None, list[str]]:
     """A script for what only stands is none: MDrive writes them for static actors."""
-    if script is not None and isinstance(motion, Standing):
+    if script is not None and isinstance(motion, StandingMotion):
         return None, ["its behaviour does nothing, as it stands"]
     return script, []

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.model import Seconds, Speed
-from mdrive_sumo.scenario.scenario import first_problem
+from mdrive_sumo.scenario.scenario import describe_first_error
 
 MANIFEST = "actors_manifest.json"
 BEHAVIOR = "actors_behavior.json"
@@ -115,4 +115,4 @@ def _read_json(path: Path, shape: TypeAdapter[_T]) -> _T:
     try:
         return shape.validate_python(data)
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from real2sim.readers.shapes import describe_value, parse_all_points, parse_numbers, parse_points
 
 MapFeature = Mapping[str, Any]
@@ -48,7 +48,7 @@ def read_lane_boundaries(where: str, feature: MapFeature, features: Mapping[str,
     if feature.get("polygon") is not None:
         ring, line = (
             parse_points(f"{where}.polygon", feature["polygon"]),
-            polyline(parse_points(where, feature["polyline"])),
+            build_polyline(parse_points(where, feature["polyline"])),
         )
         return _select_side(ring, line, 1.0), _select_side(ring, line, -1.0)
     left, right = (_read_boundary(where, feature, f"{side}_boundaries", features) for side in ("left", "right"))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from real2sim.recording import RecordedTrack
 
 
@@ -44,7 +44,7 @@ def parse_points(where: str, raw: Any) -> Float:
 
 def compute_centreline(left: Float, right: Float, spacing: float = 2.0) -> Float:
     """Line (N, 2) half-way between two boundaries of the same direction, points about `spacing` [m] apart."""
-    sides = polyline(left), polyline(right)
+    sides = build_polyline(left), build_polyline(right)
     count = max(2, len(left), len(right), round(max(side.length for side in sides) / spacing) + 1)
     share = np.linspace(0.0, 1.0, count)
     return sum((_sample_line(side, share) for side in sides), np.zeros((count, 2))) / 2

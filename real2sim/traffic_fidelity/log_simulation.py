@@ -9,7 +9,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import KINDS, Actor, Replay
+from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, ReplayMotion
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.fit.background_vehicle import size_of
 from real2sim.recording import RecordedTrack
@@ -79,7 +79,7 @@ def _speed(xy: Float, times: Float) -> Float:
 
 
 def _rail(actor: Actor) -> _Rail:
-    if not isinstance(actor.motion, Replay):
+    if not isinstance(actor.motion, ReplayMotion):
         start = actor.start
         return _Rail(np.zeros(1), np.array([[start.x, start.y, start.yaw, 0.0]]), stays=True)
     timed = np.array(actor.motion.poses)
@@ -99,7 +99,7 @@ def _scripted(actors: list[tuple[Actor, _Rail]], time: float) -> Actors:
     x, y, yaw, speed = np.array([state for _, state in now]).T
     return Actors(
         tuple(actor.id for actor, _ in now),
-        np.array([KINDS[actor.kind] for actor, _ in now], dtype=np.uint8),
+        np.array([KIND_BY_NAME[actor.kind] for actor, _ in now], dtype=np.uint8),
         x,
         y,
         yaw,

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import KDTree
 
-from mdrive_sumo.core.geometry import Float, polyline
+from mdrive_sumo.core.geometry import Float, build_polyline
 
 NEAR_M = 1.5
 """Paths this near to one another cannot be driven at the same time."""
@@ -89,7 +89,7 @@ def kept_in_order(conflict: Conflict, log: Mapping[str, Float], simulated: Mappi
 
 def _passed(log: Float, simulated: Float, point: tuple[float, float]) -> float:
     """Frame in which a vehicle is past the point on its path of the log; infinite if it never is."""
-    path = polyline(log[np.isfinite(log[:, 0])])
+    path = build_polyline(log[np.isfinite(log[:, 0])])
     goal = path.project(*point)[0]
     before = -np.inf
     for frame in np.flatnonzero(np.isfinite(simulated[:, 0])).tolist():

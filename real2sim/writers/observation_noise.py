@@ -13,10 +13,10 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.scene import Eye, Scene
-from mdrive_sumo.sensing.visibility import Buildings, seen_rows
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.visibility import BuildingEdges, find_visible_rows
 from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory, ObserverView, RecordedTrack, Recording
 
 
@@ -111,12 +111,10 @@ def _simulate_view(
     station = agent.startswith("-")
     if noise is None:
         return ObserverView(agent, others, scene.pose, station)
-    pose = (
-        scene.pose if station else _offset_sensor(scene.pose, noise, np.random.default_rng(derived_seed(seed, agent)))
-    )
+    pose = scene.pose if station else _offset_sensor(scene.pose, noise, np.random.default_rng(derive_seed(seed, agent)))
     seen = _compute_visibility(scene, pose, noise, noise.station_range_m if station else noise.cav_range_m)
     noted = (
-        _observe_track(track, seen[track.id], noise, np.random.default_rng(derived_seed(seed, agent, track.id)), dt_s)
+        _observe_track(track, seen[track.id], noise, np.random.default_rng(derive_seed(seed, agent, track.id)), dt_s)
         for track in others
     )
     return ObserverView(agent, tuple(track for track in noted if track.valid.any()), pose, station)
@@ -138,14 +136,14 @@ def _offset_sensor(pose: Float, noise: ObservationNoise, rng: np.random.Generato
 
 def _compute_visibility(scene: ObserverView, pose: Float, noise: ObservationNoise, range_m: float) -> dict[str, Bool]:
     """(T,) for every track: whether enough of it is in sight, past the other boxes."""
-    buildings = Buildings(RoadMap("", Path(), {}, (), (), (), (), None, ""))
+    buildings = BuildingEdges(RoadMap("", Path(), {}, (), (), (), (), None, ""))
     seen = np.zeros((len(scene.tracks), len(pose)), dtype=np.bool_)
     for t, (x, y, yaw) in enumerate(pose.tolist()):
         rows = [i for i, track in enumerate(scene.tracks) if track.valid[t]]
         ids = [scene.tracks[i].id for i in rows]
-        eye = Eye(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
+        eye = SensorPose(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
         boxes = _build_objects([scene.tracks[i] for i in rows], t)
-        seen[rows, t] = seen_rows(eye, Scene(t, boxes, {}), buildings, range_m, noise.least_visible)
+        seen[rows, t] = find_visible_rows(eye, SensingFrame(t, boxes, {}), buildings, range_m, noise.least_visible)
     return {track.id: row for track, row in zip(scene.tracks, seen, strict=True)}
 
 

@@ -27,14 +27,14 @@ def make(order: Order) -> None:
     from mdrive_sumo.episode import load_episode
     from mdrive_sumo.report.replay_marks import find_marks
     from mdrive_sumo.report.replay_page import render_replay
-    from mdrive_sumo.roads import load, network_folder
+    from mdrive_sumo.roads import find_network_folder, load_road_map
     from mdrive_sumo.scenario.catalog import load_suite
     from mdrive_sumo.scoring import ScenarioResult
 
     suite = load_suite(order.suite)
     scenario = next(scenario for scenario in suite.scenarios if scenario.id == order.scenario)
     episode = load_episode(order.recording)
-    roads = load(network_folder(scenario.network, suite.home(scenario.id)))
+    roads = load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
     marks = find_marks(episode, ScenarioResult.model_validate(order.result))
     part = order.page.with_suffix(".part")
     part.write_text(render_replay(episode, scenario, roads, marks), encoding="utf-8")

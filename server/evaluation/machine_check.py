@@ -9,7 +9,7 @@ from sqlalchemy import make_url
 from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.make_executor import check_scheduler_address
-from mdrive_sumo.scenario.catalog import packaged_suites
+from mdrive_sumo.scenario.catalog import list_packaged_suites
 from server import environments
 from server.settings import Settings
 
@@ -45,7 +45,7 @@ def _secrets(settings: Settings) -> Iterator[tuple[str, Path]]:
     if url.get_backend_name() == "sqlite" and url.database:
         yield "database", Path(url.database)
     for phase in settings.phases:
-        if not phase.public and phase.suite not in packaged_suites():
+        if not phase.public and phase.suite not in list_packaged_suites():
             yield f"phase {phase.id}: suite", Path(phase.suite)
 
 

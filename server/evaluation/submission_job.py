@@ -14,8 +14,8 @@ from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import RejectedError
 from mdrive_sumo.runs.job import EpisodeJob, run_job
-from mdrive_sumo.scenario.catalog import packaged_suites
-from mdrive_sumo.v2x.comm import comm_text
+from mdrive_sumo.scenario.catalog import list_packaged_suites
+from mdrive_sumo.v2x.comm import format_comm_json
 from server.archive import ArchiveRefused
 from server.environments import environment
 from server.evaluation.archive_cache import unpacked
@@ -90,10 +90,10 @@ def _entrant(task: JobTask) -> Entrant:
 
 
 def _job(task: JobTask, entrant: Entrant) -> EpisodeJob:
-    suite = packaged_suites().get(task.suite, Path(task.suite))
+    suite = list_packaged_suites().get(task.suite, Path(task.suite))
     recording = str(task.stage / f"{task.scenario}.npz") if task.public else ""
     job = entrant.job(suite.absolute(), task.scenario, task.seed, recording, str(task.stage))
-    return replace(job, comm=comm_text(COMM[task.track]))
+    return replace(job, comm=format_comm_json(COMM[task.track]))
 
 
 def usage(folder: Path) -> dict[str, Any]:

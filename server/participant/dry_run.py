@@ -15,7 +15,7 @@ from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailur
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.summary import means
-from mdrive_sumo.v2x.comm import comm_text
+from mdrive_sumo.v2x.comm import format_comm_json
 from server.enums import State, Track, Verdict
 from server.environments import Environment
 from server.participant.check import ask, declared, described
@@ -114,7 +114,7 @@ def driven(
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{course.out}: cannot be written: {error.strerror}") from None
-    comm = comm_text(COMM[track])
+    comm = format_comm_json(COMM[track])
     jobs = [
         replace(
             entrant.job(suite.folder.resolve(), one.id, course.seed, str(recordings / f"{one.id}.npz"), str(logs)),

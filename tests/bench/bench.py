@@ -27,8 +27,8 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.episode import save_episode
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
-from mdrive_sumo.roads import NetworkFile, RoadMap, load, route_along
-from mdrive_sumo.roads.network_file import net_checksum
+from mdrive_sumo.roads import NetworkFile, RoadMap, build_lane_route, load_road_map
+from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs.agent_spec import Hiring, opened
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
@@ -62,10 +62,10 @@ def grid(folder: Path) -> RoadMap:
     xml = (folder / "grid.net.xml").read_bytes()
     (folder / "map.net.xml.gz").write_bytes(gzip.compress(xml, mtime=0))
     about = NetworkFile(
-        name="grid", origin="netgenerate", licence="none", offset=(0, 0), build=(), checksum=net_checksum(xml)
+        name="grid", origin="netgenerate", licence="none", offset=(0, 0), build=(), checksum=compute_net_checksum(xml)
     )
     (folder / "network.json").write_text(about.model_dump_json())
-    return load(folder)
+    return load_road_map(folder)
 
 
 def walk(roads: RoadMap, rng: np.random.Generator, lane_id: str, length: float) -> list[str]:
@@ -92,7 +92,7 @@ def busy_scenario(roads: RoadMap, cavs: int, vehicles: int, action_step_s: float
 
 
 def _ego(name: str, roads: RoadMap, lanes: list[str]) -> Ego:
-    route = route_along(roads, lanes, 10.0, roads.lanes[lanes[-1]].centre.length)
+    route = build_lane_route(roads, lanes, 10.0, roads.lanes[lanes[-1]].centre.length)
     points = tuple((float(x), float(y), float(yaw)) for (x, y), yaw in zip(route.xy, route.yaw, strict=True))
     x, y, yaw = points[0]
     return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), lanes=route.lanes, route=points)

@@ -10,20 +10,20 @@ import numpy as np
 from mdrive_sumo.contract import Message, Objects, SensorSpec
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import EgoState, Kind
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.weather import WEATHERS
-from mdrive_sumo.sensing.briefing_builder import briefing
+from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.detection import ObjectsSensor
 from mdrive_sumo.sensing.lidar import LidarSensor
 from mdrive_sumo.sensing.raster import RasterSensor
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
-from mdrive_sumo.sensing.visibility import Buildings, visible_fractions
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.v2x.comm import PRESETS
-from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, Pose, encode, track_name
-from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
+from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode, format_track_name
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 Row = tuple[str, float, str, str]
 BOXES = 100
@@ -41,7 +41,7 @@ def median_ms(work: Callable[[], object]) -> float:
     return statistics.median(times[10:]) * 1e3
 
 
-def crowd(count: int, reach: float) -> Scene:
+def crowd(count: int, reach: float) -> SensingFrame:
     """Cars and people around the origin, none on it; the first box is the observer's."""
     rng = np.random.default_rng(0)
     radius, angle = rng.uniform(6.0, reach, count), rng.uniform(-np.pi, np.pi, count)
@@ -58,7 +58,7 @@ def crowd(count: int, reach: float) -> Scene:
         length=np.append(4.9, size[:, 0]),
         width=np.append(2.0, size[:, 1]),
     )
-    return Scene(0, boxes, {"me": EgoState(0.0, 0.0, 0.0, 5.0)})
+    return SensingFrame(0, boxes, {"me": EgoState(0.0, 0.0, 0.0, 5.0)})
 
 
 def with_houses(roads: RoadMap, count: int) -> RoadMap:
@@ -77,22 +77,22 @@ def sensor_rows() -> Iterator[Row]:
     """Each sensor with a hundred boxes and forty houses around the car."""
     suite = load_suite("interdrive")
     scenario = next(s for s in suite.scenarios if s.network == "town_crossing")
-    town = load(network_folder("town_crossing"))
-    told = briefing(scenario.egos[0], town, facts(MKZ_2017), 0, 60.0)
-    scene, eye = crowd(BOXES, 80.0), Eye(0.0, 0.0, 0.0, 0)
+    town = load_road_map(find_network_folder("town_crossing"))
+    told = build_briefing(scenario.egos[0], town, to_vehicle_facts(MKZ_2017), 0, 60.0)
+    scene, eye = crowd(BOXES, 80.0), SensorPose(0.0, 0.0, 0.0, 0)
     houses = with_houses(town, 40)
-    fitting = Fitting("me", 1, houses, WEATHERS["default"], told)
+    fitting = SensorSetup("me", 1, houses, WEATHERS["default"], told)
     lidar = LidarSensor(SensorSpec("lidar"), fitting)
     yield "LiDAR scan, default profile, 100 boxes", median_ms(lambda: lidar.sense(scene, eye)), "ms", "<= 1.5"
-    buildings = Buildings(houses)
-    visibility = median_ms(lambda: visible_fractions(eye, scene, buildings, 100.0))
+    buildings = BuildingEdges(houses)
+    visibility = median_ms(lambda: compute_visible_fractions(eye, scene, buildings, 100.0))
     yield "visibility of 100 actors, an observer", visibility, "ms", "<= 0.5"
     objects = ObjectsSensor(SensorSpec("objects", range_m=100.0, options={"free_space": True}), fitting)
     yield "objects sensor with free sight, 100 actors", median_ms(lambda: objects.sense(scene, eye)), "ms", ""
     near = scene.boxes.take(slice(1, 21))
     start = scenario.egos[0].start
-    raster = RasterSensor(SensorSpec("bev"), Fitting("me", 1, town, WEATHERS["default"], told))
-    here = Eye(start.x, start.y, start.yaw, 0)
+    raster = RasterSensor(SensorSpec("bev"), SensorSetup("me", 1, town, WEATHERS["default"], told))
+    here = SensorPose(start.x, start.y, start.yaw, 0)
     yield "raster 256 x 256, 20 boxes", median_ms(lambda: raster.sense(scene, here, near)), "ms", "<= 2"
 
 
@@ -111,8 +111,8 @@ def channel_row() -> Iterator[Row]:
 
 
 def _everything(i: int) -> tuple[Message, ...]:
-    pose, z = Pose(10.0 * i, 0.0, 0.3, 7), np.linspace(1.0, 20.0, 10)
-    boxes = Objects(tuple(map(track_name, range(10))), np.zeros(10, np.uint8), z, z, z / 9, z, z / 4, z / 9)
+    pose, z = ReferencePose(10.0 * i, 0.0, 0.3, 7), np.linspace(1.0, 20.0, 10)
+    boxes = Objects(tuple(map(format_track_name, range(10))), np.zeros(10, np.uint8), z, z, z / 9, z, z / 4, z / 9)
     points = np.column_stack((np.linspace(0, 30, 20), np.zeros(20)))
     return (
         encode(Cam(pose, 5.0, 0.1, 0.0, 4.9, 2.0)),

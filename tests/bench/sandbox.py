@@ -19,7 +19,7 @@ from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, o
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.sumo import SumoWorld
 
@@ -66,7 +66,7 @@ def recorded(name: str, sensors: tuple[SensorSpec, ...]) -> Probe:
     """The first CAV of a scenario, and what it saw."""
     suite = load_suite("interdrive")
     scenario = next(one for one in suite.scenarios if one.id.startswith(name))
-    roads = load(network_folder(scenario.network, suite.home(scenario.id)))
+    roads = load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
     probes = {ego.id: Probe(sensors if ego is scenario.egos[0] else ()) for ego in scenario.egos}
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, 0) as world:

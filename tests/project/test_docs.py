@@ -25,7 +25,7 @@ from mdrive_sumo.contract import (
 )
 from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")})
@@ -73,7 +73,7 @@ def test_committed_schemas_are_those_of_the_code(what: str) -> None:
 
 
 def test_scenario_schema_tells_what_attributes_mean() -> None:
-    path = SCHEMAS["scenario"]()["$defs"]["AlongPath"]["properties"]
+    path = SCHEMAS["scenario"]()["$defs"]["PathMotion"]["properties"]
     assert (path["points"]["description"], path["speed"]["description"]) == (
         "x, y [m] of the box centre.",
         "Target speed [m/s].",
@@ -84,7 +84,7 @@ def test_example_of_a_scripted_road_user_is_one() -> None:
     found = re.search(r"```json\n(.*?)```", (ROOT / "docs" / "actors.md").read_text(), re.DOTALL)
     assert found is not None
     actor = Actor.model_validate_json(found.group(1))
-    assert isinstance(actor.motion, AlongPath)
+    assert isinstance(actor.motion, PathMotion)
     assert actor.vehicles == ("0",)
 
 

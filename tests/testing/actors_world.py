@@ -11,7 +11,7 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, EgoState, Frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.model import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, ReplayMotion
 from testing.worlds import straight_ego, straight_road, straight_scenario
 
 SIZES = {"vehicle": (4.6, 1.9), "pedestrian": (0.5, 0.5), "cyclist": (1.8, 0.6), "static": (0.5, 0.5)}
@@ -34,12 +34,12 @@ def actor(name: str, kind: Any, **parts: Any) -> Actor:
     length, width = SIZES[kind]
     if "points" in parts:
         points = tuple(parts.pop("points"))
-        parts["motion"] = AlongPath(points=points, speed=parts.pop("speed"), start_speed=parts.pop("start_speed", 0.0))
+        parts["motion"] = PathMotion(points=points, speed=parts.pop("speed"), start_speed=parts.pop("start_speed", 0.0))
         (x, y), (u, v) = points[:2]
         parts["start"] = Pose(x=x, y=y, yaw=math.atan2(v - y, u - x))
     elif "poses" in parts:
         poses = tuple(parts.pop("poses"))
-        parts["motion"] = Replay(poses=poses, stays=parts.pop("stays", False))
+        parts["motion"] = ReplayMotion(poses=poses, stays=parts.pop("stays", False))
         parts["start"] = Pose(x=poses[0][1], y=poses[0][2], yaw=poses[0][3])
     elif "at" in parts:
         x, y = parts.pop("at")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
@@ -31,7 +31,7 @@ def crossing_route(turn: str, arm: int, run_up_m: float = 30.0) -> Float:
     }
     angle = arm * math.pi / 2
     turned = np.array(((math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))))
-    return polyline(np.array([(-h - run_up_m, y), (-h, y), *ends[turn]]) @ turned).resampled(1.0).xy
+    return build_polyline(np.array([(-h - run_up_m, y), (-h, y), *ends[turn]]) @ turned).resampled(1.0).xy
 
 
 def _arc(centre: tuple[float, float], radius: float, start_deg: float, end_deg: float) -> list[tuple[float, float]]:

@@ -14,11 +14,11 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.roads import Lane, RoadMap, drivable_path, load, network_folder, route_along
+from mdrive_sumo.roads import Lane, RoadMap, build_lane_route, find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.recording import Recording
 from real2sim.writers.episode_recording import record_episode
@@ -81,7 +81,7 @@ def busy_truth(seed: int = 0, crowd: Crowd = BUSY, seconds: float = SECONDS) -> 
 @cache
 def drive(seed: int = 0, crowd: Crowd = BUSY) -> Driven:
     """CAVs driven by IDM among SUMO's vehicles; driven once a session."""
-    roads = load(network_folder(NETWORK))
+    roads = load_road_map(find_network_folder(NETWORK))
     egos = tuple(ego(roads, str(n), way) for n, way in enumerate(WAYS))
     rng = np.random.default_rng(seed)
     scenario = Scenario(
@@ -103,8 +103,8 @@ def drive(seed: int = 0, crowd: Crowd = BUSY) -> Driven:
 
 def ego(roads: RoadMap, name: str, way: tuple[str, str]) -> Ego:
     """A CAV from 30 m on its first lane to 10 m before the end of its last."""
-    lanes = drivable_path(roads, *way)
-    route = route_along(roads, lanes, 30.0, roads.lanes[way[1]].centre.length - 10.0)
+    lanes = find_lane_path(roads, *way)
+    route = build_lane_route(roads, lanes, 30.0, roads.lanes[way[1]].centre.length - 10.0)
     points = tuple((float(x), float(y), float(yaw)) for (x, y), yaw in zip(route.xy, route.yaw, strict=True))
     x, y, yaw = points[0]
     return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), start_speed=5.0, lanes=lanes, route=points)
@@ -166,7 +166,7 @@ def beside_the_road(roads: RoadMap, crowd: Crowd, rng: np.random.Generator) -> I
             length=0.5,
             width=0.6,
             start=Pose(x=x, y=y, yaw=yaw),
-            motion=AlongPath(points=points, speed=speed, start_speed=speed),
+            motion=PathMotion(points=points, speed=speed, start_speed=speed),
         )
     for n in range(max(crowd.all - crowd.walkers - crowd.vehicles + NOT_PLACED, 0)):
         x, y, yaw = beside(edges[n % len(edges)], 25.0 + 9.0 * (n // len(edges)), KERB_M)

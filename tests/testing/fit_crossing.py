@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.roads import RoadMap, load
-from mdrive_sumo.scenario.background import Mode
+from mdrive_sumo.roads import RoadMap, load_road_map
+from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.fit import Fitted, fit
 from real2sim.match import LaneMatch, match_track
@@ -38,7 +38,7 @@ def crossing(folder: Path) -> RoadMap:
         folder / "net",
         "crossing",
     )
-    return load(folder / "net")
+    return load_road_map(folder / "net")
 
 
 def seconds() -> Float:
@@ -72,7 +72,9 @@ class Made:
     tracks: tuple[RecordedTrack, ...]
 
 
-def made(roads: RoadMap, *tracks: RecordedTrack, mode: Mode = "reactive", cavs: Sequence[str] = ("cav",)) -> Made:
+def made(
+    roads: RoadMap, *tracks: RecordedTrack, mode: BackgroundMode = "reactive", cavs: Sequence[str] = ("cav",)
+) -> Made:
     """Fitted tracks and their scenario; a CAV far ahead of everybody is added."""
     everybody = (track("cav", 300.0 + 8.0 * seconds(), 0.0), *tracks)
     fitted = fit(everybody, matches_of(everybody, roads), roads, cavs, mode, DT_S)

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgpack
 
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 
 GOOD: Mapping[str, Any] = {
     "": "Reply",
@@ -29,7 +29,7 @@ LATE = 3
 class Case:
     """Expected: how the CAV fails and how the text begins; no failure is None."""
 
-    failure: Failure | None
+    failure: FailureReason | None
     text: str
     data: Callable[[int], bytes] | None = None
     """The bytes of the answer in that tick."""
@@ -75,7 +75,7 @@ def _raw(data: bytes) -> Callable[[int], bytes]:
 
 
 def _invalid(text: str, data: Callable[[int], bytes]) -> Case:
-    return Case(Failure.INVALID, text, data)
+    return Case(FailureReason.INVALID, text, data)
 
 
 NAN, INFINITY = float("nan"), float("inf")
@@ -156,35 +156,35 @@ ANSWERS: Mapping[str, Case] = {
 """What `act` answers in some tick."""
 
 DEEDS: Mapping[str, Case] = {
-    "spin": Case(Failure.TIMEOUT, "act: no answer within the time limit", deed="while True: pass", tick_s=3.0),
-    "never": Case(Failure.TIMEOUT, "act: no answer within the time limit", deed="time.sleep(600)", tick_s=3.0),
+    "spin": Case(FailureReason.TIMEOUT, "act: no answer within the time limit", deed="while True: pass", tick_s=3.0),
+    "never": Case(FailureReason.TIMEOUT, "act: no answer within the time limit", deed="time.sleep(600)", tick_s=3.0),
     "slowloris": Case(
-        Failure.TIMEOUT,
+        FailureReason.TIMEOUT,
         "act: no answer within the time limit",
         deed="for byte in frame(answer(tick, GOOD)): line.send(bytes((byte,))); time.sleep(0.2)",
         tick_s=3.0,
     ),
     "noread": Case(
-        Failure.TIMEOUT,
+        FailureReason.TIMEOUT,
         "act: the agent does not read within the time limit",
         deed="line.sendall(frame(answer(tick, GOOD))); time.sleep(600)",
         tick_s=3.0,
     ),
     "huge": Case(
-        Failure.INVALID,
+        FailureReason.INVALID,
         "act: expected an answer of at most 65536 bytes, found 4294967295",
         deed="line.sendall(b'\\xff' * 4 + bytes(2**20))",
     ),
     "empty": Case(
-        Failure.INVALID, "act: expected an answer of at most 65536 bytes, found 0", deed="line.sendall(bytes(4))"
+        FailureReason.INVALID, "act: expected an answer of at most 65536 bytes, found 0", deed="line.sendall(bytes(4))"
     ),
     "flood": Case(
-        Failure.INVALID,
+        FailureReason.INVALID,
         "act: expected",
         deed="line.sendall(b''.join(frame(answer(tick + i, GOOD)) for i in range(200)))",
     ),
     "early": Case(
-        Failure.INVALID,
+        FailureReason.INVALID,
         "act: expected",
         deed="line.sendall(frame(answer(tick, GOOD)) + frame(answer(tick + 1, GOOD)))",
     ),
@@ -195,16 +195,18 @@ DEEDS: Mapping[str, Case] = {
         "socket.send_fds(line, [frame(answer(tick, GOOD))], files)",
     ),
     "chatter": Case(None, "", deed="print('x' * 10**7, flush=True); line.sendall(frame(answer(tick, GOOD)))"),
-    "hang-up": Case(Failure.CRASHED, "act: the agent's process ended (", deed="line.close(); time.sleep(600)"),
-    "exit": Case(Failure.CRASHED, "act: the agent's process ended (exit code 0)", deed="os._exit(0)"),
-    "segfault": Case(Failure.CRASHED, "act: the agent's process ended (exit code -11)", deed="ctypes.string_at(0)"),
+    "hang-up": Case(FailureReason.CRASHED, "act: the agent's process ended (", deed="line.close(); time.sleep(600)"),
+    "exit": Case(FailureReason.CRASHED, "act: the agent's process ended (exit code 0)", deed="os._exit(0)"),
+    "segfault": Case(
+        FailureReason.CRASHED, "act: the agent's process ended (exit code -11)", deed="ctypes.string_at(0)"
+    ),
     "half": Case(
-        Failure.CRASHED,
+        FailureReason.CRASHED,
         "act: the agent's process ended (exit code 3)",
         deed="line.sendall(frame(answer(tick, GOOD))[:-9]); os._exit(3)",
     ),
     "terminal": Case(
-        Failure.CRASHED, "RuntimeError: ?[2J?]0;", deed="raise RuntimeError('\\x1b[2J\\x1b]0;' + 'x' * 10**7)"
+        FailureReason.CRASHED, "RuntimeError: ?[2J?]0;", deed="raise RuntimeError('\\x1b[2J\\x1b]0;' + 'x' * 10**7)"
     ),
 }
 """What an agent does instead of answering."""

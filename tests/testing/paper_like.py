@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile
-from mdrive_sumo.scenario.categories import FIGURES, Category, Figures
+from mdrive_sumo.scenario.categories import FIGURES, Category, CategoryFigures
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -29,7 +29,7 @@ def _scenarios() -> tuple[Scenario, ...]:
     return tuple(one for category, figures in FIGURES.items() for one in _of(category, figures))
 
 
-def _of(category: Category, figures: Figures) -> Iterator[Scenario]:
+def _of(category: Category, figures: CategoryFigures) -> Iterator[Scenario]:
     ego, cone = _ego(figures), Actor(id="cone", kind="static", length=0.4, width=0.4, start=Pose(x=0, y=0, yaw=0))
     cavs, actors = (_shared(round(mean * figures.count), figures.count) for mean in (figures.cavs, figures.actors))
     for k in range(figures.count):
@@ -48,7 +48,7 @@ def _shared(total: int, count: int) -> list[int]:
     return [total // count + (k < total % count) for k in range(count)]
 
 
-def _ego(figures: Figures) -> Ego:
+def _ego(figures: CategoryFigures) -> Ego:
     """An arc; what smoothing takes off its ends is added."""
     hops = round(figures.route_m * ROUTE)
     bend = math.radians(figures.heading_change_deg * TURN) / (hops - 2)

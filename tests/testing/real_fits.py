@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import RoadMap, load
-from mdrive_sumo.scenario.background import Mode
+from mdrive_sumo.roads import RoadMap, load_road_map
+from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.clean import clean_recording
 from real2sim.fit import Fitted, choose_cavs, fit
@@ -39,13 +39,13 @@ def recording(name: str) -> Recording:
     return read_interaction(folder, folder / "DR_USA_Intersection_EP0.osm", window=(begin, begin + 20.0))
 
 
-def fitted_log(name: str, folder: Path, mode: Mode = "reactive") -> FittedLog:
+def fitted_log(name: str, folder: Path, mode: BackgroundMode = "reactive") -> FittedLog:
     """A real log as a scenario on its network in `folder`."""
     source = recording(name)
     cleaned = clean_recording(source)
     poses = {one.id: np.column_stack((one.x, one.y, one.yaw)) for one in cleaned.tracks if vehicle(one)}
     build_network(source.map, list(poses.values()), folder / name, name, source.dt_s)
-    roads, tracks = load(folder / name), reconstruct(cleaned.tracks, source.dt_s)
+    roads, tracks = load_road_map(folder / name), reconstruct(cleaned.tracks, source.dt_s)
     matches = {one.id: match_track(np.column_stack((one.x, one.y, one.yaw)), roads) for one in tracks if vehicle(one)}
     cavs = choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
     fitted = fit(tracks, matches, roads, cavs, mode, source.dt_s)

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import load
+from mdrive_sumo.roads import load_road_map
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
 from real2sim.findings import ConversionFindings
@@ -64,7 +64,7 @@ def findings_of(recording: Recording, folder: Path) -> ConversionFindings:
     network = build_network(recording.map, motions, folder / "network", "by-hand", DT)
     tracks = reconstruct(cleaned.tracks, DT)
     raw = {one.id: one for one in cleaned.tracks}
-    roads = load(folder / "network")
+    roads = load_road_map(folder / "network")
     lanes = LaneIndex.of_lines([lane.centre.xy for lane in roads.driving], [True] * len(roads.driving))
     quality = assess(Converted(recording.id, DT, tracks, raw, lanes))
     return ConversionFindings(recording.id, recording, cleaned, tracks, quality, network, roads)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -118,7 +118,7 @@ def episode(
 
 def _ending(ego_id: str, tick: int, end: End) -> Ending:
     if end is End.AGENT_FAILED:
-        return Ending(ego_id, tick, end, Failure.CRASHED, "ValueError: no")
+        return Ending(ego_id, tick, end, FailureReason.CRASHED, "ValueError: no")
     return Ending(ego_id, tick, end)
 
 

@@ -9,7 +9,7 @@ from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import ScenarioResult, void_result
-from mdrive_sumo.v2x.comm import comm_from
+from mdrive_sumo.v2x.comm import parse_comm
 from testing.pool_fakes import Task, perform
 
 
@@ -23,7 +23,7 @@ def drive(job: EpisodeJob) -> ScenarioResult:
         calls.write(f"{job.agent} {job.comm} {job.seed} {job.scenario}\n")
     scenario = next(s for s in load_suite(job.suite_folder).scenarios if s.id == job.scenario)
     perform(Task(job.scenario, scenario.description, str(folder)))
-    comm = comm_from(json.loads(job.comm))
+    comm = parse_comm(json.loads(job.comm))
     link = comm.link
     talking = 70.0 - link.latency_ticks - 40.0 * link.loss - 10.0 * link.pose_error_m if comm.on else 30.0
     score = {"omniscient": 90.0, "idm": 30.0}.get(job.agent, talking) + job.seed

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from mdrive_sumo import cli
-from mdrive_sumo.roads.network_file import net_checksum
+from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
@@ -28,7 +28,7 @@ NETWORK = {
     "licence": "Apache-2.0",
     "offset": (0.0, 0.0),
     "build": (),
-    "checksum": net_checksum(NET),
+    "checksum": compute_net_checksum(NET),
 }
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Actors, EgoState
-from mdrive_sumo.roads import NetworkFile, RoadMap, load
-from mdrive_sumo.roads.network_file import net_checksum
+from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
+from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -45,10 +45,10 @@ def compiled(folder: Path, kind: str) -> RoadMap:
     xml = (folder / "n.net.xml").read_bytes()
     (folder / "map.net.xml.gz").write_bytes(gzip.compress(xml, mtime=0))
     about = NetworkFile(
-        name="cross", origin="test", licence="none", offset=(0, 0), build=(), checksum=net_checksum(xml)
+        name="cross", origin="test", licence="none", offset=(0, 0), build=(), checksum=compute_net_checksum(xml)
     )
     (folder / "network.json").write_text(about.model_dump_json())
-    return load(folder)
+    return load_road_map(folder)
 
 
 def scenario(

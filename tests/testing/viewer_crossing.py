@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
 from mdrive_sumo.report.replay_page import ReplayMark
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
@@ -108,7 +108,7 @@ def record(ticks: int = 40, egos: int = 2, actors: int = 3, prefix: str = "car_"
         pedal = math.sin(tick / 30)
         control = Control(max(pedal, 0.0), max(-pedal, 0.0), 0.4 * math.sin(tick / 25))
         recorder.add(frame, dict.fromkeys(living, control), plans, {})
-    failed = Ending("cav_1", int(0.7 * ticks), End.AGENT_FAILED, Failure.CRASHED, text)
+    failed = Ending("cav_1", int(0.7 * ticks), End.AGENT_FAILED, FailureReason.CRASHED, text)
     return recorder.finish([Ending("cav_0", ticks - 1, End.ARRIVED), failed])
 
 

@@ -11,8 +11,18 @@ from mdrive_sumo.contract import Message, Note, Objects
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
-from mdrive_sumo.v2x.channel import Fate, Sent
-from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Direction, Intention, Mcm, Pose, encode, track_name
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.messages import (
+    Cam,
+    Content,
+    Cpm,
+    Direction,
+    Intention,
+    Mcm,
+    ReferencePose,
+    encode,
+    format_track_name,
+)
 from testing.viewer_crossing import record, scenario
 
 RSU = "rsu_1"
@@ -53,15 +63,15 @@ def _said(episode: EpisodeRecord, tick: int, text: str) -> Iterator[tuple[str, C
         if tick % 20 == 5 * i:
             yield ego, f"[00c0ffee {tick // 60 + 1}] {text}"
     if tick % 2 == 0:
-        yield RSU, replace(_cpm(episode, -1, Pose(14.0, 14.0, 0.0, tick)), roadside=True)
+        yield RSU, replace(_cpm(episode, -1, ReferencePose(14.0, 14.0, 0.0, tick)), roadside=True)
 
 
-def pose_of(episode: EpisodeRecord, i: int, tick: int) -> Pose:
+def pose_of(episode: EpisodeRecord, i: int, tick: int) -> ReferencePose:
     """Where road user i is."""
-    return Pose(float(episode.x[tick, i]), float(episode.y[tick, i]), float(episode.yaw[tick, i]), tick)
+    return ReferencePose(float(episode.x[tick, i]), float(episode.y[tick, i]), float(episode.yaw[tick, i]), tick)
 
 
-def _cpm(episode: EpisodeRecord, observer: int, pose: Pose) -> Cpm:
+def _cpm(episode: EpisodeRecord, observer: int, pose: ReferencePose) -> Cpm:
     """All others within 40 m, as restless as measured objects are."""
     tick = pose.tick
     noise = np.random.default_rng((tick, observer + 1)).normal(0, 0.2, (4, len(episode.ids)))
@@ -69,14 +79,14 @@ def _cpm(episode: EpisodeRecord, observer: int, pose: Pose) -> Cpm:
     away = np.hypot(episode.x[tick] - pose.x, episode.y[tick] - pose.y)
     near = np.flatnonzero(episode.valid[tick] & (away < 40) & (np.arange(len(away)) != observer))
     objects = Objects(
-        tuple(track_name(1000 * (observer + 1) + i) for i in near.tolist()), episode.kind[near],
+        tuple(format_track_name(1000 * (observer + 1) + i) for i in near.tolist()), episode.kind[near],
         x[near], y[near], yaw[near], speed[near],
         episode.length[near], episode.width[near],
     )  # fmt: skip
     return Cpm(pose, 40.0, objects, np.zeros(len(near), dtype=np.uint8))
 
 
-def _mcm(episode: EpisodeRecord, i: int, pose: Pose) -> Mcm:
+def _mcm(episode: EpisodeRecord, i: int, pose: ReferencePose) -> Mcm:
     ahead = _straight(pose, 0.8)
     near_middle = math.hypot(pose.x, pose.y) < 80
     group = tuple(sorted(episode.ego_ids)) if near_middle else ()
@@ -89,16 +99,16 @@ def _mcm(episode: EpisodeRecord, i: int, pose: Pose) -> Mcm:
     )  # fmt: skip
 
 
-def _straight(pose: Pose, step_m: float) -> Float:
+def _straight(pose: ReferencePose, step_m: float) -> Float:
     steps: Float = np.arange(1.0, 26.0) * step_m
     return np.array((pose.x, pose.y)) + steps[:, None] * np.array((math.cos(pose.yaw), math.sin(pose.yaw)))
 
 
-def _sent(episode: EpisodeRecord, n: int, sender: str, tick: int, content: Content, latency: int) -> Sent:
+def _sent(episode: EpisodeRecord, n: int, sender: str, tick: int, content: Content, latency: int) -> SentMessage:
     message = encode(content)
     receivers = [ego for i, ego in enumerate(episode.ego_ids) if ego != sender and episode.valid[tick, i]]
     fates = {
-        receiver: (Fate.LOST if (n + k) % LOST_EVERY == 0 else Fate.DELIVERED, tick + latency)
+        receiver: (DeliveryStatus.LOST if (n + k) % LOST_EVERY == 0 else DeliveryStatus.DELIVERED, tick + latency)
         for k, receiver in enumerate(receivers)
     }
-    return Sent(Message(message.type, message.payload, sender, tick), fates)
+    return SentMessage(Message(message.type, message.payload, sender, tick), fates)

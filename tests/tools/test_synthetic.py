@@ -11,8 +11,8 @@ from testing.worlds import straight_ego, straight_road, straight_scenario
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, Recorder
-from mdrive_sumo.roads import RoadMap, load, network_folder
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, ReplayMotion
 from tools.synthetic_recordings.record_drive import (
     LATEST_START_S,
     MIN_DISTANCE_M,
@@ -37,7 +37,7 @@ CROWD = PopulationCounts(walkers=12, waiting=4, crossing=12, cyclists=4, parked=
 
 @pytest.fixture(params=sorted(RECORDING_SITES))
 def roads(request: pytest.FixtureRequest) -> RoadMap:
-    return load(network_folder(RECORDING_SITES[request.param].network))
+    return load_road_map(find_network_folder(RECORDING_SITES[request.param].network))
 
 
 def crowd(roads: RoadMap, seed: int = 0) -> tuple[Actor, ...]:
@@ -77,7 +77,7 @@ def test_crossings_are_those_of_the_network_and_know_their_lights(roads: RoadMap
 
 def test_lights_let_people_cross_only_while_cars_from_that_road_wait() -> None:
     """Phases of the net: people cross the eastern arm while the north and the south have green, 22 to 31 s."""
-    found = find_crossings(load(network_folder("city_crossing")))
+    found = find_crossings(load_road_map(find_network_folder("city_crossing")))
     (east,) = (zebra for zebra in found if zebra.line[:, 0].min() > 10.0)
     (north,) = (zebra for zebra in found if zebra.line[:, 1].min() > 10.0)
     assert (east.green, east.cycle_s) == (((22.0, 31.0),), 44.0)
@@ -95,7 +95,7 @@ def test_there_are_as_many_people_as_asked_for(roads: RoadMap) -> None:
 
 def test_nobody_crosses_against_the_light(roads: RoadMap) -> None:
     for actor in of(crowd(roads), "crossing"):
-        assert isinstance(actor.motion, Replay)
+        assert isinstance(actor.motion, ReplayMotion)
         (_, begin_s, _), stays = (pose[0] for pose in actor.motion.poses), actor.motion.stays
         assert stays
         way = shapely.LineString([pose[1:3] for pose in actor.motion.poses[1:]])
@@ -108,7 +108,7 @@ def test_walkers_keep_to_the_pavement_for_as_long_as_a_drive_may_last(roads: Roa
     """Behind the end of its path an actor on foot walks straight on."""
     pavement = shapely.MultiPolygon([shapely.Polygon(p).buffer(0) for p in roads.pavements])
     for actor in of(crowd(roads), "walker"):
-        assert isinstance(actor.motion, AlongPath)
+        assert isinstance(actor.motion, PathMotion)
         way = shapely.LineString(actor.motion.points)
         assert max(pavement.distance(shapely.Point(point)) for point in actor.motion.points) < 0.1
         assert way.length > (LATEST_START_S + WINDOW_S) * actor.motion.speed
@@ -118,7 +118,7 @@ def test_cyclists_ride_where_nobody_parks(roads: RoadMap) -> None:
     actors = crowd(roads)
     parked = [shapely.Point(actor.start.x, actor.start.y) for actor in of(actors, "parked")]
     for actor in of(actors, "cyclist"):
-        assert isinstance(actor.motion, AlongPath)
+        assert isinstance(actor.motion, PathMotion)
         way = shapely.LineString(actor.motion.points)
         assert min(map(way.distance, parked)) > 3.0
 

@@ -9,12 +9,12 @@ from testing.worlds import straight_ego, straight_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import Examination
-from mdrive_sumo.roads import load
+from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, Schedule
 from mdrive_sumo.scenario.catalog import SCENARIO_FILE, load_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import save_scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, Replay
+from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
 from tools.synthetic_recordings.build_suite import COUNT, SHARES, build_suite, split_count, write_selection
 from tools.synthetic_recordings.candidate_selection import (
     PAPER_MEANS,
@@ -73,7 +73,9 @@ def test_the_whole_bucket_has_the_papers_number_of_cavs() -> None:
 def walk(wiggle: float) -> Actor:
     poses = tuple((round(0.1 * k, 1), 0.13 * k, wiggle * float(np.sin(k / 5)), 0.0) for k in range(101))
     start = Pose(x=0.0, y=0.0, yaw=0.0)
-    return Actor(id="w", kind="cyclist", length=1.8, width=0.6, start=start, motion=Replay(poses=poses, stays=True))
+    return Actor(
+        id="w", kind="cyclist", length=1.8, width=0.6, start=start, motion=ReplayMotion(poses=poses, stays=True)
+    )
 
 
 @pytest.mark.parametrize("wiggle", [0.0, 0.5])
@@ -81,8 +83,8 @@ def test_thinned_replays_go_the_same_way(wiggle: float) -> None:
     scenario = straight_scenario(straight_ego("0")).model_copy(update={"actors": (walk(wiggle),)})
     (thin,) = thin_scenario(scenario).actors
     before, after = walk(wiggle).motion, thin.motion
-    assert isinstance(before, Replay)
-    assert isinstance(after, Replay)
+    assert isinstance(before, ReplayMotion)
+    assert isinstance(after, ReplayMotion)
     assert after.stays
     full, few = np.array(before.poses), np.array(after.poses)
     assert (few[0] == full[0]).all()
@@ -157,4 +159,4 @@ def test_the_same_seed_makes_the_same_files(tmp_path: Path, capfd: pytest.Captur
     assert scenario.network == "v2xpnp_crossing"
     assert len(scenario.egos) == len(scenario.rsus) == 2
     assert len(scenario.background.vehicles) + len(scenario.actors) > 60
-    assert load(first / "networks" / "v2xpnp_crossing").lanes
+    assert load_road_map(first / "networks" / "v2xpnp_crossing").lanes

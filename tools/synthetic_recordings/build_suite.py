@@ -19,7 +19,7 @@ from typing import TypeVar
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import FULL_SCORE
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, save_suite, sealed
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, save_suite, seal_suite
 from mdrive_sumo.scenario.scenario import load_scenario
 from tools.synthetic_recordings.candidate_selection import (
     SelectionCandidate,
@@ -93,7 +93,7 @@ def write_selection(out: Path, outcomes: Sequence[RecordingOutcome], wanted: dic
         if one.task.name not in {kept.id for kept in chosen}:
             shutil.rmtree(out / one.task.name)
     save_suite(Suite(ABOUT, out, ()))
-    save_suite(sealed(load_suite(str(out))))
+    save_suite(seal_suite(load_suite(str(out))))
     _print_summary(chosen, outcomes)
 
 

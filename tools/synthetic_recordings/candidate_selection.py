@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
+from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
 
 PAPER_MEANS = np.array((45.68, 60.92, 83.88))
 """Means of the bucket in the paper's table: route [m] and heading change [deg] of a CAV, background actors."""
@@ -28,7 +28,7 @@ class SelectionCandidate:
 
 def build_candidate(scenario: Scenario, group: str) -> SelectionCandidate:
     """What counts of a scenario."""
-    lengths, turns = (sum(map(f, scenario.egos)) for f in (route_length, heading_change_deg))
+    lengths, turns = (sum(map(f, scenario.egos)) for f in (compute_route_length, compute_heading_change_deg))
     actors = len(scenario.background.vehicles) + len(scenario.actors)
     return SelectionCandidate(scenario.id, group, (lengths, turns, float(actors)), len(scenario.egos))
 

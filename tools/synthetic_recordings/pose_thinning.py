@@ -5,7 +5,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.background import BackgroundVehicle, Schedule
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, Replay
+from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
 
 AWAY_M, TURNED_RAD = 0.03, 0.05
 """A pose may move and turn by this much. The smallest noise that a log has is 0.06 m."""
@@ -21,7 +21,7 @@ def thin_scenario(scenario: Scenario) -> Scenario:
 
 
 def _thin_actor(actor: Actor) -> Actor:
-    if not isinstance(actor.motion, Replay):
+    if not isinstance(actor.motion, ReplayMotion):
         return actor
     turned = WALKER_TURNED_RAD if actor.kind == "pedestrian" else TURNED_RAD
     poses = actor.motion.poses

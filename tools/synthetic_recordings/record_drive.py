@@ -11,12 +11,12 @@ import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.sumo import SumoWorld
@@ -70,9 +70,9 @@ class RecordedDrive:
 def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDrive:
     """A drive of `count` CAVs among dense traffic at one of `RECORDING_SITES`."""
     where = RECORDING_SITES[place]
-    roads = load(network_folder(where.network))
+    roads = load_road_map(find_network_folder(where.network))
     name = f"{place}_{number:03d}"
-    rng = np.random.default_rng(derived_seed(seed, "synthetic", name))
+    rng = np.random.default_rng(derive_seed(seed, "synthetic", name))
     egos = build_cavs(roads, count, rng)
     until_s = LATEST_START_S + WINDOW_S
     scenario = Scenario(
@@ -88,7 +88,7 @@ def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDriv
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
     drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in egos}
-    with SumoWorld(scenario, roads, sizes, derived_seed(seed, name, "sumo")) as world:
+    with SumoWorld(scenario, roads, sizes, derive_seed(seed, name, "sumo")) as world:
         return RecordedDrive(scenario, roads, run_episode(_build_episode_config(scenario, roads, seed), world, drivers))
 
 
@@ -141,4 +141,4 @@ def _measure_heading_change(episode: EpisodeRecord, part: tuple[float, float]) -
 def write_log(drive: RecordedDrive, window_s: tuple[float, float], folder: Path, seed: int) -> None:
     """Writes FOLDER/<agent>/<frame>.yaml."""
     truth = record_episode(drive.episode, drive.scenario, drive.roads, window_s)
-    write_v2xpnp(truth, folder, ObservationNoise(), derived_seed(seed, "noise", drive.scenario.id))
+    write_v2xpnp(truth, folder, ObservationNoise(), derive_seed(seed, "noise", drive.scenario.id))

@@ -13,7 +13,7 @@ import numpy as np
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, Replay, Standing, TimeTrigger
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, ReplayMotion, StandingMotion, TimeTrigger
 from tools.synthetic_recordings.roadside_poses import (
     RoadsidePose,
     SignalledCrossing,
@@ -76,7 +76,7 @@ def _build_moving_actor(
             "length": length,
             "width": width,
             "start": Pose(x=x, y=y, yaw=yaw),
-            "motion": AlongPath(
+            "motion": PathMotion(
                 points=tuple(place[:2] for place in places), speed=speed, start_speed=speed if start_s is None else 0.0
             ),
             "trigger": None if start_s is None else TimeTrigger(at_s=start_s),
@@ -120,7 +120,9 @@ def _build_waiting(lanes: Sequence[Lane], count: int, rng: np.random.Generator) 
         x, y, _ = place
         length, width = BOX_M["pedestrian"]
         pose = Pose(x=x, y=y, yaw=round(float(rng.uniform(-np.pi, np.pi)), 4))
-        yield Actor(id=f"waiting{n}", kind="pedestrian", length=length, width=width, start=pose, motion=Standing())
+        yield Actor(
+            id=f"waiting{n}", kind="pedestrian", length=length, width=width, start=pose, motion=StandingMotion()
+        )
 
 
 def _build_crossing(
@@ -144,7 +146,7 @@ def _build_crossing(
             length=length,
             width=width,
             start=Pose(x=poses[0][1], y=poses[0][2], yaw=yaw),
-            motion=Replay(poses=tuple(poses), stays=True),
+            motion=ReplayMotion(poses=tuple(poses), stays=True),
         )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.roads import Lane, RoadMap, drivable_path, route_along
+from mdrive_sumo.roads import Lane, RoadMap, build_lane_route, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
@@ -61,9 +61,9 @@ def _build_cav(roads: RoadMap, name: str, rng: np.random.Generator) -> Ego:
         if (_compute_turn(first, last) > TURN_DEG) == turns
     ]
     first, last = ways[int(rng.integers(len(ways)))]
-    lanes = drivable_path(roads, first.id, last.id)
+    lanes = find_lane_path(roads, first.id, last.id)
     begin = max(first.centre.length - float(rng.uniform(*START_M)), 5.0)
-    route = route_along(roads, lanes, begin, last.centre.length - 4.0)
+    route = build_lane_route(roads, lanes, begin, last.centre.length - 4.0)
     points = tuple(
         (round(float(x), 3), round(float(y), 3), round(float(yaw), 4))
         for (x, y), yaw in zip(route.xy, route.yaw, strict=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation.requirements import is_difficult, unmet
 from mdrive_sumo.generate.validation.spawn_overlaps import crowded
@@ -66,7 +66,7 @@ def sampled(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
 
 def _places(part: Suite) -> Iterator[tuple[float, int, str]]:
     """In which order scenarios are drawn: the first half of one part before the second half of any other."""
-    keys = sorted((derived_seed(0, scenario.id, "validate"), scenario.id) for scenario in part.scenarios)
+    keys = sorted((derive_seed(0, scenario.id, "validate"), scenario.id) for scenario in part.scenarios)
     for rank, (seed, name) in enumerate(keys):
         yield (rank + 0.5) / len(keys), seed, name
 

@@ -14,10 +14,10 @@ from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.checks import TOUCHING_M2, first_pose
+from mdrive_sumo.scenario.checks import TOUCHING_M2, compute_first_pose
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, Replay, Standing, StartMotion
+from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, StandingMotion, StartMotion
 
 SLACK_M = 0.1
 """Actors that stand may overlap by so much: a log knows their places and sizes no better, and none of them moves."""
@@ -55,7 +55,9 @@ def _spawns(scenario: Scenario, roads: RoadMap) -> Iterator[Spawn]:
             yield _spawn("vehicle", vehicle.id, pose, (vehicle.length, vehicle.width))
     for actor in scenario.actors:
         if _stands(actor):
-            yield _spawn("actor", actor.id, first_pose(actor, roads), (actor.length - SLACK_M, actor.width - SLACK_M))
+            yield _spawn(
+                "actor", actor.id, compute_first_pose(actor, roads), (actor.length - SLACK_M, actor.width - SLACK_M)
+            )
 
 
 def _spawn(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> Spawn:
@@ -65,7 +67,7 @@ def _spawn(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> Spawn
 def _stands(actor: Actor) -> bool:
     """Props, parked cars, and who waits for a trigger to set off."""
     waits = actor.trigger is not None and isinstance(actor.action, StartMotion | None)
-    return isinstance(actor.motion, Standing) or (waits and not isinstance(actor.motion, Replay))
+    return isinstance(actor.motion, StandingMotion) or (waits and not isinstance(actor.motion, ReplayMotion))
 
 
 def _departure(vehicle: BackgroundVehicle, background: Background, roads: RoadMap) -> Pose | None:

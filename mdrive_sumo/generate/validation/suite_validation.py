@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from mdrive_sumo.generate.validation.scenario_validation import Examination
-from mdrive_sumo.scenario.catalog import RECIPE_FILE, Suite, packaged_suites
-from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, deviations
+from mdrive_sumo.scenario.catalog import RECIPE_FILE, Suite, list_packaged_suites
+from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, statistics
+from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, read_certificates
 
 TOLERANCE, CATEGORY_TOLERANCE = 0.05, 0.10
@@ -62,14 +62,14 @@ def _problems(suite: Suite, examinations: Sequence[Examination]) -> Iterator[str
 
 def is_packaged(suite: Suite) -> bool:
     """Whether a suite comes with mdrive-sumo."""
-    folder = packaged_suites().get(suite.name)
+    folder = list_packaged_suites().get(suite.name)
     return folder is not None and folder.resolve() == suite.folder.resolve()
 
 
 def _against_paper(suite: Suite) -> Iterator[str]:
     if (paper := PAPER.get(suite.name)) is None:
         return
-    found = statistics(suite.scenarios)
+    found = compute_suite_statistics(suite.scenarios)
     if found.scenarios != paper.scenarios:
         yield f"expected {paper.scenarios} scenarios, found {found.scenarios}"
     yield from _off(_means(found), _means(paper), TOLERANCE)
@@ -81,7 +81,7 @@ def _means(of: SuiteStatistics) -> tuple[float, ...]:
 
 def _off(found: Sequence[float], wanted: Sequence[float], tolerance: float) -> Iterator[str]:
     """Means that are further from those wanted than the tolerance."""
-    for name, mean, aim, floor, off in zip(MEANS, found, wanted, FLOOR, deviations(found, wanted), strict=True):
+    for name, mean, aim, floor, off in zip(MEANS, found, wanted, FLOOR, compute_deviations(found, wanted), strict=True):
         if abs(off) > tolerance + ROUNDING:
             yield f"{name}: expected {aim:g} +- {max(aim, floor) * tolerance:.2g} on average, found {mean:.2f}"
 
@@ -95,7 +95,7 @@ def _against_categories(scenarios: Sequence[Scenario]) -> Iterator[str]:
         if len(here) != wanted:
             yield f"{name}: expected {wanted} scenarios, found {len(here)}"
         if here and figures:
-            off = _off(_means(statistics(here)), figures.means, CATEGORY_TOLERANCE)
+            off = _off(_means(compute_suite_statistics(here)), figures.means, CATEGORY_TOLERANCE)
             yield from (f"{name}: {problem}" for problem in (*off, *_off_weather(here)))
 
 

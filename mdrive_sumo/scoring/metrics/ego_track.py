@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.roads.road_map import Nearest, RoadMap
+from mdrive_sumo.roads.road_map import NearestLanes, RoadMap
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scoring.criteria import Course, course_of
 from mdrive_sumo.scoring.metrics.infraction import PENALTY, Infraction
@@ -39,11 +39,11 @@ class Track:
         return course_of(self.ego)
 
     @cached_property
-    def nearest(self) -> Nearest:
+    def nearest(self) -> NearestLanes:
         """The nearest driving lane in every tick (n,); looked up once a place, because it is dear."""
         moved = np.concatenate(((True,), (np.diff(self.xy, axis=0) != 0).any(axis=1)))
         found, at = self.roads.nearest(self.xy[moved]), np.cumsum(moved) - 1
-        return Nearest(found.lane[at], found.distance[at], found.yaw[at])
+        return NearestLanes(found.lane[at], found.distance[at], found.yaw[at])
 
     def event(self, kind: str, tick: int, other: str = "") -> Infraction:
         """An infraction of this CAV, with its factor of the penalty table (1.0 if it has none)."""

@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 from mdrive_sumo.contract import VehicleFacts
 from mdrive_sumo.vehicle.control.pid import B2D, LMDRIVE, CarlaPid, DualPid, V2xController
-from mdrive_sumo.vehicle.control.plan_reader import Controller, rounded
+from mdrive_sumo.vehicle.control.plan_reader import Controller, round_control
 from mdrive_sumo.vehicle.control.tracker import Tracker
 
-__all__ = ["CONTROLLERS", "Controller", "ControllerFactory", "rounded"]
+__all__ = ["CONTROLLERS", "Controller", "ControllerFactory", "round_control"]
 
 ControllerFactory = Callable[[VehicleFacts], Controller]
 

@@ -15,7 +15,7 @@ import numpy as np
 from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
-from mdrive_sumo.vehicle.control.plan_reader import Own, aim, rounded, waypoints
+from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, find_aim_point, round_control, sample_waypoints
 
 RIGHT_ANGLE = math.pi / 2
 
@@ -56,25 +56,25 @@ class V2xController:
         self._calls = 0
         self._stood = 0
         self._forced = 0
-        self._last = rounded(0.0, 0.0, 0.0)
+        self._last = round_control(0.0, 0.0, 0.0)
 
-    def follow(self, plan: Plan, own: Own, age_ticks: int) -> Control:
+    def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
         if self._calls % self.EVERY == 0:
             self._last = self._decide(plan, own, age_ticks)
         self._calls += 1
         return self._last
 
-    def _decide(self, plan: Plan, own: Own, age_ticks: int) -> Control:
-        x, y = aim(plan, own, age_ticks, self.LOOK_AHEAD)
+    def _decide(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
+        x, y = find_aim_point(plan, own, age_ticks, self.LOOK_AHEAD)
         steer = self._turn(math.atan2(y, x) / RIGHT_ANGLE if own.speed >= 0.01 else 0.0)
-        ranges = np.hypot(*waypoints(plan, own, age_ticks, self.SPACING_S, 4).T)
+        ranges = np.hypot(*sample_waypoints(plan, own, age_ticks, self.SPACING_S, 4).T)
         desired = float(np.diff(ranges).mean()) * self._max_speed
         throttle = min(0.75, self._speed(max(0.0, min(0.35, desired - own.speed))))
         brake = own.speed > 1.1 * desired
         if self._starts_by_force(own.speed):
-            return rounded(0.8, 0.0, steer)
-        return rounded(0.0 if brake else throttle, float(brake), steer)
+            return round_control(0.8, 0.0, steer)
+        return round_control(0.0 if brake else throttle, float(brake), steer)
 
     def _starts_by_force(self, speed: float) -> bool:
         self._stood = self._stood + 1 if speed < 0.2 else max(0, self._stood - 10)
@@ -98,16 +98,16 @@ class CarlaPid:
         self._turn_errors: deque[float] = deque(maxlen=10)
         self._steer = 0.0
 
-    def follow(self, plan: Plan, own: Own, age_ticks: int) -> Control:
+    def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
-        planned = float(np.hypot(*waypoints(plan, own, age_ticks, 1.0, 1)[0]))
+        planned = float(np.hypot(*sample_waypoints(plan, own, age_ticks, 1.0, 1)[0]))
         error = min(self._target_kmh, 3.6 * planned) - 3.6 * own.speed
         pedal = _timed_pid(self._speed_errors, error, (5.0, 1.0, 0.1))
-        x, y = aim(plan, own, age_ticks, 3.0 + 0.5 * max(0.0, own.speed))
+        x, y = find_aim_point(plan, own, age_ticks, 3.0 + 0.5 * max(0.0, own.speed))
         steer = _timed_pid(self._turn_errors, math.atan2(y, x), (0.5, 0.05, 0.2))
         steer = max(self._steer - 0.1, min(self._steer + 0.1, steer))
         self._steer = max(-0.8, min(0.8, steer))
-        return rounded(min(0.75, pedal), min(0.5, -pedal), self._steer)
+        return round_control(min(0.75, pedal), min(0.5, -pedal), self._steer)
 
 
 def _timed_pid(errors: deque[float], error: float, gains: tuple[float, float, float]) -> float:
@@ -120,7 +120,7 @@ def _timed_pid(errors: deque[float], error: float, gains: tuple[float, float, fl
 
 
 @dataclass(frozen=True, slots=True)
-class DualPidSetting:
+class DualPidParameters:
     """What tells UniAD's and VAD's controller from LMDrive's."""
 
     turn_gains: tuple[float, float, float]
@@ -134,8 +134,8 @@ class DualPidSetting:
     """Most speed error [m/s] that the throttle sees."""
 
 
-B2D = DualPidSetting((0.75, 0.75, 0.3), aim_m=4.0, waypoints=6, brake_speed=0.4, most_error=0.25)
-LMDRIVE = DualPidSetting((1.25, 0.75, 0.3), aim_m=None, waypoints=2, brake_speed=0.1, most_error=0.35)
+B2D = DualPidParameters((0.75, 0.75, 0.3), aim_m=4.0, waypoints=6, brake_speed=0.4, most_error=0.25)
+LMDRIVE = DualPidParameters((1.25, 0.75, 0.3), aim_m=None, waypoints=2, brake_speed=0.1, most_error=0.35)
 
 
 class DualPid:
@@ -143,21 +143,21 @@ class DualPid:
 
     SPACING_S = 0.5
 
-    def __init__(self, setting: DualPidSetting) -> None:
+    def __init__(self, setting: DualPidParameters) -> None:
         self._setting = setting
         self._turn = WindowPid(setting.turn_gains, 40)
         self._speed = WindowPid((5.0, 0.5, 1.0), 40)
 
-    def follow(self, plan: Plan, own: Own, age_ticks: int) -> Control:
+    def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
         setting = self._setting
-        points = waypoints(plan, own, age_ticks, self.SPACING_S, setting.waypoints)
+        points = sample_waypoints(plan, own, age_ticks, self.SPACING_S, setting.waypoints)
         x, y = self._aim(points).tolist()
         steer = self._turn(math.atan2(y, x) / RIGHT_ANGLE if own.speed >= 0.01 else 0.0)
         desired = float(np.hypot(*np.diff(points, axis=0).T).mean()) / self.SPACING_S
         brake = desired < setting.brake_speed or own.speed > 1.1 * desired
         throttle = min(0.75, self._speed(max(0.0, min(setting.most_error, desired - own.speed))))
-        return rounded(0.0 if brake else throttle, float(brake), steer)
+        return round_control(0.0 if brake else throttle, float(brake), steer)
 
     def _aim(self, points: Float) -> Float:
         middles = (points[1:] + points[:-1]) / 2

@@ -9,7 +9,7 @@ from mdrive_sumo.contract import CONTROL_STEP, Control, OwnState, Plan
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, EgoState
 
-Own = EgoState | OwnState
+OwnMotion = EgoState | OwnState
 """Either tells x, y, yaw and speed."""
 
 NEAR = 0.5
@@ -19,7 +19,7 @@ NEAR = 0.5
 class Controller(Protocol):
     """Follows one CAV's plans through one episode."""
 
-    def follow(self, plan: Plan, own: Own, age_ticks: int) -> Control:
+    def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """The control of this tick. The plan was made `age_ticks` ago (0: now); it may be valid for many ticks.
 
         A plan whose last point is overdue asks to stand at that point.
@@ -27,7 +27,7 @@ class Controller(Protocol):
         ...
 
 
-def rounded(throttle: float, brake: float, steer: float) -> Control:
+def round_control(throttle: float, brake: float, steer: float) -> Control:
     """A control inside its limits, rounded to `CONTROL_STEP` as the contract stores it."""
     return Control(_rounded(throttle, 0.0), _rounded(brake, 0.0), _rounded(steer, -1.0))
 
@@ -36,7 +36,7 @@ def _rounded(value: float, low: float) -> float:
     return round(round(max(low, min(1.0, value)) / CONTROL_STEP) * CONTROL_STEP, 4)
 
 
-def remaining(plan: Plan, own: Own, age_ticks: int) -> tuple[Float, Float]:
+def find_remaining_points(plan: Plan, own: OwnMotion, age_ticks: int) -> tuple[Float, Float]:
     """Times (K,) [s] from now and points (K, 2) [m, ego frame: x ahead, y left] that are left; the car comes first.
 
     Of an overdue plan its last point is left, K = 2, due at once.
@@ -44,28 +44,28 @@ def remaining(plan: Plan, own: Own, age_ticks: int) -> tuple[Float, Float]:
     due = plan.interval_s * np.arange(1, len(plan.points) + 1) - age_ticks * DT
     first = min(int(np.searchsorted(due, 1e-9, side="right")), len(due) - 1)
     times = np.concatenate(((0.0,), np.maximum(due[first:], 0.0)))
-    return times, np.vstack(((0.0, 0.0), in_ego_frame(plan.points[first:], own)))
+    return times, np.vstack(((0.0, 0.0), to_ego_frame(plan.points[first:], own)))
 
 
-def in_ego_frame(points: Float, own: Own) -> Float:
+def to_ego_frame(points: Float, own: OwnMotion) -> Float:
     """World points (N, 2) [m] seen from the car: x ahead, y left of the box centre."""
     sin, cos = math.sin(own.yaw), math.cos(own.yaw)
     return (points - (own.x, own.y)) @ np.array(((cos, -sin), (sin, cos)))
 
 
-def point_in_ego_frame(x: float, y: float, own: Own) -> tuple[float, float]:
-    """As `in_ego_frame`, one point [m], without the price of an array."""
+def point_to_ego_frame(x: float, y: float, own: OwnMotion) -> tuple[float, float]:
+    """As `to_ego_frame`, one point [m], without the price of an array."""
     sin, cos = math.sin(own.yaw), math.cos(own.yaw)
     dx, dy = x - own.x, y - own.y
     return cos * dx + sin * dy, cos * dy - sin * dx
 
 
-def waypoints(plan: Plan, own: Own, age_ticks: int, spacing_s: float, count: int) -> Float:
+def sample_waypoints(plan: Plan, own: OwnMotion, age_ticks: int, spacing_s: float, count: int) -> Float:
     """Points (count, 2) [m, ego frame] where the plan wants the car after 1, 2, ... times `spacing_s` from now.
 
     A plan that ends earlier goes on with its last velocity; an overdue one stands at its last point.
     """
-    times, points = remaining(plan, own, age_ticks)
+    times, points = find_remaining_points(plan, own, age_ticks)
     wanted = spacing_s * np.arange(1, count + 1)
     if times[-1] <= 0.0:
         return np.repeat(points[-1:], count, axis=0)
@@ -74,12 +74,12 @@ def waypoints(plan: Plan, own: Own, age_ticks: int, spacing_s: float, count: int
     return np.column_stack([np.interp(wanted, times, points[:, k]) + over * velocity[k] for k in (0, 1)])
 
 
-def aim(plan: Plan, own: Own, age_ticks: int, distance: float) -> tuple[float, float]:
+def find_aim_point(plan: Plan, own: OwnMotion, age_ticks: int, distance: float) -> tuple[float, float]:
     """The point [m, ego frame] that lies `distance` ahead along what is left of the plan, prolonged straight.
 
     Straight ahead if the rest of the plan is shorter than `NEAR`.
     """
-    _, points = remaining(plan, own, age_ticks)
+    _, points = find_remaining_points(plan, own, age_ticks)
     hops = np.hypot(*np.diff(points, axis=0).T)
     kept = np.concatenate(((True,), hops > 1e-6))
     points, along = points[kept], np.concatenate(((0.0,), np.cumsum(hops[kept[1:]])))

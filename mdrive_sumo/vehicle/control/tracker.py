@@ -5,7 +5,7 @@ from bisect import bisect
 
 from mdrive_sumo.contract import Control, Plan, VehicleFacts
 from mdrive_sumo.core.state import DT, EgoState
-from mdrive_sumo.vehicle.control.plan_reader import Own, point_in_ego_frame, rounded
+from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, point_to_ego_frame, round_control
 
 PREVIEW_S = 0.8
 """The car shall be where the plan is in this time [s]; gives the position loop a damping ratio of 0.71."""
@@ -42,14 +42,14 @@ class Tracker:
     def __init__(self, vehicle: VehicleFacts) -> None:
         self._vehicle = vehicle
 
-    def follow(self, plan: Plan, own: Own, age_ticks: int) -> Control:
+    def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
         soon = _predicted(own)
         stations, hops = _line(plan, own, age_ticks * DT)
         here = _nearest(hops, soon.x, soon.y)
         goal = _station(stations, plan.interval_s, age_ticks * DT)
         throttle, brake = self._pedals(soon.speed, goal - here)
-        return rounded(throttle, brake, self._steer(hops, here, soon))
+        return round_control(throttle, brake, self._steer(hops, here, soon))
 
     def _pedals(self, speed: float, distance: float) -> tuple[float, float]:
         """Throttle and brake that cover the distance [m] within `PREVIEW_S`."""
@@ -68,14 +68,14 @@ class Tracker:
         speed = abs(own.speed)
         target = here + LOOK_AHEAD_M + LOOK_AHEAD_S * speed + LOOK_AHEAD_S2 * speed * speed
         start, px, py, ux, uy, _ = hops[max(bisect(hops, (target, math.inf)) - 1, 0)]
-        x, y = point_in_ego_frame(px + (target - start) * ux, py + (target - start) * uy, own)
+        x, y = point_to_ego_frame(px + (target - start) * ux, py + (target - start) * uy, own)
         # Circle through centre and aim whose middle lies abeam of the rear axle.
         x += vehicle.rear_to_centre
         curvature = 2 * y / max(x * x + y * y - vehicle.rear_to_centre**2, 1e-3)
         return math.atan(vehicle.wheelbase * curvature) / vehicle.max_steer_angle
 
 
-def _predicted(own: Own) -> EgoState:
+def _predicted(own: OwnMotion) -> EgoState:
     """The car `LAG_S` from now if nothing changes: where an answer given now begins to work."""
     speed = max(0.0, own.speed + own.acceleration * LAG_S) if own.speed >= 0.0 else own.speed
     way, turn = (own.speed + speed) / 2 * LAG_S, own.yaw_rate * LAG_S
@@ -83,7 +83,7 @@ def _predicted(own: Own) -> EgoState:
     return EgoState(own.x + way * math.cos(yaw), own.y + way * math.sin(yaw), own.yaw + turn, speed)
 
 
-def _line(plan: Plan, own: Own, now_s: float) -> tuple[list[float], list[Hop]]:
+def _line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], list[Hop]]:
     """Arc length [m] of the plan's points, repeated ones too, and the line through them, prolonged at both ends.
 
     It ends where nothing that comes matters yet: beyond both `HORIZON_S` from now and `HORIZON_M`.
@@ -108,12 +108,12 @@ def _line(plan: Plan, own: Own, now_s: float) -> tuple[list[float], list[Hop]]:
     return stations, hops
 
 
-def _line_to(x: float, y: float, count: int, own: Own) -> tuple[list[float], list[Hop]]:
+def _line_to(x: float, y: float, count: int, own: OwnMotion) -> tuple[list[float], list[Hop]]:
     """As `_line`, of a plan that is one point: towards it, or straight ahead if it is too near or behind.
 
     The car itself is at arc length 0.
     """
-    ahead, left = point_in_ego_frame(x, y, own)
+    ahead, left = point_to_ego_frame(x, y, own)
     distance = math.hypot(ahead, left) if ahead > COLLAPSED else ahead
     yaw = own.yaw + (math.atan2(left, ahead) if ahead > COLLAPSED else 0.0)
     cos, sin = math.cos(yaw), math.sin(yaw)

@@ -12,7 +12,7 @@ from testing.worlds import straight_road
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.state import Actors, EgoState, Kind
 from mdrive_sumo.scenario.model import Pose
-from mdrive_sumo.scenario.scripted_actor import AlongLanes
+from mdrive_sumo.scenario.scripted_actor import LaneMotion
 
 AHEAD = [(0.0, 0.0), (100.0, 0.0)]
 
@@ -59,7 +59,7 @@ def test_a_vehicle_turns_as_long_as_its_axles_do_and_its_middle_follows_the_path
 
 
 def test_along_lanes_it_comes_from_its_start_onto_the_centre_line_and_changes_lanes() -> None:
-    lanes = AlongLanes(lanes=("r_0", "r_1"), speed=10, start_speed=10)
+    lanes = LaneMotion(lanes=("r_0", "r_1"), speed=10, start_speed=10)
     car = actor("v", "vehicle", at=(20, 1.0)).model_copy(update={"motion": lanes})
     x, y, _, v = Film(car, seconds=25, roads=two_lanes()).of("v").T
     assert (x[0], y[0], v[0]) == (pytest.approx(20.0), pytest.approx(1.0), 10.0)
@@ -259,7 +259,7 @@ def test_the_order_in_the_file_does_not_matter(order: list[str], seconds: int) -
 
 
 def test_a_route_of_lanes_that_do_not_connect_is_refused() -> None:
-    lanes = AlongLanes(lanes=("r_0", "r_9"), speed=10)
+    lanes = LaneMotion(lanes=("r_0", "r_9"), speed=10)
     car = actor("v", "vehicle", at=(20, 0)).model_copy(update={"motion": lanes, "start": Pose(x=20, y=0, yaw=0)})
     with pytest.raises(Exception, match="r_9"):
         Film(car, roads=straight_road(), seconds=1)

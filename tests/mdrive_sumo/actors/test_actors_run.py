@@ -12,13 +12,13 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.roads import load
+from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, DistanceTrigger
+from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, LaneMotion, PathMotion
 from mdrive_sumo.scoring import Results, load_results
 
 assert NET
@@ -125,21 +125,21 @@ def test_a_reacting_vehicle_stops_for_the_cav_and_an_original_one_does_not(tmp_p
 
 WRONG = {
     "expected lanes of network flat, found 'b_0'": actor("it", "vehicle", at=(30, 0)).model_copy(
-        update={"motion": AlongLanes(lanes=("b_0",), speed=5)}
+        update={"motion": LaneMotion(lanes=("b_0",), speed=5)}
     ),
     "which is not connected": actor("it", "vehicle", at=(30, 0)).model_copy(
-        update={"motion": AlongLanes(lanes=("a_0", "a_0"), speed=5)}
+        update={"motion": LaneMotion(lanes=("a_0", "a_0"), speed=5)}
     ),
     "within 500 m of the map's lanes": actor("it", "vehicle", points=[(30, 0), (9000, 0)], speed=5),
     "within 4 m of where its motion begins, found 20.0 m": actor("it", "vehicle", at=(30, 0)).model_copy(
-        update={"motion": AlongPath(points=((50, 0), (60, 0)), speed=5)}
+        update={"motion": PathMotion(points=((50, 0), (60, 0)), speed=5)}
     ),
     "a path that leads somewhere": actor("it", "vehicle", at=(30, 0)).model_copy(
-        update={"motion": AlongPath(points=((30, 0), (30, 0.01)), speed=5)}
+        update={"motion": PathMotion(points=((30, 0), (30, 0.01)), speed=5)}
     ),
     "found CAV 0 there": prop("parked-car", 8.0, 1.0),
     "start: expected room, found CAV 0": actor("it", "vehicle", at=(8, 4.5)).model_copy(
-        update={"motion": AlongPath(points=((8, 1), (60, 1)), speed=5)}
+        update={"motion": PathMotion(points=((8, 1), (60, 1)), speed=5)}
     ),
 }
 
@@ -148,7 +148,7 @@ WRONG = {
 def test_an_actor_that_does_not_fit_is_refused_before_the_first_tick(sentence: str, tmp_path: Path) -> None:
     folder = suite(tmp_path / "suite", scenario("s", WRONG[sentence]))
     with pytest.raises(InputError, match=sentence.replace("(", "\\(")):
-        check_scenario(scenario("s", WRONG[sentence]), load(folder / "networks" / "flat"))
+        check_scenario(scenario("s", WRONG[sentence]), load_road_map(folder / "networks" / "flat"))
     done = call("eval", "--suite", folder, "--out", tmp_path / "run")
     assert done.exit_code == 2
     assert "scenario s: actor it: " in done.output

@@ -13,10 +13,10 @@ from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.scenario.scripted_actor import (
     Action,
     Actor,
-    AlongLanes,
     DistanceTrigger,
     HardBrake,
     LaneChange,
+    LaneMotion,
     PositionTrigger,
     TimeTrigger,
 )
@@ -31,7 +31,7 @@ def coming(speed: float, x: float = -100.0, y: float = 0.0) -> Egos:
 
 
 def lane_follower(action: Action, y: float = 0.0, lane: str = "r_0") -> Actor:
-    motion = AlongLanes(lanes=(lane,), speed=8, start_speed=8)
+    motion = LaneMotion(lanes=(lane,), speed=8, start_speed=8)
     car = actor("v", "vehicle", at=(20, y))
     return car.model_copy(update={"motion": motion, "trigger": TimeTrigger(at_s=1.0), "action": action})
 

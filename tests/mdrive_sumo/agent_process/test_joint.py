@@ -11,9 +11,9 @@ from testing.worlds import EmptyWorld, straight_ego, straight_road, straight_sce
 from mdrive_sumo.agent_process.child_process import AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, open_agent_connection
-from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import End, Failure
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -46,7 +46,7 @@ def bends(name: str, start: tuple[float, float], signs: tuple[int, ...]) -> Ego:
 
 
 def drive(scenario: Scenario, one: JointAgentSession, clock: str = "ideal") -> EpisodeRecord:
-    setting = EpisodeConfig(scenario, straight_road(), seed=0, clock=clock_of(clock))
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, clock=parse_clock(clock))
     try:
         return run_episode(setting, EmptyWorld(), one.drivers)
     finally:
@@ -80,15 +80,15 @@ def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: 
 @pytest.mark.parametrize(
     ("mode", "failure", "text"),
     [
-        ("setup", Failure.CRASHED, "OSError: no weights in config/my.yaml"),
-        ("plan", Failure.CRASHED, "RuntimeError: too far"),
-        ("short", Failure.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found list"),
-        ("one", Failure.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found VehicleControl"),
-        ("raise", Failure.CRASHED, "RuntimeError: lost"),
+        ("setup", FailureReason.CRASHED, "OSError: no weights in config/my.yaml"),
+        ("plan", FailureReason.CRASHED, "RuntimeError: too far"),
+        ("short", FailureReason.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found list"),
+        ("one", FailureReason.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found VehicleControl"),
+        ("raise", FailureReason.CRASHED, "RuntimeError: lost"),
     ],
 )
 def test_the_failure_of_the_program_ends_all_cavs(
-    tmp_path: Path, two: Scenario, mode: str, failure: Failure, text: str
+    tmp_path: Path, two: Scenario, mode: str, failure: FailureReason, text: str
 ) -> None:
     episode = drive(two, crew(carla_agents.plain(tmp_path, mode)))
     told = [(ending.end, ending.failure, ending.text) for ending in episode.endings]
@@ -104,7 +104,7 @@ def test_a_bad_control_ends_its_cav_only(tmp_path: Path, two: Scenario, mode: st
     episode = drive(two, crew(carla_agents.plain(tmp_path, mode)))
     assert episode.ending("b").end is End.ARRIVED
     bad = episode.ending("a")
-    assert (bad.end, bad.failure, bad.text, bad.tick) == (End.AGENT_FAILED, Failure.INVALID, text, 3)
+    assert (bad.end, bad.failure, bad.text, bad.tick) == (End.AGENT_FAILED, FailureReason.INVALID, text, 3)
 
 
 def test_a_dead_program_fails_every_call(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from mdrive_sumo.agent_process.child_process import AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.contract import Observation, OwnState, PointCloud
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
 AGENT = """
@@ -119,21 +119,21 @@ def test_a_plan_crosses_with_its_array(path: Path) -> None:
 @pytest.mark.parametrize(
     ("mode", "failure", "text"),
     [
-        ("raise", Failure.CRASHED, "RuntimeError: my planner failed"),
-        ("exit", Failure.CRASHED, "act: the agent's process ended (exit code 3)"),
-        ("sysexit", Failure.CRASHED, "SystemExit: done"),
-        ("sleep", Failure.TIMEOUT, "act: no answer within the time limit"),
-        ("c-sleep", Failure.TIMEOUT, "act: no answer within the time limit"),
-        ("segfault", Failure.CRASHED, "act: the agent's process ended (exit code -11)"),
-        ("object", Failure.INVALID, "act: expected a value of the contract, found object"),
-        ("none", Failure.INVALID, "expected a Reply, found NoneType"),
-        ("nan", Failure.INVALID, "throttle: expected a number in [0, 1], found nan"),
-        ("huge", Failure.INVALID, "act: expected an answer of at most"),
-        ("garbage", Failure.INVALID, "act: "),
+        ("raise", FailureReason.CRASHED, "RuntimeError: my planner failed"),
+        ("exit", FailureReason.CRASHED, "act: the agent's process ended (exit code 3)"),
+        ("sysexit", FailureReason.CRASHED, "SystemExit: done"),
+        ("sleep", FailureReason.TIMEOUT, "act: no answer within the time limit"),
+        ("c-sleep", FailureReason.TIMEOUT, "act: no answer within the time limit"),
+        ("segfault", FailureReason.CRASHED, "act: the agent's process ended (exit code -11)"),
+        ("object", FailureReason.INVALID, "act: expected a value of the contract, found object"),
+        ("none", FailureReason.INVALID, "expected a Reply, found NoneType"),
+        ("nan", FailureReason.INVALID, "throttle: expected a number in [0, 1], found nan"),
+        ("huge", FailureReason.INVALID, "act: expected an answer of at most"),
+        ("garbage", FailureReason.INVALID, "act: "),
     ],
 )
-def test_a_bad_agent_fails_with_its_reason(path: Path, mode: str, failure: Failure, text: str) -> None:
-    remote = driver(path, mode, tick_s=3.0 if failure is Failure.TIMEOUT else 120.0)
+def test_a_bad_agent_fails_with_its_reason(path: Path, mode: str, failure: FailureReason, text: str) -> None:
+    remote = driver(path, mode, tick_s=3.0 if failure is FailureReason.TIMEOUT else 120.0)
     remote.sensors()
     begin = time.monotonic()
     with pytest.raises(AgentFailure) as caught:
@@ -155,13 +155,13 @@ def test_an_episode_has_a_time_limit_too(path: Path) -> None:
 @pytest.mark.parametrize(
     ("locator", "failure", "text"),
     [
-        ("{path}:Broken", Failure.CRASHED, "ValueError: no such weights"),
-        ("{path}:Nobody", Failure.CRASHED, "InputError: agent "),
-        ("/no/file.py:Driver", Failure.CRASHED, "InputError: agent file /no/file.py: expected a Python file"),
-        ("no.such.module:Driver", Failure.CRASHED, "InputError: agent module 'no.such.module'"),
+        ("{path}:Broken", FailureReason.CRASHED, "ValueError: no such weights"),
+        ("{path}:Nobody", FailureReason.CRASHED, "InputError: agent "),
+        ("/no/file.py:Driver", FailureReason.CRASHED, "InputError: agent file /no/file.py: expected a Python file"),
+        ("no.such.module:Driver", FailureReason.CRASHED, "InputError: agent module 'no.such.module'"),
     ],
 )
-def test_an_agent_that_cannot_be_made(path: Path, locator: str, failure: Failure, text: str) -> None:
+def test_an_agent_that_cannot_be_made(path: Path, locator: str, failure: FailureReason, text: str) -> None:
     remote = RemoteDriver(open_agent_connection(AgentProgram(locator.format(path=path)), AgentLimits()), {})
     with pytest.raises(AgentFailure) as caught:
         remote.sensors()

@@ -19,7 +19,7 @@ from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.contract import Control, Message, Observation, OwnState, PointCloud
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, box_plan, box_text, declaration, hired
 from mdrive_sumo.runs.job import EpisodeJob, run_job
@@ -148,7 +148,7 @@ def test_out_of_memory_is_the_agents_failure(folder: Path) -> None:
     remote.sensors()
     with pytest.raises(AgentFailure) as caught:
         drive(remote, 0, False)
-    assert caught.value.failure is Failure.CRASHED
+    assert caught.value.failure is FailureReason.CRASHED
     assert caught.value.text in ("act: the agent's process ended (out of memory)", "MemoryError:")
     assert remote.usage_record()["oom_killed"] is True
 
@@ -198,7 +198,7 @@ def test_an_agent_cannot_make_its_end_ours(folder: Path, target: str) -> None:
     remote.sensors()
     with pytest.raises(AgentFailure, match=r"process ended \(exit code|No such process") as caught:
         drive(remote, 0, False)
-    assert caught.value.failure is Failure.CRASHED
+    assert caught.value.failure is FailureReason.CRASHED
 
 
 DIARY = """

@@ -16,7 +16,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentConnection, AgentLim
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.wire_protocol import LENGTH
 from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import Failure
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
 
@@ -73,7 +73,7 @@ def hasty(child: FakeChild, tmp_path: Path) -> Iterator[AgentConnection]:
     line.close()
 
 
-def fails(line: AgentConnection, failure: Failure, text: str) -> None:
+def fails(line: AgentConnection, failure: FailureReason, text: str) -> None:
     with pytest.raises(AgentFailure) as caught:
         line.send("act", 1, None)
         line.receive(reply_decoding.read_reply)
@@ -97,7 +97,7 @@ def test_one_request_one_answer(child: FakeChild, line: AgentConnection) -> None
 
 def test_an_answer_before_the_request_answers_nothing(child: FakeChild, line: AgentConnection) -> None:
     child.theirs.send(framed(answer(1, GOOD)))
-    fails(line, Failure.INVALID, "act: expected no answer before the request, found one")
+    fails(line, FailureReason.INVALID, "act: expected no answer before the request, found one")
     assert child.closed == 1
 
 
@@ -117,14 +117,14 @@ def test_the_answer_of_another_tick_is_none(child: FakeChild, line: AgentConnect
 
 def test_silence_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
-    fails(hasty, Failure.TIMEOUT, "act: no answer within the time limit")
+    fails(hasty, FailureReason.TIMEOUT, "act: no answer within the time limit")
     assert 0.2 < time.monotonic() - begin < 30.0
 
 
 def test_the_deadline_is_for_the_whole_answer(child: FakeChild, hasty: AgentConnection) -> None:
     child.drip = framed(answer(1, GOOD))
     begin = time.monotonic()
-    fails(hasty, Failure.TIMEOUT, "act: no answer within the time limit")
+    fails(hasty, FailureReason.TIMEOUT, "act: no answer within the time limit")
     assert time.monotonic() - begin < 30.0
     assert child.drip  # it would have gone on
 
@@ -141,7 +141,7 @@ def test_who_does_not_read_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="act: the agent does not read within the time limit") as caught:
         hasty.send("act", 1, b"x" * 50_000_000)
-    assert caught.value.failure is Failure.TIMEOUT
+    assert caught.value.failure is FailureReason.TIMEOUT
     assert time.monotonic() - begin < 30.0
 
 
@@ -150,7 +150,7 @@ def test_lengths_beyond_the_limit_are_not_read(child: FakeChild, line: AgentConn
     child.theirs.send(LENGTH.pack(65537))
     with pytest.raises(AgentFailure, match="expected an answer of at most 65536 bytes, found 65537") as caught:
         line.receive(reply_decoding.read_reply)
-    assert caught.value.failure is Failure.INVALID
+    assert caught.value.failure is FailureReason.INVALID
 
 
 def test_the_limit_is_a_setting(child: FakeChild, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_all_answers_of_an_episode_together_have_a_limit_of_bytes(child: FakeChi
             line.send("act", tick, None)
             child.theirs.sendall(framed(answer(tick, GOOD)))
             line.receive(reply_decoding.read_reply)
-    assert found.value.failure is Failure.INVALID
+    assert found.value.failure is FailureReason.INVALID
     assert 2 <= line.usage_record()["answers"] < 10
 
 
@@ -182,7 +182,7 @@ def test_the_end_of_the_process_is_seen_at_once(child: FakeChild, line: AgentCon
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match=r"act: the agent's process ended \(exit code 7\)") as caught:
         line.receive(reply_decoding.read_reply)
-    assert caught.value.failure is Failure.CRASHED
+    assert caught.value.failure is FailureReason.CRASHED
     assert time.monotonic() - begin < 30.0
 
 

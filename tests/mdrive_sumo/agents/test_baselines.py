@@ -24,11 +24,11 @@ from mdrive_sumo.perception.fusion import Fusion
 from mdrive_sumo.planning.space_time_planner import Barrier, Planner
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
-from mdrive_sumo.scenario.catalog import packaged_suites
+from mdrive_sumo.scenario.catalog import list_packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScoreMode, score_episode
-from mdrive_sumo.v2x.comm import PRESETS, Comm, Link, comm_text
-from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, Pose, decode, encode
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings, format_comm_json
+from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, ReferencePose, decode, encode
 
 TOWN, MINOR_ROAD = "i07_ins_ss_town", "i13_ins_sl_minor_road"
 SWAPS = ("attfuse", "disconet", "fcooper", "cobevt")
@@ -44,7 +44,7 @@ TALKING: Mapping[str, frozenset[str]] = {
 
 def job(scenario: str, agent: str, comm: str = "{}", seed: int = 0, **options: float | str) -> EpisodeJob:
     """One of the packaged suite's scenarios."""
-    return EpisodeJob(str(packaged_suites()["interdrive"]), scenario, agent, options, seed, "mdrive", comm=comm)
+    return EpisodeJob(str(list_packaged_suites()["interdrive"]), scenario, agent, options, seed, "mdrive", comm=comm)
 
 
 @lru_cache
@@ -152,7 +152,9 @@ def test_cams_tell_the_truth_about_their_sender() -> None:
 
 @pytest.mark.parametrize("agent", ["sharing+negotiation", "perception-swap:fcooper"])
 def test_two_runs_over_a_bad_channel_are_equal(agent: str) -> None:
-    bad = comm_text(Comm(link=Link(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6)))
+    bad = format_comm_json(
+        CommSettings(link=LinkSettings(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6))
+    )
     one, other = (reexecute(job(TOWN, agent, comm=bad)) for _ in range(2))
     assert one.digest == other.digest
     assert one.digest != driven(TOWN, agent).digest
@@ -170,7 +172,9 @@ def plan_of(agent: str, objects: Objects, *messages: Message) -> Float:
 
 @pytest.mark.parametrize("agent", ["sharing", "sharing+negotiation"])
 def test_who_shares_plans_around_what_others_see(agent: str) -> None:
-    told = encode(Cpm(Pose(30.0, 20.0, 0.0, 0), 80.0, things((35.0, 0.0, 0.0, 0.0)), np.zeros(1, dtype=np.uint8)))
+    told = encode(
+        Cpm(ReferencePose(30.0, 20.0, 0.0, 0), 80.0, things((35.0, 0.0, 0.0, 0.0)), np.zeros(1, dtype=np.uint8))
+    )
     free = plan_of(agent, things())
     assert free[-1, 0] > 60.0
     assert plan_of(agent, things(), replace(told, sender="b"))[-1, 0] < 35.0
@@ -188,7 +192,7 @@ def test_who_negotiates_believes_what_was_announced(agent: str) -> None:
     """One from the right would go first; but he has said that he stops."""
     right = things((20.0, -13.0, math.pi / 2, 6.0))
     stopping = np.tile((20.0, -11.0), (50, 1))
-    said = Mcm(Pose(20.0, -13.0, math.pi / 2, 0), 6.0, Intention.STOP, Direction.FOLLOW, 0.2, stopping)
+    said = Mcm(ReferencePose(20.0, -13.0, math.pi / 2, 0), 6.0, Intention.STOP, Direction.FOLLOW, 0.2, stopping)
     free = plan_of(agent, things())
     assert np.abs(plan_of(agent, right) - free).max() > 1.0
     assert plan_of(agent, right, replace(encode(said), sender="b")) == pytest.approx(free)
@@ -205,7 +209,7 @@ def test_who_negotiates_by_rule_stops_where_that_was_agreed(monkeypatch: pytest.
 
 def test_pose_errors_do_not_upset_who_shares() -> None:
     """Cars that are taken for each other for a while once had the same name, which nobody could stand."""
-    episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=comm_text(PRESETS["paper-pose"])))
+    episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=format_comm_json(PRESETS["paper-pose"])))
     assert [(ending.end, ending.text) for ending in episode.endings] == [(End.ARRIVED, "")] * episode.egos
 
 

@@ -16,9 +16,9 @@ from mdrive_sumo.planning.path import SPACING_M, make_path
 from mdrive_sumo.planning.path import Path as Way
 from mdrive_sumo.planning.pedestrian_caution import CREEPING, WALKING, careful_speeds, walking_on
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
-CAR = facts(MKZ_2017)
+CAR = to_vehicle_facts(MKZ_2017)
 EAST = np.column_stack((np.arange(0.0, 101.0), np.zeros(101)))
 WEST = np.column_stack((np.arange(100.0, -1.0, -1.0), np.full(101, 3.5)))
 

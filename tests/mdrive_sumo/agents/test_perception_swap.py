@@ -9,7 +9,7 @@ from testing.planning import briefing, own, seen, things
 
 from mdrive_sumo.agents.perception_swap import HOLD_TICKS, INTERVAL_S, SPEED, AttFuseAgent, hazard
 from mdrive_sumo.contract import Objects, Observation, Reply, StopSign, TrafficLight
-from mdrive_sumo.v2x.messages import CAM, CPM, Cpm, Pose, encode
+from mdrive_sumo.v2x.messages import CAM, CPM, Cpm, ReferencePose, encode
 
 NOTHING = things()
 
@@ -78,7 +78,7 @@ def test_on_a_free_road_it_drives_21_kmh() -> None:
 
 def test_what_others_see_is_a_hazard_too() -> None:
     agent = started()
-    told = encode(Cpm(Pose(30.0, 10.0, 0.0, 0), 80.0, things((9, 0, 0, 0)), np.zeros(1, dtype=np.uint8)))
+    told = encode(Cpm(ReferencePose(30.0, 10.0, 0.0, 0), 80.0, things((9, 0, 0, 0)), np.zeros(1, dtype=np.uint8)))
     now = Observation(1, own(speed=5.0), objects=NOTHING, messages=(replace(told, sender="b"),))
     assert not asked(started(), 1, NOTHING)
     assert halts(agent.act(now))
@@ -86,7 +86,7 @@ def test_what_others_see_is_a_hazard_too() -> None:
 
 @pytest.mark.parametrize(("away", "counts"), [(69.0, True), (71.0, False)])
 def test_who_is_far_away_is_not_listened_to(away: float, counts: bool) -> None:
-    told = encode(Cpm(Pose(0.0, away, 0.0, 0), 80.0, things((9, 0, 0, 0)), np.zeros(1, dtype=np.uint8)))
+    told = encode(Cpm(ReferencePose(0.0, away, 0.0, 0), 80.0, things((9, 0, 0, 0)), np.zeros(1, dtype=np.uint8)))
     now = Observation(1, own(speed=5.0), objects=NOTHING, messages=(replace(told, sender="b"),))
     assert halts(started().act(now)) is counts
 

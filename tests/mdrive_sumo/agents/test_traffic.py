@@ -9,20 +9,20 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.roads import load, network_folder, route_along
+from mdrive_sumo.roads import build_lane_route, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.sumo import SumoWorld
 
-ROADS = load(network_folder("motorway"))
+ROADS = load_road_map(find_network_folder("motorway"))
 
 
 def scenario() -> Scenario:
     """A CAV on the second lane of a motorway with traffic before, beside and behind it."""
     lane = ROADS.lanes["weave_2"]
-    route = route_along(ROADS, (lane.id,), 60.0, 180.0)
+    route = build_lane_route(ROADS, (lane.id,), 60.0, 180.0)
     points = tuple((float(x), float(y), float(yaw)) for (x, y), yaw in zip(route.xy, route.yaw, strict=True))
     x, y, yaw = points[0]
     ego = Ego(id="0", start=Pose(x=x, y=y, yaw=yaw), lanes=(lane.id,), route=points)

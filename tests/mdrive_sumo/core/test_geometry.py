@@ -13,7 +13,7 @@ from mdrive_sumo.core.geometry import (
     box_corners,
     boxes_corners,
     boxes_overlap,
-    polyline,
+    build_polyline,
     wrap_angle,
     wrap_angles,
 )
@@ -61,7 +61,7 @@ def test_overlap_is_taken_over_whole_arrays() -> None:
 
 
 def test_a_polyline_measures_and_projects() -> None:
-    line = polyline([(0, 0), (3, 0), (3, 0), (3, 4)])
+    line = build_polyline([(0, 0), (3, 0), (3, 0), (3, 4)])
     assert line.length == 7.0
     assert line.at(5.0) == (3.0, 2.0)
     assert line.at(-1.0) == (-1.0, 0.0)
@@ -74,7 +74,7 @@ def test_a_polyline_measures_and_projects() -> None:
 
 @given(st.floats(0, 7), st.floats(-0.5, 0.5))
 def test_projection_undoes_offsetting(s: float, d: float) -> None:
-    line = polyline([(0, 0), (7, 0)])
+    line = build_polyline([(0, 0), (7, 0)])
     x, y = line.at(s)
     found = line.project(x, y + d)
     assert found[0] == pytest.approx(s, abs=1e-9)
@@ -82,7 +82,7 @@ def test_projection_undoes_offsetting(s: float, d: float) -> None:
 
 
 def test_a_projection_can_be_kept_to_one_branch_of_a_path_that_crosses_itself() -> None:
-    line = polyline([(0, 0), (10, 0), (10, 10), (5, 10), (5, -5)])
+    line = build_polyline([(0, 0), (10, 0), (10, 10), (5, 10), (5, -5)])
     assert line.project(5.0, 0.1)[0] == pytest.approx(34.9)
     assert line.project(5.0, 0.1, between=(0, 9))[0] == pytest.approx(5.0)
 
@@ -100,4 +100,4 @@ def test_resampling_keeps_ends_and_spacing(length: float) -> None:
 @pytest.mark.parametrize("points", [[(0, 0)], [(0, 0), (0, 0)], [(0, 0), (math.nan, 1)]])
 def test_no_polyline_without_extent(points: list[tuple[float, float]]) -> None:
     with pytest.raises(ValueError, match="polyline needs"):
-        polyline(points)
+        build_polyline(points)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Control, Message, Note, Plan
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, ThinkTime, load_episode, quantised_frame, save_episode
-from mdrive_sumo.v2x.channel import Fate, Sent
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 SIZES = {"0": (4.9, 2.0), "1": (4.9, 2.0)}
 
@@ -47,15 +47,15 @@ def recorded(ticks: int = 40, seed: int = 0) -> EpisodeRecord:
         recorder.note(tick, "0", (Note("why", f"{tick} ü"),) if tick % 7 == 0 else ())
     endings = [
         Ending("0", ticks - 1, End.ARRIVED),
-        Ending("1", ticks // 2 - 1, End.AGENT_FAILED, Failure.TIMEOUT, "act: …"),
+        Ending("1", ticks // 2 - 1, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: …"),
     ]
     return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (ThinkTime("0", 3, 2),))
 
 
-def sent(tick: int, rng: np.random.Generator) -> Sent:
-    fates = {"1": (Fate.DELIVERED, tick + 6), "0": (Fate.LOST, tick)}
+def sent(tick: int, rng: np.random.Generator) -> SentMessage:
+    fates = {"1": (DeliveryStatus.DELIVERED, tick + 6), "0": (DeliveryStatus.LOST, tick)}
     receivers = ("0", "1")[: int(rng.integers(3))]
-    return Sent(Message("cam", rng.bytes(int(rng.integers(40))), "rsu", tick), {r: fates[r] for r in receivers})
+    return SentMessage(Message("cam", rng.bytes(int(rng.integers(40))), "rsu", tick), {r: fates[r] for r in receivers})
 
 
 def equal(a: EpisodeRecord, b: EpisodeRecord) -> bool:
@@ -104,7 +104,7 @@ def test_columns_hold_what_the_frames_said() -> None:
     assert episode.control_values[0, 0].tolist() == pytest.approx([0.1234, 0.0, -0.5])
     assert [(change.tick, change.state) for change in episode.signals] == [(0, "g"), (20, "r")]
     assert episode.contacts == ((5, Contact("0", "a", Kind.VEHICLE)),)
-    assert episode.ending("1").failure is Failure.TIMEOUT
+    assert episode.ending("1").failure is FailureReason.TIMEOUT
 
 
 @given(st.floats(-1e5, 1e5), st.floats(-4, 4), st.floats(-40, 40))

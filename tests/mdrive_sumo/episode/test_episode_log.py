@@ -13,7 +13,7 @@ from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -99,7 +99,7 @@ def test_another_scenarios_episode_is_refused() -> None:
 
 @pytest.mark.parametrize("name", ["town_crossing", "boulevard", "minor_road"])
 def test_the_map_is_that_of_the_network(name: str) -> None:
-    roads = load(network_folder(name))
+    roads = load_road_map(find_network_folder(name))
     found = build_hd_map(roads)
     assert found.lanes.keys() == roads.lanes.keys()
     for name, lane in found.lanes.items():
@@ -122,7 +122,7 @@ def test_the_map_is_that_of_the_network(name: str) -> None:
 
 
 def test_stop_signs_are_stop_lines() -> None:
-    roads = load(network_folder("minor_road"))
+    roads = load_road_map(find_network_folder("minor_road"))
     (line,) = build_hd_map(roads).stop_lines
     assert roads.stop_signs is not None
     (sign,) = roads.stop_signs

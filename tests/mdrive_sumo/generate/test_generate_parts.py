@@ -18,10 +18,10 @@ from mdrive_sumo.generate.route_assignment import RELATIONS, assign
 from mdrive_sumo.generate.selection import selected
 from mdrive_sumo.generate.spawn_points import blind_distance, blind_time
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.roads import load, packaged_networks
+from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.statistics import heading_change_deg, route_length
+from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
 
 TOPOLOGIES = {
     "avenue": Topology.CORRIDOR,
@@ -40,12 +40,12 @@ def made(category: Category, seed: str) -> Scenario:
 
 @pytest.mark.parametrize("name", sorted(TOPOLOGIES))
 def test_topologies_are_found_from_the_network(name: str) -> None:
-    assert offer_of(load(packaged_networks()[name])).topology is TOPOLOGIES[name]
+    assert offer_of(load_road_map(list_packaged_networks()[name])).topology is TOPOLOGIES[name]
 
 
 @pytest.mark.parametrize("name", ["large_roundabout", "market_crossing", "expressway"])
 def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
-    roads = load(packaged_networks()[name])
+    roads = load_road_map(list_packaged_networks()[name])
     for way in (*ways_of(roads), *changing_ways(roads)):
         for i, (here, there) in enumerate(zip(way.lanes, way.lanes[1:], strict=False)):
             lane = roads.lanes[here]
@@ -95,8 +95,8 @@ def test_the_selection_comes_nearer_to_the_paper_than_the_pool() -> None:
 
     def off(scenarios: list[Scenario]) -> float:
         egos = [ego for scenario in scenarios for ego in scenario.egos]
-        route = sum(map(route_length, egos)) / len(egos)
-        heading = sum(map(heading_change_deg, egos)) / len(egos)
+        route = sum(map(compute_route_length, egos)) / len(egos)
+        heading = sum(map(compute_heading_change_deg, egos)) / len(egos)
         return abs(route / figures.route_m - 1) + abs(heading / figures.heading_change_deg - 1)
 
     kept = selected(pool, figures, 5, random.Random(0))

@@ -15,7 +15,7 @@ from mdrive_sumo.generate.pipeline import Rejected, built
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.screening import screen
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 
@@ -98,5 +98,7 @@ def test_groups_do_not_stand_in_each_other(category: Category) -> None:
     ],
 )
 def test_half_of_the_proposals_and_more_are_difficult_and_feasible(category: Category) -> None:
-    found = [screen(scenario, load(network_folder(scenario.network))) for scenario in scenarios(category, 4)]
+    found = [
+        screen(scenario, load_road_map(find_network_folder(scenario.network))) for scenario in scenarios(category, 4)
+    ]
     assert sum(one.difficult and one.feasible for one in found) >= 2

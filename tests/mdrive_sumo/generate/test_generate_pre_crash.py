@@ -18,9 +18,9 @@ from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import driven
 from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, Line, blind_time
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.roads import Lane, RoadMap, load, network_folder
+from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, DistanceTrigger, HardBrake
+from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, HardBrake, PathMotion
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.study.occlusion_certificate import (
     DRIVES,
@@ -100,7 +100,7 @@ def test_who_sets_off_stands_right_behind_a_van(number: int, who: str) -> None:
         van.start.yaw
     )
     assert ahead > van.length / 2
-    assert isinstance(hidden.motion, AlongPath)
+    assert isinstance(hidden.motion, PathMotion)
     assert isinstance(hidden.trigger, DistanceTrigger)
     way = shapely.LineString(hidden.motion.points)
     assert way.distance(shapely.LineString(scenario.egos[0].xy)) < 0.5  # it comes into the way of the first CAV
@@ -117,7 +117,7 @@ def test_vans_stand_beside_the_ways_and_in_no_building(number: int) -> None:
             scenario = made(number, seed)
         except Rejected:
             continue
-        roads = load(network_folder(scenario.network))
+        roads = load_road_map(find_network_folder(scenario.network))
         for van in (one for one in scenario.actors if one.model == "parked-van"):
             assert not any(_box(van).intersects(building) for building in roads.building_shapes)
             assert all(_box(van).distance(shapely.LineString(ego.xy)) > 1.4 for ego in scenario.egos)
@@ -148,7 +148,7 @@ def test_lead_brakes_ahead_of_the_queue() -> None:
 def test_waiting_van_stands_in_the_junction() -> None:
     scenario = first_made(27)
     van = actor(scenario, "van").start
-    lanes = load(network_folder(scenario.network)).lanes_near(van.x, van.y, 2.0)
+    lanes = load_road_map(find_network_folder(scenario.network)).lanes_near(van.x, van.y, 2.0)
     assert any(lane.junction for lane in lanes)
 
 
@@ -185,7 +185,7 @@ def test_arrival_is_that_of_blind_driving_and_later_in_bends() -> None:
 @pytest.mark.parametrize("number", [12, 25, 30])
 def test_conflicts_are_hidden_and_dangerous_but_can_be_solved(number: int) -> None:
     scenario = first_made(number, network="town_crossing" if number in (25, 30) else "")
-    roads = load(network_folder(scenario.network))
+    roads = load_road_map(find_network_folder(scenario.network))
     drives: dict[ReferenceDrive, EpisodeRecord] = {drive: driven(scenario, roads, drive) for drive in DRIVES}
     scores = {drive: score_episode(episode, scenario, roads, ScoreMode.MDRIVE, 0) for drive, episode in drives.items()}
     ttc = scores["constant-speed"].min_ttc

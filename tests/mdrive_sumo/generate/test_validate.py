@@ -13,12 +13,12 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.generate.validation import Examination, Question, examine
 from mdrive_sumo.generate.validation.requirements import unmet
 from mdrive_sumo.generate.validation.spawn_overlaps import crowded
-from mdrive_sumo.roads import RoadMap, load, network_folder
-from mdrive_sumo.scenario.background import Background, BackgroundVehicle, Mode
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, sealed
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.background import Background, BackgroundMode, BackgroundVehicle
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongPath, TimeTrigger
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
 from mdrive_sumo.scoring import ScenarioResult, void_result
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, load_certificates
 
@@ -30,7 +30,7 @@ def ours(name: str) -> Scenario:
 
 @cache
 def town() -> RoadMap:
-    return load(network_folder("town_crossing"))
+    return load_road_map(find_network_folder("town_crossing"))
 
 
 TOWN = "i07_ins_ss_town"
@@ -80,7 +80,7 @@ def vehicle(at: float = 0.0, **more: object) -> BackgroundVehicle:
 
 
 def complaints(
-    actors: Sequence[Actor] = (), vehicles: Sequence[BackgroundVehicle] = (), mode: Mode = "reactive"
+    actors: Sequence[Actor] = (), vehicles: Sequence[BackgroundVehicle] = (), mode: BackgroundMode = "reactive"
 ) -> str:
     background = Background(vehicles=tuple(vehicles), mode=mode)
     changed = ours(TOWN).model_copy(update={"actors": tuple(actors), "background": background})
@@ -115,7 +115,7 @@ def test_a_prop_where_a_vehicle_departs_is_told() -> None:
 
 def test_who_waits_for_a_trigger_stands_and_who_moves_does_not() -> None:
     start, end = pose_at_start(8.0), pose_at_start(20.0)
-    walk = AlongPath(points=((start.x, start.y), (end.x, end.y)), speed=1.0)
+    walk = PathMotion(points=((start.x, start.y), (end.x, end.y)), speed=1.0)
     walker = Actor(id="walker", kind="pedestrian", length=0.5, width=0.5, start=start, motion=walk)
     assert complaints([prop("a", start), walker]) == ""
     waits = walker.model_copy(update={"trigger": TimeTrigger(at_s=3.0)})
@@ -211,7 +211,7 @@ def test_a_suite_that_fails_as_a_whole_is_exit_code_1(tmp_path: Path) -> None:
 
 
 def test_a_suite_that_was_changed_after_it_was_sealed_is_exit_code_2(tmp_path: Path) -> None:
-    suite = sealed(suite_of(tmp_path / "mine", ours(TOWN)))
+    suite = seal_suite(suite_of(tmp_path / "mine", ours(TOWN)))
     save_suite(suite)
     save_suite(replace(suite, scenarios=(ours(TOWN).model_copy(update={"weather": "rain"}),)))
     told = validate(str(suite.folder))

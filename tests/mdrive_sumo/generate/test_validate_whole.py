@@ -9,7 +9,7 @@ import pytest
 from testing import paper_like
 
 from mdrive_sumo.generate.validation import Examination, sampled, suite_notes, suite_problems, suite_validation
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite, sealed
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.study.occlusion_certificate import (
     OccludedInterval,
@@ -203,7 +203,7 @@ def test_a_packaged_suite_has_checksum_and_certificates(packaged: Suite) -> None
         "small: suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
     )
     assert certificates.startswith("small: expected occlusion.json, as in every suite that comes with mdrive-sumo,")
-    save_suite(sealed(packaged))
+    save_suite(seal_suite(packaged))
     keep(packaged)
     assert suite_problems(load_suite(str(packaged.folder)), ()) == ()
 
@@ -211,7 +211,7 @@ def test_a_packaged_suite_has_checksum_and_certificates(packaged: Suite) -> None
 def generated(suite: Suite, *recipes: Scenario) -> Suite:
     """The suite as if it were generated, with recipes beside some of its scenarios, sealed and certified."""
     scenarios = tuple(s.model_copy(update={"bucket": "Interaction"}) for s in suite.scenarios)
-    made = sealed(replace(suite, scenarios=scenarios))
+    made = seal_suite(replace(suite, scenarios=scenarios))
     save_suite(made)
     keep(made)
     for scenario in recipes:
@@ -267,5 +267,5 @@ def test_each_part_is_checked_on_its_own(tmp_path: Path) -> None:
 
 
 def test_every_packaged_suite_keeps_what_it_must() -> None:
-    for name in packaged_suites():
+    for name in list_packaged_suites():
         assert suite_problems(load_suite(name), ()) == ()

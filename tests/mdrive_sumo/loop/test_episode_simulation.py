@@ -6,9 +6,9 @@ import pytest
 from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.contract import Message, Observation, Reply, SensorSpec
-from mdrive_sumo.core.clock import clock_of
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import End, Failure
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.v2x.comm import PRESETS
@@ -62,7 +62,7 @@ def test_a_busy_cav_gets_no_observation_and_keeps_its_messages_until_the_next_on
 
 
 def test_a_fixed_clock_lets_a_cav_repeat_its_last_control() -> None:
-    config = EpisodeConfig(SCENARIO, straight_road(), seed=3, clock=clock_of("fixed:100"))
+    config = EpisodeConfig(SCENARIO, straight_road(), seed=3, clock=parse_clock("fixed:100"))
     seen: Mapping[str, Says] = {ego: Says(lambda seen: decide("1", seen)) for ego in "01"}
     run_episode(config, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in seen.items()})
     assert [one.tick for one in seen["1"].seen[:4]] == [0, 2, 4, 6]
@@ -73,14 +73,14 @@ def test_a_failed_agent_ends_its_cav_in_the_current_tick() -> None:
     observations = simulation.reset()
     for _ in range(3):
         observations = simulation.step({ego: decide(ego, seen) for ego, seen in observations.items()})
-    simulation.fail_agent("0", AgentFailure(Failure.CRASHED, "out of memory"))
+    simulation.fail_agent("0", AgentFailure(FailureReason.CRASHED, "out of memory"))
     observations = simulation.step({ego: decide(ego, seen) for ego, seen in observations.items()})
     assert list(observations) == ["1"]
-    simulation.fail_agent("1", AgentFailure(Failure.TIMEOUT, "no answer"))
+    simulation.fail_agent("1", AgentFailure(FailureReason.TIMEOUT, "no answer"))
     assert simulation.step({}) == {}
     assert [(ending.tick, ending.failure) for ending in simulation.finish().endings] == [
-        (3, Failure.CRASHED),
-        (4, Failure.TIMEOUT),
+        (3, FailureReason.CRASHED),
+        (4, FailureReason.TIMEOUT),
     ]
 
 
@@ -94,7 +94,7 @@ def test_calls_out_of_order_are_refused() -> None:
     with pytest.raises(RuntimeError, match="expected every CAV to have ended"):
         simulation.finish()
     for ego in "01":
-        simulation.fail_agent(ego, AgentFailure(Failure.CRASHED, ""))
+        simulation.fail_agent(ego, AgentFailure(FailureReason.CRASHED, ""))
     simulation.step({})
     with pytest.raises(RuntimeError, match="expected no step"):
         simulation.step({})

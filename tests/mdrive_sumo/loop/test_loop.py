@@ -8,7 +8,7 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 
 from mdrive_sumo.contract import Control, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import End, Failure
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -98,23 +98,23 @@ def test_an_unknown_sensor_is_an_input_error_that_names_what_exists() -> None:
 @pytest.mark.parametrize(
     ("answer", "failure", "text"),
     [
-        (lambda seen: 1 / 0, Failure.CRASHED, "ZeroDivisionError: division by zero"),
-        (lambda seen: None, Failure.INVALID, "expected a Reply, found NoneType"),
+        (lambda seen: 1 / 0, FailureReason.CRASHED, "ZeroDivisionError: division by zero"),
+        (lambda seen: None, FailureReason.INVALID, "expected a Reply, found NoneType"),
         (
             lambda seen: pedals(throttle=float("nan")),
-            Failure.INVALID,
+            FailureReason.INVALID,
             "throttle: expected a number in [0, 1], found nan",
         ),
-        (lambda seen: pedals(steer=1.5), Failure.INVALID, "steer: expected a number in [-1, 1], found 1.5"),
+        (lambda seen: pedals(steer=1.5), FailureReason.INVALID, "steer: expected a number in [-1, 1], found 1.5"),
         (
             lambda seen: Reply(plan=Plan(np.zeros((2, 3)), 0.2)),
-            Failure.INVALID,
+            FailureReason.INVALID,
             "plan: expected points of shape",
         ),
     ],
 )
 def test_a_failing_agent_ends_its_own_ego_only(
-    answer: Callable[[Observation], object], failure: Failure, text: str
+    answer: Callable[[Observation], object], failure: FailureReason, text: str
 ) -> None:
     bad = Says(lambda seen: answer(seen) if seen.tick == 7 else go)
     episode, world = drive(
@@ -135,12 +135,12 @@ def test_an_agent_that_fails_before_the_first_tick_never_drives() -> None:
             raise RuntimeError("no weights")
 
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Broken(lambda seen: go)})
-    assert episode.ending("0") == Ending("0", 0, End.AGENT_FAILED, Failure.CRASHED, "RuntimeError: no weights")
+    assert episode.ending("0") == Ending("0", 0, End.AGENT_FAILED, FailureReason.CRASHED, "RuntimeError: no weights")
     assert episode.ticks == 1
 
 
 def test_a_recorded_timeout_happens_again_without_waiting() -> None:
-    timeout = Ending("0", 12, End.AGENT_FAILED, Failure.TIMEOUT, "act: no answer within the time limit")
+    timeout = Ending("0", 12, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: no answer within the time limit")
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Says(lambda seen: go)}, replayed=(timeout,))
     assert episode.endings == (timeout,)
     assert episode.ticks == 13

@@ -8,14 +8,14 @@ import pytest
 from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.contract import Message, Note, Observation, Reply
-from mdrive_sumo.core.clock import Clock, clock_of
+from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
-from mdrive_sumo.v2x.channel import Fate
-from mdrive_sumo.v2x.comm import PRESETS, Comm, Link
+from mdrive_sumo.v2x.channel import DeliveryStatus
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import Cpm, decode
 
 TWO = straight_scenario(straight_ego("0", x=50, length=30), straight_ego("1", x=10, length=30))
@@ -38,7 +38,7 @@ def pair(text: Callable[[int], str] = str) -> tuple[Says, Says]:
 @pytest.mark.parametrize(("latency", "age"), [(0, 1), (1, 1), (6, 6)])
 def test_a_message_is_heard_after_exactly_its_latency_and_never_in_its_own_tick(latency: int, age: int) -> None:
     speaker, listener = pair()
-    drive({"0": speaker, "1": listener}, comm=Comm(link=Link(latency_ticks=latency)))
+    drive({"0": speaker, "1": listener}, comm=CommSettings(link=LinkSettings(latency_ticks=latency)))
     heard = [(seen.tick, m.tick, m.sender, m.payload) for seen in listener.seen for m in seen.messages]
     assert heard
     assert all(now - then == age and sender == "0" for now, then, sender, _ in heard)
@@ -59,7 +59,7 @@ def test_what_arrives_is_part_of_the_digest() -> None:
 def test_the_recording_tells_what_was_said_and_what_became_of_it() -> None:
     episode = drive(dict(zip("01", pair(), strict=True)))
     assert {sent.message.sender for sent in episode.messages} == {"0"}
-    assert episode.messages[0].fates == {"1": (Fate.DELIVERED, 1)}
+    assert episode.messages[0].fates == {"1": (DeliveryStatus.DELIVERED, 1)}
     assert [sent.message.tick for sent in episode.messages] == list(range(len(episode.messages)))
 
 
@@ -71,7 +71,7 @@ def test_whoever_has_ended_hears_and_says_nothing() -> None:
     assert max(seen.tick for seen in listener.seen) == end - 1
     late = [sent for sent in episode.messages if sent.message.tick >= end]
     assert late
-    assert all(Fate.DELIVERED not in {fate for fate, _ in sent.fates.values()} for sent in late)
+    assert all(DeliveryStatus.DELIVERED not in {fate for fate, _ in sent.fates.values()} for sent in late)
 
 
 def test_a_road_side_unit_tells_what_it_sees() -> None:
@@ -95,7 +95,7 @@ def test_notes_are_kept_and_nobody_hears_them() -> None:
 
 def test_while_an_agent_thinks_its_last_control_is_applied_again_and_it_is_not_asked() -> None:
     thinker = Says(lambda seen: pedals(throttle=0.1 * (1 + seen.tick // 4 % 2)))
-    episode = drive({"0": thinker, "1": Says(lambda seen: QUIET)}, clock=clock_of("fixed:200"))
+    episode = drive({"0": thinker, "1": Says(lambda seen: QUIET)}, clock=parse_clock("fixed:200"))
     assert [seen.tick for seen in thinker.seen[:4]] == [0, 4, 8, 12]
     pedal = episode.control_values[:16, 0]
     assert pedal[:4, 1] == pytest.approx(1.0)  # before its first answer a CAV stands
@@ -104,7 +104,7 @@ def test_while_an_agent_thinks_its_last_control_is_applied_again_and_it_is_not_a
 
 def test_who_thinks_speaks_when_it_has_thought_and_loses_no_message() -> None:
     speaker, listener = Says(saying(str)), Says(lambda seen: QUIET)
-    drive({"0": speaker, "1": listener}, clock=clock_of("fixed:100"))
+    drive({"0": speaker, "1": listener}, clock=parse_clock("fixed:100"))
     heard = [(seen.tick, m.tick, m.payload) for seen in listener.seen for m in seen.messages]
     assert [(m, payload) for _, m, payload in heard[:3]] == [(2, b"0"), (4, b"2"), (6, b"4")]
     assert all(now % 2 == 0 for now, _, _ in heard)
@@ -136,9 +136,9 @@ def test_measured_thinking_is_recorded_and_can_be_repeated() -> None:
 @pytest.mark.parametrize("text", ["", "fast", "fixed", "fixed:", "fixed:-50", "fixed:30", "fixed:1e3", "measured:5"])
 def test_an_unknown_clock_gets_one_sentence(text: str) -> None:
     with pytest.raises(InputError, match="agent clock: expected ideal, measured, or fixed:MS"):
-        clock_of(text)
+        parse_clock(text)
 
 
 @pytest.mark.parametrize("text", ["ideal", "measured", "fixed:0", "fixed:300"])
 def test_a_clock_is_written_as_it_is_read(text: str) -> None:
-    assert clock_of(text).text == text
+    assert parse_clock(text).text == text

@@ -17,7 +17,7 @@ from mdrive_sumo.negotiation.intention import acceleration, direction_of, intent
 from mdrive_sumo.negotiation.peer_table import MEMORY_TICKS, Roster
 from mdrive_sumo.negotiation.right_of_way_claims import Terms, announcement, claims_in, ordered
 from mdrive_sumo.negotiation.rule_negotiator import leaders_among, rule_actions, winner_of
-from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, Pose, decode
+from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, decode
 
 STRAIGHT = np.array(((0.0, 0.0), (100.0, 0.0)))
 
@@ -204,7 +204,14 @@ def test_an_older_message_that_comes_later_changes_nothing_and_garbage_is_ignore
 
 def claim(name: str, over: dict[str, Intention], until: int) -> Mcm:
     return Mcm(
-        Pose(0, 0, 0, 0), 0, Intention.KEEP, Direction.FOLLOW, 0.2, np.zeros((0, 2)), requests=over, until_tick=until
+        ReferencePose(0, 0, 0, 0),
+        0,
+        Intention.KEEP,
+        Direction.FOLLOW,
+        0.2,
+        np.zeros((0, 2)),
+        requests=over,
+        until_tick=until,
     )
 
 

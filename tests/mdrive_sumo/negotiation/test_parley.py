@@ -16,7 +16,7 @@ from mdrive_sumo.negotiation.peer_table import MEMORY_TICKS
 from mdrive_sumo.planning.ego_planner import without
 from mdrive_sumo.planning.motion_prediction import TIMES, Motion, giving_way
 from mdrive_sumo.planning.space_time_planner import Barrier, Planner
-from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, Pose, decode, encode
+from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, decode, encode
 
 CROSSING_X = 17.0
 
@@ -136,7 +136,7 @@ def test_nobody_is_announced_before_the_first_message_and_after_a_second_of_sile
 def mcm(x: float, y: float, yaw: float, speed: float, tick: int = 0) -> Message:
     """Of car "b", which means to go straight on."""
     way = np.array((x, y)) + np.outer(speed * 0.2 * np.arange(1, 51), (math.cos(yaw), math.sin(yaw)))
-    said = Mcm(Pose(x, y, yaw, tick), speed, Intention.KEEP, Direction.FOLLOW, 0.2, way)
+    said = Mcm(ReferencePose(x, y, yaw, tick), speed, Intention.KEEP, Direction.FOLLOW, 0.2, way)
     return replace(encode(said), sender="b", tick=tick)
 
 

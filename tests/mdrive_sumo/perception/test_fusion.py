@@ -22,9 +22,9 @@ from mdrive_sumo.v2x.messages import (
     Direction,
     Intention,
     Mcm,
-    Pose,
+    ReferencePose,
+    displace_message,
     encode,
-    moved,
 )
 
 NOTHING = things()
@@ -40,13 +40,13 @@ def cam(
     sender: str, x: float, y: float = 0.0, yaw: float = 0.0, speed: float = 0.0, turn: float = 0.0, tick: int = 0
 ) -> Message:
     """A station at that place, which turns at `turn` [rad/s]."""
-    return sent(encode(Cam(Pose(x, y, yaw, tick), speed, 0.0, turn, LENGTH, 1.8)), sender)
+    return sent(encode(Cam(ReferencePose(x, y, yaw, tick), speed, 0.0, turn, LENGTH, 1.8)), sender)
 
 
 def cpm(sender: str, objects: Objects, x: float = 50.0, y: float = 50.0, tick: int = 0, age: int = 0) -> Message:
     """What a station at that place sees."""
     ages = np.full(len(objects.ids), age, dtype=np.uint8)
-    return sent(encode(Cpm(Pose(x, y, 0.0, tick), 80.0, objects, ages)), sender)
+    return sent(encode(Cpm(ReferencePose(x, y, 0.0, tick), 80.0, objects, ages)), sender)
 
 
 def fused(messages: Sequence[Message], seen: Objects = NOTHING, tick: int = 0, reach: Reach | None = None) -> Objects:
@@ -190,7 +190,7 @@ def test_the_channels_pose_error_hardly_ever_makes_two_of_one() -> None:
     mine, twice = things((20.0, 0.0, 0.0, 0.0)), 0
     for _ in range(1000):
         dx, dy, turn = rng.normal(0, (0.6, 0.6, math.radians(0.6)))
-        twice += len(fused([moved(said, dx, dy, turn)], mine).ids) == 2
+        twice += len(fused([displace_message(said, dx, dy, turn)], mine).ids) == 2
     assert twice <= 5
 
 
@@ -211,7 +211,7 @@ def test_what_cannot_be_read_is_noted_and_nothing_else_happens() -> None:
 
 
 def test_manoeuvre_messages_tell_where_a_station_is_but_a_cam_of_the_same_tick_tells_more() -> None:
-    mcm = Mcm(Pose(30.0, 0.0, 0.0, 0), 4.0, Intention.KEEP, Direction.FOLLOW, 0.2, np.zeros((1, 2)))
+    mcm = Mcm(ReferencePose(30.0, 0.0, 0.0, 0), 4.0, Intention.KEEP, Direction.FOLLOW, 0.2, np.zeros((1, 2)))
     said = sent(encode(mcm), "b")
     assert fused([said]).length.tolist() == [FACTS.length]
     assert fused([said], tick=10).x[0] == pytest.approx(32.0, abs=CENTIMETRE)

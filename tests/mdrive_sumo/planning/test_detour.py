@@ -26,13 +26,13 @@ from mdrive_sumo.planning.obstacle_passing import Passing
 from mdrive_sumo.planning.path import SPACING_M, make_path
 from mdrive_sumo.planning.path_overlap import cells_of, footprints
 from mdrive_sumo.planning.space_time_planner import Planner
-from mdrive_sumo.roads import Lane, RoadMap, load, packaged_networks
+from mdrive_sumo.roads import Lane, RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.sensing.briefing_builder import briefing
-from mdrive_sumo.sensing.route_room import route_room
-from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
+from mdrive_sumo.sensing.briefing_builder import build_briefing
+from mdrive_sumo.sensing.route_room import compute_route_room
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
-CAR = facts(MKZ_2017)
+CAR = to_vehicle_facts(MKZ_2017)
 WIDTH = 3.5
 STANDING_OWN = OwnState(10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -61,7 +61,7 @@ def road(radius: float, oncoming: int = 1) -> RoadMap:
 @lru_cache
 def told(radius: float, oncoming: int = 1) -> Briefing:
     """The briefing of a CAV that drives along the bent road."""
-    return briefing(ego("0", bent(radius)), road(radius, oncoming), CAR, 0, 100.0)
+    return build_briefing(ego("0", bent(radius)), road(radius, oncoming), CAR, 0, 100.0)
 
 
 def box(path_xy: Float, at: int, aside: float, length: float, width: float, turned: float = 0.0) -> Float:
@@ -101,7 +101,7 @@ class TestRoom:
 
 def told_by(roads: RoadMap) -> Float:
     xy = bent(1e6)
-    return route_room(roads, xy, np.zeros(len(xy)))
+    return compute_route_room(roads, xy, np.zeros(len(xy)))
 
 
 @settings(deadline=None, max_examples=30)
@@ -161,7 +161,7 @@ def test_a_shift_that_brings_more_into_the_way_is_compared_as_it_ends() -> None:
     roads = replace(
         road(1e6), lanes={**lanes, "r_1": replace(lanes["r_0"], id="r_1", centre=Polyline(bent(1e6, aside=-WIDTH)))}
     )
-    me = briefing(ego("0", bent(1e6)), roads, CAR, 0, 100.0)
+    me = build_briefing(ego("0", bent(1e6)), roads, CAR, 0, 100.0)
     path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
     boxes = np.array([box(me.route_xy, 35, -0.2, 0.8, 1.6), box(me.route_xy, 35, 1.8, 0.8, 0.8)])
     detour = around(path, 0.0, 5.0, boxes, me)
@@ -361,7 +361,7 @@ class ThingWorld:
 
 
 def lane_of(network: str, lane: str) -> tuple[RoadMap, Lane]:
-    roads = load(packaged_networks()[network])
+    roads = load_road_map(list_packaged_networks()[network])
     return roads, roads.lanes[lane]
 
 

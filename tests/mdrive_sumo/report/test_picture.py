@@ -10,7 +10,7 @@ from testing.actors_world import actor
 
 from mdrive_sumo.report.actor_plot import COLOURS as KIND_COLOURS
 from mdrive_sumo.report.scenario_plot import BUILDING, COLOURS, save_scenario_plot
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.scenario import Scenario
@@ -21,7 +21,7 @@ def scenario(start: str) -> Scenario:
 
 
 def drawn(one: Scenario, path: Path) -> Path:
-    save_scenario_plot(one, load(network_folder(one.network)), path, dpi=70)
+    save_scenario_plot(one, load_road_map(find_network_folder(one.network)), path, dpi=70)
     return path
 
 

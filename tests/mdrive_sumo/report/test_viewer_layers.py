@@ -16,7 +16,7 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.report.replay_visibility import compute_visibility
-from mdrive_sumo.v2x.channel import Fate, Sent
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
 from tests.mdrive_sumo.report.test_viewer import HOSTILE, SETTLED, browser, carried, needs_browser, opened, wait  # noqa: F401  # pyright: ignore
 
@@ -70,8 +70,8 @@ def test_contents_are_those_that_were_decoded(talk: EpisodeRecord) -> None:
 
 def test_unreadable_and_foreign_messages_are_only_named() -> None:
     said = (Message("cam", b"?", "cav_0", 3), Message("own-type", b"\x00\x01", "cav_1", 4))
-    fates = {"cav_1": (Fate.MALFORMED, 3)}, {"cav_0": (Fate.DELIVERED, 5)}
-    sent = tuple(Sent(message, fate) for message, fate in zip(said, fates, strict=True))
+    fates = {"cav_1": (DeliveryStatus.MALFORMED, 3)}, {"cav_0": (DeliveryStatus.DELIVERED, 5)}
+    sent = tuple(SentMessage(message, fate) for message, fate in zip(said, fates, strict=True))
     header, tables = carried(page_of(replace(record(), messages=sent), egos=2))
     assert header["talk"]["types"] == ["cam", "own-type"]
     assert tables["messages"][2:].T.tolist() == [[3, 1], [4, 2]]

@@ -12,8 +12,8 @@ from testing.busy_log import Crowd, busy_truth
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import NetworkFile, RoadMap, load
-from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, net_checksum
+from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
+from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.hd_map import HdMap, MapLane
 from real2sim.match import match_track
 from real2sim.netconvert import find_netconvert
@@ -45,10 +45,10 @@ def compiled(netconvert: Path, folder: Path, *options: str) -> RoadMap:
     xml = (folder / "net.xml").read_bytes()
     (folder / NET_FILE).write_bytes(gzip.compress(xml))
     about = NetworkFile(
-        name="road", origin="test", licence="none", offset=(0.0, 0.0), build=(), checksum=net_checksum(xml)
+        name="road", origin="test", licence="none", offset=(0.0, 0.0), build=(), checksum=compute_net_checksum(xml)
     )
     (folder / NETWORK_FILE).write_text(about.model_dump_json())
-    return load(folder)
+    return load_road_map(folder)
 
 
 @pytest.mark.parametrize("options", [(), ("--lefthand", "true"), ("--lefthand", "false")])
@@ -129,13 +129,13 @@ def check_both_sides(recording: Recording, folder: Path) -> None:
     ]
     assert [report.left_hand for report in reports] == [False, True]
     same_network(*reports)
-    roads = load(folder / "left")
+    roads = load_road_map(folder / "left")
     for lane in roads.driving:
         if lane.left:
             at = lane.centre.length / 2
             assert lane.centre.project(*roads.lanes[lane.left].centre.at(at))[1] > 0.5
             assert roads.lanes[lane.left].right == lane.id
-    other = load(folder / "right")
+    other = load_road_map(folder / "right")
     for a, b in zip(motions(right), motions(left), strict=True):
         here, there = match_track(a, other), match_track(b, roads)
         assert (here.off_road, here.reason) == (there.off_road, there.reason)

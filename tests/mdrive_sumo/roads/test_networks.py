@@ -9,18 +9,18 @@ import pytest
 import shapely
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import RoadMap, load, network_folder, packaged_networks
-from mdrive_sumo.roads.network_file import NET_FILE, net_checksum, read_network_file
+from mdrive_sumo.roads import RoadMap, find_network_folder, list_packaged_networks, load_road_map
+from mdrive_sumo.roads.network_file import NET_FILE, compute_net_checksum, read_network_file
 from tools.build_networks import build_network, compile_recipe, netconvert, strip_comments
 
-NAMES = sorted(packaged_networks())
+NAMES = sorted(list_packaged_networks())
 LEAST_RADIUS_M = 5.5
 """A car with a wheelbase of 2.85 m turns it with 27 deg of steering; at 5 m/s it feels 4.5 m/s2."""
 
 
 @pytest.fixture(params=NAMES)
 def roads(request: pytest.FixtureRequest) -> RoadMap:
-    return load(network_folder(request.param))
+    return load_road_map(find_network_folder(request.param))
 
 
 @pytest.fixture
@@ -38,22 +38,22 @@ def surface(roads: RoadMap) -> shapely.Geometry:
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("name", NAMES)
 def test_the_recipe_makes_the_packaged_net(name: str) -> None:
-    folder = network_folder(name)
-    assert net_checksum(compile_recipe(folder)) == read_network_file(folder).checksum
+    folder = find_network_folder(name)
+    assert compute_net_checksum(compile_recipe(folder)) == read_network_file(folder).checksum
 
 
 @pytest.mark.usefixtures("compiler")
 def test_building_keeps_what_is_beside_the_road(tmp_path: Path) -> None:
-    folder = shutil.copytree(network_folder("minor_road"), tmp_path / "minor_road")
+    folder = shutil.copytree(find_network_folder("minor_road"), tmp_path / "minor_road")
     before = read_network_file(folder)
     (folder / NET_FILE).unlink()
     assert build_network(folder) == before == read_network_file(folder)
-    assert (folder / NET_FILE).read_bytes() == (network_folder("minor_road") / NET_FILE).read_bytes()
+    assert (folder / NET_FILE).read_bytes() == (find_network_folder("minor_road") / NET_FILE).read_bytes()
 
 
 @pytest.mark.usefixtures("compiler")
 def test_a_broken_recipe_is_named(tmp_path: Path) -> None:
-    folder = shutil.copytree(network_folder("minor_road"), tmp_path / "minor_road")
+    folder = shutil.copytree(find_network_folder("minor_road"), tmp_path / "minor_road")
     (folder / "plain.nod.xml").write_text("<nodes><node")
     with pytest.raises(InputError, match="netconvert refused the recipe"):
         compile_recipe(folder)
@@ -61,7 +61,7 @@ def test_a_broken_recipe_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_net_file_holds_no_date(name: str) -> None:
-    packed = (network_folder(name) / NET_FILE).read_bytes()
+    packed = (find_network_folder(name) / NET_FILE).read_bytes()
     assert packed[4:8] == bytes(4)  # gzip's time stamp
     assert b"<!--" not in gzip.decompress(packed)
 

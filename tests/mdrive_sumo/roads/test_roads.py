@@ -10,19 +10,26 @@ import pytest
 import shapely
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import RoadMap, drivable_path, load, network_folder, packaged_networks, route_along
+from mdrive_sumo.roads import (
+    RoadMap,
+    build_lane_route,
+    find_lane_path,
+    find_network_folder,
+    list_packaged_networks,
+    load_road_map,
+)
 
-NETWORKS = sorted(packaged_networks())
+NETWORKS = sorted(list_packaged_networks())
 
 
 @pytest.fixture(scope="module")
 def crossing() -> RoadMap:
-    return load(network_folder("main_street"))
+    return load_road_map(find_network_folder("main_street"))
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_lanes_lead_into_each_other(name: str) -> None:
-    roads = load(network_folder(name))
+    roads = load_road_map(find_network_folder(name))
     for lane in roads.driving:
         for successor in lane.successors:
             gap = np.hypot(*(roads.lanes[successor].centre.xy[0] - lane.centre.xy[-1]))
@@ -52,11 +59,11 @@ def test_traffic_lights_are_found_at_the_lane_that_they_hold(crossing: RoadMap) 
 
 
 def test_a_path_turns_left_through_the_junction(crossing: RoadMap) -> None:
-    path = drivable_path(crossing, "south_in_2", "west_out_2")
+    path = find_lane_path(crossing, "south_in_2", "west_out_2")
     assert path[0] == "south_in_2"
     assert path[-1] == "west_out_2"
     assert any(crossing.lanes[lane].junction for lane in path)
-    route = route_along(crossing, path, 60.0, 20.0)
+    route = build_lane_route(crossing, path, 60.0, 20.0)
     hops = np.hypot(*np.diff(route.xy, axis=0).T)
     assert np.allclose(hops[:-1], 1.0, atol=0.1)
     assert route.yaw[-1] - route.yaw[0] == pytest.approx(np.pi / 2, abs=0.8)
@@ -66,13 +73,13 @@ def test_a_path_turns_left_through_the_junction(crossing: RoadMap) -> None:
 
 def test_a_lane_change_moves_over_smoothly_and_keeps_the_lanes_direction(crossing: RoadMap) -> None:
     lane = crossing.lanes["west_in_1"]
-    route = route_along(crossing, ("west_in_1", "west_in_2"), 0.0, 40.0)
+    route = build_lane_route(crossing, ("west_in_1", "west_in_2"), 0.0, 40.0)
     offsets = [lane.centre.project(x, y)[1] for x, y in route.xy]
     assert offsets[0] == pytest.approx(0.0, abs=1e-6)
     assert offsets[-1] == pytest.approx((lane.width + crossing.lanes["west_in_2"].width) / 2, abs=0.1)
     assert np.diff(offsets).max() < 0.4
     assert np.abs(route.yaw - lane.centre.yaws[0]).max() < 0.02
-    late = route_along(crossing, ("west_in_1", "west_in_2"), 0.0, 40.0, {0: 20.0})
+    late = build_lane_route(crossing, ("west_in_1", "west_in_2"), 0.0, 40.0, {0: 20.0})
     assert [lane.centre.project(x, y)[1] for x, y in late.xy][19] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -86,22 +93,22 @@ def test_a_lane_change_moves_over_smoothly_and_keeps_the_lanes_direction(crossin
 )
 def test_lanes_that_do_not_connect_are_named(crossing: RoadMap, lanes: tuple[str, ...], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        route_along(crossing, lanes, 5.0, 5.0)
+        build_lane_route(crossing, lanes, 5.0, 5.0)
 
 
 def test_no_way_is_an_input_error(crossing: RoadMap) -> None:
     with pytest.raises(InputError, match="expected a way from lane west_out_1 to lane west_in_1, found none"):
-        drivable_path(crossing, "west_out_1", "west_in_1")
+        find_lane_path(crossing, "west_out_1", "west_in_1")
 
 
 def test_an_unknown_network_names_the_known_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"network 'atlantis': expected in .*main_street.*found nowhere"):
-        network_folder("atlantis", tmp_path)
+        find_network_folder("atlantis", tmp_path)
 
 
 def copied(tmp_path: Path) -> Path:
     folder = tmp_path / "net"
-    shutil.copytree(network_folder("town_crossing"), folder)
+    shutil.copytree(find_network_folder("town_crossing"), folder)
     return folder
 
 
@@ -110,7 +117,7 @@ def test_a_changed_net_is_refused(tmp_path: Path) -> None:
     xml = gzip.decompress((folder / "map.net.xml.gz").read_bytes())
     (folder / "map.net.xml.gz").write_bytes(gzip.compress(xml.replace(b"speed", b"speeD", 1)))
     with pytest.raises(InputError, match=r"expected the checksum of network\.json"):
-        load(folder)
+        load_road_map(folder)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +138,7 @@ def test_a_damaged_network_folder_gets_one_sentence(tmp_path: Path, damage: obje
     folder = copied(tmp_path)
     damage(folder)  # type: ignore[operator]
     with pytest.raises(InputError, match=message):
-        load(folder)
+        load_road_map(folder)
 
 
 def rewrite(folder: Path, **changes: object) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Failure, Frame, Kind
+from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame, save_episode
 from mdrive_sumo.runs.verify import find_first_difference, sample_results
 from mdrive_sumo.scoring import load_results
@@ -231,7 +231,7 @@ def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     ended = invoke("eval", "--scenario", "i01_*", "--agent", agent, "--out", tmp_path / "run")
     assert ended.exit_code == 0, ended.output
     first = load_results(tmp_path / "run" / "results.json").scenarios[0].egos[0]
-    assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, Failure.TIMEOUT)
+    assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, FailureReason.TIMEOUT)
     ended = invoke("verify", tmp_path / "run")
     assert (ended.exit_code, "identical" in ended.stdout) == (0, True), ended.output
 

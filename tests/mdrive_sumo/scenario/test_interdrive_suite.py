@@ -10,11 +10,11 @@ import pytest
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate import validation
-from mdrive_sumo.roads import RoadMap, load, network_folder
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, load_suite, packaged_suites, save_suite
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.statistics import statistics
+from mdrive_sumo.scenario.statistics import compute_suite_statistics
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
 from tools.build_interdrive_suite import RECIPE_FILE, build_route, parse_steps, write_suite
 
@@ -32,11 +32,11 @@ def suite() -> Suite:
 
 @pytest.fixture(scope="module")
 def street() -> RoadMap:
-    return load(network_folder("main_street"))
+    return load_road_map(find_network_folder("main_street"))
 
 
 def test_the_recipe_makes_the_packaged_files(suite: Suite, tmp_path: Path) -> None:
-    shutil.copy(packaged_suites()["interdrive"] / RECIPE_FILE, tmp_path)
+    shutil.copy(list_packaged_suites()["interdrive"] / RECIPE_FILE, tmp_path)
     write_suite(tmp_path)
     made = {path.relative_to(tmp_path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     files = (path for path in suite.folder.rglob("*") if path.is_file() and path.name != CERTIFICATE_FILE)
@@ -51,7 +51,7 @@ def test_composition_is_that_of_the_original(suite: Suite) -> None:
 
 
 def test_sizes_are_those_of_the_paper(suite: Suite) -> None:
-    found = statistics(suite.scenarios)
+    found = compute_suite_statistics(suite.scenarios)
     assert (found.scenarios, found.cavs) == (46, 175)
     assert found.mean_cavs == pytest.approx(3.80, rel=0.05)
     assert found.mean_route_m == pytest.approx(51.83, rel=0.05)

@@ -7,8 +7,8 @@ import pytest
 
 from mdrive_sumo.generate.generated_suite import changed_by_rebuild, recipes_of
 from mdrive_sumo.generate.validation import suite_problems
-from mdrive_sumo.roads import packaged_networks
-from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
+from mdrive_sumo.roads import list_packaged_networks
+from mdrive_sumo.scenario.catalog import list_packaged_suites, load_suite
 from mdrive_sumo.study.occlusion_certificate import load_certificates
 
 PACKED_LIMIT = 25 * 2**20
@@ -37,7 +37,7 @@ def test_every_recipe_makes_its_scenario_again() -> None:
 
 
 def test_what_is_packaged_fits_into_the_wheel() -> None:
-    folders = (*packaged_suites().values(), *packaged_networks().values())
+    folders = (*list_packaged_suites().values(), *list_packaged_networks().values())
     files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
     assert sum(len(gzip.compress(path.read_bytes(), 6)) for path in files) < PACKED_LIMIT
 

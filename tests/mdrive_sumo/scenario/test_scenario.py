@@ -8,7 +8,7 @@ import pytest
 from testing.worlds import straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.seeding import derived_seed
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario, save_scenario
@@ -150,7 +150,7 @@ def test_a_missing_or_empty_suite_is_refused(tmp_path: Path) -> None:
 
 
 def test_seeds_depend_on_names_only() -> None:
-    assert derived_seed(0, "a", "sumo") == derived_seed(0, "a", "sumo")
-    assert len({derived_seed(s, a, b) for s in (0, 1) for a in ("a", "b") for b in ("sumo", "x")}) == 8
-    assert derived_seed(0, "ab", "c") != derived_seed(0, "a", "bc")
-    assert all(0 <= derived_seed(s, "x") < 2**31 for s in range(200))
+    assert derive_seed(0, "a", "sumo") == derive_seed(0, "a", "sumo")
+    assert len({derive_seed(s, a, b) for s in (0, 1) for a in ("a", "b") for b in ("sumo", "x")}) == 8
+    assert derive_seed(0, "ab", "c") != derive_seed(0, "a", "bc")
+    assert all(0 <= derive_seed(s, "x") < 2**31 for s in range(200))

@@ -11,7 +11,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.scenario.statistics import heading_change_deg, route_length, statistics
+from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length, compute_suite_statistics
 
 
 def ego_along(xy: Float, name: str = "0") -> Ego:
@@ -36,20 +36,20 @@ def turn(angle: float, radius: float) -> Float:
 @given(st.integers(1, 60), st.floats(-math.pi, math.pi))
 def test_a_straight_route_has_its_length_and_no_heading_change(metres: int, yaw: float) -> None:
     ego = ego_along(straight(metres, yaw))
-    assert route_length(ego) == pytest.approx(metres)
-    assert heading_change_deg(ego) == pytest.approx(0.0, abs=1e-6)
+    assert compute_route_length(ego) == pytest.approx(metres)
+    assert compute_heading_change_deg(ego) == pytest.approx(0.0, abs=1e-6)
 
 
 @given(st.floats(math.radians(20), math.radians(170)), st.floats(6, 30), st.booleans())
 def test_a_turn_changes_the_heading_by_its_angle(angle: float, radius: float, left: bool) -> None:
     ego = ego_along(turn(angle if left else -angle, radius))
-    assert heading_change_deg(ego) == pytest.approx(math.degrees(angle), rel=1e-6)
+    assert compute_heading_change_deg(ego) == pytest.approx(math.degrees(angle), rel=1e-6)
 
 
 def test_a_turn_left_and_one_right_add_up() -> None:
     there = turn(math.radians(40), 10.0)
     ego = ego_along(np.concatenate((there, (2 * there[-1] - there[::-1])[1:])))  # on, mirrored in its last point
-    assert heading_change_deg(ego) == pytest.approx(80.0, rel=1e-6)
+    assert compute_heading_change_deg(ego) == pytest.approx(80.0, rel=1e-6)
 
 
 def test_smoothing_takes_away_zigzag() -> None:
@@ -57,12 +57,12 @@ def test_smoothing_takes_away_zigzag() -> None:
     xy[1:-1:2, 1] += 0.02  # 2 cm of noise: 78 deg in sum without smoothing
     raw = np.diff(np.arctan2(*np.diff(xy, axis=0).T[::-1]))
     assert np.degrees(np.abs(raw).sum()) > 75
-    assert heading_change_deg(ego_along(xy)) < 25
+    assert compute_heading_change_deg(ego_along(xy)) < 25
 
 
 def test_headings_pass_pi_without_a_jump() -> None:
     xy = turn(math.radians(60), 12.0) @ np.array(((-1.0, 0.0), (0.0, -1.0)))
-    assert heading_change_deg(ego_along(xy)) == pytest.approx(60.0, rel=1e-6)
+    assert compute_heading_change_deg(ego_along(xy)) == pytest.approx(60.0, rel=1e-6)
 
 
 def test_means_over_all_cavs_and_over_scenarios() -> None:
@@ -77,7 +77,7 @@ def test_means_over_all_cavs_and_over_scenarios() -> None:
         egos=(long, short, ego_along(straight(30), "2")),
         background=Background(vehicles=(vehicle, vehicle.model_copy(update={"id": "w"}))),
     )
-    found = statistics([one, two])
+    found = compute_suite_statistics([one, two])
     assert (found.scenarios, found.cavs, found.mean_cavs) == (2, 4, 2.0)
     assert found.mean_route_m == pytest.approx(45.0)  # over CAVs; over scenarios it would be 50
     assert found.mean_actors == 1.0

@@ -19,21 +19,21 @@ from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS, WeatherName
 from mdrive_sumo.sensing.detection import ObjectsSensor
 from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS
-from mdrive_sumo.sensing.detector_calibration import HIDDEN_FROM_ONE, fitted, measured_ap
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
+from mdrive_sumo.sensing.detector_calibration import HIDDEN_FROM_ONE, fit_profile, measure_average_precision
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
 
-HERE = Eye(0.0, 0.0, 0.0, 0)
+HERE = SensorPose(0.0, 0.0, 0.0, 0)
 Place = tuple[float, float]
 
 
-def cars(*places: Place, names: tuple[str, ...] = (), tick: int = 0) -> Scene:
+def cars(*places: Place, names: tuple[str, ...] = (), tick: int = 0) -> SensingFrame:
     """The carrier at the origin and cars at the places, that head north at 5 m/s."""
     count = len(places) + 1
     x, y = np.array([(0.0, 0.0), *places]).T
     ids = ("me", *(names or tuple(f"c{i}" for i in range(len(places)))))
     size = np.full(count, 4.6), np.full(count, 1.9)
     kind = np.full(count, Kind.VEHICLE, dtype=np.uint8)
-    return Scene(tick, Objects(ids, kind, x, y, np.full(count, math.pi / 2), np.full(count, 5.0), *size), {})
+    return SensingFrame(tick, Objects(ids, kind, x, y, np.full(count, math.pi / 2), np.full(count, 5.0), *size), {})
 
 
 def sensor(
@@ -43,12 +43,12 @@ def sensor(
     seed: int = 1,
     **options: float | str | bool,
 ) -> ObjectsSensor:
-    fitting = Fitting("me", seed, roads or straight_road(), WEATHERS[weather], None)
+    fitting = SensorSetup("me", seed, roads or straight_road(), WEATHERS[weather], None)
     return ObjectsSensor(SensorSpec("objects", range_m=range_m, options=options), fitting)
 
 
 def name(true_id: str) -> str:
-    return observed_name("me", true_id)
+    return derive_track_name("me", true_id)
 
 
 def house(x: float, y: float, size: float) -> RoadMap:
@@ -102,7 +102,7 @@ class TestIdeal:
         assert len(sensor(free_space=False).sense(scene, HERE).free_m) == 0
 
     def test_the_station_beside_the_road_sees_everybody(self) -> None:
-        assert len(sensor().sense(cars((20.0, 0.0)), Eye(0.0, 20.0, 0.0, None)).ids) == 2
+        assert len(sensor().sense(cars((20.0, 0.0)), SensorPose(0.0, 20.0, 0.0, None)).ids) == 2
 
     @pytest.mark.parametrize(
         "options",
@@ -254,18 +254,22 @@ class TestPublishedFigures:
     def test_surrogates_reach_them(self, profile: str) -> None:
         hidden = HIDDEN_FROM_ONE if profile == "lidar-single" else 0.0
         for seed in (1, 2) if profile == "cobevt" else (0, 1, 2):
-            assert measured_ap(PROFILES[profile], 0.5, seed, hidden) == pytest.approx(PUBLISHED[profile].ap50, abs=0.02)
-            assert measured_ap(PROFILES[profile], 0.7, seed, hidden) == pytest.approx(PUBLISHED[profile].ap70, abs=0.02)
+            assert measure_average_precision(PROFILES[profile], 0.5, seed, hidden) == pytest.approx(
+                PUBLISHED[profile].ap50, abs=0.02
+            )
+            assert measure_average_precision(PROFILES[profile], 0.7, seed, hidden) == pytest.approx(
+                PUBLISHED[profile].ap70, abs=0.02
+            )
 
     def test_the_ideal_detector_misses_nothing(self) -> None:
-        assert measured_ap(PROFILES[IDEAL], 0.7, 3) == 1.0
+        assert measure_average_precision(PROFILES[IDEAL], 0.7, 3) == 1.0
 
     def test_every_surrogate_has_its_source(self) -> None:
         assert PUBLISHED.keys() == PROFILES.keys() - {IDEAL}
 
     @pytest.mark.full
     def test_the_fit_is_reproducible(self) -> None:
-        again = fitted(replace(PROFILES["fcooper"], recall=0.9, spread=0.2), PUBLISHED["fcooper"], 0)
+        again = fit_profile(replace(PROFILES["fcooper"], recall=0.9, spread=0.2), PUBLISHED["fcooper"], 0)
         assert (again.recall, again.spread) == (PROFILES["fcooper"].recall, PROFILES["fcooper"].spread)
 
 

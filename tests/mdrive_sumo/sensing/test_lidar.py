@@ -18,8 +18,8 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.lidar import LidarSensor
-from mdrive_sumo.sensing.observation_builder import Senses, Surrounds, scene_of
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene, observed_name
+from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
 
 CAR = VehicleFacts(4.9, 2.1, 2.85, 1.4, 1700.0, 1.2, 50.0, 3.0, 8.0)
 ELEVATION = np.radians(np.linspace(-30.0, 10.0, 64))
@@ -50,19 +50,19 @@ def told(vehicle: VehicleFacts = CAR) -> Briefing:
 
 
 def sensor(roads: RoadMap | None = None, weather: str = "default", seed: int = 5, **options: Option) -> LidarSensor:
-    fitting = Fitting("a", seed, roads or town(), WEATHERS[weather], told())  # type: ignore[index]
+    fitting = SensorSetup("a", seed, roads or town(), WEATHERS[weather], told())  # type: ignore[index]
     return LidarSensor(SensorSpec("lidar", "top", options=options), fitting)
 
 
-def scene(*boxes: Box, tick: int = 0) -> Scene:
+def scene(*boxes: Box, tick: int = 0) -> SensingFrame:
     table = np.array([box[1:] for box in boxes])
     kinds = np.array([box[0] for box in boxes], dtype=np.uint8)
     ids = tuple("abcdefghijklmnopqrstuvwxyz"[: len(boxes)])
-    return Scene(tick, Objects(ids, kinds, *table[:, :3].T, np.zeros(len(boxes)), *table[:, 3:].T), {})
+    return SensingFrame(tick, Objects(ids, kinds, *table[:, :3].T, np.zeros(len(boxes)), *table[:, 3:].T), {})
 
 
 def scan(of: LidarSensor, *others: Box, own: Box = OWN, tick: int = 0) -> PointCloud:
-    cloud = of.sense(scene(own, *others, tick=tick), Eye(own[1], own[2], own[3], 0))
+    cloud = of.sense(scene(own, *others, tick=tick), SensorPose(own[1], own[2], own[3], 0))
     assert cloud is not None
     return cloud
 
@@ -194,7 +194,7 @@ def check(case: Case) -> None:
     """Every ray agrees with the oracle, or with the oracle for a ray that points a hair aside."""
     cloud = scan(sensor(town(*case.rings), hit_ids=True, **case.pose), *case.others, own=case.own)
     boxes = [case.own, *case.others]
-    names = [observed_name("a", "abcdefghijklmnopqrstuvwxyz"[i]) for i in range(len(boxes))]
+    names = [derive_track_name("a", "abcdefghijklmnopqrstuvwxyz"[i]) for i in range(len(boxes))]
     owner_of = {name: i for i, name in enumerate([*names, *(f"building:h{i}" for i in range(len(case.rings)))], 1)}
     owners = np.array([*(owner_of[name] for name in cloud.names), 0])[cloud.hit]
     rows = ray_of(cloud.points)
@@ -270,7 +270,7 @@ def test_the_default_profile_turns_every_tick_with_64_channels() -> None:
 
 def test_the_lmdrive_profile_turns_every_second_tick() -> None:
     of = sensor(profile="lmdrive")
-    assert of.sense(scene(OWN, tick=1), Eye(0, 0, 0, 0)) is None
+    assert of.sense(scene(OWN, tick=1), SensorPose(0, 0, 0, 0)) is None
     cloud = scan(of, tick=2)
     azimuths = np.unique(np.round(np.degrees(np.arctan2(cloud.points[:, 1], cloud.points[:, 0])) / 360 * 938, 3))
     assert len(azimuths) == 938
@@ -306,10 +306,10 @@ def test_nothing_is_hit_beyond_the_range_of_the_weather(weather: str, reach: flo
 
 def test_the_observation_carries_the_scans_of_the_ticks_that_have_one() -> None:
     specs = (SensorSpec("lidar", "top"), SensorSpec("lidar", "slow", options={"profile": "lmdrive"}))
-    senses = Senses({"a": specs}, {"a": told()}, Surrounds(town(), WEATHERS["default"], 0))
+    senses = ObservationBuilder({"a": specs}, {"a": told()}, SensorContext(town(), WEATHERS["default"], 0))
     for tick, names in ((0, {"top", "slow"}), (1, {"top"})):
         frame = Frame(tick, {"a": EgoState(5.0, 0.0, 0.0, 0.0)}, Actors.empty(), {})
-        seen = senses.observe(frame, scene_of(frame, {"a": (4.9, 2.1)}), {}, {"a": ()})["a"].lidar
+        seen = senses.observe(frame, build_sensing_frame(frame, {"a": (4.9, 2.1)}), {}, {"a": ()})["a"].lidar
         assert set(seen) == names
         assert len(seen["top"].points) > 10_000
 
@@ -328,7 +328,7 @@ def test_a_car_hides_the_pedestrian_behind_it_and_a_low_obstacle_does_not() -> N
     pedestrian: Box = (Kind.PEDESTRIAN, 12.0, 0.0, 0.0, 0.5, 0.5)
     for kind, length, sees in ((Kind.VEHICLE, 8.0, False), (Kind.STATIC, 2.0, True)):
         cloud = scan(sensor(z=2.0, hit_ids=True), (kind, 7.0, 0.0, 0.0, length, 3.0), pedestrian)
-        assert (observed_name("a", "c") in cloud.names) == sees
+        assert (derive_track_name("a", "c") in cloud.names) == sees
 
 
 @pytest.mark.parametrize(
@@ -359,7 +359,7 @@ def test_every_point_lies_on_the_surface_of_what_it_names() -> None:
     yard = ((15.0, -30.0), (40.0, -30.0), (40.0, 30.0), (15.0, 30.0), (25.0, 0.0))
     boxes = [OWN, (Kind.VEHICLE, 8.0, 4.0, 0.4, 4.5, 1.9), (Kind.CYCLIST, -9.0, -3.0, 2.0, 1.8, 0.6)]
     cloud = scan(sensor(town(yard), hit_ids=True), *boxes[1:])
-    names = {f"{observed_name('a', 'b')}": boxes[1], f"{observed_name('a', 'c')}": boxes[2]}
+    names = {f"{derive_track_name('a', 'b')}": boxes[1], f"{derive_track_name('a', 'c')}": boxes[2]}
     assert set(cloud.names) == {*names, "building:h0"}
     points = cloud.points[:, :3].astype(float) + np.array((0.0, 0.0, 2.5))
     assert abs(points[cloud.hit < 0, 2]).max() < 1e-3
@@ -387,7 +387,7 @@ def test_intensity_falls_with_distance_and_depends_on_the_material() -> None:
         sensor(hit_ids=True), (Kind.VEHICLE, 10.0, 0.0, 0.0, 4.5, 1.9), (Kind.STATIC, -9.0, 0.0, 0.0, 1.0, 3.0)
     )
     faded = np.exp(-0.004 * np.linalg.norm(cloud.points[:, :3], axis=1))
-    material = np.array([{observed_name("a", "b"): 0.8}.get(name, 0.6) for name in cloud.names] + [0.2])[cloud.hit]
+    material = np.array([{derive_track_name("a", "b"): 0.8}.get(name, 0.6) for name in cloud.names] + [0.2])[cloud.hit]
     assert cloud.points[:, 3] == pytest.approx(material * faded, abs=1e-5)
 
 
@@ -496,13 +496,15 @@ def test_bad_options_are_refused(options: dict[str, Option], says: str) -> None:
 
 def test_a_declared_range_is_refused() -> None:
     with pytest.raises(InputError, match="only the pose is honoured"):
-        LidarSensor(SensorSpec("lidar", range_m=50.0), Fitting("a", 0, town(), WEATHERS["default"], told()))
+        LidarSensor(SensorSpec("lidar", range_m=50.0), SensorSetup("a", 0, town(), WEATHERS["default"], told()))
 
 
 def test_a_pose_beside_or_above_the_body_is_fine_and_a_bus_carries_its_sensor_higher() -> None:
     sensor(x=2.5, z=0.5)
     sensor(z=1.51)
-    bus = Fitting("a", 0, town(), WEATHERS["default"], told(replace(CAR, length=12.0)))
-    cloud = LidarSensor(SensorSpec("lidar"), bus).sense(scene((Kind.VEHICLE, 0, 0, 0, 12.0, 2.5)), Eye(0, 0, 0, 0))
+    bus = SensorSetup("a", 0, town(), WEATHERS["default"], told(replace(CAR, length=12.0)))
+    cloud = LidarSensor(SensorSpec("lidar"), bus).sense(
+        scene((Kind.VEHICLE, 0, 0, 0, 12.0, 2.5)), SensorPose(0, 0, 0, 0)
+    )
     assert cloud is not None
     assert cloud.points[:, 2].min() == pytest.approx(-4.4, abs=1e-4)

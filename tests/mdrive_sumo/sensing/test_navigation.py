@@ -13,18 +13,20 @@ from mdrive_sumo.contract import Objects, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.scenario.weather import WEATHERS
-from mdrive_sumo.sensing.cameras import camera_error
+from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.navigation import GnssSensor, ImuSensor, SpeedometerSensor, to_compass, to_gnss, to_xy
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
 
 EGO = EgoState(12.0, -34.0, 0.5, speed=8.0, acceleration=-1.5, yaw_rate=0.25)
-FITTING = Fitting("a", 7, straight_road(), WEATHERS["default"], None)
-EYE = Eye(EGO.x, EGO.y, EGO.yaw, 0)
+FITTING = SensorSetup("a", 7, straight_road(), WEATHERS["default"], None)
+EYE = SensorPose(EGO.x, EGO.y, EGO.yaw, 0)
 
 
-def scene(tick: int = 0) -> Scene:
+def scene(tick: int = 0) -> SensingFrame:
     none = np.zeros(0)
-    return Scene(tick, Objects((), np.zeros(0, dtype=np.uint8), *(none,) * 6), {"b": EgoState(0, 0, 0, 0), "a": EGO})
+    return SensingFrame(
+        tick, Objects((), np.zeros(0, dtype=np.uint8), *(none,) * 6), {"b": EgoState(0, 0, 0, 0), "a": EGO}
+    )
 
 
 def spec(kind: str, **options: float | str | bool) -> SensorSpec:
@@ -77,7 +79,7 @@ def test_an_inertial_unit_without_noise_tells_the_motion() -> None:
 
 def test_a_car_at_rest_feels_gravity_only() -> None:
     still = replace(scene(), egos={"a": EgoState(0.0, 0.0, 0.0, 0.0)})
-    assert ImuSensor(spec("imu"), FITTING).sense(still, Eye(0.0, 0.0, 0.0, 0)).acceleration == (0.0, 0.0, 9.81)
+    assert ImuSensor(spec("imu"), FITTING).sense(still, SensorPose(0.0, 0.0, 0.0, 0)).acceleration == (0.0, 0.0, 9.81)
 
 
 def test_the_speedometer_tells_the_carriers_speed() -> None:
@@ -141,7 +143,7 @@ def test_bad_options_are_named(sensor: type[GnssSensor], asked: SensorSpec, said
     "kind", ["camera", "rgb", "sensor.camera.rgb", "sensor.camera.depth", "depth", "semantic", "CAM_FRONT", "Camera"]
 )
 def test_whoever_asks_for_a_camera_is_told_what_to_use(kind: str) -> None:
-    said = camera_error(kind)
+    said = describe_camera_error(kind)
     assert repr(kind) in said
     assert "no renderer" in said
     assert all(f'"{instead}"' in said for instead in ("objects", "lidar", "bev"))
@@ -153,4 +155,4 @@ def test_whoever_asks_for_a_camera_is_told_what_to_use(kind: str) -> None:
     ["objects", "lidar", "bev", "gnss", "imu", "speedometer", "privileged", "sensor.lidar.ray_cast", "radar", ""],
 )
 def test_other_kinds_are_no_cameras(kind: str) -> None:
-    assert camera_error(kind) == ""
+    assert describe_camera_error(kind) == ""

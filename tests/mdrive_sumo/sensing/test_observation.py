@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 
 from mdrive_sumo.contract import Briefing
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.catalog import load_suite
-from mdrive_sumo.sensing.briefing_builder import briefing
-from mdrive_sumo.vehicle.dynamics import MKZ_2017, facts
+from mdrive_sumo.sensing.briefing_builder import build_briefing
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 SUITE = load_suite("interdrive")
 
 
 def brief(scenario: str, ego: int) -> Briefing:
     found = next(s for s in SUITE.scenarios if s.id.startswith(scenario))
-    return briefing(found.egos[ego], load(network_folder(found.network)), facts(MKZ_2017), 7, 30.0)
+    return build_briefing(
+        found.egos[ego], load_road_map(find_network_folder(found.network)), to_vehicle_facts(MKZ_2017), 7, 30.0
+    )
 
 
 def test_the_route_is_told_with_lane_width_speed_limit_and_length() -> None:

@@ -14,11 +14,11 @@ from mdrive_sumo.contract import Briefing, Objects, Raster, SensorSpec, VehicleF
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Polyline, box_corners
 from mdrive_sumo.core.state import EgoState, Kind
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.weather import WEATHERS
-from mdrive_sumo.sensing.polygon_fill import box_edges, edges_of, filled
+from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons, polygon_edges
 from mdrive_sumo.sensing.raster import LAYERS, RasterSensor
-from mdrive_sumo.sensing.scene import Eye, Fitting, Scene
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
 
 CAR = VehicleFacts(4.9, 2.1, 2.85, 1.4, 1700.0, 1.2, 50.0, 3.0, 8.0)
 
@@ -32,7 +32,7 @@ def told(xy: Float, width: float = 3.5) -> Briefing:
 def sensor(roads: RoadMap, route: Float | None = None, **options: float | str | bool) -> RasterSensor:
     xy = np.array([(0.0, 0.0), (1.0, 0.0)]) if route is None else route
     return RasterSensor(
-        SensorSpec("bev", "top", options=options), Fitting("a", 1, roads, WEATHERS["default"], told(xy))
+        SensorSpec("bev", "top", options=options), SensorSetup("a", 1, roads, WEATHERS["default"], told(xy))
     )
 
 
@@ -51,7 +51,7 @@ def objects(*boxes: tuple[Kind, float, float, float, float, float]) -> Objects:
 def look(top: RasterSensor, pose: tuple[float, float, float], seen: Objects, *others: tuple[float, float]) -> Raster:
     """What the sensor draws for a car at the pose; the others are there, but not seen."""
     cars = [(Kind.VEHICLE, *pose, 4.9, 2.1), *((Kind.VEHICLE, x, y, 0.0, 4.9, 2.1) for x, y in others)]
-    return top.sense(Scene(0, objects(*cars), {"a": EgoState(*pose, 0.0)}), Eye(*pose, 0), seen)
+    return top.sense(SensingFrame(0, objects(*cars), {"a": EgoState(*pose, 0.0)}), SensorPose(*pose, 0), seen)
 
 
 def layer(raster: Raster, name: str) -> Bool:
@@ -87,7 +87,7 @@ def poses(roads: RoadMap, count: int) -> list[tuple[float, float, float]]:
 
 @pytest.mark.parametrize("network", ["town_crossing", "old_town", "ramp_merge"])
 def test_drivable_is_where_lanes_and_junctions_are(network: str) -> None:
-    roads = load(network_folder(network))
+    roads = load_road_map(find_network_folder(network))
     junctions = shapely.union_all([shapely.Polygon(outline) for outline in roads.junctions])
     rng, top = np.random.default_rng(1), sensor(roads)
     for pose in poses(roads, 4):
@@ -121,7 +121,7 @@ def test_narrow_gaps_between_lanes_are_closed_and_nothing_else_grows(gap: float,
 
 @pytest.mark.parametrize("metres", [0.1, 0.5])
 def test_lane_lines_are_at_the_borders_of_the_streets_lanes(metres: float) -> None:
-    roads = load(network_folder("skewed_crossing"))
+    roads = load_road_map(find_network_folder("skewed_crossing"))
     top, half = sensor(roads, metres_per_pixel=metres), max(metres, 0.15) / 2
     for pose in poses(roads, 4):
         raster = look(top, pose, objects())
@@ -192,7 +192,7 @@ def test_only_what_is_seen_is_drawn() -> None:
 
 
 def test_the_raster_depends_on_nothing_but_the_scene() -> None:
-    roads = load(network_folder("town_crossing"))
+    roads = load_road_map(find_network_folder("town_crossing"))
     boxes = [(Kind.VEHICLE, 3.0, 4.0, 0.3, 4.9, 2.1), (Kind.CYCLIST, -5.0, 2.0, 1.0, 1.8, 0.6)]
     used, fresh, pose = sensor(roads), sensor(roads), (0.5, -3.0, 1.2)
     look(used, (20.0, 5.0, 0.0), objects())
@@ -204,10 +204,10 @@ def test_the_raster_depends_on_nothing_but_the_scene() -> None:
 def test_overlapping_boxes_and_holes_are_filled_right() -> None:
     stack = np.array([box_corners(8.0, 8.0, 0.1 * i, 8.0, 4.0) for i in range(200)])
     layers = np.zeros(800, dtype=np.int64)
-    assert filled(box_edges(stack), layers, (1, 16))[0, 8, 8] == 255
+    assert fill_polygons(box_edges(stack), layers, (1, 16))[0, 8, 8] == 255
     ring = shapely.Point(8, 8).buffer(6) - shapely.Point(8, 8).buffer(3)
-    edges = edges_of(ring)
-    drawn = filled(edges, np.zeros(len(edges), dtype=np.int64), (1, 16))[0] == 255
+    edges = polygon_edges(ring)
+    drawn = fill_polygons(edges, np.zeros(len(edges), dtype=np.int64), (1, 16))[0] == 255
     assert (drawn == shapely.contains_xy(ring, *np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5))).all()
 
 

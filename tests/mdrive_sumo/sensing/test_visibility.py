@@ -15,21 +15,26 @@ from mdrive_sumo.core.geometry import TAU, Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.sensing.scene import Eye, Scene
-from mdrive_sumo.sensing.visibility import Buildings, free_sight, seen_rows, visible_fractions
+from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.visibility import (
+    BuildingEdges,
+    compute_free_sight,
+    compute_visible_fractions,
+    find_visible_rows,
+)
 
 Box = tuple[Kind, float, float, float, float, float]
 """Kind, x, y, yaw, length, width."""
-HERE = Eye(0.0, 0.0, 0.0, None)
+HERE = SensorPose(0.0, 0.0, 0.0, None)
 RAYS = 300
 
 
-def scene(*boxes: Box) -> Scene:
+def scene(*boxes: Box) -> SensingFrame:
     table = np.array([box[1:] for box in boxes], dtype=np.float64).reshape(-1, 5)
     kind = np.array([box[0] for box in boxes], dtype=np.uint8)
     ids = tuple(f"b{i}" for i in range(len(boxes)))
     x, y, yaw, length, width = table.T
-    return Scene(0, Objects(ids, kind, x, y, yaw, np.zeros(len(boxes)), length, width), {})
+    return SensingFrame(0, Objects(ids, kind, x, y, yaw, np.zeros(len(boxes)), length, width), {})
 
 
 def town(*outlines: list[tuple[float, float]]) -> RoadMap:
@@ -43,12 +48,12 @@ def house(x: float, y: float, yaw: float = 0.0, length: float = 10.0, width: flo
 
 
 def shares(
-    *boxes: Box, houses: tuple[list[tuple[float, float]], ...] = (), eye: Eye = HERE, reach: float = 100.0
+    *boxes: Box, houses: tuple[list[tuple[float, float]], ...] = (), eye: SensorPose = HERE, reach: float = 100.0
 ) -> Float:
-    return visible_fractions(eye, scene(*boxes), Buildings(town(*houses)), reach)
+    return compute_visible_fractions(eye, scene(*boxes), BuildingEdges(town(*houses)), reach)
 
 
-def first_hits(shape: shapely.Geometry, eye: Eye, angles: Float) -> Float:
+def first_hits(shape: shapely.Geometry, eye: SensorPose, angles: Float) -> Float:
     """Distance to the shape along each ray, infinite where it is missed."""
     ends = np.stack((eye.x + 300 * np.cos(angles), eye.y + 300 * np.sin(angles)), axis=-1)
     rays = shapely.linestrings(np.stack((np.broadcast_to((eye.x, eye.y), ends.shape), ends), axis=-2))
@@ -56,14 +61,14 @@ def first_hits(shape: shapely.Geometry, eye: Eye, angles: Float) -> Float:
     return np.where(shapely.is_empty(met), np.inf, shapely.distance(met, shapely.Point(eye.x, eye.y)))
 
 
-def hides(view: Scene, row: int) -> bool:
+def hides(view: SensingFrame, row: int) -> bool:
     """Cars, and what is static and not low."""
     boxes = view.boxes
     high = max(boxes.length[row], boxes.width[row]) > 2.5
     return boxes.kind[row] == Kind.VEHICLE or (boxes.kind[row] == Kind.STATIC and high)
 
 
-def share_by_rays(view: Scene, roads: RoadMap, eye: Eye, row: int) -> float:
+def share_by_rays(view: SensingFrame, roads: RoadMap, eye: SensorPose, row: int) -> float:
     """The visible share of one box by brute force."""
     shapes = [shapely.Polygon(corners) for corners in view.corners]
     angles = np.arctan2(view.corners[row, :, 1] - eye.y, view.corners[row, :, 0] - eye.x)
@@ -107,14 +112,14 @@ class TestAgainstRays:
     def test_any_scene(self, boxes: list[Box], houses: list[list[tuple[float, float]]], clockwise: bool) -> None:
         roads = town(*(h[::-1] if clockwise else h for h in houses))
         view = scene(*boxes)
-        shares = visible_fractions(HERE, view, Buildings(roads), 200.0)
+        shares = compute_visible_fractions(HERE, view, BuildingEdges(roads), 200.0)
         brute = [share_by_rays(view, roads, HERE, row) for row in range(len(boxes))]
         assert shares == pytest.approx(np.array(brute), abs=6.1 / RAYS)
 
     @settings(max_examples=25, deadline=None)
     @given(boxes=boxes_around(8), houses=HOUSES, yaw=st.floats(-4.0, 4.0))
     def test_free_sight(self, boxes: list[Box], houses: list[list[tuple[float, float]]], yaw: float) -> None:
-        eye, roads, view = Eye(0.0, 0.0, yaw, None), town(*houses), scene(*boxes)
+        eye, roads, view = SensorPose(0.0, 0.0, yaw, None), town(*houses), scene(*boxes)
         angles = yaw + np.arange(24) * TAU / 24
         brute = np.full(24, 35.0)
         for row, shape in enumerate(view.corners):
@@ -122,7 +127,7 @@ class TestAgainstRays:
                 brute = np.minimum(brute, first_hits(shapely.Polygon(shape), eye, angles))
         for shape in roads.building_shapes:
             brute = np.minimum(brute, first_hits(shape, eye, angles))
-        assert free_sight(eye, view, Buildings(roads), 35.0, 24) == pytest.approx(brute, abs=1e-6)
+        assert compute_free_sight(eye, view, BuildingEdges(roads), 35.0, 24) == pytest.approx(brute, abs=1e-6)
 
     def test_house_with_a_courtyard_entrance(self) -> None:
         """A wall that goes around three sides hides what is behind it, not what stands in the opening."""
@@ -188,13 +193,16 @@ class TestByHand:
 
     def test_the_carrier_is_neither_seen_nor_in_the_way(self) -> None:
         me, other = (Kind.VEHICLE, 0.0, 0.0, 0.0, 5.0, 2.0), (Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0)
-        assert shares(me, other, eye=Eye(0.0, 0.0, 0.0, 0)).tolist() == [0.0, 1.0]
+        assert shares(me, other, eye=SensorPose(0.0, 0.0, 0.0, 0)).tolist() == [0.0, 1.0]
 
     def test_inside_of_another_box_or_a_building(self) -> None:
         """What is around the eye is seen and hides nothing."""
         around, other = (Kind.VEHICLE, 0.5, 0.0, 0.3, 5.0, 2.0), (Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0)
         assert shares(around, other, houses=(house(0.0, 0.0),)).tolist() == [1.0, 1.0]
-        assert free_sight(HERE, scene(around), Buildings(town(house(0.0, 0.0))), 50.0, 8).tolist() == [50.0] * 8
+        assert (
+            compute_free_sight(HERE, scene(around), BuildingEdges(town(house(0.0, 0.0))), 50.0, 8).tolist()
+            == [50.0] * 8
+        )
 
     def test_eye_on_an_edge(self) -> None:
         assert np.isfinite(
@@ -203,21 +211,21 @@ class TestByHand:
 
     def test_nobody_there(self) -> None:
         assert shares().tolist() == []
-        assert free_sight(HERE, scene(), Buildings(town()), 50.0, 4).tolist() == [50.0] * 4
+        assert compute_free_sight(HERE, scene(), BuildingEdges(town()), 50.0, 4).tolist() == [50.0] * 4
 
     def test_free_sight_counts_counter_clockwise_from_straight_ahead(self) -> None:
-        eye = Eye(0.0, 0.0, math.pi / 2, None)
+        eye = SensorPose(0.0, 0.0, math.pi / 2, None)
         left = (Kind.VEHICLE, -20.0, 0.0, 0.0, 4.0, 2.0)
-        assert free_sight(eye, scene(left), Buildings(town(house(0.0, 30.0))), 50.0, 4) == pytest.approx(
+        assert compute_free_sight(eye, scene(left), BuildingEdges(town(house(0.0, 30.0))), 50.0, 4) == pytest.approx(
             [25.0, 18.0, 50.0, 50.0]
         )
 
     def test_seen_rows(self) -> None:
         boxes = scene((Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0), (Kind.STATIC, 10.0, 5.0, 0.0, 1.0, 10.0))
-        walls = Buildings(town(house(-20.0, 0.0)))
-        assert seen_rows(HERE, boxes, walls, 100.0, 0.6).tolist() == [False, True]
-        assert seen_rows(HERE, boxes, walls, 100.0, 0.4).tolist() == [True, True]
-        assert seen_rows(HERE, boxes, walls, 15.0).tolist() == [False, True]
+        walls = BuildingEdges(town(house(-20.0, 0.0)))
+        assert find_visible_rows(HERE, boxes, walls, 100.0, 0.6).tolist() == [False, True]
+        assert find_visible_rows(HERE, boxes, walls, 100.0, 0.4).tolist() == [True, True]
+        assert find_visible_rows(HERE, boxes, walls, 15.0).tolist() == [False, True]
 
 
 class TestProperties:
@@ -241,7 +249,7 @@ class TestProperties:
             (kind, cos * x - sin * y + shift[0], sin * x + cos * y + shift[1], yaw + turn, length, width)
             for kind, x, y, yaw, length, width in boxes
         ]
-        assert shares(*moved, eye=Eye(*shift, turn, None)) == pytest.approx(shares(*boxes), abs=1e-5)
+        assert shares(*moved, eye=SensorPose(*shift, turn, None)) == pytest.approx(shares(*boxes), abs=1e-5)
 
     @settings(max_examples=60, deadline=None)
     @given(boxes=boxes_around(8), order=st.randoms(use_true_random=False))

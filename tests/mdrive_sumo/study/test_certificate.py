@@ -10,9 +10,9 @@ from click.testing import CliRunner
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.job import EpisodeJob, reexecute
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, packaged_suites, save_suite
+from mdrive_sumo.scenario.catalog import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.study import occlusion_certificate
 from mdrive_sumo.study.occlusion_certificate import (
@@ -25,12 +25,12 @@ from mdrive_sumo.study.occlusion_certificate import (
     save_certificates,
 )
 
-TOWN = load(network_folder("town_crossing"))
+TOWN = load_road_map(find_network_folder("town_crossing"))
 
 
 @cache
 def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
-    job = EpisodeJob(str(packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
+    job = EpisodeJob(str(list_packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
     found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
     return reexecute(job), found
 

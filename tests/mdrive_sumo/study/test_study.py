@@ -45,8 +45,8 @@ from mdrive_sumo.study.study_summary import (
     group_by_scenario,
     summarise_rows,
 )
-from mdrive_sumo.v2x.channel import Fate, Sent
-from mdrive_sumo.v2x.comm import PRESETS, Comm, Link, comm_text
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings, format_comm_json
 
 FAKE_MAIN = [sys.executable, "-c", "import study_fakes; study_fakes.main()"]
 TALKER = str(TESTS / "testing" / "study_talker.py") + ":Talker"
@@ -100,8 +100,8 @@ def test_one_factor_at_a_time_leaves_the_others_at_the_base() -> None:
     found = make_conditions(IDEAL, varied, "one-at-a-time")
     assert [c.name for c in found] == ["base", "latency 2 ticks", "latency 6 ticks", "pose-error 0.6 m 0.6°"]
     assert found[0].comm == IDEAL
-    assert found[2].comm.link == Link(latency_ticks=6)
-    assert found[3].comm.link == Link(pose_error_m=0.6, pose_error_deg=0.6)
+    assert found[2].comm.link == LinkSettings(latency_ticks=6)
+    assert found[3].comm.link == LinkSettings(pose_error_m=0.6, pose_error_deg=0.6)
 
 
 def test_the_whole_grid_has_every_combination_once() -> None:
@@ -114,9 +114,9 @@ def test_the_whole_grid_has_every_combination_once() -> None:
 
 
 def test_a_level_holds_for_every_type_of_message_and_replaces_what_types_had() -> None:
-    base = Comm(link=Link(loss=0.1), by_type={"cpm": Link(loss=0.5, latency_ticks=3)})
+    base = CommSettings(link=LinkSettings(loss=0.1), by_type={"cpm": LinkSettings(loss=0.5, latency_ticks=3)})
     _, even, lossy = make_conditions(base, {"loss": parse_levels("loss", "0.1,0.4")}, "one-at-a-time")
-    assert even.comm.by_type == {"cpm": Link(loss=0.1, latency_ticks=3)}
+    assert even.comm.by_type == {"cpm": LinkSettings(loss=0.1, latency_ticks=3)}
     assert (lossy.comm.link.loss, lossy.comm.by_type["cpm"].loss) == (0.4, 0.4)
 
 
@@ -124,7 +124,7 @@ def test_a_level_holds_for_every_type_of_message_and_replaces_what_types_had() -
 def test_levels_are_read_as_they_were_written_and_never_mixed_up(losses: list[float]) -> None:
     levels = parse_levels("loss", ",".join(map(repr, losses)))
     assert levels == tuple((loss,) for loss in losses)
-    found = make_conditions(Comm(link=Link(loss=0.123)), {"loss": levels}, "one-at-a-time")
+    found = make_conditions(CommSettings(link=LinkSettings(loss=0.123)), {"loss": levels}, "one-at-a-time")
     assert {c.comm.link.loss for c in found} == {0.123, *losses}
     assert len({c.folder for c in found}) == len(found)
 
@@ -453,12 +453,12 @@ def test_episodes_part_where_somebody_is_somewhere_else(tick: int) -> None:
     assert find_divergence_tick(episode(same), episode(same, ("0", "2"))) == 0
 
 
-def sent(sender: str, kind: str, tick: int, fate: Fate = Fate.DELIVERED) -> Sent:
-    return Sent(Message(kind, b"", sender, tick), {"z": (fate, tick)})
+def sent(sender: str, kind: str, tick: int, fate: DeliveryStatus = DeliveryStatus.DELIVERED) -> SentMessage:
+    return SentMessage(Message(kind, b"", sender, tick), {"z": (fate, tick)})
 
 
 SAID = (sent("0", "cam", 1), sent("1", "cpm", 1), sent("0", "cam", 2), sent("0", "cam", 2), sent("r", "cpm", 3),
-        sent("0", "text", 3, Fate.LOST))  # fmt: skip
+        sent("0", "text", 3, DeliveryStatus.LOST))  # fmt: skip
 
 
 def test_what_is_muted_without_a_wish_is_every_sender_and_every_type_that_was_heard() -> None:
@@ -547,7 +547,7 @@ def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Pat
     journal = folder / "journal.jsonl"
     header, *rest = journal.read_text().splitlines()
     values = json.loads(header)
-    values["fingerprint"]["comm"] = comm_text(Comm(link=Link(latency_ticks=9)))
+    values["fingerprint"]["comm"] = format_comm_json(CommSettings(link=LinkSettings(latency_ticks=9)))
     journal.write_text("\n".join((json.dumps(values), *rest)) + "\n")
     ended = invoke("study", "ablate", folder, "--workers", 1)
     assert ended.exit_code == 1

@@ -10,7 +10,7 @@ from testing.sumo_crossing import SIZE, car, compiled, overlap, scenario
 
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.core.state import DT, HELD_TICKS, Actors, EgoState
+from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.sumo import SumoWorld
@@ -143,10 +143,10 @@ def test_a_struck_vehicle_is_held_for_two_seconds(roads: RoadMap) -> None:
         before = world.start(away, Actors.empty()).actors
         speeds = [
             float(world.advance(away, Actors.empty(), ("bg",) if i == 0 else ()).actors.speed[0])
-            for i in range(HELD_TICKS + 20)
+            for i in range(STRUCK_HOLD_TICKS + 20)
         ]
     assert before.speed[0] > 11.0
-    assert max(speeds[:HELD_TICKS]) == 0.0
+    assert max(speeds[:STRUCK_HOLD_TICKS]) == 0.0
     assert speeds[-1] > 0.5
 
 

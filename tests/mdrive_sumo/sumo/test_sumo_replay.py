@@ -8,7 +8,7 @@ from testing.sumo_crossing import SIZE, car, compiled, overlap, scenario
 
 from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Mode, Schedule
+from mdrive_sumo.scenario.background import BackgroundMode, BackgroundVehicle, CarFollowing, Schedule
 from mdrive_sumo.sumo import SumoWorld
 
 AWAY = EgoState(60, 60, 0, 0)
@@ -29,11 +29,11 @@ def logged(speed: float = 10.0, until_s: float = 15.0, aside: float = 0.3, name:
     progress = tuple((round(float(t), 3), round(float(speed * t), 2)) for t in times[::2])
     return BackgroundVehicle(
         id=name, depart_s=0, edges=("a", "b"), depart_pos_m=FRONT_M, depart_speed=speed, length=LENGTH,
-        driving=Driving(sigma=0), schedule=Schedule(progress=progress), log=log,
+        driving=CarFollowing(sigma=0), schedule=Schedule(progress=progress), log=log,
     )  # fmt: skip
 
 
-def run(roads: RoadMap, mode: Mode, vehicles: list[BackgroundVehicle], egos: list[EgoState]) -> list[Actors]:
+def run(roads: RoadMap, mode: BackgroundMode, vehicles: list[BackgroundVehicle], egos: list[EgoState]) -> list[Actors]:
     with SumoWorld(scenario(*vehicles, mode=mode), roads, {"e": SIZE}, seed=1) as world:
         frames = [world.start({"e": egos[0]}, Actors.empty()).actors]
         return frames + [world.advance({"e": ego}, Actors.empty(), ()).actors for ego in egos[1:]]

@@ -13,7 +13,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.background import BackgroundVehicle, Driving, Schedule
+from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing, Schedule
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.sumo.schedule import CRAWL, HURRY, Timetable
 
@@ -45,7 +45,7 @@ def logged(
     schedule = Schedule(progress=progress, **{key: more.pop(key) for key in ("lanes", "leaves") if key in more})  # pyright: ignore[reportArgumentType]
     return BackgroundVehicle(
         id=name, depart_s=t0, edges=edges, depart_lane=lane, depart_pos_m=START_M, depart_speed=(s1 - s0) / (t1 - t0),
-        driving=Driving(sigma=0), schedule=schedule, **more,
+        driving=CarFollowing(sigma=0), schedule=schedule, **more,
     )  # fmt: skip  # pyright: ignore[reportArgumentType]
 
 
@@ -189,7 +189,7 @@ def test_a_lane_change_does_not_cut_into_a_faster_vehicle(roads: RoadMap) -> Non
     slow = logged(profile([0, 20], [4, 4]), lanes=((9.0, 1),))
     fast = BackgroundVehicle(
         id="f", depart_s=0, edges=("a", "b"), depart_lane=1, depart_pos_m=START_M - 16.0, depart_speed=12.0,
-        driving=Driving(sigma=0), schedule=Schedule(progress=profile([0, 20], [12, 12])),
+        driving=CarFollowing(sigma=0), schedule=Schedule(progress=profile([0, 20], [12, 12])),
     )  # fmt: skip
     frames = run(roads, [slow, fast], [AWAY] * 120)
     for frame in frames:

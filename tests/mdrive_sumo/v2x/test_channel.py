@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.v2x.channel import Channel, Fate, Place, Sent, counted
-from mdrive_sumo.v2x.comm import Comm, Link
-from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, Pose, decode, encode
+from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, Place, SentMessage, count_deliveries
+from mdrive_sumo.v2x.comm import CommSettings, LinkSettings
+from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, ReferencePose, decode, encode
 
 NEAR: Mapping[str, Place] = {"a": (0.0, 0.0), "b": (30.0, 40.0), "c": (0.0, 200.0)}
 Box = dict[str, tuple[Message, ...]]
@@ -23,11 +23,11 @@ def text(words: str) -> Message:
 
 
 def cam(tick: int = 0) -> Message:
-    return encode(Cam(Pose(10.0, 20.0, 0.5, tick), 5.0, 0.0, 0.0, 4.9, 2.0))
+    return encode(Cam(ReferencePose(10.0, 20.0, 0.5, tick), 5.0, 0.0, 0.0, 4.9, 2.0))
 
 
 def run(
-    comm: Comm,
+    comm: CommSettings,
     said: Mapping[int, Mapping[str, tuple[Message, ...]]],
     ticks: int,
     places: Mapping[str, Place] = NEAR,
@@ -41,26 +41,30 @@ def run(
     return boxes, channel
 
 
-def fates(sent: Iterable[Sent]) -> list[dict[str, Fate]]:
+def fates(sent: Iterable[SentMessage]) -> list[dict[str, DeliveryStatus]]:
     return [{receiver: fate for receiver, (fate, _) in one.fates.items()} for one in sent]
 
 
 @pytest.mark.parametrize(("latency", "arrival"), [(0, 1), (1, 1), (2, 2), (6, 6)])
 def test_a_message_arrives_after_its_latency_and_never_in_its_own_tick(latency: int, arrival: int) -> None:
-    boxes, channel = run(Comm(link=Link(latency_ticks=latency)), {3: {"a": (text("hi"),)}}, 12)
+    boxes, channel = run(CommSettings(link=LinkSettings(latency_ticks=latency)), {3: {"a": (text("hi"),)}}, 12)
     expected = Message("text", b"hi", "a", 3)
     assert [tick for tick, box in enumerate(boxes) if box["b"]] == [3 + arrival]
     assert boxes[3 + arrival] == {"a": (), "b": (expected,), "c": (expected,)}
-    assert channel.log() == (Sent(expected, {"b": (Fate.DELIVERED, 3 + arrival), "c": (Fate.DELIVERED, 3 + arrival)}),)
+    assert channel.log() == (
+        SentMessage(
+            expected, {"b": (DeliveryStatus.DELIVERED, 3 + arrival), "c": (DeliveryStatus.DELIVERED, 3 + arrival)}
+        ),
+    )
 
 
 def test_nobody_can_pose_as_another() -> None:
-    boxes, _ = run(Comm(), {0: {"a": (Message("text", b"", "b", 99),)}}, 2)
+    boxes, _ = run(CommSettings(), {0: {"a": (Message("text", b"", "b", 99),)}}, 2)
     assert boxes[1]["c"] == (Message("text", b"", "a", 0),)
 
 
 def test_messages_arrive_in_order_of_sending_whatever_the_latency() -> None:
-    comm = Comm(link=Link(latency_ticks=3), by_type={"cam": Link(latency_ticks=1)})
+    comm = CommSettings(link=LinkSettings(latency_ticks=3), by_type={"cam": LinkSettings(latency_ticks=1)})
     said = {
         0: {"b": (text("1"), text("2")), "a": (text("0"),)},
         2: {"a": (cam(),)},
@@ -75,7 +79,7 @@ def test_without_loss_everything_arrives_once_and_in_order(what: list[tuple[str,
     for i, (sender, tick) in enumerate(what):
         said.setdefault(tick, {}).setdefault(sender, ())
         said[tick][sender] += (text(f"{i}"),)
-    boxes, channel = run(Comm(link=Link(latency_ticks=latency)), said, 16)
+    boxes, channel = run(CommSettings(link=LinkSettings(latency_ticks=latency)), said, 16)
     for receiver in NEAR:
         heard = [message for box in boxes for message in box[receiver]]
         posted = [one.message for one in channel.log() if one.message.sender != receiver]
@@ -83,13 +87,13 @@ def test_without_loss_everything_arrives_once_and_in_order(what: list[tuple[str,
 
 
 def test_who_is_out_of_range_hears_nothing() -> None:
-    boxes, channel = run(Comm(link=Link(range_m=50.0)), {0: {"a": (text("x"),)}}, 2)
+    boxes, channel = run(CommSettings(link=LinkSettings(range_m=50.0)), {0: {"a": (text("x"),)}}, 2)
     assert (len(boxes[1]["b"]), len(boxes[1]["c"])) == (1, 0)  # b is at exactly 50 m
-    assert fates(channel.log()) == [{"c": Fate.OUT_OF_RANGE, "b": Fate.DELIVERED}]
+    assert fates(channel.log()) == [{"c": DeliveryStatus.OUT_OF_RANGE, "b": DeliveryStatus.DELIVERED}]
 
 
 def test_range_is_that_of_the_moment_of_sending() -> None:
-    channel = Channel(Comm(link=Link(range_m=100.0, latency_ticks=2)), 1)
+    channel = Channel(CommSettings(link=LinkSettings(range_m=100.0, latency_ticks=2)), 1)
     channel.post(0, {"a": (text("x"),)}, {"a": (0.0, 0.0), "b": (99.0, 0.0)})
     assert channel.deliver(1, ("a", "b"))["b"] == ()
     channel.post(1, {}, {"a": (0.0, 0.0), "b": (999.0, 0.0)})
@@ -98,35 +102,38 @@ def test_range_is_that_of_the_moment_of_sending() -> None:
 
 def test_road_side_units_send_but_do_not_hear() -> None:
     places = {**NEAR, "rsu": (0.0, 10.0)}
-    channel = Channel(Comm(), 1)
+    channel = Channel(CommSettings(), 1)
     channel.post(0, {"rsu": (text("from the side"),), "a": (text("x"),)}, places, receivers=tuple(NEAR))
     assert {name: len(box) for name, box in channel.deliver(1, tuple(NEAR)).items()} == {"a": 1, "b": 2, "c": 2}
     assert all("rsu" not in one.fates for one in channel.log())
 
 
 def test_who_has_ended_gets_nothing() -> None:
-    channel = Channel(Comm(link=Link(latency_ticks=2)), 1)
+    channel = Channel(CommSettings(link=LinkSettings(latency_ticks=2)), 1)
     channel.post(0, {"a": (text("x"),)}, NEAR)
     channel.deliver(1, ("a", "b", "c"))
     assert set(channel.deliver(2, ("a", "b"))) == {"a", "b"}
-    assert channel.log()[0].fates == {"b": (Fate.DELIVERED, 2), "c": (Fate.GONE, 2)}
+    assert channel.log()[0].fates == {"b": (DeliveryStatus.DELIVERED, 2), "c": (DeliveryStatus.GONE, 2)}
 
 
 def test_messages_in_flight_have_no_fate_yet() -> None:
-    _, channel = run(Comm(link=Link(latency_ticks=9)), {0: {"a": (text("x"),)}}, 5)
+    _, channel = run(CommSettings(link=LinkSettings(latency_ticks=9)), {0: {"a": (text("x"),)}}, 5)
     assert fates(channel.log()) == [{}]
 
 
 def test_a_channel_that_is_off_delivers_nothing() -> None:
-    boxes, channel = run(Comm(on=False), {0: {"a": (text("x"),)}}, 5)
+    boxes, channel = run(CommSettings(on=False), {0: {"a": (text("x"),)}}, 5)
     assert not any(any(box.values()) for box in boxes)
-    assert fates(channel.log()) == [{"b": Fate.OFF, "c": Fate.OFF}]
+    assert fates(channel.log()) == [{"b": DeliveryStatus.OFF, "c": DeliveryStatus.OFF}]
 
 
 def test_malformed_messages_reach_nobody() -> None:
     said = {0: {"a": (Message("cam", b"\1"), Message("own", b"\xff" * 65536), Message("own", b"\xff"), cam())}}
-    _, channel = run(Comm(), said, 2)
-    bad, good = {"b": Fate.MALFORMED, "c": Fate.MALFORMED}, {"b": Fate.DELIVERED, "c": Fate.DELIVERED}
+    _, channel = run(CommSettings(), said, 2)
+    bad, good = (
+        {"b": DeliveryStatus.MALFORMED, "c": DeliveryStatus.MALFORMED},
+        {"b": DeliveryStatus.DELIVERED, "c": DeliveryStatus.DELIVERED},
+    )
     assert fates(channel.log()) == [bad, bad, good, good]
 
 
@@ -143,43 +150,55 @@ def test_malformed_messages_reach_nobody() -> None:
 )
 def test_muted_messages_reach_nobody(pattern: str, muted: set[str]) -> None:
     said = {tick: {who: (text("x"), cam()) for who in "ab"} for tick in (0, 1)}
-    _, channel = run(Comm(mute=(pattern,)), said, 3)
+    _, channel = run(CommSettings(mute=(pattern,)), said, 3)
     silent = {
         f"{one.message.sender} {one.message.type} {one.message.tick}"
         for one in channel.log()
-        if {fate for fate, _ in one.fates.values()} == {Fate.MUTED}
+        if {fate for fate, _ in one.fates.values()} == {DeliveryStatus.MUTED}
     }
     assert silent == muted
-    assert all(fate in (Fate.MUTED, Fate.DELIVERED) for one in fates(channel.log()) for fate in one.values())
+    assert all(
+        fate in (DeliveryStatus.MUTED, DeliveryStatus.DELIVERED)
+        for one in fates(channel.log())
+        for fate in one.values()
+    )
 
 
 def test_the_budget_is_for_any_second() -> None:
-    comm = Comm(budget_bytes_s=250, header_bytes=20)
+    comm = CommSettings(budget_bytes_s=250, header_bytes=20)
     said = {tick: {"a": (text("x" * 80),)} for tick in (0, 5, 10, 19, 20, 24, 25)}  # 100 bytes each
     _, channel = run(comm, said, 40)
-    sent = [one.message.tick for one in channel.log() if one.fates["b"][0] is Fate.DELIVERED]
+    sent = [one.message.tick for one in channel.log() if one.fates["b"][0] is DeliveryStatus.DELIVERED]
     assert sent == [0, 5, 20, 25]  # 10 and 19 are beyond it; at 20 that of 0 is a second ago
 
 
 def test_small_messages_still_fit_where_large_ones_do_not() -> None:
-    _, channel = run(Comm(budget_bytes_s=100), {0: {"a": (text("x" * 80), text("x" * 21), text("x" * 20))}}, 3)
-    assert [one.fates["b"][0] for one in channel.log()] == [Fate.DELIVERED, Fate.OVER_BUDGET, Fate.DELIVERED]
+    _, channel = run(CommSettings(budget_bytes_s=100), {0: {"a": (text("x" * 80), text("x" * 21), text("x" * 20))}}, 3)
+    assert [one.fates["b"][0] for one in channel.log()] == [
+        DeliveryStatus.DELIVERED,
+        DeliveryStatus.OVER_BUDGET,
+        DeliveryStatus.DELIVERED,
+    ]
 
 
 def test_every_station_has_a_budget_of_its_own_and_muted_messages_cost_nothing() -> None:
     said = {0: {"a": (cam(), text("x" * 90)), "b": (text("x" * 90),)}}
-    _, channel = run(Comm(budget_bytes_s=100, mute=("*/cam",)), said, 3)
-    assert [one.fates["c"][0] for one in channel.log()] == [Fate.MUTED, Fate.DELIVERED, Fate.DELIVERED]
+    _, channel = run(CommSettings(budget_bytes_s=100, mute=("*/cam",)), said, 3)
+    assert [one.fates["c"][0] for one in channel.log()] == [
+        DeliveryStatus.MUTED,
+        DeliveryStatus.DELIVERED,
+        DeliveryStatus.DELIVERED,
+    ]
 
 
-LOSSY = Comm(link=Link(loss=0.3))
+LOSSY = CommSettings(link=LinkSettings(loss=0.3))
 CHATTER = {tick: {"a": (text("x"), text("y")), "b": (text("z"),)} for tick in range(2000)}
 
 
 def lost(channel: Channel, sender: str, receiver: str, payload: bytes) -> list[bool]:
     """By tick; what is still in flight is not lost."""
     log = [one for one in channel.log() if (one.message.sender, one.message.payload) == (sender, payload)]
-    return [receiver in one.fates and one.fates[receiver][0] is Fate.LOST for one in log]
+    return [receiver in one.fates and one.fates[receiver][0] is DeliveryStatus.LOST for one in log]
 
 
 def test_loss_has_the_given_probability_and_is_independent() -> None:
@@ -203,18 +222,18 @@ def test_luck_depends_on_names_ticks_and_seed_only() -> None:
 
 @pytest.mark.parametrize(("loss", "arrived"), [(0.0, 50), (1.0, 0)])
 def test_no_loss_and_full_loss_are_exact(loss: float, arrived: int) -> None:
-    boxes, _ = run(Comm(link=Link(loss=loss)), {tick: {"a": (text("x"),)} for tick in range(50)}, 51)
+    boxes, _ = run(CommSettings(link=LinkSettings(loss=loss)), {tick: {"a": (text("x"),)} for tick in range(50)}, 51)
     assert sum(len(box["b"]) for box in boxes) == arrived
 
 
 def test_types_have_links_of_their_own() -> None:
-    comm = Comm(link=Link(loss=1.0), by_type={"cam": Link(latency_ticks=4)})
+    comm = CommSettings(link=LinkSettings(loss=1.0), by_type={"cam": LinkSettings(latency_ticks=4)})
     boxes, _ = run(comm, {0: {"a": (text("x"), cam(), Message("own", b""))}}, 6)
     assert [tick for tick, box in enumerate(boxes) if box["b"]] == [4]
     assert [message.type for message in boxes[4]["b"]] == ["cam"]
 
 
-def errors(comm: Comm, ticks: int, receiver: str = "b", sender: str = "a") -> np.ndarray:
+def errors(comm: CommSettings, ticks: int, receiver: str = "b", sender: str = "a") -> np.ndarray:
     """(N, 3) x, y [m] and yaw [deg] by which each CAM's pose is wrong."""
     boxes, _ = run(comm, {tick: {sender: (cam(tick),)} for tick in range(ticks)}, ticks + 1)
     heard = [decode(message) for box in boxes for message in box[receiver]]
@@ -223,7 +242,7 @@ def errors(comm: Comm, ticks: int, receiver: str = "b", sender: str = "a") -> np
 
 
 def test_pose_errors_have_the_given_deviations_and_are_independent() -> None:
-    found = errors(Comm(link=Link(pose_error_m=0.6, pose_error_deg=0.8)), 3000)
+    found = errors(CommSettings(link=LinkSettings(pose_error_m=0.6, pose_error_deg=0.8)), 3000)
     assert found.shape == (3000, 3)
     deviations = np.array((0.6, 0.6, 0.8))
     assert (np.abs(found.mean(axis=0)) < 4 * deviations / math.sqrt(3000)).all()
@@ -232,7 +251,7 @@ def test_pose_errors_have_the_given_deviations_and_are_independent() -> None:
 
 
 def test_pose_errors_of_an_episode_stay_the_same_for_a_pair() -> None:
-    comm = Comm(link=Link(pose_error_m=0.6, pose_error_deg=0.6, pose_error_per="episode"))
+    comm = CommSettings(link=LinkSettings(pose_error_m=0.6, pose_error_deg=0.6, pose_error_per="episode"))
     found = errors(comm, 20)
     assert np.ptp(found, axis=0).max() == 0.0 and np.abs(found).min() > 0
     for other in (errors(comm, 20, "c"), errors(comm, 20, "c", "b")):
@@ -241,8 +260,8 @@ def test_pose_errors_of_an_episode_stay_the_same_for_a_pair() -> None:
 
 def test_a_pose_error_moves_what_is_told_but_no_text_and_not_the_log() -> None:
     planned = np.array([[20.0, 20.0], [30.0, 20.0]])
-    plan = encode(Mcm(Pose(10.0, 20.0, 0.0, 0), 5.0, Intention.KEEP, Direction.FOLLOW, 0.2, planned))
-    comm = Comm(link=Link(pose_error_m=2.0, pose_error_deg=0.0))
+    plan = encode(Mcm(ReferencePose(10.0, 20.0, 0.0, 0), 5.0, Intention.KEEP, Direction.FOLLOW, 0.2, planned))
+    comm = CommSettings(link=LinkSettings(pose_error_m=2.0, pose_error_deg=0.0))
     boxes, channel = run(comm, {0: {"a": (plan, text("I am at (10, 20)"))}}, 2)
     (moved, spoken), others = boxes[1]["b"], boxes[1]["c"]
     read = decode(moved)
@@ -257,7 +276,7 @@ def test_a_pose_error_moves_what_is_told_but_no_text_and_not_the_log() -> None:
 
 def test_what_is_counted() -> None:
     said = {0: {"a": (text("four"), Message("cam", b"")), "b": (text("xx"),)}}
-    _, channel = run(Comm(link=Link(range_m=100.0)), said, 2)
+    _, channel = run(CommSettings(link=LinkSettings(range_m=100.0)), said, 2)
     everything = {"sent": 3, "bytes": 6, "delivered": 2, "lost": 0, "out-of-range": 2, "gone": 0}
-    assert counted(channel.log()) == everything | {"muted": 0, "over-budget": 0, "malformed": 2, "off": 0}
-    assert counted(()) == {}
+    assert count_deliveries(channel.log()) == everything | {"muted": 0, "over-budget": 0, "malformed": 2, "off": 0}
+    assert count_deliveries(()) == {}

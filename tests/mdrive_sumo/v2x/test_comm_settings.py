@@ -17,7 +17,7 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.cli.comm import channel_of, comm_of, comm_options
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PER, PRESETS, Comm, Link, comm_from, comm_text, described
+from mdrive_sumo.v2x.comm import PER, PRESETS, CommSettings, LinkSettings, describe_comm, format_comm_json, parse_comm
 from mdrive_sumo.v2x.messages import TYPES
 
 
@@ -40,7 +40,7 @@ from mdrive_sumo.v2x.messages import TYPES
 )
 def test_unusable_links_are_refused(wrong: dict[str, Any], why: str) -> None:
     with pytest.raises(InputError, match=why):
-        Link(**wrong)
+        LinkSettings(**wrong)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_unusable_links_are_refused(wrong: dict[str, Any], why: str) -> None:
         ({"header_bytes": -1}, "header_bytes"),
         ({"header_bytes": 65536}, "header_bytes"),
         ({"on": 1}, "on: expected true or false"),
-        ({"by_type": {"denm": Link()}}, "unknown type of message 'denm', expected one of cam, cpm, mcm, text"),
+        ({"by_type": {"denm": LinkSettings()}}, "unknown type of message 'denm', expected one of cam, cpm, mcm, text"),
         *(
             ({"mute": (pattern,)}, "mute: expected SENDER/TYPE")
             for pattern in ("", "a", "a/", "/cam", "a/b/c", "a/b@x")
@@ -62,12 +62,12 @@ def test_unusable_links_are_refused(wrong: dict[str, Any], why: str) -> None:
 )
 def test_unusable_channels_are_refused(wrong: dict[str, Any], why: str) -> None:
     with pytest.raises(InputError, match=why):
-        Comm(**wrong)
+        CommSettings(**wrong)
 
 
 positive = st.floats(0.001, 1e6) | st.just(math.inf)
 links = st.builds(
-    Link,
+    LinkSettings,
     st.integers(0, 10_000),
     st.floats(0, 1),
     positive,
@@ -77,7 +77,7 @@ links = st.builds(
 )
 patterns = st.sampled_from(["*/*", "cav_1/cam", "*/text@7", "rsu-2/*@*", "a.b/my_type@12"])
 comms = st.builds(
-    Comm,
+    CommSettings,
     preset=st.sampled_from(list(PRESETS)),
     on=st.booleans(),
     link=links,
@@ -89,20 +89,20 @@ comms = st.builds(
 
 
 @given(comms)
-def test_described_and_comm_from_are_inverses(comm: Comm) -> None:
-    told = described(comm)
-    assert comm_from(told) == comm
+def test_described_and_comm_from_are_inverses(comm: CommSettings) -> None:
+    told = describe_comm(comm)
+    assert parse_comm(told) == comm
     assert all(type(value) in (str, int, float, bool) and value != math.inf for value in told.values())
-    assert comm_from(json.loads(comm_text(comm))) == comm
-    assert comm_text(comm_from(json.loads(comm_text(comm)))) == comm_text(comm)
+    assert parse_comm(json.loads(format_comm_json(comm))) == comm
+    assert format_comm_json(parse_comm(json.loads(format_comm_json(comm)))) == format_comm_json(comm)
 
 
 def test_numbers_may_come_back_as_whole_or_as_floating() -> None:
-    assert comm_from({"latency_ticks": 6.0, "loss": 1}).link == Link(latency_ticks=6, loss=1.0)
+    assert parse_comm({"latency_ticks": 6.0, "loss": 1}).link == LinkSettings(latency_ticks=6, loss=1.0)
 
 
 def test_what_is_left_out_is_ideal() -> None:
-    assert comm_from({}) == Comm() == PRESETS["ideal"]
+    assert parse_comm({}) == CommSettings() == PRESETS["ideal"]
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_what_is_left_out_is_ideal() -> None:
 )
 def test_unusable_values_are_refused(values: Mapping[str, Any], why: str) -> None:
     with pytest.raises(InputError, match=why):
-        comm_from(values)
+        parse_comm(values)
 
 
 def test_presets_carry_their_own_names() -> None:
@@ -134,20 +134,20 @@ def test_presets_carry_their_own_names() -> None:
 
 
 def test_presets_of_the_paper_have_its_figures() -> None:
-    assert PRESETS["paper-latency"].link == Link(latency_ticks=6)  # 300 ms
-    assert PRESETS["paper-pose"].link == Link(pose_error_m=0.6, pose_error_deg=0.6)
+    assert PRESETS["paper-latency"].link == LinkSettings(latency_ticks=6)  # 300 ms
+    assert PRESETS["paper-pose"].link == LinkSettings(pose_error_m=0.6, pose_error_deg=0.6)
 
 
 def test_the_realistic_preset_has_the_figures_of_its_sources() -> None:
     realistic = PRESETS["realistic"]
-    assert realistic.link == Link(latency_ticks=2, loss=0.1, range_m=150.0)
+    assert realistic.link == LinkSettings(latency_ticks=2, loss=0.1, range_m=150.0)
     assert realistic.budget_bytes_s == 0.03 * 6e6 / 8
     assert realistic.header_bytes == 38 + 40 + 4 + 95 + 30
 
 
 def test_options_override_the_preset() -> None:
     comm = comm_of("realistic", comm_loss="0", comm_budget="inf", comm_mute=("*/text",))
-    expected = Link(latency_ticks=2, range_m=150.0)
+    expected = LinkSettings(latency_ticks=2, range_m=150.0)
     assert comm == replace(PRESETS["realistic"], link=expected, budget_bytes_s=math.inf, mute=("*/text",))
 
 
@@ -158,26 +158,30 @@ def test_nothing_given_is_the_preset() -> None:
 @pytest.mark.parametrize(
     ("options", "everywhere", "of_types"),
     [
-        ({"comm_latency": "6"}, Link(6), {}),
-        ({"comm_latency": "cpm=6,mcm=2"}, Link(), {"cpm": Link(6), "mcm": Link(2)}),
-        ({"comm_latency": "6,text=20"}, Link(6), {"text": Link(20)}),
-        ({"comm_latency": "6 , text = 20"}, Link(6), {"text": Link(20)}),
-        ({"comm_loss": "0.1,cam=0"}, Link(loss=0.1), {"cam": Link()}),
-        ({"comm_range": "200,cpm=70,cam=inf"}, Link(range_m=200), {"cpm": Link(range_m=70), "cam": Link()}),
-        ({"pose_error": "0.6,0.5"}, Link(pose_error_m=0.6, pose_error_deg=0.5), {}),
-        ({"pose_error": "0.6,0,episode"}, Link(pose_error_m=0.6, pose_error_per="episode"), {}),
+        ({"comm_latency": "6"}, LinkSettings(6), {}),
+        ({"comm_latency": "cpm=6,mcm=2"}, LinkSettings(), {"cpm": LinkSettings(6), "mcm": LinkSettings(2)}),
+        ({"comm_latency": "6,text=20"}, LinkSettings(6), {"text": LinkSettings(20)}),
+        ({"comm_latency": "6 , text = 20"}, LinkSettings(6), {"text": LinkSettings(20)}),
+        ({"comm_loss": "0.1,cam=0"}, LinkSettings(loss=0.1), {"cam": LinkSettings()}),
+        (
+            {"comm_range": "200,cpm=70,cam=inf"},
+            LinkSettings(range_m=200),
+            {"cpm": LinkSettings(range_m=70), "cam": LinkSettings()},
+        ),
+        ({"pose_error": "0.6,0.5"}, LinkSettings(pose_error_m=0.6, pose_error_deg=0.5), {}),
+        ({"pose_error": "0.6,0,episode"}, LinkSettings(pose_error_m=0.6, pose_error_per="episode"), {}),
         (
             {"pose_error": "0.6,0.6,cam=0,0,cpm=1,2,episode"},
-            Link(pose_error_m=0.6, pose_error_deg=0.6),
-            {"cam": Link(), "cpm": Link(pose_error_m=1, pose_error_deg=2, pose_error_per="episode")},
+            LinkSettings(pose_error_m=0.6, pose_error_deg=0.6),
+            {"cam": LinkSettings(), "cpm": LinkSettings(pose_error_m=1, pose_error_deg=2, pose_error_per="episode")},
         ),
         # Options of a type and of all types meet: whoever says it of all types leaves the others' own values.
-        ({"comm_latency": "cpm=6", "comm_loss": "0.5"}, Link(loss=0.5), {"cpm": Link(6, 0.5)}),
-        ({"comm_loss": "0.5", "comm_latency": "cpm=6"}, Link(loss=0.5), {"cpm": Link(6, 0.5)}),
+        ({"comm_latency": "cpm=6", "comm_loss": "0.5"}, LinkSettings(loss=0.5), {"cpm": LinkSettings(6, 0.5)}),
+        ({"comm_loss": "0.5", "comm_latency": "cpm=6"}, LinkSettings(loss=0.5), {"cpm": LinkSettings(6, 0.5)}),
     ],
 )
 def test_values_for_all_types_and_for_some(
-    options: dict[str, Any], everywhere: Link, of_types: dict[str, Link]
+    options: dict[str, Any], everywhere: LinkSettings, of_types: dict[str, LinkSettings]
 ) -> None:
     comm = comm_of(**options)
     assert (comm.link, dict(comm.by_type)) == (everywhere, of_types)
@@ -230,10 +234,10 @@ def parsed(*arguments: str) -> tuple[Any, ...]:
 
 
 def test_a_command_takes_its_channel_and_its_clock_out_of_its_options() -> None:
-    assert parsed() == (Comm(), Clock(), {"other": 3})
+    assert parsed() == (CommSettings(), Clock(), {"other": 3})
     mutes = ("--comm-mute", "a/cam", "--comm-mute", "*/text@7")
     comm, clock, _ = parsed("--comm", "paper-latency", "--pose-error", "0.6,0.6", "--agent-clock", "fixed:100", *mutes)
-    assert comm.link == Link(latency_ticks=6, pose_error_m=0.6, pose_error_deg=0.6)
+    assert comm.link == LinkSettings(latency_ticks=6, pose_error_m=0.6, pose_error_deg=0.6)
     assert (comm.preset, comm.mute, clock) == ("paper-latency", ("a/cam", "*/text@7"), Clock("fixed", 2))
 
 

@@ -30,13 +30,13 @@ from mdrive_sumo.v2x.messages import (
     Intention,
     Mcm,
     MessageError,
-    Pose,
+    ReferencePose,
     decode,
+    displace_message,
     encode,
-    moved,
-    problem,
-    track_name,
-    track_number,
+    find_problem,
+    format_track_name,
+    parse_track_name,
 )
 
 STEP_M = 0.005 + 1e-6
@@ -48,7 +48,7 @@ def within(most: float) -> st.SearchStrategy[float]:
     return st.floats(-most, most)
 
 
-poses = st.builds(Pose, within(20_000.0), within(20_000.0), within(10.0), st.integers(0, 2**32 - 1))
+poses = st.builds(ReferencePose, within(20_000.0), within(20_000.0), within(10.0), st.integers(0, 2**32 - 1))
 names = st.dictionaries(st.text(string.ascii_letters + "äß_-", min_size=1, max_size=20), st.booleans(), max_size=4)
 
 
@@ -59,10 +59,10 @@ def cams(draw: st.DrawFn) -> Cam:
     )
 
 
-def objects_around(pose: Pose, count: int, sectors: int, range_m: float, seed: int) -> Objects:
+def objects_around(pose: ReferencePose, count: int, sectors: int, range_m: float, seed: int) -> Objects:
     rng = np.random.default_rng(seed)
     return Objects(
-        ids=tuple(track_name(int(number)) for number in rng.integers(0, 2**32, count)),
+        ids=tuple(format_track_name(int(number)) for number in rng.integers(0, 2**32, count)),
         kind=rng.integers(0, 4, count).astype(np.uint8),
         x=pose.x + rng.uniform(-200, 200, count),
         y=pose.y + rng.uniform(-200, 200, count),
@@ -112,7 +112,7 @@ def same_angle(a: object, b: object) -> bool:
     return bool((np.abs(np.arctan2(np.sin(difference), np.cos(difference))) < math.radians(0.005) + 1e-9).all())
 
 
-def assert_same_pose(told: Pose, read: Pose) -> None:
+def assert_same_pose(told: ReferencePose, read: ReferencePose) -> None:
     assert abs(told.x - read.x) < STEP_M and abs(told.y - read.y) < STEP_M
     assert same_angle(told.yaw, read.yaw) and told.tick == read.tick
 
@@ -192,7 +192,9 @@ def test_sizes_are_the_documented_ones(content: Content) -> None:
 
 
 def test_bytes_of_a_cam_are_the_documented_ones() -> None:
-    cam = Cam(Pose(12.34, -5.0, math.pi / 2, 7), speed=10.0, acceleration=-1.5, yaw_rate=0.25, length=4.9, width=2.0)
+    cam = Cam(
+        ReferencePose(12.34, -5.0, math.pi / 2, 7), speed=10.0, acceleration=-1.5, yaw_rate=0.25, length=4.9, width=2.0
+    )
     header = "01d20400000cfeffff282307000000"  # kind, 1234 cm, -500 cm, 9000 centidegrees, tick 7
     body = "e8036afffa00ea01c800"  # 1000 cm/s, -150 cm/s2, 250 mrad/s, 490 cm, 200 cm
     assert encode(cam).payload.hex() == header + body
@@ -203,7 +205,7 @@ def test_bytes_of_an_object_are_the_documented_ones() -> None:
         ("t0000002a",), np.array([1], np.uint8), np.array([13.0]), np.array([20.0]), np.array([math.pi]),
         np.array([-0.5]), np.array([0.5]), np.array([0.4]), np.array([50.0, 100.0]),
     )  # fmt: skip
-    cpm = Cpm(Pose(10.0, 20.0, math.pi / 2, 0), 100.0, one, np.array([3], np.uint8))
+    cpm = Cpm(ReferencePose(10.0, 20.0, math.pi / 2, 0), 100.0, one, np.array([3], np.uint8))
     body = encode(cpm).payload[HEADER:].hex()
     head = "e803010200"  # 1000 dm, one object, two sectors, no road-side unit
     # 3 m to the east of a sender who looks north is 3 m to its right: x = 0, y = -300 cm; yaw 90 degrees to its left.
@@ -229,15 +231,15 @@ def test_damaged_messages_raise_nothing_but_message_error(content: Content, data
 
 
 def reads(message: Message) -> bool:
-    """Whether `decode` reads it; `problem` must say the same, and what is read must be usable and movable."""
+    """Whether `decode` reads it; `find_problem` must say the same, and what is read must be usable and movable."""
     try:
         decode(message)
     except MessageError as error:
-        assert message.type not in TYPES or problem(message)
+        assert message.type not in TYPES or find_problem(message)
         assert "\n" not in str(error) and str(error)
         return False
-    assert problem(message) is None
-    decode(moved(message, 1.0, -2.0, 0.5))
+    assert find_problem(message) is None
+    decode(displace_message(message, 1.0, -2.0, 0.5))
     return True
 
 
@@ -250,13 +252,13 @@ def test_a_truncated_or_longer_message_is_not_read(content: Content) -> None:
 
 
 def test_types_of_agents_own_need_only_fit() -> None:
-    assert problem(Message("own", b"\xff" * MAX_PAYLOAD_BYTES)) is None
-    assert problem(Message("own", b"\xff" * (MAX_PAYLOAD_BYTES + 1))) is not None
+    assert find_problem(Message("own", b"\xff" * MAX_PAYLOAD_BYTES)) is None
+    assert find_problem(Message("own", b"\xff" * (MAX_PAYLOAD_BYTES + 1))) is not None
     with pytest.raises(MessageError, match="expected a type of"):
         decode(Message("own", b""))
 
 
-PLACE = Pose(100.0, 50.0, 0.3, 9)
+PLACE = ReferencePose(100.0, 50.0, 0.3, 9)
 
 
 def mcm_with(**parts: object) -> Mcm:
@@ -266,7 +268,7 @@ def mcm_with(**parts: object) -> Mcm:
 
 def cpm_with(count: int = 1, sectors: int = 0, **parts: object) -> Cpm:
     values: dict[str, object] = {name: np.zeros(count) for name in ("yaw", "speed", "length", "width")}
-    values |= {"ids": (track_name(1),) * count, "kind": np.zeros(count, np.uint8), "free_m": np.zeros(sectors)}
+    values |= {"ids": (format_track_name(1),) * count, "kind": np.zeros(count, np.uint8), "free_m": np.zeros(sectors)}
     values |= {"x": np.full(count, PLACE.x), "y": np.full(count, PLACE.y)}
     return Cpm(PLACE, 50.0, Objects(**(values | parts)), np.zeros(count, np.uint8))  # pyright: ignore[reportArgumentType]
 
@@ -321,9 +323,9 @@ FAR = np.array([[PLACE.x + 400.0, PLACE.y]])
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        (Cam(Pose(math.nan, 0.0, 0.0, 0), 0.0, 0.0, 0.0, 4.0, 2.0), "finite"),
-        (Cam(Pose(0.0, 0.0, math.inf, 0), 0.0, 0.0, 0.0, 4.0, 2.0), "cam"),
-        (Cam(Pose(0.0, 0.0, 0.0, -1), 0.0, 0.0, 0.0, 4.0, 2.0), "cam"),
+        (Cam(ReferencePose(math.nan, 0.0, 0.0, 0), 0.0, 0.0, 0.0, 4.0, 2.0), "finite"),
+        (Cam(ReferencePose(0.0, 0.0, math.inf, 0), 0.0, 0.0, 0.0, 4.0, 2.0), "cam"),
+        (Cam(ReferencePose(0.0, 0.0, 0.0, -1), 0.0, 0.0, 0.0, 4.0, 2.0), "cam"),
         (Cam(PLACE, math.inf, 0.0, 0.0, 4.0, 2.0), "finite"),
         (cpm_with(MAX_OBJECTS + 1), "at most 255 objects"),
         (cpm_with(1, MAX_SECTORS + 1), "255 sectors"),
@@ -352,7 +354,7 @@ def test_what_no_message_can_carry_is_refused(content: Content, why: str) -> Non
 
 
 def test_numbers_too_large_for_their_field_are_told_as_its_largest() -> None:
-    read = decode(encode(Cam(Pose(1e9, 0.0, 0.0, 0), -1e6, 1e6, 100.0, 1e6, -1.0)))
+    read = decode(encode(Cam(ReferencePose(1e9, 0.0, 0.0, 0), -1e6, 1e6, 100.0, 1e6, -1.0)))
     assert isinstance(read, Cam)
     assert (read.speed, read.acceleration, read.yaw_rate) == (-327.67, 327.67, 32.767)
     assert (read.length, read.width, read.pose.x) == (655.35, 0.0, (2**31 - 1) / 100)
@@ -378,7 +380,7 @@ def world_points(content: Content) -> np.ndarray:
 @given(st.one_of(cams(), cpms(), mcms()), within(5.0), within(5.0), within(1.0))
 def test_an_error_of_the_pose_moves_all_places_rigidly(content: Content, dx: float, dy: float, dyaw: float) -> None:
     message = encode(content)
-    before, after = decode(message), decode(moved(message, dx, dy, dyaw))
+    before, after = decode(message), decode(displace_message(message, dx, dy, dyaw))
     old, new = world_points(before), world_points(after)
     cos, sin = math.cos(dyaw), math.sin(dyaw)
     expected = (old - old[0]) @ np.array([[cos, sin], [-sin, cos]]) + old[0] + (dx, dy)
@@ -396,20 +398,20 @@ def test_moving_keeps_sender_tick_and_whatever_has_no_pose() -> None:
     own = Message("own", b"\1\2\3", "a", 5)
     cam = encode(Cam(PLACE, 1.0, 0.0, 0.0, 4.0, 2.0))
     signed = Message(cam.type, cam.payload, "a", 5)
-    assert moved(text, 1, 1, 1) is text and moved(own, 1, 1, 1) is own
-    assert (moved(signed, 1, 1, 1).sender, moved(signed, 1, 1, 1).tick) == ("a", 5)
-    assert moved(signed, 0, 0, 0) == signed
+    assert displace_message(text, 1, 1, 1) is text and displace_message(own, 1, 1, 1) is own
+    assert (displace_message(signed, 1, 1, 1).sender, displace_message(signed, 1, 1, 1).tick) == ("a", 5)
+    assert displace_message(signed, 0, 0, 0) == signed
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_track_names_and_numbers_are_inverses(number: int) -> None:
-    assert track_number(track_name(number)) == number
+    assert parse_track_name(format_track_name(number)) == number
 
 
 @pytest.mark.parametrize("name", ["", "t", "t2a", "T0000002a", "t0000002A", "t-000002a", "t100000000", "x0000002a"])
 def test_other_names_are_no_track_names(name: str) -> None:
     with pytest.raises(MessageError):
-        track_number(name)
+        parse_track_name(name)
 
 
 def test_everything_public_is_importable_from_messages() -> None:

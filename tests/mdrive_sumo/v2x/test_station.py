@@ -5,12 +5,12 @@ import pytest
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
 
 from mdrive_sumo.contract import Message, Objects
-from mdrive_sumo.v2x.awareness import Station
+from mdrive_sumo.v2x.awareness import AwarenessService
 from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, REACH_M, Cam, Cpm, decode
 
 
-def sent(tick: int, objects: Objects, station: Station | None = None) -> tuple[Message, ...]:
-    return (station or Station(briefing(), 80.0)).messages(seen(tick, own(1.0, 2.0, 0.5, 6.0), objects))
+def sent(tick: int, objects: Objects, station: AwarenessService | None = None) -> tuple[Message, ...]:
+    return (station or AwarenessService(briefing(), 80.0)).messages(seen(tick, own(1.0, 2.0, 0.5, 6.0), objects))
 
 
 def told(objects: Objects) -> Cpm:
@@ -34,15 +34,15 @@ def test_it_tells_of_itself_and_of_what_it_sees() -> None:
 
 
 def test_it_says_how_old_its_detections_are() -> None:
-    content = decode(sent(7, things((20.0, 3.0, 0.2, 4.0)), Station(briefing(), 80.0, latency_ticks=2))[1])
+    content = decode(sent(7, things((20.0, 3.0, 0.2, 4.0)), AwarenessService(briefing(), 80.0, latency_ticks=2))[1])
     assert isinstance(content, Cpm)
     assert content.age.tolist() == [2]
 
 
 def test_ten_times_a_second_whoever_asks_how_often() -> None:
-    station = Station(briefing(), 80.0)
+    station = AwarenessService(briefing(), 80.0)
     assert [tick for tick in range(8) if sent(tick, things(), station)] == [0, 2, 4, 6]
-    station = Station(briefing(), 80.0)
+    station = AwarenessService(briefing(), 80.0)
     asked = (0, 3, 4, 5, 6, 9, 10)  # a measured agent clock leaves out ticks
     assert [tick for tick in asked if sent(tick, things(), station)] == [0, 3, 4, 6, 9, 10]
 

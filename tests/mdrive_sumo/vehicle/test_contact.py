@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import DT, Actors, Contact, Kind
-from mdrive_sumo.vehicle.contact import obstacles, settle, walls
-from mdrive_sumo.vehicle.dynamics import MKZ_2017, Body, Vehicle, step
+from mdrive_sumo.vehicle.contact import obstacles, resolve_contacts, walls
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleState, step
 
 NOBODY = obstacles(Actors.empty(), Actors.empty())
 NOTHING = walls([])
-LIGHT = Vehicle(mass=1000.0, yaw_inertia=2000.0)
+LIGHT = VehicleParameters(mass=1000.0, yaw_inertia=2000.0)
 
 
 def actors(*boxes: tuple[str, float, float, float], size: tuple[float, float] = (4.5, 1.8)) -> Actors:
@@ -28,7 +28,7 @@ def actors(*boxes: tuple[str, float, float, float], size: tuple[float, float] = 
     return Actors(ids, kind, x, y, yaw, np.zeros(n), np.full(n, size[0]), np.full(n, size[1]))
 
 
-def outline(body: Body, vehicle: Vehicle = MKZ_2017) -> shapely.Polygon:
+def outline(body: VehicleState, vehicle: VehicleParameters = MKZ_2017) -> shapely.Polygon:
     return shapely.Polygon(box_corners(body.x, body.y, body.yaw, vehicle.length, vehicle.width))
 
 
@@ -41,7 +41,7 @@ def depth(first: shapely.Polygon, second: shapely.Polygon) -> float:
     return float(np.hypot(*np.diff(corners, axis=0).T).min())
 
 
-def coasted(body: Body) -> Body:
+def coasted(body: VehicleState) -> VehicleState:
     """The body one tick later with nothing acting on it."""
     sin, cos = math.sin(body.yaw), math.cos(body.yaw)
     vx, vy = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy
@@ -52,27 +52,29 @@ def coasted(body: Body) -> Body:
     )
 
 
-def momentum(body: Body, vehicle: Vehicle) -> Float:
+def momentum(body: VehicleState, vehicle: VehicleParameters) -> Float:
     sin, cos = math.sin(body.yaw), math.cos(body.yaw)
     return vehicle.mass * np.array((cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy))
 
 
-def energy(body: Body, vehicle: Vehicle) -> float:
+def energy(body: VehicleState, vehicle: VehicleParameters) -> float:
     return 0.5 * (vehicle.mass * (body.vx**2 + body.vy**2) + vehicle.yaw_inertia * body.yaw_rate**2)
 
 
-def pair(first: Body, second: Body) -> tuple[dict[str, Body], tuple[Contact, ...], dict[str, Body]]:
+def pair(
+    first: VehicleState, second: VehicleState
+) -> tuple[dict[str, VehicleState], tuple[Contact, ...], dict[str, VehicleState]]:
     before = {"a": first, "b": second}
     after = {ego: coasted(body) for ego, body in before.items()}
     cars = {"a": MKZ_2017, "b": LIGHT}
-    settled, met = settle(before, after, cars, NOBODY, NOTHING)
+    settled, met = resolve_contacts(before, after, cars, NOBODY, NOTHING)
     return settled, met, after
 
 
 speeds = st.floats(-5.0, 40.0)
 angles = st.floats(-math.pi, math.pi)
 bodies = st.builds(
-    Body,
+    VehicleState,
     x=st.floats(-6.0, 6.0),
     y=st.floats(-6.0, 6.0),
     yaw=angles,
@@ -80,7 +82,7 @@ bodies = st.builds(
     vy=st.floats(-3.0, 3.0),
     yaw_rate=st.floats(-2.0, 2.0),
 )
-centred = st.builds(Body, x=st.just(0.0), y=st.just(0.0), yaw=angles, vx=speeds, yaw_rate=st.floats(-2.0, 2.0))
+centred = st.builds(VehicleState, x=st.just(0.0), y=st.just(0.0), yaw=angles, vx=speeds, yaw_rate=st.floats(-2.0, 2.0))
 
 
 def apart(*shapes: shapely.Polygon) -> bool:
@@ -89,7 +91,7 @@ def apart(*shapes: shapely.Polygon) -> bool:
 
 @settings(max_examples=300, deadline=None)
 @given(centred, bodies)
-def test_two_cavs_end_apart_and_mechanics_holds(first: Body, second: Body) -> None:
+def test_two_cavs_end_apart_and_mechanics_holds(first: VehicleState, second: VehicleState) -> None:
     if not apart(outline(first), outline(second, LIGHT)):
         return
     settled, met, after = pair(first, second)
@@ -107,13 +109,13 @@ def test_two_cavs_end_apart_and_mechanics_holds(first: Body, second: Body) -> No
 
 @settings(max_examples=300, deadline=None)
 @given(centred, st.floats(-6, 6), st.floats(-6, 6), angles, st.floats(-2, 2), st.floats(-2, 2))
-def test_a_cav_never_enters_an_actor(ego: Body, x: float, y: float, yaw: float, dx: float, dy: float) -> None:
+def test_a_cav_never_enters_an_actor(ego: VehicleState, x: float, y: float, yaw: float, dx: float, dy: float) -> None:
     start, end = actors(("v", x, y, yaw)), actors(("v", x + dx, y + dy, yaw))
     shapes = [shapely.Polygon(box_corners(a.x[0], a.y[0], a.yaw[0], 4.5, 1.8)) for a in (start, end)]
     if not apart(outline(ego), shapes[0]):
         return
     proposed = coasted(ego)
-    settled, met = settle({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, obstacles(start, end), NOTHING)
+    settled, met = resolve_contacts({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, obstacles(start, end), NOTHING)
     assert depth(outline(settled["e"]), shapes[1]) < 0.01
     if depth(outline(proposed), shapes[1]) > 0.005:
         assert met == (Contact("e", "v", Kind.VEHICLE),)
@@ -122,13 +124,16 @@ def test_a_cav_never_enters_an_actor(ego: Body, x: float, y: float, yaw: float, 
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (Body(0, 0, 0, vx=40.0), Body(5.5, 0, math.pi, vx=40.0)),  # head-on, 4 m in the tick
-        (Body(0, 0, 0, vx=40.0), Body(4.0, -1.2, math.pi / 2, vx=0.0)),  # T-bone
-        (Body(0, 0, 0, vx=40.0), Body(5.2, 0.5, 0.0, vx=1.0)),  # rear-end
-        (Body(0, 0, 0, vx=0.0, vy=60.0), Body(0.0, 2.3, 0.0, vy=-60.0)),  # sideways, 6 m: through each other
+        (VehicleState(0, 0, 0, vx=40.0), VehicleState(5.5, 0, math.pi, vx=40.0)),  # head-on, 4 m in the tick
+        (VehicleState(0, 0, 0, vx=40.0), VehicleState(4.0, -1.2, math.pi / 2, vx=0.0)),  # T-bone
+        (VehicleState(0, 0, 0, vx=40.0), VehicleState(5.2, 0.5, 0.0, vx=1.0)),  # rear-end
+        (
+            VehicleState(0, 0, 0, vx=0.0, vy=60.0),
+            VehicleState(0.0, 2.3, 0.0, vy=-60.0),
+        ),  # sideways, 6 m: through each other
     ],
 )
-def test_nothing_tunnels(first: Body, second: Body) -> None:
+def test_nothing_tunnels(first: VehicleState, second: VehicleState) -> None:
     settled, met, _ = pair(first, second)
     assert len(met) == 2
     towards = np.array((second.x - first.x, second.y - first.y))
@@ -138,21 +143,21 @@ def test_nothing_tunnels(first: Body, second: Body) -> None:
 
 
 def test_a_central_crash_is_perfectly_plastic() -> None:
-    settled, _, _ = pair(Body(0, 0, 0, vx=20.0), Body(5.0, 0, 0, vx=0.0))
+    settled, _, _ = pair(VehicleState(0, 0, 0, vx=20.0), VehicleState(5.0, 0, 0, vx=0.0))
     common = 20.0 * MKZ_2017.mass / (MKZ_2017.mass + LIGHT.mass)
     assert settled["a"].vx == pytest.approx(common)
     assert settled["b"].vx == pytest.approx(common)
     assert settled["a"].acceleration == pytest.approx((common - 20.0) / DT)
 
 
-def spin(body: Body, vehicle: Vehicle, at: Body) -> float:
+def spin(body: VehicleState, vehicle: VehicleParameters, at: VehicleState) -> float:
     """Angular momentum about the world's origin of a body that moves as `body`, placed at `at`."""
     px, py = momentum(body, vehicle)
     return vehicle.yaw_inertia * body.yaw_rate + at.x * float(py) - at.y * float(px)
 
 
 def test_an_eccentric_crash_keeps_angular_momentum_and_spins_both() -> None:
-    settled, _, after = pair(Body(0, 0, 0, vx=20.0), Body(5.2, 1.2, math.pi, vx=10.0))
+    settled, _, after = pair(VehicleState(0, 0, 0, vx=20.0), VehicleState(5.2, 1.2, math.pi, vx=10.0))
     cars = {"a": MKZ_2017, "b": LIGHT}
     now = sum(spin(settled[ego], cars[ego], settled[ego]) for ego in cars)
     then = sum(spin(after[ego], cars[ego], settled[ego]) for ego in cars)
@@ -162,13 +167,13 @@ def test_an_eccentric_crash_keeps_angular_momentum_and_spins_both() -> None:
 
 def test_an_immovable_actor_stops_or_carries_the_car() -> None:
     parked = obstacles(actors(("v", 5.0, 0, 0)), actors(("v", 5.0, 0, 0)))
-    body = Body(0, 0, 0, vx=20.0)
-    settled, met = settle({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
+    body = VehicleState(0, 0, 0, vx=20.0)
+    settled, met = resolve_contacts({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
     assert settled["e"].vx == pytest.approx(0.0, abs=1e-9)
     assert settled["e"].x == pytest.approx(5.0 - 4.5 / 2 - 4.9 / 2)
     assert met == (Contact("e", "v", Kind.VEHICLE),)
-    body, moving = Body(0, 0, 0), obstacles(actors(("v", -4.8, 0, 0)), actors(("v", -4.3, 0, 0)))
-    settled, met = settle({"e": body}, {"e": body}, {"e": MKZ_2017}, moving, NOTHING)
+    body, moving = VehicleState(0, 0, 0), obstacles(actors(("v", -4.8, 0, 0)), actors(("v", -4.3, 0, 0)))
+    settled, met = resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, moving, NOTHING)
     assert settled["e"].vx == pytest.approx(0.5 / DT)
     assert met == (Contact("e", "v", Kind.VEHICLE),)
 
@@ -176,8 +181,8 @@ def test_an_immovable_actor_stops_or_carries_the_car() -> None:
 def test_resting_against_something_is_contact_on_every_tick() -> None:
     for gap, touching in ((0.0, True), (0.009, True), (0.011, False)):
         parked = obstacles(actors(("v", 4.7 + gap, 0, 0)), actors(("v", 4.7 + gap, 0, 0)))
-        body = Body(0, 0, 0)
-        settled, met = settle({"e": body}, {"e": body}, {"e": MKZ_2017}, parked, NOTHING)
+        body = VehicleState(0, 0, 0)
+        settled, met = resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, parked, NOTHING)
         assert settled == {"e": body}
         assert bool(met) is touching
 
@@ -185,17 +190,17 @@ def test_resting_against_something_is_contact_on_every_tick() -> None:
 def test_sliding_along_does_not_snag() -> None:
     """A car that brushes past a parked one keeps going: the neighbour's corner is no obstacle."""
     parked = obstacles(actors(("v", 12.0, 1.9, 0)), actors(("v", 12.0, 1.9, 0)))
-    body = Body(0, 0.0, 0, vx=10.0)  # the sides touch: 1.0 + 0.9 m
+    body = VehicleState(0, 0.0, 0, vx=10.0)  # the sides touch: 1.0 + 0.9 m
     for _ in range(60):
-        settled, _ = settle({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
+        settled, _ = resolve_contacts({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
         body = settled["e"]
     assert (body.x, body.vx) == (pytest.approx(30.0), pytest.approx(10.0))
 
 
 def test_friction_slows_what_scrapes_along() -> None:
     wall = walls([np.array(((-50, 1.2), (50, 1.2), (50, 2), (-50, 2)))])
-    body = Body(0, 0, 0.0, vx=10.0, vy=8.0)
-    settled, met = settle({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, NOBODY, wall)
+    body = VehicleState(0, 0, 0.0, vx=10.0, vy=8.0)
+    settled, met = resolve_contacts({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, NOBODY, wall)
     assert met == (Contact("e", "", Kind.STATIC),)
     assert settled["e"].vy == pytest.approx(0.0, abs=1e-9)
     assert settled["e"].vx == pytest.approx(10.0 - 0.5 * 8.0)  # Coulomb: 0.5 of the normal impulse
@@ -218,13 +223,13 @@ def test_walls_cover_exactly_the_building() -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(bodies)
-def test_a_cav_never_enters_a_building(ego: Body) -> None:
+def test_a_cav_never_enters_a_building(ego: VehicleState) -> None:
     ego = replace(ego, x=ego.x + 10.0, y=ego.y + 10.0)
     building = shapely.Polygon(L_SHAPE)
     if outline(ego).intersects(building):
         return
     proposed = coasted(ego)
-    settled, met = settle({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, NOBODY, walls([L_SHAPE]))
+    settled, met = resolve_contacts({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, NOBODY, walls([L_SHAPE]))
     assert outline(settled["e"]).intersection(building).area < 0.01
     if outline(proposed).intersection(building).area > 0.01:
         assert met == (Contact("e", "", Kind.STATIC),)
@@ -236,18 +241,18 @@ def test_actors_are_matched_by_id_and_newcomers_do_not_sweep() -> None:
     moved = obstacles(before, after)
     assert moved.before.x.tolist() == [10.0, 0.0, 5.0]  # b moved, new stands
     assert moved.after.x.tolist() == [11.0, 90.0, 5.0]
-    body = Body(45.0, 50.0, 0.0)  # far was put there: it did not sweep what lies between
-    assert settle({"e": body}, {"e": body}, {"e": MKZ_2017}, moved, NOTHING) == ({"e": body}, ())
+    body = VehicleState(45.0, 50.0, 0.0)  # far was put there: it did not sweep what lies between
+    assert resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, moved, NOTHING) == ({"e": body}, ())
     same = actors(("a", 1, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
     assert obstacles(before, same).before is before
 
 
 def test_order_of_egos_does_not_matter() -> None:
-    rows = {f"e{i}": Body(4.8 * i, 0.1 * i, 0, vx=10.0 - 6 * i) for i in range(4)}
+    rows = {f"e{i}": VehicleState(4.8 * i, 0.1 * i, 0, vx=10.0 - 6 * i) for i in range(4)}
     cars = dict.fromkeys(rows, MKZ_2017)
     after = {ego: coasted(body) for ego, body in rows.items()}
-    forward = settle(rows, after, cars, NOBODY, NOTHING)
-    backward = settle(rows, dict(reversed(after.items())), cars, NOBODY, NOTHING)
+    forward = resolve_contacts(rows, after, cars, NOBODY, NOTHING)
+    backward = resolve_contacts(rows, dict(reversed(after.items())), cars, NOBODY, NOTHING)
     assert forward == (backward[0], backward[1])
     assert list(forward[1]) == sorted(forward[1], key=lambda c: (c.ego, c.other))
 
@@ -266,14 +271,16 @@ def test_bumper_cars_stay_in_the_arena(seed: int) -> None:
     """Four cars with random pedals for 30 s: they never overlap each other or a wall, nor leave."""
     rng = np.random.default_rng(seed)
     arena = walls(ARENA)
-    bodies = {f"e{i}": Body(10 * math.cos(i * 1.57), 10 * math.sin(i * 1.57), rng.uniform(-3, 3)) for i in range(4)}
+    bodies = {
+        f"e{i}": VehicleState(10 * math.cos(i * 1.57), 10 * math.sin(i * 1.57), rng.uniform(-3, 3)) for i in range(4)
+    }
     cars, seen = dict.fromkeys(bodies, MKZ_2017), 0
     orders = {ego: Control(1, 0, 0) for ego in bodies}
     for tick in range(600):
         if tick % 20 == 0:
             orders = {ego: Control(rng.uniform(), float(rng.uniform() < 0.1), rng.uniform(-1, 1)) for ego in bodies}
         proposed = {ego: step(body, orders[ego], MKZ_2017) for ego, body in bodies.items()}
-        bodies, met = settle(bodies, proposed, cars, NOBODY, arena)
+        bodies, met = resolve_contacts(bodies, proposed, cars, NOBODY, arena)
         seen += bool(met)
         shapes = [outline(body) for body in bodies.values()]
         for i, shape in enumerate(shapes):

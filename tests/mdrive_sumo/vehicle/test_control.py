@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mdrive_sumo.contract import CONTROL_STEP, Control, Plan
-from mdrive_sumo.core.geometry import Float, Polyline, polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.core.state import DT, EgoState
-from mdrive_sumo.vehicle.control import CONTROLLERS, rounded
+from mdrive_sumo.vehicle.control import CONTROLLERS, round_control
 from mdrive_sumo.vehicle.control.pid import B2D, LMDRIVE, CarlaPid, DualPid, V2xController, WindowPid
-from mdrive_sumo.vehicle.control.plan_reader import aim, waypoints
-from mdrive_sumo.vehicle.dynamics import MKZ_2017, Body, ego_state, facts, step
+from mdrive_sumo.vehicle.control.plan_reader import find_aim_point, sample_waypoints
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleState, step, to_ego_state, to_vehicle_facts
 
 Profile = Callable[[float], float]
 """Arc length [m] over time [s]."""
@@ -39,23 +39,23 @@ def turn(radius: float, left: bool = True, run: float = 30.0) -> Polyline:
     before = [(x, 0.0) for x in np.arange(0.0, run, 0.1)]
     arc = [(run + radius * math.sin(a), side * radius * (1 - math.cos(a))) for a in angles]
     after = [(run + radius, side * (radius + y)) for y in np.arange(0.0, 90.0, 0.1)]
-    return polyline(before + arc + after)
+    return build_polyline(before + arc + after)
 
 
 def circle(radius: float) -> Polyline:
     angles = np.arange(0.0, 4 * math.pi, 0.1 / radius)
-    return polyline([(radius * math.sin(a), radius * (1 - math.cos(a))) for a in angles])
+    return build_polyline([(radius * math.sin(a), radius * (1 - math.cos(a))) for a in angles])
 
 
-def drive(name: str, path: Polyline, wanted: Profile, seconds: float, hold: int, body: Body) -> Float:
+def drive(name: str, path: Polyline, wanted: Profile, seconds: float, hold: int, body: VehicleState) -> Float:
     """Closed loop; a plan of 4 s is made every `hold` ticks. Rows: s error [m], lateral error [m], speed [m/s]."""
-    controller = CONTROLLERS[name](facts(MKZ_2017))
+    controller = CONTROLLERS[name](to_vehicle_facts(MKZ_2017))
     rows: list[tuple[float, float, float]] = []
     plan = straight_plan(0.0)
     for tick in range(round(seconds / DT)):
         if tick % hold == 0:
             plan = plan_of(*[path.at(wanted(tick * DT + 0.2 * (k + 1))) for k in range(20)])
-        body = step(body, controller.follow(plan, ego_state(body), tick % hold), MKZ_2017)
+        body = step(body, controller.follow(plan, to_ego_state(body), tick % hold), MKZ_2017)
         due = wanted((tick + 1) * DT)
         s, d = path.project(body.x, body.y, between=(due - 10.0, due + 10.0))
         rows.append((due - s, d, body.vx))
@@ -70,7 +70,7 @@ def stopping(speed: float, deceleration: float, after_s: float) -> Profile:
     return wanted
 
 
-STRAIGHT = polyline(((0.0, 0.0), (500.0, 0.0)))
+STRAIGHT = build_polyline(((0.0, 0.0), (500.0, 0.0)))
 
 
 # The tracker.
@@ -88,7 +88,7 @@ STRAIGHT = polyline(((0.0, 0.0), (500.0, 0.0)))
     ],
 )
 def test_tracker_keeps_within_15_cm(path: Polyline, speed: float, hold: int) -> None:
-    rows = drive("tracker", path, lambda t: speed * t, 12.0, hold, Body(0, 0, 0, vx=speed))
+    rows = drive("tracker", path, lambda t: speed * t, 12.0, hold, VehicleState(0, 0, 0, vx=speed))
     assert np.abs(rows[:, 1]).max() < 0.15
     assert np.abs(rows[:, 0]).max() < 0.5
     assert rows[-1, 2] == pytest.approx(speed, abs=0.1)
@@ -98,7 +98,7 @@ def test_tracker_keeps_within_15_cm(path: Polyline, speed: float, hold: int) -> 
 @pytest.mark.parametrize(("speed", "deceleration"), [(5.0, 1.0), (8.0, 2.0), (12.0, 4.0)])
 def test_tracker_stops_softly_at_the_point(speed: float, deceleration: float, hold: int) -> None:
     wanted = stopping(speed, deceleration, 3.0)
-    rows = drive("tracker", STRAIGHT, wanted, 3.0 + speed / deceleration + 2.0, hold, Body(0, 0, 0, vx=speed))
+    rows = drive("tracker", STRAIGHT, wanted, 3.0 + speed / deceleration + 2.0, hold, VehicleState(0, 0, 0, vx=speed))
     assert abs(rows[-1, 0]) < 0.02
     assert rows[-1, 2] == 0.0
     assert np.diff(rows[:, 2]).min() / DT > -1.2 * deceleration - 0.5
@@ -106,26 +106,28 @@ def test_tracker_stops_softly_at_the_point(speed: float, deceleration: float, ho
 
 
 def test_tracker_starts_from_standstill() -> None:
-    rows = drive("tracker", STRAIGHT, lambda t: min(t, 4.0) ** 2 + 8 * max(0.0, t - 4.0), 8.0, 10, Body(0, 0, 0))
+    rows = drive(
+        "tracker", STRAIGHT, lambda t: min(t, 4.0) ** 2 + 8 * max(0.0, t - 4.0), 8.0, 10, VehicleState(0, 0, 0)
+    )
     assert np.abs(rows[:, 0]).max() < 0.2
     assert rows[-1, 2] == pytest.approx(8.0, abs=0.05)
 
 
 @pytest.mark.parametrize("speed", [3.0, 8.0, 15.0, 25.0])
 def test_tracker_returns_to_its_line(speed: float) -> None:
-    rows = drive("tracker", STRAIGHT, lambda t: speed * t, 8.0, 1, Body(0, 1.0, 0.1, vx=speed))
+    rows = drive("tracker", STRAIGHT, lambda t: speed * t, 8.0, 1, VehicleState(0, 1.0, 0.1, vx=speed))
     assert rows[:, 1].min() > -0.5
     assert abs(rows[-1, 1]) < 0.01
 
 
 def test_tracker_stops_when_the_plan_is_overdue() -> None:
     controller, body, plan = (
-        CONTROLLERS["tracker"](facts(MKZ_2017)),
-        Body(0, 0, 0, vx=5.0),
+        CONTROLLERS["tracker"](to_vehicle_facts(MKZ_2017)),
+        VehicleState(0, 0, 0, vx=5.0),
         straight_plan(5.0),
     )
     for age in range(300):
-        body = step(body, controller.follow(plan, ego_state(body), age), MKZ_2017)
+        body = step(body, controller.follow(plan, to_ego_state(body), age), MKZ_2017)
     assert body.vx == 0.0
     assert 19.5 < body.x < 24.0  # 4 s of plan at 5 m/s, then a hard stop
 
@@ -133,11 +135,11 @@ def test_tracker_stops_when_the_plan_is_overdue() -> None:
 @pytest.mark.parametrize("interval_s", [0.05, 0.5, 1.0])
 def test_tracker_follows_single_points(interval_s: float) -> None:
     """A plan may be one point: the car heads for it at the speed that gets it there in time."""
-    controller, body = CONTROLLERS["tracker"](facts(MKZ_2017)), Body(0, 1.0, 0, vx=5.0)
+    controller, body = CONTROLLERS["tracker"](to_vehicle_facts(MKZ_2017)), VehicleState(0, 1.0, 0, vx=5.0)
     for _ in range(100):
         ahead = 5.0 * interval_s
         plan = plan_of((body.x + ahead, body.y * (1 - 0.3 * interval_s)), interval_s=interval_s)
-        body = step(body, controller.follow(plan, ego_state(body), 0), MKZ_2017)
+        body = step(body, controller.follow(plan, to_ego_state(body), 0), MKZ_2017)
     assert 0.0 < body.y < 0.4  # led back to y = 0 with a time constant of about 3 s
     assert body.vx == pytest.approx(5.0, abs=0.2)
 
@@ -146,7 +148,7 @@ def test_tracker_follows_single_points(interval_s: float) -> None:
     "points", [[(0.0, 0.0)], [(0.0, 0.0)] * 10, [(-3.0, 0.0)] * 5, [(-3.0, 0.0), (-2.0, 0.0), (-2.0, 0.0)]]
 )
 def test_tracker_stands_for_plans_here_or_behind(points: list[tuple[float, float]]) -> None:
-    controller = CONTROLLERS["tracker"](facts(MKZ_2017))
+    controller = CONTROLLERS["tracker"](to_vehicle_facts(MKZ_2017))
     assert controller.follow(plan_of(*points), own(0.0), 0).throttle == 0.0
     assert controller.follow(plan_of(*points), own(6.0), 0).brake > 0.5
 
@@ -159,7 +161,8 @@ def test_tracker_looks_at_the_next_seconds_only(age_ticks: int) -> None:
     soon = Plan(whole.points[:18], whole.interval_s)  # 3 s from tick 7 on
     for y in (-0.3, 0.0, 0.3):
         first, second = (
-            CONTROLLERS["tracker"](facts(MKZ_2017)).follow(p, own(8.0, y=y), age_ticks) for p in (whole, soon)
+            CONTROLLERS["tracker"](to_vehicle_facts(MKZ_2017)).follow(p, own(8.0, y=y), age_ticks)
+            for p in (whole, soon)
         )
         assert first == second
 
@@ -179,13 +182,13 @@ def test_window_pid_by_hand() -> None:
 def test_v2x_by_hand_and_holds_for_four_ticks() -> None:
     controller, plan = V2xController(max_speed=5.0), straight_plan(4.0)
     # error min(4 - 3.9, 0.35) = 0.1: 5 x 0.1 + 1 x 0.1 / 20 + 0.1 x 0.1
-    expected = rounded(0.5 + 0.005 + 0.01, 0.0, 0.0)
+    expected = round_control(0.5 + 0.005 + 0.01, 0.0, 0.0)
     answers = [
         controller.follow(plan, own(3.9), 0),
         *(controller.follow(plan, own(0.0), k) for k in (1, 2, 3)),
     ]
     assert answers == [expected] * 4
-    assert controller.follow(plan, own(0.0), 4) == rounded(0.75, 0.0, 0.0)
+    assert controller.follow(plan, own(0.0), 4) == round_control(0.75, 0.0, 0.0)
 
 
 def test_v2x_brakes_above_110_percent_of_the_scaled_speed() -> None:
@@ -259,7 +262,7 @@ MEASURED = {"v2x-5": 0.65, "carla-pid-6": 1.95, "carla-pid-8": 1.95, "b2d": 1.01
 
 @pytest.mark.parametrize("name", sorted(MEASURED))
 def test_paper_controllers_get_round_a_corner(name: str) -> None:
-    rows = drive(name, turn(8.0), lambda t: 5.0 * t, 16.0, 1, Body(0, 0, 0, vx=5.0))
+    rows = drive(name, turn(8.0), lambda t: 5.0 * t, 16.0, 1, VehicleState(0, 0, 0, vx=5.0))
     assert np.abs(rows[:, 1]).max() == pytest.approx(MEASURED[name], abs=0.15)
     assert abs(rows[-1, 1]) < 0.25
 
@@ -269,17 +272,17 @@ def test_paper_controllers_get_round_a_corner(name: str) -> None:
 
 def test_waypoints_are_due_on_the_plans_clock() -> None:
     plan = plan_of((1.0, 0.0), (2.0, 0.0), (4.0, 0.0), interval_s=0.5)
-    assert waypoints(plan, own(2.0), 0, 0.5, 4)[:, 0] == pytest.approx([1, 2, 4, 6])  # goes on at 4 m/s
-    assert waypoints(plan, own(2.0, x=1.5), 15, 0.5, 2)[:, 0] == pytest.approx([1.5, 3.5])  # 0.75 s old
-    assert waypoints(plan, own(2.0, x=3.0), 30, 0.5, 2)[:, 0] == pytest.approx([1.0, 1.0])  # overdue
+    assert sample_waypoints(plan, own(2.0), 0, 0.5, 4)[:, 0] == pytest.approx([1, 2, 4, 6])  # goes on at 4 m/s
+    assert sample_waypoints(plan, own(2.0, x=1.5), 15, 0.5, 2)[:, 0] == pytest.approx([1.5, 3.5])  # 0.75 s old
+    assert sample_waypoints(plan, own(2.0, x=3.0), 30, 0.5, 2)[:, 0] == pytest.approx([1.0, 1.0])  # overdue
 
 
 def test_waypoints_and_aim_are_in_the_ego_frame() -> None:
     plan = plan_of((5.0, 6.0), (5.0, 7.0), interval_s=1.0)
     seen = own(1.0, x=5.0, y=5.0, yaw=math.pi / 2)
-    assert waypoints(plan, seen, 0, 1.0, 2) == pytest.approx(np.array(((1, 0), (2, 0))), abs=1e-12)
-    assert aim(plan, seen, 0, 5.0) == pytest.approx((5.0, 0.0))
-    assert aim(plan, own(1.0, x=4.0, y=6.0), 0, 0.5) == pytest.approx((0.5, 0.0))
+    assert sample_waypoints(plan, seen, 0, 1.0, 2) == pytest.approx(np.array(((1, 0), (2, 0))), abs=1e-12)
+    assert find_aim_point(plan, seen, 0, 5.0) == pytest.approx((5.0, 0.0))
+    assert find_aim_point(plan, own(1.0, x=4.0, y=6.0), 0, 0.5) == pytest.approx((0.5, 0.0))
 
 
 coordinates = st.floats(-200, 200) | st.sampled_from([0.0, 1e-9, -1e-9, 1e6, -1e6])
@@ -310,7 +313,7 @@ owns = st.builds(
 @given(st.lists(st.tuples(plans, owns, st.integers(0, 300)), min_size=1, max_size=4))
 def test_any_plan_gives_a_valid_control(asked: list[tuple[Plan, EgoState, int]]) -> None:
     for factory in CONTROLLERS.values():
-        controller = factory(facts(MKZ_2017))
+        controller = factory(to_vehicle_facts(MKZ_2017))
         for plan, state, age in asked:
             control = controller.follow(plan, state, age)
             assert 0 <= control.throttle <= 1
@@ -323,6 +326,6 @@ def test_any_plan_gives_a_valid_control(asked: list[tuple[Plan, EgoState, int]])
 @settings(max_examples=50, deadline=None)
 @given(plans, owns, st.sampled_from(sorted(CONTROLLERS)))
 def test_controllers_repeat_themselves(plan: Plan, state: EgoState, name: str) -> None:
-    first, second = (CONTROLLERS[name](facts(MKZ_2017)) for _ in range(2))
+    first, second = (CONTROLLERS[name](to_vehicle_facts(MKZ_2017)) for _ in range(2))
     for age in range(6):
         assert first.follow(plan, state, age) == second.follow(plan, state, age)

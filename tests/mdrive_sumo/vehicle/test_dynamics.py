@@ -13,14 +13,23 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 from mdrive_sumo.contract import STANDSTILL, Control
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.vehicle.dynamics import GRAVITY, MKZ_2017, Body, Vehicle, at_rest, ego_state, facts, step
+from mdrive_sumo.vehicle.dynamics import (
+    GRAVITY,
+    MKZ_2017,
+    VehicleParameters,
+    VehicleState,
+    at_rest,
+    step,
+    to_ego_state,
+    to_vehicle_facts,
+)
 
 COAST = Control(0.0, 0.0, 0.0)
-FRICTIONLESS = Vehicle(rolling_resistance=0.0, drag_area=0.0)
+FRICTIONLESS = VehicleParameters(rolling_resistance=0.0, drag_area=0.0)
 
 controls = st.builds(Control, throttle=st.floats(0, 1), brake=st.floats(0, 1), steer=st.floats(-1, 1))
 bodies = st.builds(
-    Body,
+    VehicleState,
     x=st.floats(-1e5, 1e5),
     y=st.floats(-1e5, 1e5),
     yaw=st.floats(-math.pi, math.pi),
@@ -33,7 +42,9 @@ bodies = st.builds(
 )
 
 
-def driven(body: Body, control: Control, seconds: float, vehicle: Vehicle = MKZ_2017) -> list[Body]:
+def driven(
+    body: VehicleState, control: Control, seconds: float, vehicle: VehicleParameters = MKZ_2017
+) -> list[VehicleState]:
     """The bodies of every tick, the first one included."""
     track = [body]
     for _ in range(round(seconds / DT)):
@@ -41,17 +52,17 @@ def driven(body: Body, control: Control, seconds: float, vehicle: Vehicle = MKZ_
     return track
 
 
-def energy(body: Body, vehicle: Vehicle) -> float:
+def energy(body: VehicleState, vehicle: VehicleParameters) -> float:
     return 0.5 * (vehicle.mass * (body.vx**2 + body.vy**2) + vehicle.yaw_inertia * body.yaw_rate**2)
 
 
-def numbers(body: Body) -> tuple[float, ...]:
-    return tuple(getattr(body, name) for name in Body.__slots__)
+def numbers(body: VehicleState) -> tuple[float, ...]:
+    return tuple(getattr(body, name) for name in VehicleState.__slots__)
 
 
 @settings(max_examples=100, deadline=None)
 @given(bodies, st.lists(controls, min_size=1, max_size=10))
-def test_any_state_and_control_stays_finite_and_bounded(body: Body, orders: list[Control]) -> None:
+def test_any_state_and_control_stays_finite_and_bounded(body: VehicleState, orders: list[Control]) -> None:
     for control in orders:
         before, fast = body, math.hypot(body.vx, body.vy)
         body = step(body, control, MKZ_2017)
@@ -70,7 +81,7 @@ def test_any_state_and_control_stays_finite_and_bounded(body: Body, orders: list
 
 @settings(max_examples=200, deadline=None)
 @given(bodies, st.floats(0, 1), st.floats(-1, 1))
-def test_energy_never_grows_without_throttle(body: Body, brake: float, steer: float) -> None:
+def test_energy_never_grows_without_throttle(body: VehicleState, brake: float, steer: float) -> None:
     body = replace(body, drive=0.0)
     after = step(body, Control(0.0, brake, steer), MKZ_2017)
     assert energy(after, MKZ_2017) <= energy(body, MKZ_2017) * (1 + 1e-9)
@@ -78,8 +89,10 @@ def test_energy_never_grows_without_throttle(body: Body, brake: float, steer: fl
 
 @settings(max_examples=100, deadline=None)
 @given(bodies, st.lists(controls, min_size=1, max_size=10))
-@example(Body(0, 0, 0, vx=-0.0, yaw_rate=3.0, drive=1.0, brake=0.5), [Control(1.0, 0.5, 0.0)])  # the sign of nothing
-def test_mirrored_input_gives_the_mirrored_path(body: Body, orders: list[Control]) -> None:
+@example(
+    VehicleState(0, 0, 0, vx=-0.0, yaw_rate=3.0, drive=1.0, brake=0.5), [Control(1.0, 0.5, 0.0)]
+)  # the sign of nothing
+def test_mirrored_input_gives_the_mirrored_path(body: VehicleState, orders: list[Control]) -> None:
     body = replace(body, x=0.0, y=0.0, yaw=0.3)
     other = replace(body, yaw=-0.3, vy=-body.vy, yaw_rate=-body.yaw_rate, steer_angle=-body.steer_angle)
     for control in orders:
@@ -96,7 +109,7 @@ def test_a_standing_car_stays_exactly_where_it_is(steer: float, brake: float, ya
 
 
 def test_braking_stops_and_never_reverses() -> None:
-    track = driven(Body(0, 0, 0, vx=20.0), STANDSTILL, 4.0)
+    track = driven(VehicleState(0, 0, 0, vx=20.0), STANDSTILL, 4.0)
     assert min(body.vx for body in track) == 0.0
     assert track[-1].x == track[-2].x
     # v^2 / 2a, and the distance that the pedal's first-order lag costs: v x lag.
@@ -106,11 +119,16 @@ def test_braking_stops_and_never_reverses() -> None:
 
 
 def test_a_car_pushed_backwards_or_sideways_comes_to_rest() -> None:
-    spun = Body(0, 0, 0, vx=-1.0, vy=2.0, yaw_rate=3.0, steer_angle=0.5)
-    for body in (spun, Body(0, 0, 0, vx=-3.0), Body(0, 0, 0, vy=4.0), Body(0, 0, 0, yaw_rate=3.0)):
+    spun = VehicleState(0, 0, 0, vx=-1.0, vy=2.0, yaw_rate=3.0, steer_angle=0.5)
+    for body in (
+        spun,
+        VehicleState(0, 0, 0, vx=-3.0),
+        VehicleState(0, 0, 0, vy=4.0),
+        VehicleState(0, 0, 0, yaw_rate=3.0),
+    ):
         last = driven(body, STANDSTILL, 3.0)[-1]
         assert (last.vx, last.vy, last.yaw_rate) == (0.0, 0.0, 0.0)
-    assert driven(Body(0, 0, 0, vx=-3.0), COAST, 30.0)[-1].vx == 0.0
+    assert driven(VehicleState(0, 0, 0, vx=-3.0), COAST, 30.0)[-1].vx == 0.0
 
 
 @pytest.mark.parametrize("speed", [1.0, 5.0, 10.0, 20.0])
@@ -118,7 +136,7 @@ def test_a_car_pushed_backwards_or_sideways_comes_to_rest() -> None:
 def test_steady_yaw_rate_is_that_of_the_linear_model(speed: float, rear_stiffness: float) -> None:
     car = replace(FRICTIONLESS, rear_stiffness=rear_stiffness)
     angle = 0.01
-    body = driven(Body(0, 0, 0, vx=speed), Control(0, 0, angle / car.max_steer_angle), 3.0, car)[-1]
+    body = driven(VehicleState(0, 0, 0, vx=speed), Control(0, 0, angle / car.max_steer_angle), 3.0, car)[-1]
     front, rear, length = car.wheelbase - car.rear_to_centre, car.rear_to_centre, car.wheelbase
     understeer = (
         car.mass
@@ -133,7 +151,7 @@ def test_steady_yaw_rate_is_that_of_the_linear_model(speed: float, rear_stiffnes
 
 
 def test_at_walking_pace_the_car_turns_round_its_rear_axle_line() -> None:
-    body = driven(Body(0, 0, 0, vx=1.0), Control(0, 0, 1.0), 2.0, FRICTIONLESS)[-1]
+    body = driven(VehicleState(0, 0, 0, vx=1.0), Control(0, 0, 1.0), 2.0, FRICTIONLESS)[-1]
     assert body.yaw_rate == pytest.approx(body.vx * math.tan(MKZ_2017.max_steer_angle) / MKZ_2017.wheelbase, rel=0.01)
     assert body.vy == pytest.approx(body.yaw_rate * MKZ_2017.rear_to_centre, rel=0.02)
 
@@ -152,18 +170,18 @@ def test_engine_force_and_power_are_limited() -> None:
 
 def test_top_speed_is_where_air_and_rolling_eat_the_power() -> None:
     car = replace(MKZ_2017, max_power=30_000.0)
-    top = driven(Body(0, 0, 0, vx=40.0), Control(1, 0, 0), 200.0, car)[-1].vx
+    top = driven(VehicleState(0, 0, 0, vx=40.0), Control(1, 0, 0), 200.0, car)[-1].vx
     resistance = 0.6 * car.drag_area * top**2 + car.rolling_resistance * car.mass * GRAVITY
     assert resistance * top == pytest.approx(car.max_power, rel=2e-3)
 
 
 def test_actuators_lag() -> None:
-    track = driven(Body(0, 0, 0, vx=10.0), Control(0.0, 1.0, 0.01), 0.5)
+    track = driven(VehicleState(0, 0, 0, vx=10.0), Control(0.0, 1.0, 0.01), 0.5)
     for body, ticks in zip(track, range(11), strict=True):
         assert body.brake == pytest.approx(1 - math.exp(-ticks * DT / MKZ_2017.brake_lag))
         target = 0.01 * MKZ_2017.max_steer_angle
         assert body.steer_angle == pytest.approx(target * (1 - math.exp(-ticks * DT / MKZ_2017.steer_lag)))
-    fast = step(Body(0, 0, 0), Control(0, 0, 1.0), MKZ_2017)
+    fast = step(VehicleState(0, 0, 0), Control(0, 0, 1.0), MKZ_2017)
     assert fast.steer_angle == pytest.approx(MKZ_2017.max_steer_rate * DT)
 
 
@@ -197,7 +215,7 @@ def test_agrees_with_commonroads_single_track_model(speed: float) -> None:
     """
     p = parameters_vehicle2()
     stiffness = -p.tire.p_ky1 * p.m * GRAVITY / (p.a + p.b)
-    car = Vehicle(
+    car = VehicleParameters(
         wheelbase=p.a + p.b,
         rear_to_centre=p.b,
         mass=p.m,
@@ -209,7 +227,7 @@ def test_agrees_with_commonroads_single_track_model(speed: float) -> None:
         drag_area=0.0,
     )
     amplitude = 2.5 * car.wheelbase / speed**2 / car.max_steer_angle
-    body, state = Body(0, 0, 0, vx=speed), np.array((0, 0, 0, speed, 0, 0, 0), dtype=float)
+    body, state = VehicleState(0, 0, 0, vx=speed), np.array((0, 0, 0, speed, 0, 0, 0), dtype=float)
     most = 0.0
     for tick in range(80):
         after = step(body, Control(0, 0, amplitude * math.sin(3 * tick * DT)), car)
@@ -226,13 +244,13 @@ def test_agrees_with_commonroads_single_track_model(speed: float) -> None:
 
 
 def test_what_the_world_and_agents_are_told() -> None:
-    body = step(Body(1, 2, 0.5, vx=7.0, vy=0.1, yaw_rate=0.2, steer_angle=0.05), Control(0.5, 0, 0.1), MKZ_2017)
-    state = ego_state(body)
+    body = step(VehicleState(1, 2, 0.5, vx=7.0, vy=0.1, yaw_rate=0.2, steer_angle=0.05), Control(0.5, 0, 0.1), MKZ_2017)
+    state = to_ego_state(body)
     assert (state.x, state.y, state.yaw, state.speed) == (body.x, body.y, body.yaw, body.vx)
     assert (state.acceleration, state.yaw_rate, state.steer_angle) == (
         (body.vx - 7.0) / DT,
         body.yaw_rate,
         body.steer_angle,
     )
-    told = facts(MKZ_2017)
+    told = to_vehicle_facts(MKZ_2017)
     assert (told.length, told.width, told.wheelbase, told.max_steer_angle) == (4.90, 2.00, 2.845, 0.75)

@@ -14,17 +14,17 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.contract import STANDSTILL, Control
 from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.episode import EpisodeRecord, load_episode
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.scenario.weather import WEATHERS, Friction, WeatherName
+from mdrive_sumo.scenario.weather import WEATHERS, FrictionMode, WeatherName
 from mdrive_sumo.scoring import Results, load_results
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.vehicle.dynamics import GRAVITY, MKZ_2017, Body, step
+from mdrive_sumo.vehicle.dynamics import GRAVITY, MKZ_2017, VehicleState, step
 
 SPEED = 12.0
 WET = WEATHERS["rain"].grip
@@ -129,15 +129,15 @@ def test_an_unknown_friction_is_refused() -> None:
 
 
 def test_only_rain_makes_roads_slippery_and_only_if_asked() -> None:
-    assert {name: Friction.WEATHER.grip(name) for name in WEATHERS} == {
+    assert {name: FrictionMode.WEATHER.grip(name) for name in WEATHERS} == {
         "default": 1.0, "cloudy": 1.0, "night": 1.0, "rain": WET
     }  # fmt: skip
-    assert {Friction.DRY.grip(name) for name in WEATHERS} == {1.0}
+    assert {FrictionMode.DRY.grip(name) for name in WEATHERS} == {1.0}
     assert 0.5 / 0.8 <= WET <= 0.7 / 0.8  # the range of the table in docs/sensors.md
 
 
-def track(control: Control, speed: float, seconds: float, grip: float) -> list[Body]:
-    bodies = [Body(0, 0, 0, vx=speed)]
+def track(control: Control, speed: float, seconds: float, grip: float) -> list[VehicleState]:
+    bodies = [VehicleState(0, 0, 0, vx=speed)]
     car = replace(MKZ_2017, grip=grip)
     for _ in range(round(seconds / DT)):
         bodies.append(step(bodies[-1], control, car))
@@ -162,7 +162,7 @@ def test_a_gentle_brake_does_the_same_on_a_wet_road() -> None:
 
 def speeds(grip: float) -> list[float]:
     """Of a car of SUMO's on an empty motorway [m/s]."""
-    roads = load(network_folder("motorway"))
+    roads = load_road_map(find_network_folder("motorway"))
     ego = Ego(id="e", start=Pose(x=0, y=0, yaw=0), lanes=("weave_0",), route=((0, 0, 0), (1, 0, 0)))
     car = BackgroundVehicle(id="bg", depart_s=0, edges=("weave", "after"), depart_lane=1, depart_pos_m=10.0)
     made = Scenario(

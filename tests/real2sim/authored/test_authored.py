@@ -14,11 +14,18 @@ from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.roads import load
+from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, AlongLanes, AlongPath, DistanceTrigger, PositionTrigger, Replay
+from mdrive_sumo.scenario.scripted_actor import (
+    Actor,
+    DistanceTrigger,
+    LaneMotion,
+    PathMotion,
+    PositionTrigger,
+    ReplayMotion,
+)
 from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.suite_converter import convert_authored
 from real2sim.readers.carla_frame import UCLA_FRAME
@@ -58,9 +65,9 @@ def test_everything_moves_by_the_networks_offset(directory: Directory, tmp_path:
     actors = {actor.id: actor for actor in scenario.actors}
     start = actors["a"].start
     assert (start.x, start.y, start.yaw) == pytest.approx((150 + dx, -5 + dy, -math.pi / 2))
-    assert isinstance(actors["b"].motion, AlongPath)
+    assert isinstance(actors["b"].motion, PathMotion)
     assert actors["b"].motion.points[1] == pytest.approx((60 + dx, 6 + dy))
-    assert isinstance(actors["c"].motion, Replay)
+    assert isinstance(actors["c"].motion, ReplayMotion)
     assert actors["c"].motion.poses[0] == pytest.approx((0.5, 60 + dx, -1.75 + dy, 0))
     assert actors["b"].trigger == PositionTrigger(vehicle="0", x=30 + dx, y=-1.75 + dy)
     ego = scenario.egos[1]
@@ -77,9 +84,9 @@ def test_who_paces_follows_its_lanes_and_beyond_its_path(directory: Directory, t
     scenario, _ = one(directory, tmp_path / "out")
     pacing = next(actor.motion for actor in scenario.actors if actor.id == "a")
     others = next(actor.motion for actor in scenario.actors if actor.id == "b")
-    assert isinstance(pacing, AlongLanes)
-    assert isinstance(others, AlongPath)
-    roads = load(tmp_path / "out" / "networks" / "TownXX")
+    assert isinstance(pacing, LaneMotion)
+    assert isinstance(others, PathMotion)
+    roads = load_road_map(tmp_path / "out" / "networks" / "TownXX")
     assert [roads.lanes[name].right for name in pacing.lanes] == [""], "the outer lane"
     assert pacing.speed == 7
 
@@ -88,7 +95,7 @@ def test_who_paces_off_the_lanes_keeps_to_its_path_with_a_note(directory: Direct
     directory.add("npc", "a.xml", xml([(60, 9, 0), (90, 9, 0)]), name="a")
     directory.behave("a", {"type": "lane_change"})
     scenario, _ = one(directory, tmp_path / "out")
-    assert isinstance(scenario.actors[0].motion, AlongPath)
+    assert isinstance(scenario.actors[0].motion, PathMotion)
     assert scenario.notes == ("a: no lanes within 1 m along its path, which it follows instead",)
     report = json.loads((tmp_path / "out" / "conversion.json").read_text())
     assert report["scenario_notes"] == {"Category_7": list(scenario.notes)}
@@ -111,8 +118,8 @@ def test_lanes_go_straightest_on(tmp_path: Path) -> None:
         tmp_path / "out", read_mdrive(directory.write(), VectorMap(lanes_map(east, on, off)))
     ).scenarios
     motion = scenario.actors[0].motion
-    assert isinstance(motion, AlongLanes)
-    roads = load(tmp_path / "out" / "networks" / "7")
+    assert isinstance(motion, LaneMotion)
+    roads = load_road_map(tmp_path / "out" / "networks" / "7")
     end = roads.lanes[motion.lanes[-1]].centre
     assert end.at(end.length) == pytest.approx((662.5, -201), abs=0.1)
 
@@ -159,7 +166,7 @@ def test_scenarios_of_one_vector_map_share_a_network_that_drives_as_they_do(tmp_
     (ego, _) = suite.scenarios[0].egos
     assert (ego.start.x, ego.start.y) == pytest.approx((507.5, -201), abs=0.05)
     assert ego.start.yaw == pytest.approx(0, abs=0.01)
-    assert isinstance(suite.scenarios[0].actors[0].motion, Replay)
+    assert isinstance(suite.scenarios[0].actors[0].motion, ReplayMotion)
 
 
 def test_a_trigger_on_nobody_is_refused(directory: Directory, tmp_path: Path) -> None:
@@ -248,9 +255,9 @@ def test_the_real_directories_lie_on_their_towns(real: Suite) -> None:
         "Roundabout_Navigation_1": [80, 150],
         "precrash_L": [20, 40],
     }
-    roads = load(real.folder / "networks" / "Town02")
+    roads = load_road_map(real.folder / "networks" / "Town02")
     (npc,) = scenarios["precrash_L"].actors
-    assert isinstance(npc.motion, AlongPath)
+    assert isinstance(npc.motion, PathMotion)
     found = roads.nearest(np.array(npc.motion.points))
     assert float(found.distance.max()) < 0.2, "the NPC drives on a lane"
 

@@ -12,7 +12,7 @@ from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.roads import drivable_path, load, network_folder
+from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
 from real2sim.carla.conversion_report import write_networks_report
@@ -73,7 +73,7 @@ def test_a_map_is_compiled_with_its_signs(tmp_path: Path, geometry: str) -> None
     signals = SIGN.format(id="r", s=50, t=-5) + SIGN.format(id="l", s=10, t=5) + SIGN.format(id="far", s=9, t=60)
     xodr(tmp_path, geometry, signals)
     town = build_town_network("TownXX", tmp_path, tmp_path / "net")
-    roads = load(town.folder)
+    roads = load_road_map(town.folder)
     assert town.stop_signs == 2
     assert town.unplaced_signs == ("far",)
     assert town.offset_error_m < 0.01
@@ -112,7 +112,7 @@ def test_a_ready_net_is_taken_where_the_xodr_is_missing_or_predates_signals(tmp_
     assert ready.stop_signs is None
     assert ready.offset == with_signs.offset
     assert read_network_file(ready.folder).stop_signs is None
-    assert load(ready.folder).lanes.keys() == load(with_signs.folder).lanes.keys()
+    assert load_road_map(ready.folder).lanes.keys() == load_road_map(with_signs.folder).lanes.keys()
 
 
 @pytest.mark.parametrize(
@@ -159,8 +159,8 @@ def test_a_link_that_one_road_alone_tells_is_mended(tmp_path: Path, link: str, w
     (tmp_path / "TownXX.xodr").write_text(two_roads(link))
     town = build_town_network("TownXX", tmp_path, tmp_path / "net")
     assert town.repairs == (f"road 8: its predecessor is road 7, which says so, not {was}",)
-    assert drivable_path(load(town.folder), "-7_0", "-8_0")
-    assert drivable_path(load(town.folder), "8_0", "7_0")
+    assert find_lane_path(load_road_map(town.folder), "-7_0", "-8_0")
+    assert find_lane_path(load_road_map(town.folder), "8_0", "7_0")
     assert "(mended: road 8" in networks_report(tmp_path, town)
 
 
@@ -182,7 +182,7 @@ def test_maps_become_networks_ready_for_scenarios(tmp_path: Path) -> None:
     towns = convert_opendrive(maps, tmp_path / "out")
     assert [town.name for town in towns] == ["TownXX", "Other"]
     for name in ("TownXX", "Other"):
-        assert load(network_folder(name, tmp_path / "out")).name == name
+        assert load_road_map(find_network_folder(name, tmp_path / "out")).name == name
     found = json.loads((tmp_path / "out" / "networks.json").read_text())["networks"]
     assert [network["stop_signs"] for network in found] == [1, None]
     assert all(network["offset_error_m"] < 0.01 for network in found)
@@ -235,7 +235,7 @@ def test_the_offset_of_every_carla_town_is_right_to_a_centimetre(tmp_path: Path,
 
 @needs_data
 def test_the_19_stop_signs_of_town07_stand_shortly_before_a_junction(tmp_path: Path) -> None:
-    roads = load(build_town_network("Town07", MAPS, tmp_path / "net").folder)
+    roads = load_road_map(build_town_network("Town07", MAPS, tmp_path / "net").folder)
     assert roads.stop_signs is not None
     for box in roads.stop_signs:
         lane = roads.lanes[box.lane]

@@ -9,7 +9,7 @@ from testing.log_truth import observed, truth
 from testing.map_faults import all_links, as_map
 from testing.map_faults import plant as plant_in_map
 
-from mdrive_sumo.roads import load, packaged_networks
+from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from tests.real2sim.clean.test_clean_faults import SHARE, rates
 from tests.real2sim.network.test_netbuild import repair, undirected
 
@@ -34,7 +34,7 @@ def test_faults_of_a_map(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
 
     On a road without a junction no link tells directions: such networks are left out.
     """
-    roads = [load(folder) for folder in packaged_networks().values()]
+    roads = [load_road_map(folder) for folder in list_packaged_networks().values()]
     maps = [undirected(as_map(one)) for one in roads if any(lane.successors for lane in one.driving)]
     total = good = wrong = 0
     for seed in SEEDS:

@@ -13,7 +13,7 @@ from testing.small_log import FRAMES, STATION, recording, road, track, write_sma
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
@@ -63,7 +63,7 @@ def only(suite: Path) -> Scenario:
 
 def test_a_log_becomes_a_suite_that_fits_its_network(suite: Path) -> None:
     scenario = only(suite)
-    check_scenario(scenario, load(network_folder(scenario.network, suite)))
+    check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite)))
     assert (scenario.id, scenario.bucket, scenario.category) == ("small", "V2XPnP", "real2sim")
     assert [ego.start_speed for ego in scenario.egos] == pytest.approx([8.0, 9.0], abs=0.1)
     assert [ego.start.x for ego in scenario.egos] == pytest.approx([20.0, 30.0], abs=0.1)

@@ -11,7 +11,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.scripted_actor import Replay, Standing
+from mdrive_sumo.scenario.scripted_actor import ReplayMotion, StandingMotion
 from real2sim.fit import choose_cavs, fit, passed_over, scenario_names, unfit
 from real2sim.fit.disposition import Became
 from real2sim.fit.route_path import path_of, progress_of
@@ -97,7 +97,7 @@ def test_a_vehicle_off_the_road_is_an_actor_with_its_reason(roads: RoadMap) -> N
     fitted = made(roads, track("a", 20.0 + 10.0 * seconds(), -12.0)).fitted
     (actor,) = fitted.actors
     assert fitted.background.vehicles == ()
-    assert isinstance(actor.motion, Replay)
+    assert isinstance(actor.motion, ReplayMotion)
     assert actor.avoid_collision
     assert fitted.roles["a"].became is Became.ACTOR
     assert "off the road" in fitted.roles["a"].reason
@@ -124,8 +124,8 @@ def test_what_never_moves_stands_and_who_walks_repeats_the_log(roads: RoadMap) -
     kinds = {actor.id: actor.kind for actor in fitted.actors}
     assert kinds == {"parked": "vehicle", "cone": "static", "walker": "pedestrian", "rider": "cyclist"}
     by_id = {actor.id: actor for actor in fitted.actors}
-    assert isinstance(by_id["parked"].motion, Standing)
-    assert isinstance(by_id["walker"].motion, Replay)
+    assert isinstance(by_id["parked"].motion, StandingMotion)
+    assert isinstance(by_id["walker"].motion, ReplayMotion)
     assert by_id["walker"].motion.stays
     assert all(actor.mirrored and actor.avoid_collision for actor in fitted.actors)
 
@@ -143,7 +143,7 @@ def test_what_leaves_before_somebody_drives_through_its_place_is_there_only_that
     parked = track("parked", np.where(seconds() < 2.95, 80.0, np.nan), 0.0, parked=True)
     fitted = made(roads, parked, track("a", 20.0 + 10.0 * seconds(), 0.0)).fitted
     motion = fitted.actors[0].motion
-    assert isinstance(motion, Replay)
+    assert isinstance(motion, ReplayMotion)
     assert [pose[0] for pose in motion.poses] == [0.0, 3.0]
     assert not motion.stays
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from testing.map_faults import drive, lane, lanes_map
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.roads import RoadMap, load, packaged_networks, route_along
+from mdrive_sumo.roads import RoadMap, build_lane_route, list_packaged_networks, load_road_map
 from real2sim.hd_map import HdMap
 from real2sim.match.lane_candidates import load_candidate_index
 from real2sim.match.lane_matcher import (
@@ -40,7 +40,7 @@ def arc(x: float, y: float, radius: float, begin: float, end: float) -> Float:
 
 def roads_of(folder: Path, hd_map: HdMap) -> RoadMap:
     build_network(hd_map, [], folder / "net", "test")
-    return load(folder / "net")
+    return load_road_map(folder / "net")
 
 
 def drivable(roads: RoadMap, route: tuple[str, ...]) -> bool:
@@ -108,9 +108,9 @@ LEAST_M = 11.0
 SINGLE_ROADS = {"avenue", "country_road", "crescent", "village_street"}
 
 
-@pytest.mark.parametrize("name", sorted({*packaged_networks()} - SINGLE_ROADS))
+@pytest.mark.parametrize("name", sorted({*list_packaged_networks()} - SINGLE_ROADS))
 def test_every_way_through_the_packaged_networks_is_found_in_noise(name: str) -> None:
-    roads = load(packaged_networks()[name])
+    roads = load_road_map(list_packaged_networks()[name])
     rng = np.random.default_rng(0)
     starts = [one.id for one in roads.driving if not one.junction and one.successors and one.centre.length > LEAST_M]
     driven = 0
@@ -118,7 +118,7 @@ def test_every_way_through_the_packaged_networks_is_found_in_noise(name: str) ->
         path = ways_without_lane_change(roads, start).get(goal)
         if path is None or roads.lanes[goal].centre.length < LEAST_M:
             continue
-        dense = route_along(roads, path, 5.0, roads.lanes[goal].centre.length - 5.0)
+        dense = build_lane_route(roads, path, 5.0, roads.lanes[goal].centre.length - 5.0)
         track = drive(dense.xy)
         track[:, :2] += rng.normal(0.0, 0.15, (len(track), 2))
         found = match_track(track, roads)
@@ -264,7 +264,7 @@ def test_where_no_way_leads_on_the_match_says_so(tmp_path: Path) -> None:
 @given(seed=st.integers(0, 10_000))
 def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
     """Against every combination of candidates of a few key frames."""
-    roads = load(packaged_networks()["town_crossing"])
+    roads = load_road_map(list_packaged_networks()["town_crossing"])
     rng = np.random.default_rng(seed)
     index = load_candidate_index(roads)
     ways = [one for one in roads.driving if one.junction]
@@ -291,7 +291,7 @@ def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
 
 
 def test_hops_are_the_shortest_ways() -> None:
-    roads = load(packaged_networks()["boulevard"])
+    roads = load_road_map(list_packaged_networks()["boulevard"])
     index = load_candidate_index(roads)
     start = next(one.id for one in roads.driving if not one.junction and one.left and one.successors)
     for goal, hop in index.hops(start, 400.0, LANE_CHANGE_M).items():

@@ -12,7 +12,7 @@ from testing.map_faults import all_links, as_map, drive, lane, lanes_map, plant
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.roads import RoadMap, load, packaged_networks
+from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
@@ -31,7 +31,7 @@ def moved(line: Float, x: float = 0.0, y: float = 0.0) -> Float:
 
 def built(tmp_path: Path, hd_map: HdMap, *motions: Float) -> tuple[NetworkReport, RoadMap]:
     report = build_network(hd_map, motions, tmp_path / "net", "test")
-    return report, load(tmp_path / "net")
+    return report, load_road_map(tmp_path / "net")
 
 
 def undirected(hd_map: HdMap) -> HdMap:
@@ -47,9 +47,9 @@ def on_lane(roads: RoadMap, x: float, y: float) -> str:
 # --- geometry of the result ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", sorted(packaged_networks()))
+@pytest.mark.parametrize("name", sorted(list_packaged_networks()))
 def test_a_network_made_a_map_and_built_again_is_the_same(name: str, tmp_path: Path) -> None:
-    source = load(packaged_networks()[name])
+    source = load_road_map(list_packaged_networks()[name])
     report, roads = built(tmp_path, as_map(source))
     tiny = {one.id for one in source.driving if one.centre.length < 0.5}
     assert set(report.lost) == tiny  # what they joined is linked instead
@@ -64,7 +64,7 @@ def test_a_network_made_a_map_and_built_again_is_the_same(name: str, tmp_path: P
 
 @pytest.mark.parametrize("name", ["boulevard", "ramp_merge"])
 def test_lanes_of_a_road_stay_neighbours(name: str, tmp_path: Path) -> None:
-    source = load(packaged_networks()[name])
+    source = load_road_map(list_packaged_networks()[name])
     _, roads = built(tmp_path, as_map(source))
     for one in (one for one in source.driving if one.left):
         here, beside = (roads.lanes[on_lane(roads, *source.lanes[id_].centre.at(5.0))] for id_ in (one.id, one.left))
@@ -156,8 +156,8 @@ def repair(hd_map: HdMap) -> tuple[set[str], set[tuple[str, str]]]:
 def test_reversed_lanes_and_missing_links_are_repaired(share: float) -> None:
     rng = np.random.default_rng(4)
     planted = repaired = wrong = 0
-    for folder in packaged_networks().values():
-        clean = undirected(as_map(load(folder)))
+    for folder in list_packaged_networks().values():
+        clean = undirected(as_map(load_road_map(folder)))
         for _ in range(4):
             faulty = plant(clean, rng, share, share)
             inverted, added = repair(faulty.map)
@@ -170,7 +170,7 @@ def test_reversed_lanes_and_missing_links_are_repaired(share: float) -> None:
 
 
 def test_repairs_are_reported(tmp_path: Path) -> None:
-    clean = undirected(as_map(load(packaged_networks()["town_crossing"])))
+    clean = undirected(as_map(load_road_map(list_packaged_networks()["town_crossing"])))
     faulty = plant(clean, np.random.default_rng(1), 0.2, 0.2)
     assert faulty.reversed and faulty.removed
     report, _ = built(tmp_path, faulty.map)
@@ -237,7 +237,7 @@ def test_ways_through_several_connectors_become_one_connection(tmp_path: Path) -
 
 
 def test_a_stop_sign_gives_way_and_is_in_the_network_file(tmp_path: Path) -> None:
-    source = load(packaged_networks()["town_crossing"])
+    source = load_road_map(list_packaged_networks()["town_crossing"])
     clean = as_map(source)
     minor = source.lanes["south_in_1"] if "south_in_1" in source.lanes else source.driving[-1]
     end = np.array(minor.centre.xy[-1])
@@ -324,7 +324,7 @@ def test_what_the_map_says_about_the_side_of_the_traffic_counts(tmp_path: Path) 
 
 
 def test_the_same_map_gives_the_same_bytes(tmp_path: Path) -> None:
-    hd_map = as_map(load(packaged_networks()["staggered"]))
+    hd_map = as_map(load_road_map(list_packaged_networks()["staggered"]))
     build_network(hd_map, [], tmp_path / "a", "same")
     build_network(hd_map, [], tmp_path / "b", "same")
     names = sorted(path.name for path in (tmp_path / "a").iterdir())
@@ -339,7 +339,7 @@ def test_a_folder_may_be_built_again(tmp_path: Path) -> None:
 
 
 def test_sumo_drives_on_it(tmp_path: Path) -> None:
-    _, roads = built(tmp_path, as_map(load(packaged_networks()["town_crossing"])))
+    _, roads = built(tmp_path, as_map(load_road_map(list_packaged_networks()["town_crossing"])))
     into = next(one for one in roads.driving if any(roads.lanes[id_].junction for id_ in one.successors))
     goal = roads.lanes[roads.lanes[into.successors[0]].successors[0]]
     trip = f'<routes><vehicle id="v" depart="0"><route edges="{into.edge} {goal.edge}"/></vehicle></routes>'

@@ -10,9 +10,9 @@ import pytest
 from testing.map_faults import all_links, lane, plant
 from testing.shared_material import SHARED_DATA
 
-from mdrive_sumo.core.geometry import Float, polyline
+from mdrive_sumo.core.geometry import Float, build_polyline
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import RoadMap, load
+from mdrive_sumo.roads import RoadMap, load_road_map
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.match.lane_matcher import STILL_M, match_track
 from real2sim.network import NetworkReport, build_network
@@ -60,7 +60,7 @@ def read(name: str) -> Log:
 def built(name: str, hd_map: HdMap, folder: Path) -> tuple[NetworkReport, RoadMap]:
     log = read(name)
     report = build_network(hd_map, log.motions, folder, name, log.recording.dt_s)
-    return report, load(folder)
+    return report, load_road_map(folder)
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def dirty(hd_map: HdMap, rng: np.random.Generator) -> HdMap:
     lanes: dict[str, MapLane] = {}
     for id_, one in hd_map.lanes.items():
         if one.kind is LaneKind.DRIVING and long_enough(one.centre):
-            line = polyline(one.centre)
+            line = build_polyline(one.centre)
             ends = rng.uniform(0.0, min(0.7, line.length / 5), 2)
             xy = clip_polyline(line, ends[0], line.length - ends[1]).xy + rng.normal(0.0, 0.05, (1, 2))
             exits = tuple(exit_ for exit_ in one.exits if rng.random() < 0.2)
@@ -165,6 +165,6 @@ def long_enough(centre: Float) -> bool:
 
 def strips(hd_map: HdMap) -> dict[str, LaneSegment]:
     return {
-        id_: LaneSegment(id_, id_, polyline(lane.centre), 3.5, 13.9, lane.kind, lane.junction)
+        id_: LaneSegment(id_, id_, build_polyline(lane.centre), 3.5, 13.9, lane.kind, lane.junction)
         for id_, lane in hd_map.lanes.items()
     }

@@ -14,11 +14,11 @@ from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners, boxes_overlap
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.statistics import statistics
+from mdrive_sumo.scenario.statistics import compute_suite_statistics
 from real2sim.authored.interdrive import convert_interdrive
 from real2sim.authored.start_separation import advance_start
 from real2sim.cli import convert
@@ -129,7 +129,7 @@ def test_the_same_files_give_the_same_suite(work: Path) -> None:
 
 def test_a_start_is_moved_on_over_lane_changes_and_waypoints(work: Path) -> None:
     converted(work, [(20, 1.75), (60, 1.75), (100, 5.25)])
-    roads = load(work / "out" / "networks" / "TownXX")
+    roads = load_road_map(work / "out" / "networks" / "TownXX")
     offset = np.array(read_network_file(roads.folder).offset)
     xy = np.array([(20, -1.75), (60, -1.75), (100, -5.25)]) + offset
     legs = match_waypoints(roads, xy).legs
@@ -233,12 +233,12 @@ def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def towns_of(suite: Suite) -> dict[str, RoadMap]:
-    return {name: load(network_folder(name, suite.folder)) for name in ("Town05", "Town06", "Town07")}
+    return {name: load_road_map(find_network_folder(name, suite.folder)) for name in ("Town05", "Town06", "Town07")}
 
 
 @needs_data
 def test_the_originals_statistics_are_the_papers(original: Suite) -> None:
-    found = statistics(original.scenarios)
+    found = compute_suite_statistics(original.scenarios)
     assert (found.scenarios, found.cavs, found.mean_actors) == (46, 175, 0.0)
     assert found.mean_cavs == pytest.approx(3.80, rel=0.05)
     assert found.mean_route_m == pytest.approx(51.83, rel=0.05)

@@ -11,12 +11,12 @@ from testing.shared_material import SHARED_DATA, needs_data
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scripted_actor import (
-    AlongPath,
     DistanceTrigger,
     HardBrake,
     LaneChange,
-    Replay,
-    Standing,
+    PathMotion,
+    ReplayMotion,
+    StandingMotion,
     StartMotion,
 )
 from real2sim.hd_map import HdMap
@@ -82,7 +82,7 @@ def test_every_key_of_the_manifest_has_its_kind_and_speed(
 ) -> None:
     directory.add(key, "one.xml", WALK, name="one")
     actor = directory.actor()
-    assert isinstance(actor.motion, AlongPath)
+    assert isinstance(actor.motion, PathMotion)
     assert (actor.id, actor.kind, actor.motion.speed, actor.trigger) == ("one", kind, speed, None)
     assert actor.motion.points == ((60, -8), (60, 6))
     assert actor.start.yaw == pytest.approx(math.pi / 2)
@@ -91,7 +91,7 @@ def test_every_key_of_the_manifest_has_its_kind_and_speed(
 def test_the_manifests_speed_goes_before_the_files(directory: Directory) -> None:
     directory.add("npc", "one.xml", xml([(60, 1.75, 0), (90, 1.75, 0)], speed="6.5"), name="one", speed=3.25)
     directory.add("npc", "two.xml", xml([(60, 5.25, 0), (90, 5.25, 0)], speed="6.5"), name="two")
-    speeds = [actor.motion.speed for actor in directory.read().actors if isinstance(actor.motion, AlongPath)]
+    speeds = [actor.motion.speed for actor in directory.read().actors if isinstance(actor.motion, PathMotion)]
     assert speeds == [3.25, 6.5]
 
 
@@ -104,7 +104,7 @@ def test_props_stand_and_parked_vehicles_are_vehicles(directory: Directory, key:
     assert (cone.kind, cone.length, cone.width) == ("static", 0.4, 0.4)
     assert (parked.kind, parked.length, parked.width) == ("vehicle", 4.7, 1.9)
     assert (bike.kind, bike.length, bike.width) == ("vehicle", 1.75, 0.6)
-    assert all(actor.motion == Standing() for actor in (cone, parked, bike))
+    assert all(actor.motion == StandingMotion() for actor in (cone, parked, bike))
 
 
 def test_a_files_own_size_wins(directory: Directory) -> None:
@@ -153,7 +153,7 @@ def test_names_become_ids_of_their_own(directory: Directory) -> None:
 def test_times_on_all_points_make_a_replay(directory: Directory) -> None:
     directory.add("npc", "a.xml", xml(TIMED), name="a")
     motion = directory.actor().motion
-    assert isinstance(motion, Replay)
+    assert isinstance(motion, ReplayMotion)
     assert motion.poses[0] == (0.5, 60, -1.75, 0)
     assert motion.poses[2] == (0.7, 64, -1.75, pytest.approx(math.radians(10)))
     assert not motion.stays
@@ -176,7 +176,7 @@ def test_the_routes_control_mode_goes_before_the_manifests(
     replayed: bool,
 ) -> None:
     directory.add("npc", "a.xml", xml(points, **attributes), name="a", **entry)
-    assert isinstance(directory.actor().motion, Replay if replayed else AlongPath)
+    assert isinstance(directory.actor().motion, ReplayMotion if replayed else PathMotion)
 
 
 def test_start_motion_is_the_default_action(directory: Directory) -> None:
@@ -204,7 +204,7 @@ def test_a_lane_change_names_its_side_and_its_target(directory: Directory) -> No
     directory.behave("a", {"type": "lane_change", "direction": "right", "target_vehicle": "Vehicle 2"})
     scene = directory.read()
     assert scene.actors[0].action == LaneChange(direction="right", target_vehicle="1")
-    assert isinstance(scene.actors[0].motion, AlongPath), "no log can change lanes"
+    assert isinstance(scene.actors[0].motion, PathMotion), "no log can change lanes"
     assert scene.notes == ("a: has times, but is driven along its points",)
 
 
@@ -331,7 +331,7 @@ def test_the_real_directories_are_read_whole() -> None:
     (npc,) = scenes["precrash_L"].actors
     assert npc.trigger == DistanceTrigger(vehicle="1", distance_m=6.0), "Vehicle 2 is ego 1, whatever its name"
     assert npc.action == HardBrake(hold_s=2.0, resume_speed=5.0, pacing=False, least_driven_m=3.0)
-    assert isinstance(npc.motion, AlongPath)
+    assert isinstance(npc.motion, PathMotion)
     assert npc.motion.speed == 1.0
     walkers = scenes["Pedestrian_Crosswalk_8"].actors
     assert [actor.vehicles for actor in walkers] == [("0",), ("1",), ("2",)]

@@ -11,7 +11,7 @@ from testing.round_trip import Trip, as_truth, motions_of, there_and_back, windo
 
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import RoadMap, load, network_folder
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.hd_map import HdMap, LaneKind
@@ -142,7 +142,7 @@ def test_the_network_comes_back(busy: Recording, trip: Trip, tmp_path: Path) -> 
     names = write_vector_map(busy.map, tmp_path / "map.pkl")
     same_lanes(busy.map, trip.read.map, names)
     report = build_network(trip.read.map, motions_of(trip.tracks), tmp_path / "net", "busy")
-    roads, original = load(tmp_path / "net"), load(network_folder("boulevard"))
+    roads, original = load_road_map(tmp_path / "net"), load_road_map(find_network_folder("boulevard"))
     same_roads(original, roads)
     same_roads(roads, original)
     assert (report.lost, report.links_dropped, report.links_added) == ({}, (), ())
@@ -191,7 +191,7 @@ def test_the_network_of_a_real_log_comes_back(name: str, shared_data: Path, tmp_
     told = replace(back, left_hand=log.map.left_hand)
     for one, folder in ((log.map, "before"), (told, "after")):
         build_network(one, motions, tmp_path / folder, name, log.dt_s)
-    before, after = load(tmp_path / "before"), load(tmp_path / "after")
+    before, after = load_road_map(tmp_path / "before"), load_road_map(tmp_path / "after")
     lengths = np.array([lane.centre.length for lane in before.driving])
     middles = np.array([lane.centre.at(lane.centre.length / 2) for lane in before.driving])
     yaws = np.array([lane.centre.yaw_at(lane.centre.length / 2) for lane in before.driving])

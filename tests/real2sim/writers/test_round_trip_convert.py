@@ -12,7 +12,7 @@ from testing.round_trip import as_truth
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.state import End
-from mdrive_sumo.roads import load, network_folder
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.catalog import load_suite
 from real2sim.pipeline.scenario_builder import Wish, build_log
@@ -50,7 +50,7 @@ def test_its_cavs_stations_and_people_are_those_of_the_drive(suite: Path) -> Non
     (scenario,) = load_suite(str(suite)).scenarios
     assert [(rsu.id, rsu.x, rsu.y) for rsu in scenario.rsus] == [("rsu1", 14.0, 16.0), ("rsu2", -14.0, -16.0)]
     assert sum(actor.kind == "pedestrian" for actor in scenario.actors) >= 10
-    original = load(network_folder("boulevard"))
+    original = load_road_map(find_network_folder("boulevard"))
     assert len(scenario.egos) == len(WAYS)
     for ego, (first, _) in zip(scenario.egos, WAYS, strict=True):
         x, y = original.lanes[first].centre.at(30.0)

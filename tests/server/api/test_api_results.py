@@ -18,7 +18,7 @@ from testing.store_samples import LEASE, S, summary
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.job import EpisodeJob, run_job
-from mdrive_sumo.scenario.catalog import load_suite, packaged_suites
+from mdrive_sumo.scenario.catalog import list_packaged_suites, load_suite
 from server import paths
 from server.api import replay_page
 from server.api.app import REPLAYS
@@ -161,7 +161,7 @@ def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
     scenario = load_suite("interdrive").scenarios[0].id
     recording, page = tmp_path / "episode.npz", tmp_path / "page.html"
     job = EpisodeJob(
-        str(packaged_suites()["interdrive"]), scenario, "idm", {}, seed=0, score_mode="mdrive",
+        str(list_packaged_suites()["interdrive"]), scenario, "idm", {}, seed=0, score_mode="mdrive",
         recording=str(recording),
     )  # fmt: skip
     aside = ProcessAside(1)

@@ -19,8 +19,8 @@ from mdrive_sumo.episode import load_episode
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.v2x.channel import Fate
-from mdrive_sumo.v2x.comm import comm_text
+from mdrive_sumo.v2x.channel import DeliveryStatus
+from mdrive_sumo.v2x.comm import format_comm_json
 from server import environments
 from server.enums import Reason, Track, Verdict
 from server.evaluation.job_task import JobTask, Rejection
@@ -105,7 +105,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
         agent_config={},
         seed=0,
         score_mode="mdrive",
-        comm=comm_text(COMM[Track.SINGLE]),
+        comm=format_comm_json(COMM[Track.SINGLE]),
     )
     assert outcome.result == run_job(again).model_dump(mode="json")
     used = outcome.usage
@@ -158,7 +158,7 @@ def test_a_track_decides_what_arrives(tmp_path: Path, track: Track, arrives: set
     assert outcome.verdict is Verdict.OK, outcome.result
     fates: Counter[tuple[str, bool]] = Counter()
     for sent in load_episode(wanted.stage / f"{SCENARIO}.npz").messages:
-        fates.update((sent.message.type, fate == Fate.DELIVERED) for fate, _ in sent.fates.values())
+        fates.update((sent.message.type, fate == DeliveryStatus.DELIVERED) for fate, _ in sent.fates.values())
     assert {kind for kind, _ in fates} == {"cam", "text", "own"}
     assert {kind for kind, delivered in fates if delivered} == arrives
 

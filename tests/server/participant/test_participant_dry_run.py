@@ -18,7 +18,7 @@ from mdrive_sumo.runs.agent_spec import Declaration, box_plan
 from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
-from mdrive_sumo.v2x.comm import comm_text
+from mdrive_sumo.v2x.comm import format_comm_json
 from server import environments
 from server.archive import ArchiveLimits, checked
 from server.enums import Reason, Track, Verdict
@@ -218,4 +218,4 @@ def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypat
     course = dry_run.Course("interdrive", "i13*", 0, 1, tmp_path / "out")
     for track in Track:
         assert list(dry_run.driven(Entrant(manifest, tmp_path, HERE), track, course)) == []
-    assert asked == [comm_text(COMM[track]) for track in Track]
+    assert asked == [format_comm_json(COMM[track]) for track in Track]
