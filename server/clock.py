@@ -16,6 +16,6 @@ def day_start_us(at_us: int) -> int:
     return at_us - at_us % DAY_US
 
 
-def utc(at_us: int) -> str:
+def format_utc(at_us: int) -> str:
     """As people read it: 2026-01-31 12:00:00 UTC."""
     return f"{datetime.fromtimestamp(at_us // 1_000_000, UTC):%Y-%m-%d %H:%M:%S} UTC"

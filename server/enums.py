@@ -2,11 +2,11 @@
 
 from enum import StrEnum, auto
 
-FEWEST = 5
+MIN_HIDDEN_SCENARIOS = 5
 """Scenarios that a mean of a hidden phase is taken of: fewer, and it would be the result of single ones."""
 
 
-class Track(StrEnum):
+class ChallengeTrack(StrEnum):
     """Leaderboards of a phase. Cooperation is what the messages of an agent's CAVs were, not what it calls itself."""
 
     SINGLE = "single-agent"
@@ -16,7 +16,7 @@ class Track(StrEnum):
     """One program drives all CAVs of a scenario: no limit of communication holds, so it is ranked apart."""
 
 
-class Scope(StrEnum):
+class TokenScope(StrEnum):
     """What a token allows."""
 
     SUBMIT = auto()
@@ -25,7 +25,7 @@ class Scope(StrEnum):
     WORKER = auto()
 
 
-class State(StrEnum):
+class SubmissionState(StrEnum):
     """Of a submission."""
 
     QUEUED = auto()
@@ -51,7 +51,7 @@ class JobState(StrEnum):
     CANCELLED = auto()
 
 
-class Verdict(StrEnum):
+class ScenarioVerdict(StrEnum):
     """What became of a scenario."""
 
     OK = auto()
@@ -60,7 +60,7 @@ class Verdict(StrEnum):
     FAILED_OURS = "failed-ours"
 
 
-class Reason(StrEnum):
+class FailureReason(StrEnum):
     """Why an agent failed."""
 
     CRASHED = auto()

@@ -18,18 +18,18 @@ IMAGE_PYTHON = "/opt/agent/bin/python"
 """Where the agent image of `docker/Dockerfile` has its interpreter."""
 PROGRAMS = ("opt", "usr")
 """Where images have programs."""
-ASK = """
+PROBE = """
 import importlib.metadata as metadata, sys
 print("%d.%d" % sys.version_info[:2])
 for name, version in sorted({(found.name.lower(), found.version) for found in metadata.distributions()}):
     print(name + "==" + version)
 """
 """What an image is asked about itself."""
-ASK_S = 60.0
+PROBE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class EnvironmentRecipe:
     """What an environment is made of."""
 
     name: str
@@ -44,11 +44,11 @@ class Recipe:
 MEBIBYTE = 1024 * 1024
 BASE = ("msgpack==1.2.4", "numpy==2.4.6", "pyyaml==6.0.3")
 """PyYAML, because agents of the CARLA leaderboard read their options with it."""
-RECIPES: Mapping[str, Recipe] = {
-    recipe.name: recipe
-    for recipe in (
-        Recipe("python3.11-numpy", "3.11", BASE, 512 * MEBIBYTE),
-        Recipe("python3.11-torch-cpu", "3.11", (*BASE, "torch==2.13.0+cpu"), 2048 * MEBIBYTE),
+RECIPES: Mapping[str, EnvironmentRecipe] = {
+    find_recipe.name: find_recipe
+    for find_recipe in (
+        EnvironmentRecipe("python3.11-numpy", "3.11", BASE, 512 * MEBIBYTE),
+        EnvironmentRecipe("python3.11-torch-cpu", "3.11", (*BASE, "torch==2.13.0+cpu"), 2048 * MEBIBYTE),
     )
 }
 
@@ -70,16 +70,16 @@ class Environment:
     """Checksum of the names and sizes of its programs, as it was imported."""
 
 
-def recipe(name: str) -> Recipe:
+def find_recipe(name: str) -> EnvironmentRecipe:
     """Raises InputError, which names those that there are."""
     if name not in RECIPES:
         raise InputError(f"environment: expected one of {', '.join(RECIPES)}, found {name!r:.60}")
     return RECIPES[name]
 
 
-def environment(name: str, folder: Path) -> Environment:
+def load_environment(name: str, folder: Path) -> Environment:
     """A built one of a folder of environments. Raises InputError if there is none of that name, or it is not built."""
-    recipe(name)
+    find_recipe(name)
     about = folder / name / ABOUT_FILE
     try:
         found = json.loads(about.read_text("utf-8"))
@@ -93,21 +93,21 @@ def environment(name: str, folder: Path) -> Environment:
         raise InputError(f"{about}: expected a description of an environment, found none ({error})") from None
 
 
-def digest(name: str, folder: Path) -> str | None:
+def compute_digest(name: str, folder: Path) -> str | None:
     """Of what a built environment holds; None where there is none, which whoever drives with it will say."""
     try:
-        found = environment(name, folder)
+        found = load_environment(name, folder)
     except InputError:
         return None
     return hashlib.sha256(json.dumps([found.packages, found.image]).encode()).hexdigest()[:16]
 
 
-def built(folder: Path) -> list[str]:
+def list_built(folder: Path) -> list[str]:
     """Names of those that a folder of environments has."""
     return [name for name in RECIPES if (folder / name / ABOUT_FILE).is_file()]
 
 
-def here() -> Environment:
+def current_environment() -> Environment:
     """This interpreter with its own packages: for a dry run where nothing is built. It may have more than the named."""
     import msgpack  # what every environment has; they are asked for their folder, which may be any on the path
     import numpy
@@ -118,12 +118,12 @@ def here() -> Environment:
     return Environment("this Python", Path(sys.executable), site, ())
 
 
-def build(name: str, folder: Path, pip_options: Sequence[str] = ()) -> Environment:
+def build_environment(name: str, folder: Path, pip_options: Sequence[str] = ()) -> Environment:
     """Makes an environment with venv and the interpreter's own pip, wheels only; pip's settings name the index.
 
     It counts as built when all is there, and is not built over: boxes may be using it. Raises InputError.
     """
-    made_of = recipe(name)
+    made_of = find_recipe(name)
     target = folder / name
     if (target / ABOUT_FILE).exists():
         raise InputError(f"environment {name}: already built in {folder}; remove {target} to build it again")
@@ -134,7 +134,7 @@ def build(name: str, folder: Path, pip_options: Sequence[str] = ()) -> Environme
     _run((*pip, "install", "--no-cache-dir", "--only-binary=:all:", *pip_options, *made_of.packages), name)
     packages = tuple(_run((*pip, "freeze", "--all"), name).split())
     site = target / "lib" / interpreter / "site-packages"
-    return _noted(Environment(name, python.absolute(), site.absolute(), packages), target)
+    return _write_description(Environment(name, python.absolute(), site.absolute(), packages), target)
 
 
 def import_image(
@@ -145,13 +145,15 @@ def import_image(
     What it holds is asked in a box, because it may be a stranger's work. A newer image may replace an imported one,
     never one that was built here. Only in the main thread, as boxes want it. Raises InputError.
     """
-    made_of = recipe(name)
+    made_of = find_recipe(name)
     target = folder / name
-    if (target / ABOUT_FILE).exists() and environment(name, folder).rootfs is None:
+    if (target / ABOUT_FILE).exists() and load_environment(name, folder).rootfs is None:
         raise InputError(f"environment {name}: built in {folder}; remove {target} to import an image in its place")
     limits = limits or BoxLimits()
     limits = replace(limits, memory_bytes=max(limits.memory_bytes, made_of.memory_bytes))
-    version, *packages = _asked(name, BoxSpec((python, "-c", ASK), {}, limits=limits, rootfs=rootfs.resolve()))
+    version, *packages = _list_packages(
+        name, BoxSpec((python, "-c", PROBE), {}, limits=limits, rootfs=rootfs.resolve())
+    )
     if version != made_of.python:
         raise InputError(f"environment {name}: expected Python {made_of.python} in {rootfs}, found {version:.20}")
     if missing := [package for package in made_of.packages if package not in packages]:
@@ -159,11 +161,11 @@ def import_image(
             f"environment {name}: expected {', '.join(missing)} in {rootfs}, found {' '.join(packages):.300}"
         )
     target.mkdir(parents=True, exist_ok=True)
-    made = Environment(name, Path(python), None, tuple(packages), rootfs.resolve(), _checksum(rootfs))
-    return _noted(made, target)
+    made = Environment(name, Path(python), None, tuple(packages), rootfs.resolve(), _checksum_programs(rootfs))
+    return _write_description(made, target)
 
 
-def _checksum(rootfs: Path) -> str:
+def _checksum_programs(rootfs: Path) -> str:
     """Of names and sizes: contents would take minutes, and those of other programs hardly ever have all the same."""
     told = hashlib.sha256()
     for folder, folders, files in (found for part in PROGRAMS for found in os.walk(rootfs / part)):
@@ -174,11 +176,11 @@ def _checksum(rootfs: Path) -> str:
     return told.hexdigest()
 
 
-def _asked(name: str, spec: BoxSpec) -> list[str]:
+def _list_packages(name: str, spec: BoxSpec) -> list[str]:
     """Major.minor of its interpreter, and its packages."""
     try:
         with open_box(spec) as box:
-            box.ready(ASK_S)
+            box.ready(PROBE_S)
             report = box.close()
         told, failed = box.log().decode(errors="replace").split(), report.exit_code != 0
     except BoxError as error:  # also where the image has no such program
@@ -189,7 +191,7 @@ def _asked(name: str, spec: BoxSpec) -> list[str]:
     return told
 
 
-def _noted(made: Environment, target: Path) -> Environment:
+def _write_description(made: Environment, target: Path) -> Environment:
     about = target / ABOUT_FILE
     partial = about.with_suffix(".partial")
     partial.write_text(json.dumps(asdict(made), default=str, indent=1), "utf-8")

@@ -10,32 +10,32 @@ Of hidden phases there are no recordings and no logs.
 
 from pathlib import Path
 
-from server.settings import Settings
+from server.settings import ServerSettings
 
-ALL = "all"
+JOINT_CAV = "all"
 """Stands for the CAV in the log of a joint agent."""
 
 
-def archive(settings: Settings, sha256: str) -> Path:
+def archive_path(settings: ServerSettings, sha256: str) -> Path:
     """What the team sent."""
     return settings.archives / f"{sha256}.zip"
 
 
-def folder(settings: Settings, submission: str, seed: int) -> Path:
+def recordings_folder(settings: ServerSettings, submission: str, seed: int) -> Path:
     """Of all scenarios with one seed: `Job.log_folder`."""
     return settings.recordings / submission / str(seed)
 
 
-def recording(settings: Settings, submission: str, scenario: str, seed: int) -> Path:
+def recording_path(settings: ServerSettings, submission: str, scenario: str, seed: int) -> Path:
     """The episode of one scenario and seed."""
-    return folder(settings, submission, seed) / f"{scenario}.npz"
+    return recordings_folder(settings, submission, seed) / f"{scenario}.npz"
 
 
-def replay(settings: Settings, submission: str, scenario: str, seed: int) -> Path:
+def replay_path(settings: ServerSettings, submission: str, scenario: str, seed: int) -> Path:
     """The page that replays it."""
-    return folder(settings, submission, seed) / f"{scenario}.html"
+    return recordings_folder(settings, submission, seed) / f"{scenario}.html"
 
 
-def log(settings: Settings, submission: str, scenario: str, seed: int, cav: str) -> Path:
+def log_path(settings: ServerSettings, submission: str, scenario: str, seed: int, cav: str) -> Path:
     """What the agent of one CAV wrote; `ALL` for a joint agent."""
-    return folder(settings, submission, seed) / f"{scenario}.{cav}.log"
+    return recordings_folder(settings, submission, seed) / f"{scenario}.{cav}.log"

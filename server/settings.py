@@ -18,24 +18,24 @@ from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error
 from server.store.phases import NewPhase
-from server.store.retention import Policy
+from server.store.retention import RetentionPolicy
 
 PREFIX = "MDRIVE_"
-FOREIGN = ("MDRIVE_STRICT_SKIPS", "MDRIVE_SETTINGS", "MDRIVE_TOKEN", "MDRIVE_SERVER")
+OTHER_VARIABLES = ("MDRIVE_STRICT_SKIPS", "MDRIVE_SETTINGS", "MDRIVE_TOKEN", "MDRIVE_SERVER")
 """Variables of this project that are no settings of the server."""
 MIB = 1024 * 1024
 
 _BOX = BoxLimits()
 _LINE = LineLimits()
-_POLICY = Policy()
+_POLICY = RetentionPolicy()
 Count = Annotated[int, Field(ge=1)]
 
 
-class _Part(BaseModel):
+class _SettingsModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Limits(_Part):
+class ArchiveSettings(_SettingsModel):
     """Of what a team sends."""
 
     archive_bytes: Count = 64 * MIB
@@ -45,7 +45,7 @@ class Limits(_Part):
     """Unpacked over packed, of each entry."""
 
 
-class Sandbox(_Part):
+class SandboxSettings(_SettingsModel):
     """In which boxes agents run. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
 
     backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
@@ -73,7 +73,7 @@ class Sandbox(_Part):
         return LineLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
 
 
-class Work(_Part):
+class WorkerSettings(_SettingsModel):
     """Who drives."""
 
     processes: Annotated[int, Field(ge=0)] = 2
@@ -95,19 +95,19 @@ class Work(_Part):
         return self
 
 
-class Keep(_Part):
+class RetentionSettings(_SettingsModel):
     """For how many days files stay; see `store.keep.Policy`."""
 
     archive_days: Count = _POLICY.archive_days
     refused_days: Count = _POLICY.refused_days
     recording_days: Count = _POLICY.recording_days
 
-    def policy(self) -> Policy:
+    def policy(self) -> RetentionPolicy:
         """For the store."""
-        return Policy(**self.model_dump())
+        return RetentionPolicy(**self.model_dump())
 
 
-class Registration(_Part):
+class RegistrationSettings(_SettingsModel):
     """Whether everybody may make a team."""
 
     open: bool = False
@@ -115,7 +115,7 @@ class Registration(_Part):
     """Teams of one UTC day, over all who ask."""
 
 
-class PhaseSettings(_Part):
+class PhaseSettings(_SettingsModel):
     """One `[[phases]]`."""
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
@@ -140,7 +140,7 @@ class PhaseSettings(_Part):
     def as_new(self) -> NewPhase:
         """For the store."""
         copied = self.model_dump(exclude={"opens", "closes"})
-        return NewPhase(opens_us=_us(self.opens), closes_us=_us(self.closes), **copied)
+        return NewPhase(opens_us=_to_us(self.opens), closes_us=_to_us(self.closes), **copied)
 
 
 WARM_UP = PhaseSettings(
@@ -155,7 +155,7 @@ WARM_UP = PhaseSettings(
 """What `mdrive-sumo serve` has where nobody says anything."""
 
 
-class Settings(_Part):
+class ServerSettings(_SettingsModel):
     """The whole file. Without phases nothing can be submitted; all else has a default."""
 
     data: Path = Path("mdrive-data")
@@ -164,11 +164,11 @@ class Settings(_Part):
     """postgresql://USER@HOST/NAME; "" for a SQLite file in `data`."""
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
-    limits: Limits = Limits()
-    sandbox: Sandbox = Sandbox()
-    work: Work = Work()
-    keep: Keep = Keep()
-    registration: Registration = Registration()
+    limits: ArchiveSettings = ArchiveSettings()
+    sandbox: SandboxSettings = SandboxSettings()
+    work: WorkerSettings = WorkerSettings()
+    keep: RetentionSettings = RetentionSettings()
+    registration: RegistrationSettings = RegistrationSettings()
     phases: tuple[PhaseSettings, ...] = ()
 
     @model_validator(mode="after")
@@ -200,30 +200,30 @@ class Settings(_Part):
 
 
 _SECTIONS: Mapping[str, Mapping[str, object]] = {
-    "": Settings.model_fields,
-    "limits": Limits.model_fields,
-    "sandbox": Sandbox.model_fields,
-    "work": Work.model_fields,
-    "keep": Keep.model_fields,
-    "registration": Registration.model_fields,
+    "": ServerSettings.model_fields,
+    "limits": ArchiveSettings.model_fields,
+    "sandbox": SandboxSettings.model_fields,
+    "work": WorkerSettings.model_fields,
+    "keep": RetentionSettings.model_fields,
+    "registration": RegistrationSettings.model_fields,
 }
 _NOT_TEXT = (*_SECTIONS, "phases")
 """What no single variable can say."""
 
 
-def load(file: Path | None, environ: Mapping[str, str] = os.environ) -> Settings:
+def load_settings(file: Path | None, environ: Mapping[str, str] = os.environ) -> ServerSettings:
     """The settings of `file` (None: all defaults), with MDRIVE_* of `environ` over them; raises InputError."""
-    content = _read(file) if file is not None else {}
+    content = _read_file(file) if file is not None else {}
     for name in sorted(environ):
-        if name.startswith(PREFIX) and name not in FOREIGN:
-            _set(content, name, environ[name])
+        if name.startswith(PREFIX) and name not in OTHER_VARIABLES:
+            _apply_variable(content, name, environ[name])
     try:
-        return Settings.model_validate(content)
+        return ServerSettings.model_validate(content)
     except ValidationError as error:
         raise InputError(f"{file or 'settings'}: {describe_first_error(error)}") from None
 
 
-def _read(file: Path) -> dict[str, Any]:
+def _read_file(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text("utf-8"))
     except OSError as error:
@@ -232,7 +232,7 @@ def _read(file: Path) -> dict[str, Any]:
         raise InputError(f"{file}: expected TOML: {error}") from None
 
 
-def _set(content: dict[str, Any], name: str, text: str) -> None:
+def _apply_variable(content: dict[str, Any], name: str, text: str) -> None:
     section, _, field = name.removeprefix(PREFIX).lower().rpartition("__")
     known = _SECTIONS.get(section, {})
     if field not in known or field in _NOT_TEXT:
@@ -243,5 +243,5 @@ def _set(content: dict[str, Any], name: str, text: str) -> None:
     place[field] = text.split(",") if field == "required" else text  # the only list among the settings
 
 
-def _us(moment: datetime) -> int:
+def _to_us(moment: datetime) -> int:
     return int(moment.timestamp()) * 1_000_000

@@ -13,20 +13,20 @@ from mdrive_sumo.scoring import ScenarioResult, ScoreMode
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 from server.archive import ArchiveRefused, Manifest
-from server.enums import Reason, Track, Verdict
+from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
 from server.environments import RECIPES, Environment
 
-TRACKS = {
-    "single": Track.SINGLE,
-    "sharing": Track.SHARING,
-    "negotiation": Track.NEGOTIATION,
-    "joint": Track.JOINT,
+TRACK_BY_LABEL = {
+    "single": ChallengeTrack.SINGLE,
+    "sharing": ChallengeTrack.SHARING,
+    "negotiation": ChallengeTrack.NEGOTIATION,
+    "joint": ChallengeTrack.JOINT,
 }
 """What an agent calls itself, and the track that it therefore means."""
 
 
 @dataclass(frozen=True, slots=True)
-class Entrant:
+class SubmittedAgent:
     """What is known of an agent that is to drive here."""
 
     manifest: Manifest
@@ -78,7 +78,7 @@ class Entrant:
         )
 
 
-def admitted(entrant: Entrant) -> Declaration:
+def read_declaration(entrant: SubmittedAgent) -> Declaration:
     """What the agent declares, if it may have that. Only from the main thread, if it is in a box.
 
     Raises ArchiveRefused: the submission is `rejected`; AgentFailure if it cannot even be made; InputError and BoxError
@@ -100,9 +100,9 @@ def admitted(entrant: Entrant) -> Declaration:
     return found
 
 
-def verdict_of(result: ScenarioResult) -> tuple[Verdict, Reason | None]:
+def find_verdict(result: ScenarioResult) -> tuple[ScenarioVerdict, FailureReason | None]:
     """What became of a scenario; if several CAVs failed the reason is that of the first."""
     failed = [ego for ego in result.egos if ego.outcome == End.AGENT_FAILED]
     if not failed:
-        return (Verdict.OK if result.status == "ok" else Verdict.FAILED_OURS), None
-    return Verdict.AGENT_FAILED, Reason(failed[0].reason.partition(":")[0])
+        return (ScenarioVerdict.OK if result.status == "ok" else ScenarioVerdict.FAILED_OURS), None
+    return ScenarioVerdict.AGENT_FAILED, FailureReason(failed[0].reason.partition(":")[0])

@@ -12,27 +12,29 @@ from types import MappingProxyType
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.content import CAM, CPM
-from server.enums import Track
+from server.enums import ChallengeTrack
 
 _LOST = LinkSettings(loss=1.0)
 _SHARED = MappingProxyType({CAM: LinkSettings(), CPM: LinkSettings()})
-COMM: Mapping[Track, CommSettings] = MappingProxyType(
+COMM_BY_TRACK: Mapping[ChallengeTrack, CommSettings] = MappingProxyType(
     {
-        Track.SINGLE: PRESETS["off"],
-        Track.SHARING: CommSettings(link=_LOST, by_type=_SHARED),
-        Track.NEGOTIATION: PRESETS["ideal"],
-        Track.JOINT: PRESETS["ideal"],
+        ChallengeTrack.SINGLE: PRESETS["off"],
+        ChallengeTrack.SHARING: CommSettings(link=_LOST, by_type=_SHARED),
+        ChallengeTrack.NEGOTIATION: PRESETS["ideal"],
+        ChallengeTrack.JOINT: PRESETS["ideal"],
     }
 )
 """The V2X channel of each track; ideal but for what is forbidden, as in the paper."""
 
 
-def check_style(style: str, track: Track) -> None:
+def check_style(style: str, track: ChallengeTrack) -> None:
     """Raises InputError, for the participant, if an agent of that style (of its `Manifest`) may not be in the track."""
-    if (style == "joint") == (track is Track.JOINT):
+    if (style == "joint") == (track is ChallengeTrack.JOINT):
         return
     kind = "an agent for each CAV" if style != "joint" else "one agent for all CAVs"
     wanted = (
-        "one agent for all CAVs (get_entry_point)" if track is Track.JOINT else "an agent for each CAV (class Agent)"
+        "one agent for all CAVs (get_entry_point)"
+        if track is ChallengeTrack.JOINT
+        else "an agent for each CAV (class Agent)"
     )
     raise InputError(f"track {track}: expected {wanted} in agents.py, found {kind}")

@@ -10,27 +10,27 @@ from starlette.concurrency import run_in_threadpool
 from mdrive_sumo import __version__
 from server import clock
 from server.api import problems
-from server.api.database_reader import ReaderAside, ReaderHere
-from server.api.dependencies import Tools
-from server.api.leaderboard_cache import Boards
-from server.api.openapi import described
-from server.api.request_bodies import BodiesMiddleware
-from server.api.response_headers import HeadersMiddleware
+from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
+from server.api.dependencies import Services
+from server.api.leaderboard_cache import LeaderboardCache
+from server.api.openapi import make_openapi
+from server.api.request_bodies import RequestBodyMiddleware
+from server.api.response_headers import ResponseHeadersMiddleware
 from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
-from server.api.subprocess_runner import Aside, ProcessAside
+from server.api.subprocess_runner import CallRunner, SubprocessRunner
 from server.api.upload import Uploads
 from server.archive import ArchiveLimits
-from server.phase_suites import LoadedSuites, Suites
-from server.settings import Settings
+from server.phase_suites import LoadedPhaseSuites, PhaseSuites
+from server.settings import ServerSettings
 from server.store import Store
-from server.store.phases import every as every_phase
-from server.store.phases import put as put_phases
+from server.store.phases import list_phases as every_phase
+from server.store.phases import set_phases as put_phases
 
 API = "/api/v1"
 UPLOADS = (f"{API}/submissions", "/submit")
 """Where archives are sent to: the second is the pages' form."""
 START_S = 60.0
-CHECKS, REPLAYS = 20, 12
+MAX_CHECKS, MAX_REPLAYS = 20, 12
 """Archives that are checked and replay pages that are made at a time, all but one of each waiting for their turn: every
 one holds a thread, and there are 40 for all requests."""
 _ABOUT = """
@@ -40,31 +40,31 @@ Send an agent, watch it drive, see it ranked. Everything that goes wrong is answ
 
 
 def create_app(
-    settings: Settings,
+    settings: ServerSettings,
     store: Store | None = None,
-    suites: Suites | None = None,
-    aside: Aside | None = None,
+    suites: PhaseSuites | None = None,
+    aside: CallRunner | None = None,
     now: Callable[[], int] = clock.now_us,
 ) -> FastAPI:
     """The API. What is not given is opened here; tests give their own. Pages are mounted on it by `server.web`.
 
     `app.state.tools` has the settings, the store and the rest, `app.state.now` the clock. Raises InputError.
     """
-    reader = ReaderHere(store) if store is not None else ReaderAside(settings.database_url)
+    reader = DirectDatabaseReader(store) if store is not None else SubprocessDatabaseReader(settings.database_url)
     store = store if store is not None else Store(settings.database_url)
-    tools = Tools(
+    tools = Services(
         settings,
         store,
-        suites if suites is not None else LoadedSuites(settings),
-        aside if aside is not None else ProcessAside(CHECKS),
-        aside if aside is not None else ProcessAside(REPLAYS),
-        Boards(reader),
+        suites if suites is not None else LoadedPhaseSuites(settings),
+        aside if aside is not None else SubprocessRunner(MAX_CHECKS),
+        aside if aside is not None else SubprocessRunner(MAX_REPLAYS),
+        LeaderboardCache(reader),
         Uploads(),
     )
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
-        await run_in_threadpool(prepare, tools, now())
+        await run_in_threadpool(prepare_storage, tools, now())
         await tools.boards.make_all(now)
         await run_in_threadpool(tools.aside.call, START_S, ArchiveLimits)  # so that the first upload waits for nothing
         keeper = create_task(tools.boards.keep(now))
@@ -84,15 +84,15 @@ def create_app(
         redoc_url=None,
     )
     app.state.tools, app.state.now = tools, now
-    problems.install(app)
-    app.add_middleware(BodiesMiddleware, uploads=UPLOADS, most=settings.limits.archive_bytes)
-    app.add_middleware(HeadersMiddleware)
-    app.include_router(_routes(), prefix=API)
-    app.openapi = described(app)
+    problems.install_handlers(app)
+    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, most=settings.limits.archive_bytes)
+    app.add_middleware(ResponseHeadersMiddleware)
+    app.include_router(_make_router(), prefix=API)
+    app.openapi = make_openapi(app)
     return app
 
 
-def prepare(tools: Tools, now_us: int) -> None:
+def prepare_storage(tools: Services, now_us: int) -> None:
     """Folders, tables, phases and the suites of all that are not over, as the settings say. Raises InputError."""
     tools.settings.archives.mkdir(parents=True, exist_ok=True)
     tools.settings.recordings.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def prepare(tools: Tools, now_us: int) -> None:
         tools.suites.jobs(phase)
 
 
-def _routes() -> APIRouter:
+def _make_router() -> APIRouter:
     router = APIRouter()
     for part in (teams, register, phases, submit, submissions, results, events, leaderboards, health):
         router.include_router(part.router)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from server.enums import Scope
+from server.enums import TokenScope
 from server.store import Store, tokens
 
 
@@ -13,12 +13,12 @@ class Caller:
     token: str
     """Its id."""
     team: str | None
-    scope: Scope
+    scope: TokenScope
 
     @property
     def is_admin(self) -> bool:
         """Whether everything is allowed."""
-        return self.scope is Scope.ADMIN
+        return self.scope is TokenScope.ADMIN
 
     @property
     def actor(self) -> str:
@@ -26,8 +26,8 @@ class Caller:
         return f"{self.scope}:{self.team or self.token}"
 
 
-def holder(store: Store, text: str) -> Caller | None:
+def find_caller(store: Store, text: str) -> Caller | None:
     """Who holds a token; None for one that is not valid (any more)."""
     with store.read() as session:
-        token = tokens.holder(session, text)
-        return Caller(token.id, token.team, Scope(token.scope)) if token else None
+        token = tokens.find_token(session, text)
+        return Caller(token.id, token.team, TokenScope(token.scope)) if token else None

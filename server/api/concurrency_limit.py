@@ -8,7 +8,7 @@ from http import HTTPStatus
 from server.api.problems import ProblemError
 
 
-class AtOnce:
+class ConcurrencyLimit:
     """What is under way, by team, or by whoever else it is; for one event loop."""
 
     def __init__(self, what: str, most: int) -> None:

@@ -8,18 +8,18 @@ from fastapi import Depends, Request
 from fastapi.security import HTTPBearer
 from starlette.concurrency import run_in_threadpool
 
-from server.api.caller import Caller, holder
-from server.api.concurrency_limit import AtOnce
-from server.api.leaderboard_cache import Boards
+from server.api.caller import Caller, find_caller
+from server.api.concurrency_limit import ConcurrencyLimit
+from server.api.leaderboard_cache import LeaderboardCache
 from server.api.problems import ProblemError
-from server.api.subprocess_runner import Aside
+from server.api.subprocess_runner import CallRunner
 from server.api.upload import Uploads
-from server.enums import Scope
-from server.phase_suites import Suites
-from server.settings import Settings
+from server.enums import TokenScope
+from server.phase_suites import PhaseSuites
+from server.settings import ServerSettings
 from server.store import Store
 
-STREAMS = 16
+MAX_STREAMS = 16
 """Of events, at a time, of one team: each asks the database once a second."""
 _BEARER = "Bearer "
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
@@ -27,86 +27,88 @@ _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an a
 
 
 @dataclass(frozen=True, slots=True)
-class Tools:
+class Services:
     """What the application is made of, in `app.state.tools`."""
 
-    settings: Settings
+    settings: ServerSettings
     store: Store
-    suites: Suites
-    aside: Aside
+    suites: PhaseSuites
+    aside: CallRunner
     """Reads what strangers sent, in a process of its own."""
-    painter: Aside
+    painter: CallRunner
     """Makes replay pages: another process, for that takes seconds, and uploads are not to wait for it."""
-    boards: Boards
+    boards: LeaderboardCache
     uploads: Uploads
-    streams: AtOnce = field(default_factory=lambda: AtOnce("stream of events", STREAMS))
+    streams: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("stream of events", MAX_STREAMS))
 
 
-async def tools(request: Request) -> Tools:
+async def get_services(request: Request) -> Services:
     """Of the application."""
     return request.app.state.tools
 
 
-async def now(request: Request) -> int:
+async def get_now(request: Request) -> int:
     """The time of this request: the clock is read once."""
     request.state.now_us = request.app.state.now()
     return request.state.now_us
 
 
-ToolsOf = Annotated[Tools, Depends(tools)]
-Now = Annotated[int, Depends(now)]
+ServicesDep = Annotated[Services, Depends(get_services)]
+Now = Annotated[int, Depends(get_now)]
 
 
-async def anyone(request: Request, using: ToolsOf, _described: Annotated[object, Depends(_scheme)]) -> Caller | None:
+async def get_optional_caller(
+    request: Request, using: ServicesDep, _described: Annotated[object, Depends(_scheme)]
+) -> Caller | None:
     """Who asks; None for nobody we know."""
     header = request.headers.get("authorization")
     if header is None:
         return None
     text = header[len(_BEARER) :].strip() if header[: len(_BEARER)].lower() == _BEARER.lower() else ""
-    found = await run_in_threadpool(holder, using.store, text) if text else None
+    found = await run_in_threadpool(find_caller, using.store, text) if text else None
     if found is None:
-        raise _unknown("token: expected one that is valid, found none: it may be mistyped or revoked")
+        raise _unauthorized("token: expected one that is valid, found none: it may be mistyped or revoked")
     return found
 
 
-async def somebody(caller: Annotated[Caller | None, Depends(anyone)]) -> Caller:
+async def require_caller(caller: Annotated[Caller | None, Depends(get_optional_caller)]) -> Caller:
     """Who asks, with any token."""
     if caller is None:
-        raise _unknown("token: expected the header `Authorization: Bearer TOKEN`, found none")
+        raise _unauthorized("token: expected the header `Authorization: Bearer TOKEN`, found none")
     return caller
 
 
-async def admin(caller: Annotated[Caller, Depends(somebody)]) -> Caller:
+async def require_admin(caller: Annotated[Caller, Depends(require_caller)]) -> Caller:
     """An admin."""
     if not caller.is_admin:
-        raise _forbidden(Scope.ADMIN)
+        raise _forbidden(TokenScope.ADMIN)
     return caller
 
 
-async def member(caller: Annotated[Caller, Depends(somebody)]) -> tuple[Caller, str]:
+async def require_team(caller: Annotated[Caller, Depends(require_caller)]) -> tuple[Caller, str]:
     """A team's token, and the team's id."""
     if caller.team is None:
-        raise _forbidden(Scope.SUBMIT)
+        raise _forbidden(TokenScope.SUBMIT)
     return caller, caller.team
 
 
-async def watcher(caller: Annotated[Caller, Depends(somebody)]) -> Caller:
+async def require_operator(caller: Annotated[Caller, Depends(require_caller)]) -> Caller:
     """An admin or a worker: who may see how the server is doing."""
-    if caller.scope is Scope.SUBMIT:
-        raise _forbidden(Scope.WORKER)
+    if caller.scope is TokenScope.SUBMIT:
+        raise _forbidden(TokenScope.WORKER)
     return caller
 
 
-Anyone = Annotated[Caller | None, Depends(anyone)]
-Somebody = Annotated[Caller, Depends(somebody)]
-Admin = Annotated[Caller, Depends(admin)]
-Member = Annotated[tuple[Caller, str], Depends(member)]
-Watcher = Annotated[Caller, Depends(watcher)]
+OptionalCaller = Annotated[Caller | None, Depends(get_optional_caller)]
+AnyCaller = Annotated[Caller, Depends(require_caller)]
+AdminCaller = Annotated[Caller, Depends(require_admin)]
+TeamCaller = Annotated[tuple[Caller, str], Depends(require_team)]
+OperatorCaller = Annotated[Caller, Depends(require_operator)]
 
 
-def _unknown(sentence: str) -> ProblemError:
+def _unauthorized(sentence: str) -> ProblemError:
     return ProblemError(HTTPStatus.UNAUTHORIZED, "token", sentence, {"WWW-Authenticate": "Bearer"})
 
 
-def _forbidden(scope: Scope) -> ProblemError:
+def _forbidden(scope: TokenScope) -> ProblemError:
     return ProblemError(HTTPStatus.FORBIDDEN, "scope", f"token: expected one with the scope {scope}, found another")

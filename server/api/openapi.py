@@ -1,5 +1,6 @@
 """The OpenAPI description, completed by what FastAPI cannot know."""
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -8,8 +9,10 @@ from fastapi.openapi.utils import get_openapi
 
 from server.api.problems import Problem
 
+_RENAMED = {"ChallengeTrack": "Track", "SubmissionState": "State", "TokenScope": "Scope"}
 
-def described(app: FastAPI) -> Callable[[], dict[str, Any]]:
+
+def make_openapi(app: FastAPI) -> Callable[[], dict[str, Any]]:
     """For `app.openapi`: made when first asked for."""
 
     def openapi() -> dict[str, Any]:
@@ -17,7 +20,21 @@ def described(app: FastAPI) -> Callable[[], dict[str, Any]]:
             found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
             problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
             found.setdefault("components", {}).setdefault("schemas", {})["Problem"] = problem
-            app.openapi_schema = found
+            app.openapi_schema = _use_published_names(found)
         return app.openapi_schema
 
     return openapi
+
+
+def _use_published_names(description: dict[str, Any]) -> dict[str, Any]:
+    """Return the description with the component names that clients know: without the suffixes `In` and `Out`."""
+    components: dict[str, Any] = description["components"]["schemas"]
+    published = {name: _RENAMED.get(name, name.removesuffix("Out").removesuffix("In")) for name in components}
+    for name, schema in components.items():
+        if schema.get("title") == name:
+            schema["title"] = published[name]
+    description["components"]["schemas"] = {published[name]: schema for name, schema in components.items()}
+    text = json.dumps(description)
+    for name, new in published.items():
+        text = text.replace(f'"#/components/schemas/{name}"', f'"#/components/schemas/{new}"')
+    return json.loads(text)

@@ -13,12 +13,12 @@ from starlette.exceptions import HTTPException
 
 from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveRefused
-from server.clock import utc
+from server.clock import format_utc
 from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
 
 MEDIA_TYPE = "application/problem+json"
 TYPE = "urn:mdrive-sumo:problem:"
-AGAIN_S = 5
+RETRY_AFTER_S = 5
 """When to come back to a database that does not answer."""
 
 
@@ -46,7 +46,7 @@ class ProblemError(Exception):
         self.headers = dict(headers or {})
 
 
-class Hidden(ProblemError):
+class HiddenScenariosError(ProblemError):
     """Something of a hidden scenario was asked for."""
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class Hidden(ProblemError):
         )
 
 
-_MEANING: Mapping[int, str] = {
+_DESCRIPTION_BY_STATUS: Mapping[int, str] = {
     400: "The request cannot be read.",
     401: "No token, or one that is not valid.",
     403: "Not allowed with this token, or hidden.",
@@ -72,7 +72,7 @@ _MEANING: Mapping[int, str] = {
 }
 
 
-_REFUSALS = (
+_STATUS_BY_ERROR = (
     (OverLimit, 429, "over-limit"),
     (NotFound, 404, "not-found"),
     (NotNow, 409, "not-now"),
@@ -80,13 +80,13 @@ _REFUSALS = (
 )
 
 
-def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
+def document_problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """For `responses=`: these problems can be the answer. The database can always be away."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return {status: {"description": _MEANING[status], "content": content} for status in (*statuses, 503)}
+    return {status: {"description": _DESCRIPTION_BY_STATUS[status], "content": content} for status in (*statuses, 503)}
 
 
-def answer(
+def problem_response(
     status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
 ) -> JSONResponse:
     """A problem as a response; `more` are further members of it."""
@@ -98,90 +98,96 @@ ErrorPage = Callable[[Request, int, str, Mapping[str, str]], Awaitable[Response]
 """Makes a page of a status, the sentence, and headers: `app.state.error_page`, where there are pages."""
 
 
-def install(app: FastAPI) -> None:
+def install_handlers(app: FastAPI) -> None:
     """From now on every error of `app` is a problem; outside /api it is a page, where there are pages."""
-    app.exception_handler(ProblemError)(_problem)
-    app.exception_handler(InputError)(_refused)
-    app.exception_handler(StoreUnavailable)(_away)
-    app.exception_handler(RequestValidationError)(_invalid)
-    app.exception_handler(HTTPException)(_http)
-    app.exception_handler(OSError)(_disk)
-    app.exception_handler(Exception)(_ours)
+    app.exception_handler(ProblemError)(_handle_problem)
+    app.exception_handler(InputError)(_handle_input_error)
+    app.exception_handler(StoreUnavailable)(_handle_store_unavailable)
+    app.exception_handler(RequestValidationError)(_handle_validation_error)
+    app.exception_handler(HTTPException)(_handle_http_error)
+    app.exception_handler(OSError)(_handle_os_error)
+    app.exception_handler(Exception)(_handle_internal_error)
 
 
-async def _told(
+async def _respond(
     request: Request, status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
 ) -> Response:
     page: ErrorPage | None = getattr(request.app.state, "error_page", None)
     if page is None or request.url.path.startswith("/api/"):
-        return answer(status, problem, detail, headers, **more)
+        return problem_response(status, problem, detail, headers, **more)
     return await page(request, status, detail, headers or {})
 
 
-async def _problem(request: Request, error: ProblemError) -> Response:
-    return await _told(request, error.status, error.kind, error.detail, error.headers)
+async def _handle_problem(request: Request, error: ProblemError) -> Response:
+    return await _respond(request, error.status, error.kind, error.detail, error.headers)
 
 
-async def _refused(request: Request, error: InputError) -> Response:
+async def _handle_input_error(request: Request, error: InputError) -> Response:
     if isinstance(error, OverLimit):
-        return await _over(request, error)
-    return await _told(request, *status_of(error), str(error))
+        return await _handle_over_limit(request, error)
+    return await _respond(request, *find_status(error), str(error))
 
 
-def status_of(error: InputError) -> tuple[int, str]:
+def find_status(error: InputError) -> tuple[int, str]:
     """With which status a refusal is answered, and the last part of its problem's type."""
-    for kind, status, name in _REFUSALS:
+    for kind, status, name in _STATUS_BY_ERROR:
         if isinstance(error, kind):
             return status, name
     return 422, "invalid"
 
 
-async def _over(request: Request, error: OverLimit) -> Response:
+async def _handle_over_limit(request: Request, error: OverLimit) -> Response:
     """`request.state.now_us` is what the quota was counted at."""
     if error.retry_us is None:
-        return await _told(request, 429, "over-limit", str(error), kind=error.kind)
+        return await _respond(request, 429, "over-limit", str(error), kind=error.kind)
     seconds = max(1, math.ceil((error.retry_us - request.state.now_us) / 1e6))
     again = {"Retry-After": str(seconds)}
-    return await _told(request, 429, "over-limit", str(error), again, kind=error.kind, retry_at=utc(error.retry_us))
-
-
-async def _away(request: Request, error: StoreUnavailable) -> Response:  # noqa: ARG001 (Starlette's signature)
-    """What the database says is for the log: it can name files and hosts."""
-    return await _told(
-        request, 503, "unavailable", "the database does not answer; nothing was changed", {"Retry-After": str(AGAIN_S)}
+    return await _respond(
+        request, 429, "over-limit", str(error), again, kind=error.kind, retry_at=format_utc(error.retry_us)
     )
 
 
-async def _invalid(request: Request, error: RequestValidationError) -> Response:
+async def _handle_store_unavailable(request: Request, error: StoreUnavailable) -> Response:  # noqa: ARG001 (Starlette's signature)
+    """What the database says is for the log: it can name files and hosts."""
+    return await _respond(
+        request,
+        503,
+        "unavailable",
+        "the database does not answer; nothing was changed",
+        {"Retry-After": str(RETRY_AFTER_S)},
+    )
+
+
+async def _handle_validation_error(request: Request, error: RequestValidationError) -> Response:
     first: Mapping[str, Any] = error.errors()[0]
     place = " ".join(str(part) for part in first["loc"])
     if first["type"] == "missing":
-        return await _told(request, 422, "invalid", f"{place}: expected a value, found none")
+        return await _respond(request, 422, "invalid", f"{place}: expected a value, found none")
     if first["type"] == "json_invalid":
-        return await _told(
+        return await _respond(
             request, 422, "invalid", f"body: expected JSON, found text that is none ({first['ctx']['error']})"
         )
     said = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     said = said.replace(" should have ", " with ")
     expected = f"{said[:1].lower()}{said[1:]}".rstrip(".")
-    return await _told(request, 422, "invalid", f"{place}: expected {expected}, found {first['input']!r:.80}")
+    return await _respond(request, 422, "invalid", f"{place}: expected {expected}, found {first['input']!r:.80}")
 
 
-async def _http(request: Request, error: HTTPException) -> Response:
+async def _handle_http_error(request: Request, error: HTTPException) -> Response:
     """Of the framework: no such path or method, a body that is no JSON."""
     found = f"{request.method} {request.url.path}"
     sentences = {404: f"there is nothing at {found:.200}", 405: f"{found:.200}: this method is not offered here"}
-    return await _told(
+    return await _respond(
         request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), error.headers
     )
 
 
-async def _disk(request: Request, error: OSError) -> Response:
+async def _handle_os_error(request: Request, error: OSError) -> Response:
     """A full disk, most of all."""
     said = f"the server cannot write: {error.strerror or 'it does not say why'}; nothing was changed"
-    return await _told(request, 503, "unavailable", said, {"Retry-After": "60"})
+    return await _respond(request, 503, "unavailable", said, {"Retry-After": "60"})
 
 
-async def _ours(request: Request, error: Exception) -> Response:  # noqa: ARG001
+async def _handle_internal_error(request: Request, error: Exception) -> Response:  # noqa: ARG001
     """Raised again after the answer, so that it stands in the server's log."""
-    return await _told(request, 500, "ours", "something went wrong here; it is our fault and stands in our log")
+    return await _respond(request, 500, "ours", "something went wrong here; it is our fault and stands in our log")

@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class ReplayRequest:
     """Which page."""
 
     suite: str
@@ -19,7 +19,7 @@ class Order:
     """The file to write."""
 
 
-def make(order: Order) -> None:
+def write_replay_page(order: ReplayRequest) -> None:
     """Writes the page, whole or not at all, unless it is there. Raises InputError and OSError."""
     if order.page.is_file():  # somebody else wanted it, too, and had the turn before
         return

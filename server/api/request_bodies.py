@@ -18,7 +18,7 @@ JSON_S = 30.0
 _SECONDS = 10.0
 
 
-class BodiesMiddleware:
+class RequestBodyMiddleware:
     """Limits every body but that of an upload, and drains what is left."""
 
     def __init__(self, app: ASGIApp, uploads: Collection[str], most: int) -> None:

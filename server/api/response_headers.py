@@ -9,7 +9,7 @@ _API = "/api/"
 _BARE = {HTTPStatus.NO_CONTENT, HTTPStatus.NOT_MODIFIED}
 
 
-class HeadersMiddleware:
+class ResponseHeadersMiddleware:
     """Nobody guesses a content type, and nobody keeps what only one team may see."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -22,7 +22,7 @@ class HeadersMiddleware:
 
         async def completed(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], *_missing(scope, message)]
+                message["headers"] = [*message["headers"], *_missing_headers(scope, message)]
             await send(message)
 
         if scope["method"] == "HEAD" and not scope["path"].endswith("/events"):  # the server sends no body with it
@@ -30,7 +30,7 @@ class HeadersMiddleware:
         return await self._app(scope, receive, completed)
 
 
-def _missing(scope: Scope, start: Message) -> Iterable[tuple[bytes, bytes]]:
+def _missing_headers(scope: Scope, start: Message) -> Iterable[tuple[bytes, bytes]]:
     there = {name.lower() for name, _ in start["headers"]}
     if b"x-content-type-options" not in there and start["status"] not in _BARE:
         yield b"x-content-type-options", b"nosniff"

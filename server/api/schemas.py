@@ -5,10 +5,10 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from server.enums import JobState, Scope, State, Track
+from server.enums import ChallengeTrack, JobState, SubmissionState, TokenScope
 
 
-def moment(at_us: int) -> datetime:
+def to_datetime(at_us: int) -> datetime:
     """As the API writes times."""
     return datetime.fromtimestamp(at_us / 1e6, UTC)
 
@@ -19,57 +19,57 @@ def _printable(text: str) -> str:
     return text
 
 
-Name = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
+TeamName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
 """Of a team, or its id."""
 Id = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 PhaseId = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 ScenarioId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}$")]
 """As in scenario files; also of a CAV."""
 Seed = Annotated[int, Field(ge=0, le=1_000_000)]
-Part = Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]
+PartName = Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]
 """A bucket or a category."""
 
 
-class _In(BaseModel):
+class RequestModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
-class _Out(BaseModel):
+class ResponseModel(BaseModel):
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
 
-class NewTeam(_In):
+class NewTeamIn(RequestModel):
     """A team to be made."""
 
-    name: Name
+    name: TeamName
 
 
-class Hide(_In):
+class HideIn(RequestModel):
     """Whether a team stands on leaderboards."""
 
     hidden: bool
 
 
-class NewToken(_In):
+class NewTokenIn(RequestModel):
     """`submit` needs a team, `admin` and `worker` have none."""
 
-    scope: Scope = Scope.SUBMIT
-    team: Name | None = None
+    scope: TokenScope = TokenScope.SUBMIT
+    team: TeamName | None = None
 
 
-class Show(_In):
+class ShowIn(RequestModel):
     """Whether a submission may stand on the leaderboard."""
 
     shown: bool
 
 
-class Reason(_In):
+class ReasonIn(RequestModel):
     """Shown to everybody who may see the submission."""
 
     reason: Annotated[str, Field(min_length=1, max_length=500), AfterValidator(_printable)]
 
 
-class Team(_Out):
+class TeamOut(ResponseModel):
     """Who submits."""
 
     id: str
@@ -78,49 +78,49 @@ class Team(_Out):
     hidden: bool
 
 
-class Teams(_Out):
+class TeamsOut(ResponseModel):
     """All teams."""
 
-    items: list[Team]
+    items: list[TeamOut]
 
 
-class Token(_Out):
+class TokenOut(ResponseModel):
     """What is known of a token: never its text."""
 
     id: str
     team: str | None
-    scope: Scope
+    scope: TokenScope
     created: datetime
     revoked: datetime | None
 
 
-class Tokens(_Out):
+class TokensOut(ResponseModel):
     """The oldest first."""
 
-    items: list[Token]
+    items: list[TokenOut]
 
 
-class IssuedToken(_Out):
+class IssuedTokenOut(ResponseModel):
     """The only time that anyone sees the text."""
 
     token: str
 
 
-class Registered(_Out):
+class RegisteredOut(ResponseModel):
     """A team that made itself. Nobody sees the token again."""
 
-    team: Team
+    team: TeamOut
     token: str
 
 
-class Me(_Out):
+class MeOut(ResponseModel):
     """Who holds the token."""
 
-    scope: Scope
-    team: Team | None
+    scope: TokenScope
+    team: TeamOut | None
 
 
-class Phase(_Out):
+class PhaseOut(ResponseModel):
     """When submissions are taken, on what, and how many of a team."""
 
     id: str
@@ -137,13 +137,13 @@ class Phase(_Out):
     seeds: int
 
 
-class Phases(_Out):
+class PhasesOut(ResponseModel):
     """In the order in which they open."""
 
-    items: list[Phase]
+    items: list[PhaseOut]
 
 
-class Quota(_Out):
+class QuotaOut(ResponseModel):
     """What a team has used of a phase; the limits are those of the phase."""
 
     today: int
@@ -151,7 +151,7 @@ class Quota(_Out):
     in_total: int
 
 
-class Figures(_Out):
+class FiguresOut(ResponseModel):
     """Means of a submission over all its scenarios, one bucket or one category. DS, SR and RC in percent."""
 
     ds: float
@@ -166,15 +166,15 @@ class Figures(_Out):
     infractions: dict[str, int] | None = None
 
 
-class Summary(_Out):
+class SummaryOut(ResponseModel):
     """The result of a submission."""
 
-    overall: Figures
-    buckets: dict[str, Figures]
-    categories: dict[str, Figures]
+    overall: FiguresOut
+    buckets: dict[str, FiguresOut]
+    categories: dict[str, FiguresOut]
 
 
-class Queue(_Out):
+class QueueOut(ResponseModel):
     """What is before an unfinished submission."""
 
     position: int
@@ -183,23 +183,23 @@ class Queue(_Out):
     """In minutes' steps; null where it is not known or would tell about hidden scenarios."""
 
 
-class Submission(_Out):
+class SubmissionOut(ResponseModel):
     """One archive in one phase."""
 
     id: str
     team: str
     """Its name."""
     phase: str
-    track: Track
+    track: ChallengeTrack
     name: str
-    state: State
+    state: SubmissionState
     why: str
     """One sentence where it was rejected, disqualified or failed."""
     created: datetime
     finished: datetime | None
     counts: bool
     shown: bool
-    summary: Summary | None
+    summary: SummaryOut | None
     archive_sha256: str | None = None
     """Null for others than its team and admins, as are environment, evaluator, progress and queue."""
     archive_bytes: int | None = None
@@ -207,19 +207,19 @@ class Submission(_Out):
     evaluator: dict[str, Any] | None = None
     progress: dict[JobState, int] | None = None
     """Scenarios by state; null where they are hidden."""
-    queue: Queue | None = None
+    queue: QueueOut | None = None
     """Null when it is finished."""
 
 
-class Submissions(_Out):
+class SubmissionsOut(ResponseModel):
     """The latest first."""
 
-    items: list[Submission]
+    items: list[SubmissionOut]
     next: str | None
     """For `before=`; null on the last page."""
 
 
-class Ego(_Out):
+class EgoOut(ResponseModel):
     """One CAV's outcome."""
 
     id: str
@@ -230,7 +230,7 @@ class Ego(_Out):
     infractions: list[dict[str, Any]]
 
 
-class Scenario(_Out):
+class ScenarioOut(ResponseModel):
     """One scenario and seed of a submission."""
 
     scenario: str
@@ -244,7 +244,7 @@ class Scenario(_Out):
     sr: float | None = None
     rc: float | None = None
     ip: float | None = None
-    egos: list[Ego] | None = None
+    egos: list[EgoOut] | None = None
     usage: dict[str, Any] | None = None
     recording: bool
     """Whether there is one to fetch."""
@@ -254,64 +254,64 @@ class Scenario(_Out):
     """What of ours went wrong; for admins."""
 
 
-class Scenarios(_Out):
+class ScenariosOut(ResponseModel):
     """By name and seed."""
 
-    items: list[Scenario]
+    items: list[ScenarioOut]
 
 
-class Row(_Out):
+class RowOut(ResponseModel):
     """One line of a leaderboard."""
 
     rank: int | None
     """Null where it is not comparable: driven by another evaluator, or published."""
     team: str
     method: str
-    track: Track
+    track: ChallengeTrack
     submission: str | None
-    figures: Figures
+    figures: FiguresOut
     created: datetime | None
     published: bool
     """From the MDrive paper, measured in CARLA: for comparison only."""
 
 
-class Leaderboard(_Out):
+class LeaderboardOut(ResponseModel):
     """The best shown submission of each team; ties go to the earlier one. Published rows stand apart."""
 
     phase: str
-    track: Track | None
+    track: ChallengeTrack | None
     bucket: str | None
     category: str | None
-    rows: list[Row]
-    published: list[Row]
+    rows: list[RowOut]
+    published: list[RowOut]
 
 
-class Point(_Out):
+class PointOut(ResponseModel):
     """One finished submission in a team's history."""
 
     submission: str
     method: str
-    track: Track
+    track: ChallengeTrack
     created: datetime
     ds: float
 
 
-class History(_Out):
+class HistoryOut(ResponseModel):
     """The oldest first."""
 
     team: str
     phase: str
-    items: list[Point]
+    items: list[PointOut]
 
 
-class Health(_Out):
+class HealthOut(ResponseModel):
     """The server answers, and so does its database."""
 
     status: str
     version: str
 
 
-class Audit(_Out):
+class AuditOut(ResponseModel):
     """What a walk along the chain of the audit log found."""
 
     entries: int

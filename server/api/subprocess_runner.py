@@ -23,7 +23,7 @@ R = TypeVar("R")
 _END_S = 5.0
 
 
-class Aside(Protocol):
+class CallRunner(Protocol):
     """Where to do it."""
 
     def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -36,7 +36,7 @@ class Aside(Protocol):
         ...
 
 
-class ProcessAside:
+class SubprocessRunner:
     """In one child process, one call at a time. Safe to use from several threads."""
 
     def __init__(self, most: int, nice: int = 0) -> None:
@@ -52,7 +52,7 @@ class ProcessAside:
         Of too many calls at a time the others are not done: ProblemError at once.
         """
         if not self._places.acquire(blocking=False):
-            raise _unable("too many at a time")
+            raise _busy_error("too many at a time")
         try:
             good, value = self._in_turn((deed, args, kwargs), seconds)
         finally:
@@ -71,10 +71,10 @@ class ProcessAside:
 
     def _in_turn(self, question: object, seconds: float) -> tuple[bool, Any]:
         if not self._turn.acquire(timeout=seconds):
-            raise _unable("too many at a time")
+            raise _busy_error("too many at a time")
         try:
             if self._closed:
-                raise _unable("the server ends")
+                raise _busy_error("the server ends")
             return self._asked(question, seconds)
         finally:
             self._turn.release()
@@ -82,7 +82,7 @@ class ProcessAside:
     def _asked(self, question: object, seconds: float) -> tuple[bool, Any]:
         if self._child is None or not self._child[0].is_alive():
             self._end()
-            self._child = _started(self._nice)
+            self._child = _start_child(self._nice)
         pipe = self._child[1]
         try:
             pipe.send(question)
@@ -92,7 +92,7 @@ class ProcessAside:
         except (EOFError, OSError):
             problem = "its process ended"
         self._end()
-        raise _unable(problem)
+        raise _busy_error(problem)
 
     def _end(self) -> None:
         if self._child is not None:
@@ -103,15 +103,15 @@ class ProcessAside:
             self._child = None
 
 
-def _started(nice: int) -> tuple[BaseProcess, Connection]:
+def _start_child(nice: int) -> tuple[BaseProcess, Connection]:
     ours, its = get_context("spawn").Pipe()
-    process = get_context("spawn").Process(target=_serve, args=(its, nice), daemon=True, name="mdrive-aside")
+    process = get_context("spawn").Process(target=_run_child, args=(its, nice), daemon=True, name="mdrive-aside")
     process.start()
     its.close()
     return process, ours
 
 
-def _serve(pipe: Connection, nice: int) -> None:
+def _run_child(pipe: Connection, nice: int) -> None:
     """In the child: answers until the parent is gone."""
     os.nice(nice)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
@@ -124,6 +124,6 @@ def _serve(pipe: Connection, nice: int) -> None:
             pipe.send(answer)
 
 
-def _unable(problem: str) -> ProblemError:
+def _busy_error(problem: str) -> ProblemError:
     sentence = f"this cannot be done now: {problem}; come back later"
     return ProblemError(HTTPStatus.SERVICE_UNAVAILABLE, "busy", sentence, {"Retry-After": "30"})

@@ -17,14 +17,14 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from mdrive_sumo.core.errors import InputError
-from server.api.concurrency_limit import AtOnce
+from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.problems import ProblemError
 from server.store.errors import new_id
 
 FILE_FIELD = "archive"
 UPLOAD_S = 900.0
 """For the whole of it: a slow line needs some minutes, who sends a byte a minute has no place here."""
-AT_ONCE = 8
+MAX_UPLOADS = 8
 """Uploads of one team that arrive at the same time."""
 FORM_BYTES = 64 * 1024
 """What a form may have besides its file."""
@@ -42,15 +42,15 @@ class Upload:
     fields: dict[str, str]
 
 
-class Uploads(AtOnce):
+class Uploads(ConcurrencyLimit):
     """Those that are arriving: quotas are counted when an archive is there, and disks are full before."""
 
     def __init__(self) -> None:
-        super().__init__("upload", AT_ONCE)
+        super().__init__("upload", MAX_UPLOADS)
 
 
 @asynccontextmanager
-async def received(request: Request, names: frozenset[str], folder: Path, most: int) -> AsyncGenerator[Upload]:
+async def receive_upload(request: Request, names: frozenset[str], folder: Path, most: int) -> AsyncGenerator[Upload]:
     """Reads the request's body into a new file in `folder`. `names`: fields that a form may have besides the file.
 
     Raises ProblemError for what is too large, too slow or no form; InputError for fields that are not as expected.
@@ -67,7 +67,7 @@ async def received(request: Request, names: frozenset[str], folder: Path, most: 
         part.unlink(missing_ok=True)
 
 
-def said(request: Request) -> dict[str, str]:
+def received_fields(request: Request) -> dict[str, str]:
     """The fields that have come so far: to show the form again where an upload was refused."""
     found: dict[str, bytearray] = getattr(request.state, "form", {})
     return {name: value.decode("utf-8", "replace") for name, value in found.items()}
@@ -93,8 +93,8 @@ async def _read(request: Request, form: "_Form") -> None:
 
 def _check_length(request: Request, most: int) -> None:
     """Before anything is read: most clients say how much they send."""
-    said = request.headers.get("content-length", "")
-    if said.isdecimal() and int(said) > most + FORM_BYTES:
+    length = request.headers.get("content-length", "")
+    if length.isdecimal() and int(length) > most + FORM_BYTES:
         raise _too_large(most)
 
 

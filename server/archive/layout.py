@@ -16,20 +16,20 @@ MAX_AGENTS_BYTES = 1024 * 1024
 CONFIG = "config/"
 SUBMISSION_CONFIG = "config/submission_config.yaml"
 """What MDrive tells an agent."""
-LITTER = ("__MACOSX/", ".DS_Store")
+MAC_METADATA = ("__MACOSX/", ".DS_Store")
 """What a Mac adds to archives: passed over."""
 Style = Literal["agent", "joint"]
 
-_BOUND = re.compile(r"^(?:def|class)[ \t]+(\w+)|^(\w+)[ \t]*[:=]", re.MULTILINE)
-_IMPORTED = re.compile(r"^from[ \t]+\S+[ \t]+import[ \t]+(?:\(([^)]{0,1000})\)|([^(\n]*))", re.MULTILINE)
+_DEFINITION = re.compile(r"^(?:def|class)[ \t]+(\w+)|^(\w+)[ \t]*[:=]", re.MULTILINE)
+_IMPORT = re.compile(r"^from[ \t]+\S+[ \t]+import[ \t]+(?:\(([^)]{0,1000})\)|([^(\n]*))", re.MULTILINE)
 
 
-def is_litter(name: str) -> bool:
+def is_mac_metadata(name: str) -> bool:
     """Whether nobody meant to send it."""
-    return name.startswith(LITTER[0]) or name.rpartition("/")[2] == LITTER[1]
+    return name.startswith(MAC_METADATA[0]) or name.rpartition("/")[2] == MAC_METADATA[1]
 
 
-def root(names: Sequence[str]) -> str:
+def find_root(names: Sequence[str]) -> str:
     """What every path begins with: "" or a folder with its slash. Raises ArchiveRefused."""
     if AGENTS in names:
         return ""
@@ -40,10 +40,10 @@ def root(names: Sequence[str]) -> str:
     raise ArchiveRefused(f"archive: expected {AGENTS} at the top or in the only folder there, found {found:.80}")
 
 
-def style(text: str) -> Style:
+def find_style(text: str) -> Style:
     """Which kind of agent a module defines, read without running it. Raises ArchiveRefused."""
-    names = {found for pair in _BOUND.findall(text) for found in pair}
-    for listed in _IMPORTED.findall(text):
+    names = {found for pair in _DEFINITION.findall(text) for found in pair}
+    for listed in _IMPORT.findall(text):
         names.update(re.findall(r"\w+", " ".join(listed)))
     if "get_entry_point" in names:
         return "joint"
@@ -52,7 +52,7 @@ def style(text: str) -> Style:
     raise ArchiveRefused(f"{AGENTS}: expected a class Agent or a function get_entry_point in it, found neither")
 
 
-def config_file(files: Sequence[str], asked: str | None) -> str | None:
+def find_config(files: Sequence[str], asked: str | None) -> str | None:
     """What the agent is told: the file asked for, MDrive's, or the only one in config/. Raises ArchiveRefused."""
     if asked is not None:
         if asked not in files:

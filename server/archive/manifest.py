@@ -8,10 +8,10 @@ from zipfile import ZipFile, ZipInfo
 from server.archive import layout, model_env
 from server.archive.errors import ArchiveRefused
 from server.archive.limits import ArchiveLimits
-from server.archive.zip_reader import contents, opened
-from server.enums import Track
+from server.archive.zip_reader import open_archive, read_entry
+from server.enums import ChallengeTrack
 
-INSIDE = "/agent"
+BOX_FOLDER = "/agent"
 """Where a box sees the unpacked archive."""
 
 
@@ -23,7 +23,7 @@ class Manifest:
     config: str | None
     """The file that the agent is told, relative; None for none."""
     environment: str
-    track_hint: Track | None
+    track_hint: ChallengeTrack | None
     """Joint agents have a track of their own; None where it depends on what the agent does."""
     dockerfile: bool
     """There is one; it is not built."""
@@ -38,45 +38,45 @@ class Manifest:
     @property
     def entry(self) -> str:
         """The agent in a box, as `--agent` and `Job.agent` name it."""
-        return self.locator(INSIDE)
+        return self.locator(BOX_FOLDER)
 
     def locator(self, folder: str) -> str:
         """The same where the archive is unpacked in `folder`."""
         file = f"{folder}/{layout.AGENTS}"
         return f"carla:{file}" if self.style == "joint" else f"{file}:Agent"
 
-    def agent_config(self, folder: str = INSIDE) -> dict[str, str]:
+    def agent_config(self, folder: str = BOX_FOLDER) -> dict[str, str]:
         """The agent's options: `config` is the path of its file."""
         return {} if self.config is None else {"config": f"{folder}/{self.config}"}
 
 
-def checked(path: Path, limits: ArchiveLimits) -> Manifest:
+def check_archive(path: Path, limits: ArchiveLimits) -> Manifest:
     """Checks an archive as a whole, each byte of it included. Raises ArchiveRefused, one sentence."""
-    with opened(path, limits) as archive:
-        infos = {info.filename: info for info in archive.infolist() if not layout.is_litter(info.filename)}
-        root = layout.root(tuple(infos))
+    with open_archive(path, limits) as archive:
+        infos = {info.filename: info for info in archive.infolist() if not layout.is_mac_metadata(info.filename)}
+        root = layout.find_root(tuple(infos))
         files = {name.removeprefix(root): info for name, info in infos.items() if not info.is_dir()}
-        wanted = model_env.wanted(_read(archive, files, model_env.FILE, model_env.MAX_BYTES))
+        wanted = model_env.parse_model_env(_read(archive, files, model_env.FILE, model_env.MAX_BYTES))
         text = _read(archive, files, layout.AGENTS, layout.MAX_AGENTS_BYTES).decode("utf-8", errors="replace")
-        style = layout.style(text)
-        config = layout.config_file(tuple(files), wanted.config)
+        style = layout.find_style(text)
+        config = layout.find_config(tuple(files), wanted.config)
         for info in infos.values():
-            for _ in contents(archive, info):
+            for _ in read_entry(archive, info):
                 pass
     return Manifest(
         style=style,
         config=config,
         environment=wanted.environment,
-        track_hint=Track.JOINT if style == "joint" else None,
+        track_hint=ChallengeTrack.JOINT if style == "joint" else None,
         dockerfile="Dockerfile" in files,
         files=len(files),
         bytes=sum(info.file_size for info in files.values()),
-        sha256=sha256(path),
+        sha256=compute_sha256(path),
         root=root,
     )
 
 
-def sha256(path: Path) -> str:
+def compute_sha256(path: Path) -> str:
     """Of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -87,4 +87,4 @@ def _read(archive: ZipFile, files: dict[str, ZipInfo], name: str, most: int) -> 
     if info is None or info.file_size > most:
         found = "none" if info is None else f"{info.file_size} bytes"
         raise ArchiveRefused(f"archive: expected {name} of at most {most} bytes, found {found}")
-    return b"".join(contents(archive, info))
+    return b"".join(read_entry(archive, info))

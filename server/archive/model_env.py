@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
 from server.archive.errors import ArchiveRefused
-from server.environments import RECIPES, recipe
+from server.environments import RECIPES, find_recipe
 
 FILE = "model_env.yaml"
 MAX_BYTES = 64 * 1024
@@ -22,35 +22,35 @@ _MINOR = re.compile(r"\d+\.\d+")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class ModelEnv:
     """What the file says."""
 
     environment: str
     config: str | None
 
 
-def wanted(text: bytes) -> Wanted:
+def parse_model_env(text: bytes) -> ModelEnv:
     """Reads it; raises ArchiveRefused, which names the environments that there are."""
-    said = _lines(text.decode("utf-8", errors="replace"))
+    said = _parse_lines(text.decode("utf-8", errors="replace"))
     name = said.get("environment") or said.get("name")
     if not name:
         raise ArchiveRefused(f"{FILE}: expected a line `environment: {' | '.join(RECIPES)}`, found none")
     try:
-        known = recipe(name)
+        known = find_recipe(name)
     except InputError as error:
         raise ArchiveRefused(f"{FILE}: {error}") from None
     if (python := said.get("python", known.python)) != known.python:
         raise ArchiveRefused(f"{FILE}: python: expected {known.python}, which {name} has, found {python!r:.20}")
-    return Wanted(name, said.get("config"))
+    return ModelEnv(name, said.get("config"))
 
 
-def _lines(text: str) -> dict[str, str]:
+def _parse_lines(text: str) -> dict[str, str]:
     """What the lines of interest say; of several of one key the last."""
     said: dict[str, str] = {}
     for line in text.splitlines():
         key, colon, value = line.partition(":")
         if colon and key.rstrip() in KEYS:
-            said[key.rstrip()] = _plain(value)
+            said[key.rstrip()] = _unquote(value)
         elif found := _CONDA_PYTHON.match(line):
             said["python"] = found[1]
     if found := _MINOR.match(said.get("python", "")):
@@ -58,6 +58,6 @@ def _lines(text: str) -> dict[str, str]:
     return said
 
 
-def _plain(value: str) -> str:
+def _unquote(value: str) -> str:
     """Without comment and quotes."""
     return value.partition(" #")[0].strip().strip("\"'")

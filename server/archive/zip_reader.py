@@ -28,7 +28,7 @@ BAD_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, ValueError, NotImplemen
 """What zipfile raises for files that somebody has tampered with."""
 
 
-class _Bounded(io.FileIO):
+class _BoundedFile(io.FileIO):
     """A file of which no more is read at once than a directory of so many entries has: it is parsed as a whole."""
 
     most = 0
@@ -41,38 +41,38 @@ class _Bounded(io.FileIO):
 
 
 @contextmanager
-def opened(path: Path, limits: ArchiveLimits) -> Generator[ZipFile]:
+def open_archive(path: Path, limits: ArchiveLimits) -> Generator[ZipFile]:
     """The zip file with its entries checked; raises ArchiveRefused, also for what happens inside the block."""
     size = path.stat().st_size
     if not 0 < size <= limits.archive_bytes:
         found = f"{size} bytes" if size else "an empty file"
         raise ArchiveRefused(f"archive: expected a zip file of at most {limits.archive_bytes} bytes, found {found}")
-    with translated(), _Bounded(path) as file:
+    with translate_zip_errors(), _BoundedFile(path) as file:
         file.most = max(limits.entries * BYTES_PER_RECORD, 2 * CHUNK)
         with ZipFile(file) as archive:
-            _check(archive, file, limits)
+            _check_entries(archive, file, limits)
             yield archive
 
 
 @contextmanager
-def translated() -> Generator[None]:
+def translate_zip_errors() -> Generator[None]:
     """Raises ArchiveRefused for what zipfile raises."""
     try:
         yield
     except BAD_ZIP as error:
-        raise _damaged(error) from None
+        raise _damaged_error(error) from None
     except OSError as error:
         if error.errno != errno.EINVAL:
             raise
-        raise _damaged(error) from None  # a place before the beginning of the file
+        raise _damaged_error(error) from None  # a place before the beginning of the file
 
 
-def _damaged(error: Exception) -> ArchiveRefused:
+def _damaged_error(error: Exception) -> ArchiveRefused:
     said = " ".join(str(error).split())
     return ArchiveRefused(f"archive: expected a whole zip file, found a damaged one ({said:.120})")
 
 
-def contents(archive: ZipFile, info: ZipInfo) -> Generator[bytes]:
+def read_entry(archive: ZipFile, info: ZipInfo) -> Generator[bytes]:
     """A file in pieces. Raises ArchiveRefused or one of `BAD_ZIP` unless it has the size and checksum it declares."""
     count = 0
     with archive.open(info) as stream:
@@ -85,7 +85,7 @@ def contents(archive: ZipFile, info: ZipInfo) -> Generator[bytes]:
         )
 
 
-def _check(archive: ZipFile, file: _Bounded, limits: ArchiveLimits) -> None:
+def _check_entries(archive: ZipFile, file: _BoundedFile, limits: ArchiveLimits) -> None:
     infos = archive.infolist()
     if not infos:
         raise ArchiveRefused("archive: expected files, found an empty archive")
@@ -97,7 +97,7 @@ def _check(archive: ZipFile, file: _Bounded, limits: ArchiveLimits) -> None:
     total = sum(info.file_size for info in infos)
     if total > limits.unpacked_bytes:
         raise ArchiveRefused(f"archive: expected at most {limits.unpacked_bytes} bytes unpacked, found {total}")
-    _check_apart(file, infos, archive.start_dir)
+    _check_no_overlap(file, infos, archive.start_dir)
 
 
 def _check_entry(info: ZipInfo, limits: ArchiveLimits) -> None:
@@ -131,7 +131,7 @@ KINDS = {
 }
 
 
-def _check_apart(file: io.FileIO, infos: Sequence[ZipInfo], directory: int) -> None:
+def _check_no_overlap(file: io.FileIO, infos: Sequence[ZipInfo], directory: int) -> None:
     """No two entries share bytes: a small file could hold many large ones."""
     ends = 0
     for info in sorted(infos, key=lambda info: info.header_offset):

@@ -9,23 +9,23 @@ import click
 
 from mdrive_sumo.core.errors import InputError
 from server import environments
-from server.cli.options import data_option, explained, settings_option, settings_with
-from server.clock import now_us, utc
-from server.enums import Scope
+from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
+from server.clock import format_utc, now_us
+from server.enums import TokenScope
 from server.evaluation import spot_checks
-from server.settings import Settings
+from server.settings import ServerSettings
 from server.store import Store, audit, phases, retention, teams, tokens
-from server.store.backup import backup as write_backup
-from server.store.backup import restore as read_backup
+from server.store.backup import restore_backup as read_backup
+from server.store.backup import write_backup as write_backup
 
 
 @dataclass(frozen=True, slots=True)
-class _Admin:
-    settings: Settings
+class _AdminContext:
+    settings: ServerSettings
     store: Store
 
 
-_pass_admin = click.make_pass_decorator(_Admin)
+_pass_admin = click.make_pass_decorator(_AdminContext)
 
 
 @click.group("admin")
@@ -34,13 +34,13 @@ _pass_admin = click.make_pass_decorator(_Admin)
 @click.pass_context
 def admin(ctx: click.Context, file: Path | None, data: Path | None) -> None:
     """Look after a challenge: teams, tokens, phases, environments, backups. The server may be running."""
-    settings = settings_with(file, data)
+    settings = load_settings_with(file, data)
     store = Store(settings.database_url)
     ctx.call_on_close(store.close)
     if ctx.invoked_subcommand not in ("environment", "restore"):
-        with explained():
+        with report_store_errors():
             store.migrate()
-    ctx.obj = _Admin(settings, store)
+    ctx.obj = _AdminContext(settings, store)
 
 
 @admin.group()
@@ -51,30 +51,30 @@ def team() -> None:
 @team.command("create")
 @click.argument("name")
 @_pass_admin
-def create_team(found: _Admin, name: str) -> None:
+def create_team(found: _AdminContext, name: str) -> None:
     """A new team; prints its token, which is shown this once only."""
-    with explained(), found.store.write() as session:
-        text = tokens.issue(session, teams.create(session, name, now_us()), Scope.SUBMIT, now_us())
+    with report_store_errors(), found.store.write() as session:
+        text = tokens.issue(session, teams.create(session, name, now_us()), TokenScope.SUBMIT, now_us())
     click.echo(text)
 
 
 @team.command("list")
 @_pass_admin
-def list_teams(found: _Admin) -> None:
+def list_teams(found: _AdminContext) -> None:
     """Id, name, since when."""
-    with explained(), found.store.read() as session:
-        for each in teams.every(session):
-            click.echo(f"{each.id}  {each.name}  {utc(each.created_us)}{'  hidden' if each.hidden else ''}")
+    with report_store_errors(), found.store.read() as session:
+        for each in teams.list_teams(session):
+            click.echo(f"{each.id}  {each.name}  {format_utc(each.created_us)}{'  hidden' if each.hidden else ''}")
 
 
 @team.command("hide")
 @click.argument("name")
 @click.option("--show", is_flag=True, help="The other way round.")
 @_pass_admin
-def hide_team(found: _Admin, name: str, show: bool) -> None:
+def hide_team(found: _AdminContext, name: str, show: bool) -> None:
     """Takes a team (name or id) off the leaderboards."""
-    with explained(), found.store.write() as session:
-        teams.hide(session, teams.get(session, name).id, not show, now_us())
+    with report_store_errors(), found.store.write() as session:
+        teams.set_hidden(session, teams.get(session, name).id, not show, now_us())
 
 
 @admin.group()
@@ -84,33 +84,33 @@ def token() -> None:
 
 @token.command("issue")
 @click.option("--team", "name", help="Name or id; for the scope submit.")
-@click.option("--scope", type=click.Choice([scope.value for scope in Scope]), default="submit", show_default=True)
+@click.option("--scope", type=click.Choice([scope.value for scope in TokenScope]), default="submit", show_default=True)
 @_pass_admin
-def issue_token(found: _Admin, name: str | None, scope: str) -> None:
+def issue_token(found: _AdminContext, name: str | None, scope: str) -> None:
     """Prints a new token: the only time anyone sees it."""
-    with explained(), found.store.write() as session:
+    with report_store_errors(), found.store.write() as session:
         holder = teams.get(session, name) if name is not None else None
-        text = tokens.issue(session, holder, Scope(scope), now_us())
+        text = tokens.issue(session, holder, TokenScope(scope), now_us())
     click.echo(text)
 
 
 @token.command("list")
 @click.option("--team", "name", help="Name or id [default: those of admins and workers].")
 @_pass_admin
-def list_tokens(found: _Admin, name: str | None) -> None:
+def list_tokens(found: _AdminContext, name: str | None) -> None:
     """Id, scope, since when; never the token itself."""
-    with explained(), found.store.read() as session:
-        for each in tokens.every(session, teams.get(session, name) if name is not None else None):
-            end = f"  revoked {utc(each.revoked_us)}" if each.revoked_us is not None else ""
-            click.echo(f"{each.id}  {each.scope}  {utc(each.created_us)}{end}")
+    with report_store_errors(), found.store.read() as session:
+        for each in tokens.list_tokens(session, teams.get(session, name) if name is not None else None):
+            end = f"  revoked {format_utc(each.revoked_us)}" if each.revoked_us is not None else ""
+            click.echo(f"{each.id}  {each.scope}  {format_utc(each.created_us)}{end}")
 
 
 @token.command("revoke")
 @click.argument("token_id")
 @_pass_admin
-def revoke_token(found: _Admin, token_id: str) -> None:
+def revoke_token(found: _AdminContext, token_id: str) -> None:
     """From now on nobody holds it."""
-    with explained(), found.store.write() as session:
+    with report_store_errors(), found.store.write() as session:
         tokens.revoke(session, token_id, now_us())
 
 
@@ -121,22 +121,22 @@ def phase() -> None:
 
 @phase.command("list")
 @_pass_admin
-def list_phases(found: _Admin) -> None:
+def list_phases(found: _AdminContext) -> None:
     """Those that the database knows."""
-    with explained(), found.store.read() as session:
-        for each in phases.every(session):
+    with report_store_errors(), found.store.read() as session:
+        for each in phases.list_phases(session):
             kind = "public" if each.public else "hidden"
-            click.echo(f"{each.id}  {kind}  {utc(each.opens_us)} - {utc(each.closes_us)}  {each.suite}")
+            click.echo(f"{each.id}  {kind}  {format_utc(each.opens_us)} - {format_utc(each.closes_us)}  {each.suite}")
 
 
 @phase.command("apply")
 @_pass_admin
-def apply_phases(found: _Admin) -> None:
+def apply_phases(found: _AdminContext) -> None:
     """Makes them as the settings say, without a restart."""
     if not found.settings.phases:
         raise InputError("phase apply: expected settings that name phases, found none; give --settings")
-    with explained(), found.store.write() as session:
-        phases.put(session, [each.as_new() for each in found.settings.phases], now_us())
+    with report_store_errors(), found.store.write() as session:
+        phases.set_phases(session, [each.as_new() for each in found.settings.phases], now_us())
 
 
 @admin.group()
@@ -146,9 +146,9 @@ def environment() -> None:
 
 @environment.command("list")
 @_pass_admin
-def list_environments(found: _Admin) -> None:
+def list_environments(found: _AdminContext) -> None:
     """Which there are, and which are built."""
-    built = environments.built(found.settings.environments)
+    built = environments.list_built(found.settings.environments)
     for name in environments.RECIPES:
         click.echo(f"{name}  {'built' if name in built else 'not built'}")
 
@@ -157,11 +157,11 @@ def list_environments(found: _Admin) -> None:
 @click.argument("name")
 @click.argument("pip_options", nargs=-1, type=click.UNPROCESSED)
 @_pass_admin
-def build_environment(found: _Admin, name: str, pip_options: Sequence[str]) -> None:
+def build_environment(found: _AdminContext, name: str, pip_options: Sequence[str]) -> None:
     """Builds one with venv and pip; options after the name are pip's (docs/server.md, Environments)."""
     folder = found.settings.environments.absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    built = environments.build(name, folder, pip_options)
+    built = environments.build_environment(name, folder, pip_options)
     click.echo(f"{built.name}  {len(built.packages)} packages  {built.python}")
 
 
@@ -170,7 +170,7 @@ def build_environment(found: _Admin, name: str, pip_options: Sequence[str]) -> N
 @click.argument("rootfs", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--python", default=environments.IMAGE_PYTHON, show_default=True, help="Interpreter, a path in there.")
 @_pass_admin
-def import_environment(found: _Admin, name: str, rootfs: Path, python: str) -> None:
+def import_environment(found: _AdminContext, name: str, rootfs: Path, python: str) -> None:
     """Takes an unpacked image for one; the folder stays where it is (docs/docker.md)."""
     folder = found.settings.environments.absolute()
     made = environments.import_image(name, folder, rootfs, python, found.settings.sandbox.box_limits())
@@ -180,18 +180,18 @@ def import_environment(found: _Admin, name: str, rootfs: Path, python: str) -> N
 @admin.command()
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @_pass_admin
-def backup(found: _Admin, file: Path) -> None:
+def backup(found: _AdminContext, file: Path) -> None:
     """Writes all tables into a new file, and prints the head of the audit log: note it elsewhere."""
-    with explained():
+    with report_store_errors():
         click.echo(write_backup(found.store, file))
 
 
 @admin.command()
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @_pass_admin
-def restore(found: _Admin, file: Path) -> None:
+def restore(found: _AdminContext, file: Path) -> None:
     """Fills an empty database from a backup, and prints the head of its audit log. End `serve` first."""
-    with explained():
+    with report_store_errors():
         click.echo(read_backup(found.store, file))
 
 
@@ -199,15 +199,17 @@ def restore(found: _Admin, file: Path) -> None:
 @click.option("--list", "most", type=click.IntRange(1), is_flag=False, flag_value=20, help="So many, else 20.")
 @_pass_admin
 @click.pass_context
-def walk(ctx: click.Context, found: _Admin, most: int | None) -> None:
+def walk(ctx: click.Context, found: _AdminContext, most: int | None) -> None:
     """Walks the audit log. Exit code 1 where an entry was changed, inserted or removed.
 
     With --list the latest entries are printed first: when, who, what, and the data of it.
     """
-    with explained(), found.store.read() as session:
-        for entry in reversed(audit.latest(session, most or 0)):
-            click.echo(f"{utc(entry.at_us)}  {entry.actor}  {entry.deed}  {json.dumps(entry.data, sort_keys=True)}")
-        chain = audit.verify(session)
+    with report_store_errors(), found.store.read() as session:
+        for entry in reversed(audit.list_latest(session, most or 0)):
+            click.echo(
+                f"{format_utc(entry.at_us)}  {entry.actor}  {entry.deed}  {json.dumps(entry.data, sort_keys=True)}"
+            )
+        chain = audit.verify_chain(session)
     click.echo(f"{chain.entries} entries, head {chain.head or 'none'}")
     if chain.broken is not None:
         click.echo(f"broken at entry {chain.broken}", err=True)
@@ -216,12 +218,12 @@ def walk(ctx: click.Context, found: _Admin, most: int | None) -> None:
 
 @admin.command()
 @_pass_admin
-def collect(found: _Admin) -> None:
+def collect(found: _AdminContext) -> None:
     """Deletes archives and recordings whose time is over, by [keep] of the settings."""
-    with explained():
+    with report_store_errors():
         with found.store.read() as session:
-            kept = retention.kept(session, found.settings.keep.policy(), now_us())
-        for path in retention.collect(kept, found.settings.data, now_us()):
+            kept = retention.select_retained(session, found.settings.keep.policy(), now_us())
+        for path in retention.delete_expired(kept, found.settings.data, now_us()):
             click.echo(path)
 
 
@@ -230,16 +232,16 @@ def collect(found: _Admin) -> None:
 @click.option("--latest", type=click.IntRange(1, 1000), default=10, show_default=True, help="Where none is named.")
 @_pass_admin
 @click.pass_context
-def verify(ctx: click.Context, found: _Admin, submissions: Sequence[str], latest: int) -> None:
+def verify(ctx: click.Context, found: _AdminContext, submissions: Sequence[str], latest: int) -> None:
     """Drives a sample of finished submissions once more and compares. Exit code 1 where something differs."""
     from server.evaluation.submission_job import (
         run_submission_job,  # here: no other command needs SUMO, and `serve` must not
     )
 
-    with explained():
+    with report_store_errors():
         with found.store.read() as session:
-            chosen = submissions or spot_checks.finished(session, latest)
-        checks = list(spot_checks.verify(found.store, found.settings, chosen, now_us, run_submission_job))
+            chosen = submissions or spot_checks.list_finished(session, latest)
+        checks = list(spot_checks.run_spot_checks(found.store, found.settings, chosen, now_us, run_submission_job))
     for check in checks:
         click.echo(f"{check.submission}  {check.scenario} {check.seed}  {check.text}")
     if any(not check.same for check in checks):

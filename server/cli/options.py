@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
-from server.settings import Settings, load
+from server.settings import ServerSettings, load_settings
 from server.store import StoreUnavailable
 
 settings_option = click.option(
@@ -22,15 +22,15 @@ data_option = click.option(
 )
 
 
-def settings_with(file: Path | None, data: Path | None, **more: object) -> Settings:
+def load_settings_with(file: Path | None, data: Path | None, **more: object) -> ServerSettings:
     """The settings of `file`, with what the command line says over them. Raises InputError."""
-    found = load(file)
+    found = load_settings(file)
     given = {name: value for name, value in {"data": data, **more}.items() if value is not None}
     return found.model_copy(update=given)
 
 
 @contextmanager
-def explained() -> Generator[None]:
+def report_store_errors() -> Generator[None]:
     """A database that does not answer is something that the user can mend: raises InputError for it."""
     try:
         yield

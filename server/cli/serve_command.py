@@ -19,12 +19,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from mdrive_sumo.core.errors import InputError
 from server import environments, web
 from server.api import create_app
-from server.api.app import prepare
+from server.api.app import prepare_storage
 from server.api.upload import UPLOAD_S
-from server.cli.options import data_option, explained, settings_option, settings_with
+from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
-from server.settings import WARM_UP, Settings
+from server.settings import WARM_UP, ServerSettings
 from server.store import Store, phases
 
 GRACE_S = 5
@@ -59,14 +59,14 @@ def serve(
 
     Ctrl-C or SIGTERM ends it: running jobs go back to the queue.
     """
-    settings = _with_executor(settings_with(file, data, host=host, port=port), executor, scheduler)
-    signal.signal(signal.SIGTERM, _end)
-    with explained(), _alone(settings), _listening(settings) as listener:
-        settings = _with_phases(settings, file)
-        _say_what_is_missing(settings)
-        app = application(settings)
+    settings = _apply_executor(load_settings_with(file, data, host=host, port=port), executor, scheduler)
+    signal.signal(signal.SIGTERM, _exit_on_signal)
+    with report_store_errors(), _lock_data_folder(settings), _open_listener(settings) as listener:
+        settings = _apply_phases(settings, file)
+        _print_missing_environments(settings)
+        app = make_app(settings)
         tools = app.state.tools
-        prepare(tools, now_us())
+        prepare_storage(tools, now_us())
         supervisor = Supervisor(tools.store, settings)
         supervisor.start()
         try:
@@ -75,19 +75,19 @@ def serve(
             supervisor.stop()
 
 
-def application(settings: Settings) -> FastAPI:
+def make_app(settings: ServerSettings) -> FastAPI:
     """The API and the pages."""
     app = create_app(settings)
     web.mount(app)
     return app
 
 
-def _run(app: FastAPI, settings: Settings, listener: socket.socket) -> None:
+def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> None:
     config = uvicorn.Config(
         app,
         host=settings.host,
         port=settings.port,
-        http=ImpatientProtocol,
+        http=TimeoutProtocol,
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
@@ -101,7 +101,7 @@ def _run(app: FastAPI, settings: Settings, listener: socket.socket) -> None:
         raise InputError("serve: the server did not start; the lines above say why")
 
 
-class ImpatientProtocol(H11Protocol):
+class TimeoutProtocol(H11Protocol):
     """Closes a connection on which no request arrives: uvicorn waits for the first, and for one begun, for ever."""
 
     _timer: asyncio.TimerHandle
@@ -138,7 +138,7 @@ class _Server(uvicorn.Server):
 
 
 @contextmanager
-def _listening(settings: Settings) -> Generator[socket.socket]:
+def _open_listener(settings: ServerSettings) -> Generator[socket.socket]:
     """Before anything else is begun, so that a port that is taken is the first thing said. Raises InputError."""
     host, port = settings.host, settings.port
     try:
@@ -153,7 +153,7 @@ def _listening(settings: Settings) -> Generator[socket.socket]:
 
 
 @contextmanager
-def _alone(settings: Settings) -> Generator[None]:
+def _lock_data_folder(settings: ServerSettings) -> Generator[None]:
     """Whoever serves a folder with a database of its own serves it alone. Raises InputError."""
     try:
         settings.data.mkdir(parents=True, exist_ok=True)
@@ -176,7 +176,7 @@ def _alone(settings: Settings) -> Generator[None]:
         yield
 
 
-def _with_executor(settings: Settings, executor: str | None, scheduler: str) -> Settings:
+def _apply_executor(settings: ServerSettings, executor: str | None, scheduler: str) -> ServerSettings:
     """What the command line says over `work.scheduler`. Raises InputError."""
     if executor is None and not scheduler:
         return settings
@@ -186,7 +186,7 @@ def _with_executor(settings: Settings, executor: str | None, scheduler: str) -> 
     return settings.model_copy(update={"work": settings.work.model_copy(update={"scheduler": scheduler})})
 
 
-def _with_phases(settings: Settings, file: Path | None) -> Settings:
+def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings:
     """Where nobody said which phases there are: those of the database, or else one to begin with."""
     if file is not None or settings.phases:
         if not settings.phases:
@@ -196,7 +196,7 @@ def _with_phases(settings: Settings, file: Path | None) -> Settings:
     try:
         store.migrate()
         with store.read() as session:
-            known = ", ".join(phase.id for phase in phases.every(session) if phase.id != WARM_UP.id)
+            known = ", ".join(phase.id for phase in phases.list_phases(session) if phase.id != WARM_UP.id)
     finally:
         store.close()
     if known:
@@ -207,13 +207,13 @@ def _with_phases(settings: Settings, file: Path | None) -> Settings:
     return settings.model_copy(update={"phases": (WARM_UP,)})
 
 
-def _say_what_is_missing(settings: Settings) -> None:
-    if not environments.built(settings.environments):
+def _print_missing_environments(settings: ServerSettings) -> None:
+    if not environments.list_built(settings.environments):
         name = next(iter(environments.RECIPES))
         command = f"mdrive-sumo admin --data {settings.data} environment build {name}"
         click.echo(f"note: no environment is built, so every agent is refused; build one: {command}", err=True)
 
 
-def _end(number: int, frame: object) -> NoReturn:  # noqa: ARG001 (the signature of signal handlers)
+def _exit_on_signal(number: int, frame: object) -> NoReturn:  # noqa: ARG001 (the signature of signal handlers)
     """uvicorn raises the signal again when it is done, and then the workers are still to be stopped."""
     raise SystemExit(0)

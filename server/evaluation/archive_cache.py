@@ -13,30 +13,30 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import WorldError
-from server.archive import ArchiveLimits, Manifest, checked, extracted
-from server.enums import Track
+from server.archive import ArchiveLimits, Manifest, check_archive, extract_archive
+from server.enums import ChallengeTrack
 from server.evaluation.job_task import JobTask
 
 AGENT, ABOUT = "agent", "manifest.json"
-YOUNG_S = {"unpacked": 3600.0, "stage": 86400.0}
+MIN_AGE_S = {"unpacked": 3600.0, "stage": 86400.0}
 """Folders younger than that stay: somebody may be making or using them. A job may take hours, but not a day."""
 
 
-def unpacked(task: JobTask) -> tuple[Manifest, Path]:
+def unpack_archive(task: JobTask) -> tuple[Manifest, Path]:
     """What the archive says, and its folder. Raises ArchiveRefused, WorldError, OSError."""
     home = task.unpacked
     if not home.is_dir():
         _unpack(task, home)
     with suppress(FileNotFoundError):
         os.utime(home)
-    return _manifest(json.loads((home / ABOUT).read_text("utf-8"))), home / AGENT
+    return _load_manifest(json.loads((home / ABOUT).read_text("utf-8"))), home / AGENT
 
 
-def tidy(data: Path, needed: Collection[str], now_s: float | None = None) -> None:
+def delete_stale(data: Path, needed: Collection[str], now_s: float | None = None) -> None:
     """Deletes what no unfinished submission needs, and what dead workers left behind. `needed`: checksums."""
     now_s = time.time() if now_s is None else now_s
-    for place, young_s in YOUNG_S.items():
-        for folder in _within(data / place):
+    for place, young_s in MIN_AGE_S.items():
+        for folder in _list_folders(data / place):
             with suppress(FileNotFoundError):
                 if folder.name not in needed and folder.stat().st_mtime < now_s - young_s:
                     shutil.rmtree(folder, ignore_errors=True)
@@ -48,11 +48,11 @@ def _unpack(task: JobTask, home: Path) -> None:
     with task.archive.open("rb") as archive:
         if hashlib.file_digest(archive, "sha256").hexdigest() != task.archive_sha256:
             raise WorldError(f"{task.archive.name}: expected the bytes that the team sent, found others")
-    manifest = checked(task.archive, ArchiveLimits(**task.limits.model_dump()))
+    manifest = check_archive(task.archive, ArchiveLimits(**task.limits.model_dump()))
     part = Path(tempfile.mkdtemp(prefix=f"{home.name}.", dir=home.parent))
     try:
         part.chmod(0o755)
-        extracted(task.archive, manifest, part / AGENT)
+        extract_archive(task.archive, manifest, part / AGENT)
         (part / ABOUT).write_text(json.dumps(asdict(manifest)), "utf-8")
         with suppress(OSError):  # there already
             part.rename(home)
@@ -60,10 +60,10 @@ def _unpack(task: JobTask, home: Path) -> None:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _manifest(told: dict[str, Any]) -> Manifest:
+def _load_manifest(told: dict[str, Any]) -> Manifest:
     hint = told.pop("track_hint")
-    return Manifest(**told, track_hint=None if hint is None else Track(hint))
+    return Manifest(**told, track_hint=None if hint is None else ChallengeTrack(hint))
 
 
-def _within(folder: Path) -> list[Path]:
+def _list_folders(folder: Path) -> list[Path]:
     return [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []

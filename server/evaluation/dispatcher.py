@@ -17,34 +17,34 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.worker_process import WorkerFailure, describe_write_error
 from server.clock import now_us
-from server.enums import JobState, Verdict
+from server.enums import JobState, ScenarioVerdict
 from server.evaluation import spot_checks
-from server.evaluation.job_task import Driven, JobTask, Rejection, task_of
-from server.evaluation.stop_request import Stop
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task
+from server.evaluation.stop_request import StopRequest
 from server.evaluation.summary import summarise
-from server.phase_suites import Suites
-from server.settings import Settings
+from server.phase_suites import PhaseSuites
+from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, audit, jobs, phases, submissions, workers
 from server.store.jobs import JobOutcome
-from server.store.tables import Job
+from server.store.tables import JobRow
 
 LOG = logging.getLogger("mdrive.worker")
 SECOND_US = 1_000_000
 IDLE_S = 1.0
 """How often somebody without work looks for some."""
-LONGEST_PAUSE_S = 60.0
-ROOM_BYTES = 64 * 2**20
+MAX_PAUSE_S = 60.0
+MIN_FREE_BYTES = 64 * 2**20
 """Without so much room on the disk nothing is begun: what cannot be written would count as our failures."""
-ROOM_PAUSE_S = 10.0
-SPOT = "spot-"
+DISK_FULL_PAUSE_S = 10.0
+SPOT_CHECK_PREFIX = "spot-"
 
 
-class OtherEvaluatorError(InputError):
+class EvaluatorMismatchError(InputError):
     """The queue holds what this process must not evaluate: its code or its suite is of another version."""
 
 
 @dataclass(slots=True)
-class _Held:
+class _HeldJob:
     task: JobTask
     beat_us: int
     """When its lease was last prolonged."""
@@ -56,22 +56,22 @@ class Dispatcher:
     def __init__(
         self,
         store: Store,
-        settings: Settings,
-        suites: Suites,
-        executor: Executor[JobTask, Driven],
+        settings: ServerSettings,
+        suites: PhaseSuites,
+        executor: Executor[JobTask, JobResult],
         owner: str,
         clock: Callable[[], int] = now_us,
     ) -> None:
         """`owner`: unique to this process, also after its death."""
         self._store, self._settings, self._suites, self._executor = store, settings, suites, executor
         self._owner, self._clock = owner, clock
-        self._held: dict[str, _Held] = {}
-        self._unsaved: deque[tuple[str, Driven | WorkerFailure]] = deque()
+        self._held: dict[str, _HeldJob] = {}
+        self._unsaved: deque[tuple[str, JobResult | WorkerFailure]] = deque()
         self._spots: deque[int] = deque()
         self._failed_in_a_row, self._resume_us = 0, 0
         self._seen_us: int | None = None
 
-    def run(self, stop: Stop) -> None:
+    def run(self, stop: StopRequest) -> None:
         """Works until it is stopped; what it holds then goes back to the queue, without blame.
 
         Raises InputError where it cannot go on: another evaluator is wanted, the cluster is lost.
@@ -82,7 +82,7 @@ class Dispatcher:
         finally:
             self._let_go()
 
-    def step(self, wait_s: float, stop: Stop) -> None:
+    def step(self, wait_s: float, stop: StopRequest) -> None:
         """Claims, waits at most so long, writes what is finished, prolongs leases.
 
         A claim also ends leases that are over. After a time without a database ours may be, so first of all what is
@@ -125,12 +125,12 @@ class Dispatcher:
         now = self._clock()
         if self._seen_us is None or now - self._seen_us >= self._beat_us:
             with self._store.write() as session:
-                workers.seen(session, self._owner, self._settings.work.scheduler, now)
+                workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
             self._seen_us = now
 
     def _sign_out(self) -> None:
         with self._store.write() as session:
-            workers.gone(session, self._owner)
+            workers.remove_worker(session, self._owner)
 
     def _claim(self) -> None:
         while self._clock() >= self._resume_us and self._executor.free_slots > 0:
@@ -145,17 +145,19 @@ class Dispatcher:
             free = shutil.disk_usage(data).free
         except OSError as error:
             raise InputError(f"data: expected a folder {data}, found none ({error.strerror})") from None
-        if free >= ROOM_BYTES:
+        if free >= MIN_FREE_BYTES:
             return True
-        self._resume_us = self._clock() + int(ROOM_PAUSE_S * SECOND_US)
-        LOG.error("%s: expected %d MiB free, found %d: nothing new is begun", data, ROOM_BYTES // 2**20, free // 2**20)
+        self._resume_us = self._clock() + int(DISK_FULL_PAUSE_S * SECOND_US)
+        LOG.error(
+            "%s: expected %d MiB free, found %d: nothing new is begun", data, MIN_FREE_BYTES // 2**20, free // 2**20
+        )
         return False
 
     def _waiting(self) -> bool:
         """Whether a claim is worth a write transaction."""
-        lapsed = (Job.state == JobState.RUNNING) & (Job.lease_us < self._clock())
+        lapsed = (JobRow.state == JobState.RUNNING) & (JobRow.lease_us < self._clock())
         with self._store.read() as session:
-            return bool(session.scalar(select(exists().where(or_(Job.state == JobState.QUEUED, lapsed)))))
+            return bool(session.scalar(select(exists().where(or_(JobRow.state == JobState.QUEUED, lapsed)))))
 
     def _claim_one(self) -> bool:
         now, task = self._clock(), None
@@ -164,20 +166,20 @@ class Dispatcher:
             if job is None:
                 return False
             if self._is_ours(session, job):
-                task = task_of(session, job, self._settings)
+                task = load_task(session, job, self._settings)
             else:
                 jobs.release(session, job.id, self._owner, job.attempt)
         if task is None:
-            raise OtherEvaluatorError(
+            raise EvaluatorMismatchError(
                 f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
                 " another evaluator's; restart the server, which queues it anew"
             )
         key = f"{task.job}.{task.attempt}"
-        self._held[key] = _Held(task, now)
+        self._held[key] = _HeldJob(task, now)
         self._executor.submit(key, task)
         return True
 
-    def _is_ours(self, session: Session, job: Job) -> bool:
+    def _is_ours(self, session: Session, job: JobRow) -> bool:
         submission = submissions.get(session, job.submission)
         phase = phases.get(session, submission.phase)
         return submission.evaluator == self._suites.evaluator(phase, submission.environment)
@@ -200,16 +202,16 @@ class Dispatcher:
     def _prolonged(self, session: Session, task: JobTask, now: int) -> bool:
         return jobs.heartbeat(session, task.job, self._owner, task.attempt, self._lease_us, now)
 
-    def _settle(self, key: str, outcome: Driven | WorkerFailure) -> None:
-        if key.startswith(SPOT):
-            spot_checks.note(self._store, int(key.removeprefix(SPOT)), outcome, self._clock())
+    def _settle(self, key: str, outcome: JobResult | WorkerFailure) -> None:
+        if key.startswith(SPOT_CHECK_PREFIX):
+            spot_checks.record_outcome(self._store, int(key.removeprefix(SPOT_CHECK_PREFIX)), outcome, self._clock())
             return
         if key not in self._held:
             return
         task = self._held[key].task
         if isinstance(outcome, WorkerFailure):
-            outcome = JobOutcome(Verdict.FAILED_OURS, None, failure=f"{outcome.kind}: {outcome.reason}")
-        if isinstance(outcome, Rejection):
+            outcome = JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure=f"{outcome.kind}: {outcome.reason}")
+        if isinstance(outcome, AgentRejection):
             self._reject(task, outcome)
         else:
             self._finish(task, outcome)
@@ -221,13 +223,13 @@ class Dispatcher:
             self._write(task, outcome)
         except OSError as error:
             why = f"the files of a result: {describe_write_error(error, error.filename)}"
-            self._write(task, JobOutcome(Verdict.FAILED_OURS, None, failure=why))
+            self._write(task, JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure=why))
 
     def _write(self, task: JobTask, outcome: JobOutcome) -> None:
         now = self._clock()
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
-            if counted and outcome.verdict is not Verdict.FAILED_OURS:
+            if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
                 _keep_files(task)  # before the commit: a result that is there has its files
                 if submissions.finish_if_complete(session, task.submission, summarise, now):
                     self._draw(session, task.submission)
@@ -235,30 +237,30 @@ class Dispatcher:
             LOG.info("job %d: result of attempt %d came too late and was dropped", task.job, task.attempt)
 
     def _draw(self, session: Session, submission: str) -> None:
-        draw = audit.head(session)
+        draw = audit.find_head(session)
         if spot_checks.is_drawn(draw, self._settings.work.spot_check):
-            self._spots.extend(job.id for job in spot_checks.sample(session, submission, draw))
+            self._spots.extend(job.id for job in spot_checks.sample_jobs(session, submission, draw))
 
-    def _reject(self, task: JobTask, rejection: Rejection) -> None:
+    def _reject(self, task: JobTask, rejection: AgentRejection) -> None:
         now = self._clock()
         with self._store.write() as session:
             if self._prolonged(session, task, now):
                 submissions.reject(session, task.submission, rejection.why, now)
 
-    def _pause_after(self, task: JobTask, outcome: Driven) -> None:
+    def _pause_after(self, task: JobTask, outcome: JobResult) -> None:
         """A machine on which everything fails must not fail every submission at full speed."""
-        if isinstance(outcome, Rejection) or outcome.verdict is not Verdict.FAILED_OURS:
+        if isinstance(outcome, AgentRejection) or outcome.verdict is not ScenarioVerdict.FAILED_OURS:
             self._failed_in_a_row = 0
             return
         LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
-        pause_s = min(2.0 ** min(self._failed_in_a_row, 10), LONGEST_PAUSE_S)  # a float ends at 2**1024
+        pause_s = min(2.0 ** min(self._failed_in_a_row, 10), MAX_PAUSE_S)  # a float ends at 2**1024
         self._failed_in_a_row += 1
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
 
     def _begin_spot(self) -> None:
-        task = spot_checks.task(self._store, self._spots[0], self._settings)
+        task = spot_checks.make_check_task(self._store, self._spots[0], self._settings)
         self._spots.popleft()
-        self._executor.submit(f"{SPOT}{task.job}", task)
+        self._executor.submit(f"{SPOT_CHECK_PREFIX}{task.job}", task)
 
     def _forget(self, key: str) -> None:
         shutil.rmtree(self._held.pop(key).task.stage, ignore_errors=True)

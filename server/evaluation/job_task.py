@@ -5,11 +5,11 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from server.enums import Track
-from server.settings import Limits, Sandbox, Settings
+from server.enums import ChallengeTrack
+from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
 from server.store import phases, submissions
 from server.store.jobs import JobOutcome
-from server.store.tables import Job
+from server.store.tables import JobRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class JobTask:
     submission: str
     archive_sha256: str
     environment: str
-    track: Track
+    track: ChallengeTrack
     suite: str
     scenario: str
     seed: int
@@ -29,8 +29,8 @@ class JobTask:
     """Whether recording and logs are kept."""
     data: Path
     """The server's data folder: on a cluster, a shared one."""
-    sandbox: Sandbox
-    limits: Limits
+    sandbox: SandboxSettings
+    limits: ArchiveSettings
 
     @property
     def archive(self) -> Path:
@@ -54,16 +54,16 @@ class JobTask:
 
 
 @dataclass(frozen=True, slots=True)
-class Rejection:
+class AgentRejection:
     """The agent asks for what it may not have, said in one sentence for the team: the whole submission is rejected."""
 
     why: str
 
 
-Driven = JobOutcome | Rejection
+JobResult = JobOutcome | AgentRejection
 
 
-def task_of(session: Session, job: Job, settings: Settings) -> JobTask:
+def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTask:
     """Of a claimed job. Raises NotFound."""
     submission = submissions.get(session, job.submission)
     phase = phases.get(session, submission.phase)
@@ -73,7 +73,7 @@ def task_of(session: Session, job: Job, settings: Settings) -> JobTask:
         submission=submission.id,
         archive_sha256=submission.archive_sha256,
         environment=submission.environment,
-        track=Track(submission.track),
+        track=ChallengeTrack(submission.track),
         suite=phase.suite,
         scenario=job.scenario,
         seed=job.seed,

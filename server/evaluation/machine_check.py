@@ -11,12 +11,12 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.make_executor import check_scheduler_address
 from mdrive_sumo.scenario.catalog import list_packaged_suites
 from server import environments
-from server.settings import Settings
+from server.settings import ServerSettings
 
-_WAY_OUT = "Give it what is missing (docs/sandbox.md), or demand less by MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
+_ADVICE = "Give it what is missing (docs/sandbox.md), or demand less by MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
 
 
-def check_machine(settings: Settings) -> None:
+def check_machine(settings: ServerSettings) -> None:
     """Raises InputError, one sentence, where boxes have fewer layers than the settings demand, or no cluster can be.
 
     Also where boxes would see what is secret. On a cluster agents run elsewhere: there each job looks at the layers.
@@ -28,18 +28,18 @@ def check_machine(settings: Settings) -> None:
         try:
             sandbox.check_layers(settings.sandbox.required, settings.sandbox.backend)
         except InputError as error:
-            raise InputError(f"{error}. {_WAY_OUT}") from None
+            raise InputError(f"{error}. {_ADVICE}") from None
 
 
-def _check_secrets(settings: Settings) -> None:
+def _check_secrets(settings: ServerSettings) -> None:
     """Boxes see some folders of the host whole, /usr among them: database and hidden scenarios must be elsewhere."""
-    seen = frozenset(_seen(settings))
-    for what, path in _secrets(settings):
+    seen = frozenset(_list_visible_paths(settings))
+    for what, path in _list_secret_paths(settings):
         for place in {path.resolve(), *path.resolve().parents} & seen:
             raise InputError(f"{what}: expected a place that no box sees, found {path}: every agent can read {place}")
 
 
-def _secrets(settings: Settings) -> Iterator[tuple[str, Path]]:
+def _list_secret_paths(settings: ServerSettings) -> Iterator[tuple[str, Path]]:
     yield "data", settings.data
     url = make_url(settings.database_url)
     if url.get_backend_name() == "sqlite" and url.database:
@@ -49,11 +49,11 @@ def _secrets(settings: Settings) -> Iterator[tuple[str, Path]]:
             yield f"phase {phase.id}: suite", Path(phase.suite)
 
 
-def _seen(settings: Settings) -> Iterator[Path]:
+def _list_visible_paths(settings: ServerSettings) -> Iterator[Path]:
     yield from sandbox.shown()
-    for name in environments.built(settings.environments):
+    for name in environments.list_built(settings.environments):
         with suppress(InputError):  # one that cannot be read, which whoever drives with it will say
-            made = environments.environment(name, settings.environments)
+            made = environments.load_environment(name, settings.environments)
             if made.rootfs is not None:
                 yield from sandbox.shown(made.rootfs)
             else:

@@ -5,24 +5,24 @@ import logging
 from sqlalchemy import select
 
 from mdrive_sumo.core.errors import InputError
-from server.phase_suites import LoadedSuites, Suites
-from server.settings import Settings
+from server.phase_suites import LoadedPhaseSuites, PhaseSuites
+from server.settings import ServerSettings
 from server.store import Store, phases, quota, submissions
-from server.store.tables import Submission
+from server.store.tables import SubmissionRow
 
 LOG = logging.getLogger("mdrive.supervisor")
 
 
-def renewed(store: Store, settings: Settings, now_us: int, suites: Suites | None = None) -> int:
+def requeue_outdated(store: Store, settings: ServerSettings, now_us: int, suites: PhaseSuites | None = None) -> int:
     """Queues anew what another evaluator has begun or was to begin; returns how many submissions.
 
     Their jobs are those that the suite has now. Whoever still drives one of the old ones loses it with the next
     heartbeat. What cannot be driven any more is a failure of ours. Only `serve` does this, at its start.
     """
-    suites = suites or LoadedSuites(settings)
+    suites = suites or LoadedPhaseSuites(settings)
     count = 0
     with store.write() as session:
-        for submission in session.scalars(select(Submission).where(Submission.state.in_(quota.UNFINISHED))).all():
+        for submission in session.scalars(select(SubmissionRow).where(SubmissionRow.state.in_(quota.UNFINISHED))).all():
             phase = phases.get(session, submission.phase)
             try:
                 evaluator, jobs = suites.evaluator(phase, submission.environment), suites.jobs(phase)

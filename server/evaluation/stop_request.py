@@ -6,7 +6,7 @@ from contextlib import suppress
 from types import FrameType
 
 
-class Stop:
+class StopRequest:
     """Readable (`fd`) once it is wished; safe to say from a signal handler and from other threads."""
 
     def __init__(self) -> None:

@@ -17,86 +17,86 @@ from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.scenario.catalog import list_packaged_suites
 from mdrive_sumo.v2x.comm import format_comm_json
 from server.archive import ArchiveRefused
-from server.environments import environment
-from server.evaluation.archive_cache import unpacked
-from server.evaluation.job_task import Driven, JobTask, Rejection
+from server.environments import load_environment
+from server.evaluation.archive_cache import unpack_archive
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask
 from server.store.jobs import JobOutcome
-from server.submitted_agent import Entrant, verdict_of
-from server.tracks import COMM, check_style
+from server.submitted_agent import SubmittedAgent, find_verdict
+from server.tracks import COMM_BY_TRACK, check_style
 
-RECORDING_BYTES = 4 * 1024 * 1024
+MAX_RECORDING_BYTES = 4 * 1024 * 1024
 """Larger recordings are not kept: those of packaged scenarios have up to 0.5 MB, the rest is what an agent says."""
 
 
-def run_submission_job(task: JobTask) -> Driven:
+def run_submission_job(task: JobTask) -> JobResult:
     """Drives and scores. Only in the main thread of a process, as boxes want it.
 
     Raises what is our fault: InputError (this machine lacks a layer of the sandbox, an environment is not built),
     WorldError, OSError.
     """
-    _layers(task.sandbox.required, task.sandbox.backend)
+    _find_layers(task.sandbox.required, task.sandbox.backend)
     try:
-        entrant = _entrant(task)
+        entrant = _load_agent(task)
     except ArchiveRefused as error:
-        return Rejection(str(error))
+        return AgentRejection(str(error))
     try:
         check_style(entrant.manifest.style, task.track)
     except InputError as error:
-        return Rejection(str(error))
+        return AgentRejection(str(error))
     task.stage.mkdir(parents=True, exist_ok=True)
     try:
-        return _driven(task, entrant)
+        return _run_agent(task, entrant)
     finally:
         if not task.public:
             shutil.rmtree(task.stage, ignore_errors=True)
 
 
 @lru_cache(maxsize=1)
-def _layers(required: tuple[str, ...], backend: str) -> tuple[str, ...]:
+def _find_layers(required: tuple[str, ...], backend: str) -> tuple[str, ...]:
     """What was found, once for each process: on a cluster it is nobody's but the job's to look."""
     return check_layers(required, backend)
 
 
-def _driven(task: JobTask, entrant: Entrant) -> Driven:
+def _run_agent(task: JobTask, entrant: SubmittedAgent) -> JobResult:
     began_s = time.monotonic()
     try:
-        result = run_job(_job(task, entrant))
+        result = run_job(_make_job(task, entrant))
     except RejectedError as error:
-        return Rejection(str(error))
-    _keep_small(task.stage / f"{task.scenario}.npz")
-    verdict, reason = verdict_of(result)
+        return AgentRejection(str(error))
+    _drop_large(task.stage / f"{task.scenario}.npz")
+    verdict, reason = find_verdict(result)
     wall_s = round(time.monotonic() - began_s, 3)
-    layers = _layers(task.sandbox.required, task.sandbox.backend)
-    used = {"wall_s": wall_s, "layers": list(layers), **usage(task.stage)}
+    layers = _find_layers(task.sandbox.required, task.sandbox.backend)
+    used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage)}
     return JobOutcome(verdict, result.model_dump(mode="json"), reason, used)
 
 
-def _keep_small(recording: Path) -> None:
-    if recording.is_file() and recording.stat().st_size > RECORDING_BYTES:
+def _drop_large(recording: Path) -> None:
+    if recording.is_file() and recording.stat().st_size > MAX_RECORDING_BYTES:
         recording.unlink()
 
 
-def _entrant(task: JobTask) -> Entrant:
-    manifest, folder = unpacked(task)
+def _load_agent(task: JobTask) -> SubmittedAgent:
+    manifest, folder = unpack_archive(task)
     sandbox = task.sandbox
-    return Entrant(
+    return SubmittedAgent(
         manifest,
         folder,
-        environment(manifest.environment, task.data / "environments"),
+        load_environment(manifest.environment, task.data / "environments"),
         sandbox.box_limits(),
         sandbox.line_limits(),
         sandbox.backend,
     )
 
 
-def _job(task: JobTask, entrant: Entrant) -> EpisodeJob:
+def _make_job(task: JobTask, entrant: SubmittedAgent) -> EpisodeJob:
     suite = list_packaged_suites().get(task.suite, Path(task.suite))
     recording = str(task.stage / f"{task.scenario}.npz") if task.public else ""
     job = entrant.job(suite.absolute(), task.scenario, task.seed, recording, str(task.stage))
-    return replace(job, comm=format_comm_json(COMM[task.track]))
+    return replace(job, comm=format_comm_json(COMM_BY_TRACK[task.track]))
 
 
-def usage(folder: Path) -> dict[str, Any]:
+def collect_usage(folder: Path) -> dict[str, Any]:
     """What the boxes of a job used: `drivers` has left a record of each, which is taken away. A CAV's id is its key.
 
     `latency` counts answers by the time they took: `counts[i]` up to `ends_ms[i]`, the last one beyond all ends.
@@ -112,10 +112,10 @@ def usage(folder: Path) -> dict[str, Any]:
         "latency_p99_ms": max((thought["p99"] for thought in thoughts if thought["p99"] is not None), default=None),
         "peak_memory_bytes": max((record.get("peak_memory_bytes") or 0 for record in records.values()), default=None),
         "cpu_s": round(sum(record.get("cpu_s") or 0.0 for record in records.values()), 3),
-        "boxes": {name: _box(record) for name, record in records.items()},
+        "boxes": {name: _box_usage(record) for name, record in records.items()},
     }
 
 
-def _box(record: Mapping[str, Any]) -> dict[str, Any]:
+def _box_usage(record: Mapping[str, Any]) -> dict[str, Any]:
     kept = ("backend", "answers", "exit_code", "signal", "oom_killed", "peak_memory_bytes", "cpu_s", "wall_s", "clean")
     return {name: record[name] for name in kept if name in record}

@@ -9,36 +9,38 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import bootstrap_stratified_mean
 from mdrive_sumo.scoring import Means, ScenarioResult, buckets, categories, overall
-from server.store.standings import Figures, Summary
-from server.store.tables import Job
+from server.store.standings import FiguresData, SummaryData
+from server.store.tables import JobRow
 
-NAMES = ("ds", "sr")
+INTERVAL_SCORES = ("ds", "sr")
 """What has an interval; scenarios are drawn anew (those of each bucket apart), a scenario's seeds stay together."""
 
 
-def summarise(jobs: Sequence[Job]) -> Summary:
+def summarise(jobs: Sequence[JobRow]) -> SummaryData:
     """Overall numbers are means over the buckets, as the paper's are."""
     results = [ScenarioResult.model_validate(job.result) for job in jobs]
     of_bucket = {name: [one for one in results if one.bucket == name] for name in buckets(results)}
     of_category = {name: [one for one in results if one.category == name] for name in categories(results)}
     return {
-        "overall": _figures(overall(results).bucket_mean, list(of_bucket.values())),
-        "buckets": {name: _figures(means, [of_bucket[name]]) for name, means in buckets(results).items()},
-        "categories": {name: _figures(means, [of_category[name]]) for name, means in categories(results).items()},
+        "overall": _compute_figures(overall(results).bucket_mean, list(of_bucket.values())),
+        "buckets": {name: _compute_figures(means, [of_bucket[name]]) for name, means in buckets(results).items()},
+        "categories": {
+            name: _compute_figures(means, [of_category[name]]) for name, means in categories(results).items()
+        },
     }
 
 
-def _figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -> Figures:
-    figures: Figures = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip")}
-    for name in NAMES:
-        found = bootstrap_stratified_mean([_values(group, name) for group in groups])
+def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -> FiguresData:
+    figures: FiguresData = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip")}
+    for name in INTERVAL_SCORES:
+        found = bootstrap_stratified_mean([_mean_by_scenario(group, name) for group in groups])
         figures[f"{name}_low"], figures[f"{name}_high"] = round(found.low, 6), round(found.high, 6)
     results = [one for group in groups for one in group]
     kinds = Counter(found.kind for one in results for ego in one.egos for found in ego.infractions)
     return figures | {"scenarios": len({one.id for one in results}), "infractions": dict(sorted(kinds.items()))}
 
 
-def _values(results: Sequence[ScenarioResult], name: str) -> Float:
+def _mean_by_scenario(results: Sequence[ScenarioResult], name: str) -> Float:
     """One number for every scenario: the mean over its seeds."""
     seeds: dict[str, list[float]] = {}
     for result in results:

@@ -19,12 +19,12 @@ from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.preparation import SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.job_task import Driven, JobTask
+from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.machine_check import check_machine
-from server.evaluation.stop_request import Stop
+from server.evaluation.stop_request import StopRequest
 from server.evaluation.submission_job import run_submission_job
-from server.phase_suites import LoadedSuites
-from server.settings import Settings
+from server.phase_suites import LoadedPhaseSuites
+from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, phases
 from server.store.errors import new_id
 
@@ -33,23 +33,25 @@ NICE = 5
 """Whoever asks the server is answered first."""
 
 
-def main(function: Callable[[JobTask], Driven] = run_submission_job, clock: Callable[[], int] = now_us) -> int:
+def main(function: Callable[[JobTask], JobResult] = run_submission_job, clock: Callable[[], int] = now_us) -> int:
     """`python -m server.evaluation.worker`: exit code 0 if it was told to stop."""
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
-    stop = Stop()
+    stop = StopRequest()
     stop.on_signals()
     os.nice(NICE)
     try:
-        settings = Settings.model_validate_json(_line(0))
-        threading.Thread(target=_stop_at_end, args=(0, stop), daemon=True).start()
-        work(settings, stop, function, clock)
+        settings = ServerSettings.model_validate_json(_read_line(0))
+        threading.Thread(target=_stop_on_eof, args=(0, stop), daemon=True).start()
+        run_worker(settings, stop, function, clock)
     except (InputError, StoreUnavailable, ValidationError) as error:
         LOG.error("%s", error)
         return 2
     return 0
 
 
-def work(settings: Settings, stop: Stop, function: Callable[[JobTask], Driven], clock: Callable[[], int]) -> None:
+def run_worker(
+    settings: ServerSettings, stop: StopRequest, function: Callable[[JobTask], JobResult], clock: Callable[[], int]
+) -> None:
     """Drives what is in the queue with one process, or with the workers of a Dask cluster.
 
     Raises InputError where this machine is not fit for it, StoreUnavailable.
@@ -58,32 +60,32 @@ def work(settings: Settings, stop: Stop, function: Callable[[JobTask], Driven], 
     work = settings.work
     store = Store(settings.database_url)
     try:
-        suites = LoadedSuites(settings)
-        limit_s = _limit_s(store, settings, suites)
+        suites = LoadedPhaseSuites(settings)
+        limit_s = _compute_limit_s(store, settings, suites)
         with make_executor(function, 1, limit_s, work.scheduler) as executor:
-            Dispatcher(store, settings, suites, executor, owner(), clock).run(stop)
+            Dispatcher(store, settings, suites, executor, make_owner(), clock).run(stop)
     finally:
         store.close()
 
 
-def owner() -> str:
+def make_owner() -> str:
     """A name that no process had or will have."""
     return f"{socket.gethostname()[:24]}.{os.getpid()}.{new_id()[:12]}"
 
 
-def _limit_s(store: Store, settings: Settings, suites: LoadedSuites) -> float:
+def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhaseSuites) -> float:
     """Wall clock after which a job hangs, whatever its agents do: more than they may take together.
 
     It reads all suites, which must not happen in the transaction of the first claim.
     """
     with store.read() as session:
-        every = phases.every(session)
+        every = phases.list_phases(session)
     egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
     limits = settings.sandbox.line_limits()
     return SIMULATION_LIMIT_S + max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
 
 
-def _line(fd: int) -> bytes:
+def _read_line(fd: int) -> bytes:
     """Up to a line's end, and no byte more: `_stop_at_end` waits for the rest."""
     line = b""
     while not line.endswith(b"\n"):
@@ -94,7 +96,7 @@ def _line(fd: int) -> bytes:
     return line
 
 
-def _stop_at_end(fd: int, stop: Stop) -> None:
+def _stop_on_eof(fd: int, stop: StopRequest) -> None:
     poller = select.poll()
     poller.register(fd, select.POLLIN | select.POLLHUP)
     while True:

@@ -8,9 +8,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import Declaration
 from server.archive import Manifest
-from server.environments import Environment, environment, here
-from server.participant.packaging import team
-from server.submitted_agent import TRACKS, Entrant, admitted
+from server.environments import Environment, current_environment, load_environment
+from server.participant.packaging import unpack_agent
+from server.submitted_agent import TRACK_BY_LABEL, SubmittedAgent, read_declaration
 
 sandbox_option = click.option("--sandbox", is_flag=True, help="Ask the agent in a box, as the server does.")
 environments_option = click.option(
@@ -32,30 +32,30 @@ def check(path: Path, sandbox: bool, environments: Path | None) -> None:
 
     Exit codes: 0 it would be accepted, 2 it would be rejected; the sentence says what to mend.
     """
-    with team(path) as found:
-        click.echo(described(found.manifest))
-        place = where(found.manifest, environments) if sandbox or environments else None
-        click.echo(declared(ask(Entrant(found.manifest, found.folder, place))))
+    with unpack_agent(path) as found:
+        click.echo(format_manifest(found.manifest))
+        place = choose_environment(found.manifest, environments) if sandbox or environments else None
+        click.echo(format_declaration(ask_agent(SubmittedAgent(found.manifest, found.folder, place))))
 
 
-def where(manifest: Manifest, environments: Path | None) -> Environment:
+def choose_environment(manifest: Manifest, environments: Path | None) -> Environment:
     """The environment that is asked for, or this Python in its place, which is said. Raises InputError."""
     if environments is not None:
-        return environment(manifest.environment, environments)
-    found = here()
+        return load_environment(manifest.environment, environments)
+    found = current_environment()
     click.echo(f"note: {found.name} ({found.python}) stands in for {manifest.environment}; or --environments", err=True)
     return found
 
 
-def ask(entrant: Entrant) -> Declaration:
+def ask_agent(entrant: SubmittedAgent) -> Declaration:
     """What the agent declares; raises InputError, one sentence, if it would be rejected or cannot be made."""
     try:
-        return admitted(entrant)
+        return read_declaration(entrant)
     except AgentFailure as error:
         raise InputError(f"agent: cannot be made: {error.text.removeprefix('InputError: ')}") from None
 
 
-def described(manifest: Manifest) -> str:
+def format_manifest(manifest: Manifest) -> str:
     """What an archive holds."""
     style = "one agent for all CAVs" if manifest.style == "joint" else "one agent for each CAV"
     lines = [
@@ -70,7 +70,9 @@ def described(manifest: Manifest) -> str:
     return "\n".join(lines)
 
 
-def declared(found: Declaration) -> str:
+def format_declaration(found: Declaration) -> str:
     """What an agent declares."""
     sensors = ", ".join(f"{sensor.kind}:{sensor.id}" if sensor.id else sensor.kind for sensor in found.sensors)
-    return f"label        {found.label}: track {TRACKS[found.label]}\nsensors      {sensors or 'none'}\naccepted"
+    return (
+        f"label        {found.label}: track {TRACK_BY_LABEL[found.label]}\nsensors      {sensors or 'none'}\naccepted"
+    )

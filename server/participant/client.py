@@ -13,27 +13,27 @@ from typing import Any, BinaryIO, cast
 import httpx
 
 from mdrive_sumo.core.errors import InputError
-from server.enums import Track
+from server.enums import ChallengeTrack
 
 API = "/api/v1"
 TRIES = 3
 """For an upload that breaks off; the idempotency key makes it one submission all the same."""
-LONGEST_WAIT_S = 60
+MAX_WAIT_S = 60
 """Before it is tried again."""
 TIMEOUT = httpx.Timeout(30.0, read=60.0)
-Told = Callable[[int], None]
+OnBytesSent = Callable[[int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class SubmissionForm:
     """What goes with an archive."""
 
     phase: str
-    track: Track
+    track: ChallengeTrack
     name: str
 
 
-class Unreachable(InputError):
+class ServerUnreachable(InputError):
     """Nobody answers, now."""
 
     def __init__(self, sentence: str, after_s: int = 5) -> None:
@@ -42,7 +42,7 @@ class Unreachable(InputError):
         self.after_s = after_s
 
 
-class Client:
+class ChallengeClient:
     """One server, one team's token. Every method raises InputError, `Unreachable` where asking again can help."""
 
     def __init__(self, server: str, token: str, transport: httpx.BaseTransport | None = None) -> None:
@@ -58,9 +58,9 @@ class Client:
                 base_url=self._server + API, headers=headers, timeout=TIMEOUT, transport=transport
             )
         except httpx.InvalidURL as error:
-            raise InputError(f"server: expected an address, found {server!r}: {_said(error)}") from None
+            raise InputError(f"server: expected an address, found {server!r}: {_describe(error)}") from None
 
-    def __enter__(self) -> "Client":
+    def __enter__(self) -> "ChallengeClient":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -78,7 +78,7 @@ class Client:
             raise InputError(f"{self._server}: expected --phase, one of: {', '.join(phases) or 'none is open now'}")
         return phases[0]
 
-    def submit(self, archive: Path, entry: Entry, told: Told) -> Mapping[str, Any]:
+    def submit(self, archive: Path, entry: SubmissionForm, told: OnBytesSent) -> Mapping[str, Any]:
         """Sends an archive; `told` hears how many bytes have gone.
 
         It is tried again where the connection breaks, or the server has too much to do.
@@ -90,11 +90,11 @@ class Client:
                     return self._send(file, entry, key, told)
             except httpx.TransportError as error:
                 if not left:
-                    raise InputError(f"{self._server}: the upload broke off: {_said(error)}") from None
-            except Unreachable as error:
+                    raise InputError(f"{self._server}: the upload broke off: {_describe(error)}") from None
+            except ServerUnreachable as error:
                 if not left:
                     raise
-                time.sleep(min(error.after_s, LONGEST_WAIT_S))
+                time.sleep(min(error.after_s, MAX_WAIT_S))
         raise AssertionError
 
     def show(self, submission: str) -> Mapping[str, Any]:
@@ -109,22 +109,22 @@ class Client:
                 answer.read()
                 refusal = self._refusal(answer)
                 busy = answer.status_code == HTTPStatus.TOO_MANY_REQUESTS  # others of the team follow theirs
-                raise Unreachable(str(refusal)) if busy else refusal
+                raise ServerUnreachable(str(refusal)) if busy else refusal
             event: dict[str, str] = {}
             for line in answer.iter_lines():
                 name, _, value = line.partition(":")
                 if line:
                     event[name] = value.removeprefix(" ")
                 elif "data" in event:
-                    yield event.get("id", ""), event.get("event", "message"), _mapping(event["data"])
+                    yield event.get("id", ""), event.get("event", "message"), _parse_object(event["data"])
                     event = {}
 
-    def _send(self, file: BinaryIO, entry: Entry, key: str, told: Told) -> Mapping[str, Any]:
+    def _send(self, file: BinaryIO, entry: SubmissionForm, key: str, told: OnBytesSent) -> Mapping[str, Any]:
         fields = {"phase": entry.phase, "track": entry.track.value, "name": entry.name}
         answer = self._http.post(
             "/submissions",
             data=fields,
-            files={"archive": ("team.zip", cast(BinaryIO, _Heard(file, told)), "application/zip")},
+            files={"archive": ("team.zip", cast(BinaryIO, _ProgressFile(file, told)), "application/zip")},
             headers={"Idempotency-Key": key},
         )
         return self._content(answer)
@@ -136,36 +136,36 @@ class Client:
     def _content(self, answer: httpx.Response) -> Mapping[str, Any]:
         if not answer.is_success:
             raise self._refusal(answer)
-        return _mapping(answer.text)
+        return _parse_object(answer.text)
 
     @contextmanager
     def _speaking(self) -> Generator[None]:
         try:
             yield
         except httpx.TransportError as error:
-            raise Unreachable(f"{self._server}: cannot be reached: {_said(error)}") from None
+            raise ServerUnreachable(f"{self._server}: cannot be reached: {_describe(error)}") from None
 
     def _refusal(self, answer: httpx.Response) -> InputError:
         """The server's own sentence (RFC 9457) where there is one, and when to come back."""
         if answer.has_redirect_location:
             return InputError(f"{self._server} ({answer.status_code}): it has moved to {answer.headers['Location']}")
         try:
-            problem = _mapping(answer.text)
+            problem = _parse_object(answer.text)
         except InputError:
             problem = {}
         sentence = str(problem.get("detail") or problem.get("title") or answer.reason_phrase or "refused")
         again = answer.headers.get("Retry-After", "")
-        wait = f"; come back in {_duration(int(again))}" if again.isdecimal() else ""
+        wait = f"; come back in {_format_duration(int(again))}" if again.isdecimal() else ""
         sentence = f"{self._server} ({answer.status_code}): {sentence}{wait}"
         if answer.status_code != HTTPStatus.SERVICE_UNAVAILABLE:
             return InputError(sentence)
-        return Unreachable(sentence, int(again) if again.isdecimal() else LONGEST_WAIT_S)
+        return ServerUnreachable(sentence, int(again) if again.isdecimal() else MAX_WAIT_S)
 
 
-class _Heard:
+class _ProgressFile:
     """A file whose reader is overheard."""
 
-    def __init__(self, file: BinaryIO, told: Told) -> None:
+    def __init__(self, file: BinaryIO, told: OnBytesSent) -> None:
         self._file, self._told = file, told
 
     def __getattr__(self, name: str) -> Any:
@@ -177,7 +177,7 @@ class _Heard:
         return data
 
 
-def _mapping(text: str) -> Mapping[str, Any]:
+def _parse_object(text: str) -> Mapping[str, Any]:
     try:
         found = json.loads(text)
     except ValueError:
@@ -189,10 +189,10 @@ def _mapping(text: str) -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", found)
 
 
-def _said(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _duration(seconds: int) -> str:
+def _format_duration(seconds: int) -> str:
     hours, minutes = divmod(-(-seconds // 60), 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min"

@@ -16,22 +16,22 @@ from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.summary import means
 from mdrive_sumo.v2x.comm import format_comm_json
-from server.enums import State, Track, Verdict
+from server.enums import ChallengeTrack, ScenarioVerdict, SubmissionState
 from server.environments import Environment
-from server.participant.check import ask, declared, described
-from server.participant.packaging import Team
-from server.submitted_agent import TRACKS, Entrant, verdict_of
-from server.tracks import COMM
+from server.participant.check import ask_agent, format_declaration, format_manifest
+from server.participant.packaging import UnpackedAgent
+from server.submitted_agent import TRACK_BY_LABEL, SubmittedAgent, find_verdict
+from server.tracks import COMM_BY_TRACK
 
 if TYPE_CHECKING:
-    from server.settings import Sandbox
+    from server.settings import SandboxSettings
 
 SIMULATION_S = 600.0
 """Wall clock for all but the agents of a scenario."""
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class DryRunOptions:
     """What is to be driven, and how."""
 
     suite: str
@@ -43,34 +43,34 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
+class RejectedJob:
     """What the agent asked for while it was driven."""
 
     why: str
 
 
-def dry_run(team: Team, environment: Environment, track: Track, course: Course) -> bool:
+def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack, course: DryRunOptions) -> bool:
     """Drives and tells verdicts; True if all scenarios have a score. Raises InputError."""
-    entrant = as_on_the_server(team, environment)
-    click.echo(described(team.manifest))
-    found = ask(entrant)
-    click.echo(f"{declared(found)}\ntrack        {track}")
-    if TRACKS[found.label] is not track:
-        click.echo(f"note: an agent that says {found.label} means --track {TRACKS[found.label]}", err=True)
-    _say_what_is_missing()
+    entrant = with_server_limits(team, environment)
+    click.echo(format_manifest(team.manifest))
+    found = ask_agent(entrant)
+    click.echo(f"{format_declaration(found)}\ntrack        {track}")
+    if TRACK_BY_LABEL[found.label] is not track:
+        click.echo(f"note: an agent that says {found.label} means --track {TRACK_BY_LABEL[found.label]}", err=True)
+    _print_missing_layers()
     results: list[ScenarioResult] = []
     ours = 0
-    for job, outcome in driven(entrant, track, course):
-        if isinstance(outcome, Rejected):
-            raise InputError(f"{State.REJECTED}: {job.scenario}: {outcome.why}")
+    for job, outcome in run_jobs(entrant, track, course):
+        if isinstance(outcome, RejectedJob):
+            raise InputError(f"{SubmissionState.REJECTED}: {job.scenario}: {outcome.why}")
         if isinstance(outcome, WorkerFailure):
             if outcome.kind is FailureKind.INPUT:
                 raise InputError(outcome.reason)
             ours += 1
-            click.echo(f"{Verdict.FAILED_OURS}: {job.scenario}: {outcome.reason}")
+            click.echo(f"{ScenarioVerdict.FAILED_OURS}: {job.scenario}: {outcome.reason}")
             continue
         results.append(outcome)
-        click.echo(told(outcome))
+        click.echo(format_result(outcome))
     if results:
         mean = means(results)
         driven_ = f"{len(results)} scenario{'s' if len(results) > 1 else ''}"
@@ -78,33 +78,33 @@ def dry_run(team: Team, environment: Environment, track: Track, course: Course) 
     return not ours
 
 
-def _say_what_is_missing() -> None:
+def _print_missing_layers() -> None:
     """An agent may pass here that a server's boxes would end, so the difference is told."""
-    required = _of_a_server().required
+    required = _default_sandbox().required
     if lacks := "; ".join(
         f"{each.name} ({each.detail})" for each in examine_layers() if each.name in required and not each.active
     ):
         click.echo(f"note: boxes here lack what a server's have by default: {lacks}", err=True)
 
 
-def as_on_the_server(team: Team, environment: Environment | None) -> Entrant:
+def with_server_limits(team: UnpackedAgent, environment: Environment | None) -> SubmittedAgent:
     """With the limits that a server has unless it says otherwise. Raises InputError."""
-    sandbox = _of_a_server()
+    sandbox = _default_sandbox()
     limits = sandbox.line_limits()
-    return Entrant(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
+    return SubmittedAgent(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
 
 
-def _of_a_server() -> "Sandbox":
+def _default_sandbox() -> "SandboxSettings":
     try:
-        from server.settings import Sandbox  # needs the packages of the server
+        from server.settings import SandboxSettings  # needs the packages of the server
     except ImportError as error:
         raise InputError(f"a dry run needs {error.name}: pip install 'mdrive-sumo[server]'") from None
-    return Sandbox()
+    return SandboxSettings()
 
 
-def driven(
-    entrant: Entrant, track: Track, course: Course
-) -> Generator[tuple[EpisodeJob, ScenarioResult | Rejected | WorkerFailure]]:
+def run_jobs(
+    entrant: SubmittedAgent, track: ChallengeTrack, course: DryRunOptions
+) -> Generator[tuple[EpisodeJob, ScenarioResult | RejectedJob | WorkerFailure]]:
     """Every scenario with its outcome, as they finish. Raises InputError."""
     suite = load_suite(course.suite)
     scenarios = suite.matching(course.scenario)
@@ -114,7 +114,7 @@ def driven(
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{course.out}: cannot be written: {error.strerror}") from None
-    comm = format_comm_json(COMM[track])
+    comm = format_comm_json(COMM_BY_TRACK[track])
     jobs = [
         replace(
             entrant.job(suite.folder.resolve(), one.id, course.seed, str(recordings / f"{one.id}.npz"), str(logs)),
@@ -124,21 +124,23 @@ def driven(
     ]
     most = max(len(one.egos) for one in scenarios)
     limit_s = SIMULATION_S + most * (2 * entrant.limits.start_s + entrant.limits.episode_s)
-    with ProcessPool[EpisodeJob, ScenarioResult | Rejected](drive, min(course.workers, len(jobs)), limit_s) as pool:
+    with ProcessPool[EpisodeJob, ScenarioResult | RejectedJob](
+        run_dry_job, min(course.workers, len(jobs)), limit_s
+    ) as pool:
         yield from pool.run(jobs)
 
 
-def drive(job: EpisodeJob) -> ScenarioResult | Rejected:
+def run_dry_job(job: EpisodeJob) -> ScenarioResult | RejectedJob:
     """In a worker process, whose main thread opens the boxes."""
     try:
         return run_job(job)
     except RejectedError as error:
-        return Rejected(str(error))
+        return RejectedJob(str(error))
 
 
-def told(result: ScenarioResult) -> str:
+def format_result(result: ScenarioResult) -> str:
     """One scenario in a line."""
-    verdict, reason = verdict_of(result)
+    verdict, reason = find_verdict(result)
     numbers = f"DS {result.ds:6.2f}  SR {result.sr:6.2f}  RC {result.rc:6.2f}  IP {result.ip:.3f}"
     why = next((f"  {ego.id}: {ego.reason}" for ego in result.egos if ego.reason), "")
     return f"{verdict}{f' ({reason})' if reason else ''}: {result.id}  {numbers}{why}"

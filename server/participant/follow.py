@@ -5,18 +5,18 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
-from server.enums import State
-from server.participant.client import Client, Unreachable
+from server.enums import SubmissionState
+from server.participant.client import ChallengeClient, ServerUnreachable
 
-FINISHED = frozenset(State) - {State.QUEUED, State.RUNNING}
+FINISHED = frozenset(SubmissionState) - {SubmissionState.QUEUED, SubmissionState.RUNNING}
 PAUSE_S = 2.0
 """Before asking again where the stream of events has ended."""
 TRIES = 30
 """So often in a row nobody may answer: servers are restarted, and submissions go on."""
-Say = Callable[[str], None]
+PrintLine = Callable[[str], None]
 
 
-def follow(client: Client, submission: str, say: Say, pause_s: float = PAUSE_S) -> State:
+def follow(client: ChallengeClient, submission: str, say: PrintLine, pause_s: float = PAUSE_S) -> SubmissionState:
     """Says what happens, and the result; returns the last state. Raises InputError."""
     after, told, tries = "", "", 0
     while True:
@@ -24,36 +24,36 @@ def follow(client: Client, submission: str, say: Say, pause_s: float = PAUSE_S) 
             for event_id, kind, data in client.events(submission, after):
                 after, tries = event_id or after, 0
                 if kind == "scenario":
-                    say(scenario_line(data))
+                    say(format_scenario(data))
                 if kind == "state":
-                    told = state_line(data)
+                    told = format_state(data)
                     say(told)
             shown = client.show(submission)  # a stream may end for any reason
             if shown.get("state") in FINISHED:
-                if told != state_line(shown):
-                    say(state_line(shown))
-                return concluded(shown, say)
-        except Unreachable:
+                if told != format_state(shown):
+                    say(format_state(shown))
+                return print_summary(shown, say)
+        except ServerUnreachable:
             tries += 1
             if tries > TRIES:
                 raise
         time.sleep(pause_s)
 
 
-def state_line(data: Mapping[str, Any]) -> str:
+def format_state(data: Mapping[str, Any]) -> str:
     """A submission's state, and why."""
     why = data.get("why")
     return f"{data.get('state')}{f': {why}' if why else ''}"
 
 
-def scenario_line(data: Mapping[str, Any]) -> str:
+def format_scenario(data: Mapping[str, Any]) -> str:
     """What became of a scenario."""
     reason = data.get("reason")
     numbers = "".join(f"  {name.upper()} {data[name]:6.2f}" for name in ("ds", "sr") if data.get(name) is not None)
     return f"{data.get('verdict')}{f' ({reason})' if reason else ''}: {data.get('scenario')}{numbers}"
 
 
-def concluded(shown: Mapping[str, Any], say: Say) -> State:
+def print_summary(shown: Mapping[str, Any], say: PrintLine) -> SubmissionState:
     """Says the result, where there is one."""
     overall = (shown.get("summary") or {}).get("overall", {})
     numbers = ", ".join(
@@ -62,6 +62,8 @@ def concluded(shown: Mapping[str, Any], say: Say) -> State:
     if numbers:
         say(f"overall: {numbers}")
     try:
-        return State(shown["state"])
+        return SubmissionState(shown["state"])
     except (KeyError, ValueError):
-        raise InputError(f"server: expected a state among {', '.join(State)}, found {shown.get('state')!r}") from None
+        raise InputError(
+            f"server: expected a state among {', '.join(SubmissionState)}, found {shown.get('state')!r}"
+        ) from None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from server.archive import ArchiveLimits, ArchiveRefused, Manifest, checked, extracted
+from server.archive import ArchiveLimits, ArchiveRefused, Manifest, check_archive, extract_archive
 
 SKIPPED = ("__pycache__", ".git", ".venv", ".DS_Store", ".ipynb_checkpoints", ".pytest_cache", "runs")
 """Files and folders that nobody means to send."""
@@ -17,7 +17,7 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Team:
+class UnpackedAgent:
     """A checked archive, unpacked."""
 
     manifest: Manifest
@@ -25,32 +25,32 @@ class Team:
 
 
 @contextmanager
-def sealed(path: Path, limits: ArchiveLimits) -> Generator[tuple[Path, Manifest]]:
+def open_as_archive(path: Path, limits: ArchiveLimits) -> Generator[tuple[Path, Manifest]]:
     """A folder, packed, or an archive; checked as the server does it. Raises ArchiveRefused and InputError."""
     with tempfile.TemporaryDirectory(prefix="mdrive-team-") as scratch:
         archive = path
         if path.is_dir():
             archive = Path(scratch) / "team.zip"
-            packed(path, archive)
+            write_archive(path, archive)
         elif not path.is_file():
             raise InputError(f"{path}: expected a folder or a zip file, found none")
-        yield archive, checked(archive, limits)
+        yield archive, check_archive(archive, limits)
 
 
 @contextmanager
-def team(path: Path) -> Generator[Team]:
+def unpack_agent(path: Path) -> Generator[UnpackedAgent]:
     """The same unpacked, with the limits that a server has unless it says otherwise."""
     with (
-        sealed(path, ArchiveLimits()) as (archive, manifest),
+        open_as_archive(path, ArchiveLimits()) as (archive, manifest),
         tempfile.TemporaryDirectory(prefix="mdrive-team-") as made,
     ):
         scratch = Path(made)
         scratch.chmod(0o755)  # boxes run as other users
-        extracted(archive, manifest, scratch / "agent")
-        yield Team(manifest, scratch / "agent")
+        extract_archive(archive, manifest, scratch / "agent")
+        yield UnpackedAgent(manifest, scratch / "agent")
 
 
-def packed(folder: Path, archive: Path) -> None:
+def write_archive(folder: Path, archive: Path) -> None:
     """Writes an archive; raises ArchiveRefused for links, which no archive may hold."""
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as made:
         for path in sorted(folder.rglob("*")):

@@ -8,16 +8,16 @@ import click
 from mdrive_sumo.cli.evaluate import workers_option
 from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveLimits, Manifest
-from server.enums import State, Track
-from server.participant.check import environments_option, where
-from server.participant.client import Client, Entry
-from server.participant.dry_run import Course, dry_run
+from server.enums import ChallengeTrack, SubmissionState
+from server.participant.check import choose_environment, environments_option
+from server.participant.client import ChallengeClient, SubmissionForm
+from server.participant.dry_run import DryRunOptions, dry_run
 from server.participant.follow import follow
-from server.participant.packaging import sealed, team
+from server.participant.packaging import open_as_archive, unpack_agent
 from server.tracks import check_style
 
-TRACKS = tuple(track.value for track in Track)
-ANY_SIZE = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10**6, ratio=10**6)
+TRACKS = tuple(track.value for track in ChallengeTrack)
+UNLIMITED = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10**6, ratio=10**6)
 """How large an archive may be is the server's to say."""
 
 
@@ -48,41 +48,41 @@ def submit(
     """
     if dry:
         chosen = {name: options[name] for name in ("suite", "scenario", "seed", "workers", "out")}
-        course = Course(**chosen)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
-        with team(path) as found:
-            track = _track(found.manifest, options)
-            code = 0 if dry_run(found, where(found.manifest, environments), track, course) else 1
+        course = DryRunOptions(**chosen)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+        with unpack_agent(path) as found:
+            track = _choose_track(found.manifest, options)
+            code = 0 if dry_run(found, choose_environment(found.manifest, environments), track, course) else 1
     else:
-        server, token = _needed(options, "server"), _needed(options, "token")
-        with sealed(path, ANY_SIZE) as (archive, manifest), Client(server, token) as client:
-            code = _sent(client, archive, _entry(client, manifest, path, options), no_follow)
+        server, token = _require_option(options, "server"), _require_option(options, "token")
+        with open_as_archive(path, UNLIMITED) as (archive, manifest), ChallengeClient(server, token) as client:
+            code = _send(client, archive, _make_form(client, manifest, path, options), no_follow)
     ctx.exit(code)
 
 
-def _needed(options: dict[str, object], name: str) -> str:
+def _require_option(options: dict[str, object], name: str) -> str:
     value = options[name]
     if not value:
         raise InputError(f"submit: expected --{name} or MDRIVE_{name.upper()}, found neither; or --dry-run")
     return str(value)
 
 
-def _entry(client: Client, manifest: Manifest, path: Path, options: dict[str, object]) -> Entry:
-    return Entry(
+def _make_form(client: ChallengeClient, manifest: Manifest, path: Path, options: dict[str, object]) -> SubmissionForm:
+    return SubmissionForm(
         phase=str(options["phase"] or client.open_phase()),
-        track=_track(manifest, options),
+        track=_choose_track(manifest, options),
         name=str(options["name"] or (path.resolve().name if path.is_dir() else path.stem)),
     )
 
 
-def _track(manifest: Manifest, options: dict[str, object]) -> Track:
+def _choose_track(manifest: Manifest, options: dict[str, object]) -> ChallengeTrack:
     """Raises InputError for one that the agent's style may not be in."""
     chosen = options["track"]
-    track = Track(chosen) if isinstance(chosen, str) else manifest.track_hint or Track.SINGLE
+    track = ChallengeTrack(chosen) if isinstance(chosen, str) else manifest.track_hint or ChallengeTrack.SINGLE
     check_style(manifest.style, track)
     return track
 
 
-def _sent(client: Client, archive: Path, entry: Entry, no_follow: bool) -> int:
+def _send(client: ChallengeClient, archive: Path, entry: SubmissionForm, no_follow: bool) -> int:
     """The exit code."""
     size = archive.stat().st_size
     with click.progressbar(length=size, label="uploading", file=sys.stderr, width=30) as bar:
@@ -97,4 +97,4 @@ def _sent(client: Client, archive: Path, entry: Entry, no_follow: bool) -> int:
     click.echo(f"page: {client.page(submission)}")
     if no_follow:
         return 0
-    return {State.DONE: 0, State.REJECTED: 2}.get(follow(client, submission, click.echo), 1)
+    return {SubmissionState.DONE: 0, SubmissionState.REJECTED: 2}.get(follow(client, submission, click.echo), 1)

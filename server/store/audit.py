@@ -12,13 +12,13 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.store.tables import AuditEntry
+from server.store.tables import AuditEntryRow
 
-_BEGIN = ""
+_EMPTY_HEAD = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Audit:
+class AuditReport:
     """What a walk along the chain found."""
 
     entries: int
@@ -28,49 +28,49 @@ class Audit:
     """Id of the first entry that does not fit to the one before; None if all do."""
 
 
-def add(session: Session, actor: str, deed: str, data: dict[str, Any], now_us: int) -> None:
+def add_entry(session: Session, actor: str, deed: str, data: dict[str, Any], now_us: int) -> None:
     """Notes who did what; in the transaction of the deed, so that neither is there without the other."""
     session.flush()
-    hash_ = _hash(head(session), now_us, actor, deed, data)
-    session.add(AuditEntry(at_us=now_us, actor=actor, deed=deed, data=data, hash=hash_))
+    hash_ = _compute_hash(find_head(session), now_us, actor, deed, data)
+    session.add(AuditEntryRow(at_us=now_us, actor=actor, deed=deed, data=data, hash=hash_))
     session.flush()
 
 
-def head(session: Session) -> str:
+def find_head(session: Session) -> str:
     """Hash of the last entry, "" before the first."""
-    return session.scalar(select(AuditEntry.hash).order_by(AuditEntry.id.desc()).limit(1)) or _BEGIN
+    return session.scalar(select(AuditEntryRow.hash).order_by(AuditEntryRow.id.desc()).limit(1)) or _EMPTY_HEAD
 
 
-def last(session: Session, apart_from: Collection[str]) -> str:
+def find_last(session: Session, apart_from: Collection[str]) -> str:
     """Hash of the last entry of another deed than these, "" before the first."""
-    other = select(AuditEntry.hash).where(AuditEntry.deed.not_in(apart_from))
-    return session.scalar(other.order_by(AuditEntry.id.desc()).limit(1)) or _BEGIN
+    other = select(AuditEntryRow.hash).where(AuditEntryRow.deed.not_in(apart_from))
+    return session.scalar(other.order_by(AuditEntryRow.id.desc()).limit(1)) or _EMPTY_HEAD
 
 
-def latest(session: Session, most: int, deed: str | None = None) -> Sequence[AuditEntry]:
+def list_latest(session: Session, most: int, deed: str | None = None) -> Sequence[AuditEntryRow]:
     """The latest entries, or those of one kind; the newest first."""
-    wanted = select(AuditEntry) if deed is None else select(AuditEntry).where(AuditEntry.deed == deed)
-    return session.scalars(wanted.order_by(AuditEntry.id.desc()).limit(most)).all()
+    wanted = select(AuditEntryRow) if deed is None else select(AuditEntryRow).where(AuditEntryRow.deed == deed)
+    return session.scalars(wanted.order_by(AuditEntryRow.id.desc()).limit(most)).all()
 
 
-def spot_check_differences(session: Session) -> int:
+def count_spot_check_differences(session: Session) -> int:
     """How many spot checks found something else than before."""
-    checks = select(func.count()).where(AuditEntry.deed == "spot-check")
-    return session.scalar(checks.where(AuditEntry.data["same"].as_boolean().is_(False))) or 0
+    checks = select(func.count()).where(AuditEntryRow.deed == "spot-check")
+    return session.scalar(checks.where(AuditEntryRow.data["same"].as_boolean().is_(False))) or 0
 
 
-def verify(session: Session) -> Audit:
+def verify_chain(session: Session) -> AuditReport:
     """Walks the whole chain."""
-    before, entries, broken = _BEGIN, 0, None
-    for entry in session.scalars(select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=500)):
+    before, entries, broken = _EMPTY_HEAD, 0, None
+    for entry in session.scalars(select(AuditEntryRow).order_by(AuditEntryRow.id).execution_options(yield_per=500)):
         entries += 1
-        expected = _hash(before, entry.at_us, entry.actor, entry.deed, entry.data)
+        expected = _compute_hash(before, entry.at_us, entry.actor, entry.deed, entry.data)
         if broken is None and entry.hash != expected:
             broken = entry.id
         before = entry.hash
-    return Audit(entries, before, broken)
+    return AuditReport(entries, before, broken)
 
 
-def _hash(before: str, at_us: int, actor: str, deed: str, data: dict[str, Any]) -> str:
+def _compute_hash(before: str, at_us: int, actor: str, deed: str, data: dict[str, Any]) -> str:
     text = json.dumps([before, at_us, actor, deed, data], sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -15,40 +15,40 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
 from server.store.engine import Store, StoreUnavailable
-from server.store.tables import AuditEntry, Base, Phase, Worker
+from server.store.tables import AuditEntryRow, PhaseRow, TableBase, WorkerRow
 
 _CHUNK = 500
-_BY_ITSELF: Mapping[str, ColumnElement[bool]] = {
-    Phase.__tablename__: true(),
-    Worker.__tablename__: true(),
-    AuditEntry.__tablename__: AuditEntry.deed == "phase-set",
+_STARTUP_ROWS: Mapping[str, ColumnElement[bool]] = {
+    PhaseRow.__tablename__: true(),
+    WorkerRow.__tablename__: true(),
+    AuditEntryRow.__tablename__: AuditEntryRow.deed == "phase-set",
 }
 """Rows that `serve` writes without being asked: a restore may take them away."""
 
 
-def backup(store: Store, file: Path) -> str:
+def write_backup(store: Store, file: Path) -> str:
     """Writes a new file with everything of one moment, while the server runs; returns the audit log's head.
 
     Raises InputError where the file exists, StoreUnavailable where it cannot be written.
     """
     if file.exists():
         raise InputError(f"{file}: expected a new file for the backup, found one that exists")
-    with tempfile.TemporaryDirectory(prefix=".backup-", dir=_folder(file)) as folder:
+    with tempfile.TemporaryDirectory(prefix=".backup-", dir=_find_folder(file)) as folder:
         part = Path(folder) / "part.sqlite"
         copy = Store(f"sqlite:///{part}")
         try:
             copy.migrate()
             with store.read() as source, copy.write() as target:
                 _copy(source, target)
-                head = audit.head(source)
-            _into_one_file(copy)
+                head = audit.find_head(source)
+            _leave_wal_mode(copy)
         finally:
             copy.close()
         part.rename(file)
     return head
 
 
-def restore(store: Store, file: Path) -> str:
+def restore_backup(store: Store, file: Path) -> str:
     """Fills an empty database from a backup, of an older version too; returns the audit log's head.
 
     What `serve` writes at its start counts as empty and goes: phases, their entries in the audit log, workers.
@@ -56,19 +56,19 @@ def restore(store: Store, file: Path) -> str:
     """
     if not file.is_file():
         raise InputError(f"{file}: expected a backup, found no file")
-    with tempfile.TemporaryDirectory(prefix=".restore-", dir=_folder(file)) as folder:
+    with tempfile.TemporaryDirectory(prefix=".restore-", dir=_find_folder(file)) as folder:
         copy = Store(f"sqlite:///{shutil.copy(file, Path(folder) / 'copy.sqlite')}")
         try:
             _check_backup(copy, file)
             copy.migrate()
             store.migrate()
             with copy.read() as source, store.write() as target:
-                return _filled(source, target, file)
+                return _fill(source, target, file)
         finally:
             copy.close()
 
 
-def _folder(file: Path) -> Path:
+def _find_folder(file: Path) -> Path:
     folder = file.absolute().parent
     if not folder.is_dir():
         raise InputError(f"{file}: expected a folder that exists, found none at {folder}")
@@ -84,8 +84,8 @@ def _check_backup(copy: Store, file: Path) -> None:
         raise InputError(f"{file}: expected a backup written by `mdrive-sumo admin backup`, found something else")
 
 
-def _filled(source: Session, target: Session, file: Path) -> str:
-    chain = audit.verify(source)
+def _fill(source: Session, target: Session, file: Path) -> str:
+    chain = audit.verify_chain(source)
     if chain.broken is not None:
         raise InputError(f"{file}: expected an unbroken audit log, found entry {chain.broken} changed")
     _empty(target)
@@ -95,19 +95,19 @@ def _filled(source: Session, target: Session, file: Path) -> str:
 
 def _empty(target: Session) -> None:
     """Raises InputError where anything was done in this database that a restore would undo."""
-    done = [table.name for table in Base.metadata.sorted_tables if target.scalar(select(_anything_done(table)))]
+    done = [table.name for table in TableBase.metadata.sorted_tables if target.scalar(select(_has_user_rows(table)))]
     if done:
         raise InputError(f"restore: expected an empty database, found one with {', '.join(sorted(done))} in it")
-    for table in reversed(Base.metadata.sorted_tables):
+    for table in reversed(TableBase.metadata.sorted_tables):
         target.execute(delete(table))
 
 
-def _anything_done(table: Table) -> Exists:
-    return select(table).where(~_BY_ITSELF.get(table.name, false())).exists()
+def _has_user_rows(table: Table) -> Exists:
+    return select(table).where(~_STARTUP_ROWS.get(table.name, false())).exists()
 
 
 def _copy(source: Session, target: Session) -> None:
-    for table in Base.metadata.sorted_tables:
+    for table in TableBase.metadata.sorted_tables:
         found = source.execute(select(table).execution_options(yield_per=_CHUNK)).mappings()
         for part in found.partitions(_CHUNK):
             target.execute(insert(table), [dict(row) for row in part])
@@ -121,7 +121,7 @@ def _continue_counting(target: Connection, table: str, counts: bool) -> None:
         target.execute(text(f"SELECT setval({sequence}, coalesce(max(id), 1), max(id) IS NOT NULL) FROM {table}"))
 
 
-def _into_one_file(copy: Store) -> None:
+def _leave_wal_mode(copy: Store) -> None:
     """Out of WAL mode, so that nothing of the backup lies beside the file."""
     copy.engine.dispose()
     raw = copy.engine.raw_connection()

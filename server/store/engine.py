@@ -36,8 +36,8 @@ class Store:
 
     def __init__(self, url: str) -> None:
         """`url`: sqlite:///file or postgresql://user@host/name. Raises InputError for others."""
-        self.url = _parsed(url)
-        self.engine = _sqlite(self.url) if self.is_sqlite else _postgresql(self.url)
+        self.url = _parse_url(url)
+        self.engine = _open_sqlite(self.url) if self.is_sqlite else _open_postgresql(self.url)
         self._writer = self.engine.execution_options(writes=True)
         self._reader = self.engine.execution_options(writes=False)
 
@@ -49,13 +49,13 @@ class Store:
     @contextmanager
     def write(self) -> Generator[Session]:
         """One write transaction: all of it or nothing. Raises StoreUnavailable."""
-        with _explained(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with _translate_errors(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 
     @contextmanager
     def read(self) -> Generator[Session]:
         """One consistent view, in which writing fails; it waits for no writer. Raises StoreUnavailable."""
-        with _explained(), Session(self._reader, expire_on_commit=False) as session, session.begin():
+        with _translate_errors(), Session(self._reader, expire_on_commit=False) as session, session.begin():
             yield session
 
     def migrate(self) -> None:
@@ -65,7 +65,7 @@ class Store:
         """
         if self.is_sqlite:
             _make_folder(Path(str(self.url.database)).parent)
-        with _explained(), self._writer.begin() as connection:
+        with _translate_errors(), self._writer.begin() as connection:
             config = Config()
             config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
             config.attributes["connection"] = connection
@@ -78,7 +78,7 @@ class Store:
 
     def version(self) -> str | None:
         """Name of the last migration, None for an empty database."""
-        with _explained(), self._reader.connect() as connection:
+        with _translate_errors(), self._reader.connect() as connection:
             return MigrationContext.configure(connection).get_current_revision()
 
     def close(self) -> None:
@@ -86,7 +86,7 @@ class Store:
         self.engine.dispose()
 
 
-def _parsed(url: str) -> URL:
+def _parse_url(url: str) -> URL:
     try:
         parsed = make_url(url)
     except ArgumentError:
@@ -105,7 +105,7 @@ def _make_folder(folder: Path) -> None:
         raise InputError(f"database: {folder}: cannot be made: {error.strerror}") from None
 
 
-def _sqlite(url: URL) -> Engine:
+def _open_sqlite(url: URL) -> Engine:
     engine = create_engine(url, connect_args={"timeout": BUSY_S}, pool_size=10, max_overflow=30)
 
     @event.listens_for(engine, "connect")
@@ -125,7 +125,7 @@ def _sqlite(url: URL) -> Engine:
     return engine
 
 
-def _postgresql(url: URL) -> Engine:
+def _open_postgresql(url: URL) -> Engine:
     # A writer that hangs in mid-transaction is cut off by the server, as one that dies would be.
     options = f"-c lock_timeout={BUSY_S}s -c idle_in_transaction_session_timeout={BUSY_S}s"
     engine = create_engine(url, connect_args={"options": options}, pool_size=10, max_overflow=30, pool_pre_ping=True)
@@ -141,7 +141,7 @@ def _postgresql(url: URL) -> Engine:
 
 
 @contextmanager
-def _explained() -> Generator[None]:
+def _translate_errors() -> Generator[None]:
     try:
         yield
     except (OperationalError, PoolTimeout) as error:

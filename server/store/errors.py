@@ -28,7 +28,7 @@ def new_id() -> str:
     return secrets.token_hex(16)
 
 
-def checked_text(text: str, what: str, longest: int) -> str:
+def check_text(text: str, what: str, longest: int) -> str:
     """`text` without surrounding space; raises InputError unless it has 1 .. `longest` printable characters.
 
     SQLite would take anything; PostgreSQL refuses NUL and over-long text with an error that helps nobody.

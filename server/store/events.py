@@ -6,15 +6,15 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from server.store.tables import Event
+from server.store.tables import EventRow
 
 
-def add(session: Session, submission: str, kind: str, data: dict[str, Any], now_us: int) -> None:
+def add_event(session: Session, submission: str, kind: str, data: dict[str, Any], now_us: int) -> None:
     """One event. What it says reaches the team: nothing of a hidden scenario may be in it, not even by its time."""
-    session.add(Event(submission=submission, at_us=now_us, kind=kind, data=data))
+    session.add(EventRow(submission=submission, at_us=now_us, kind=kind, data=data))
 
 
-def since(session: Session, submission: str, after_id: int = 0, most: int = 1000) -> Sequence[Event]:
+def list_since(session: Session, submission: str, after_id: int = 0, most: int = 1000) -> Sequence[EventRow]:
     """Events after one already seen, the oldest first."""
-    wanted = select(Event).where(Event.submission == submission, Event.id > after_id)
-    return session.scalars(wanted.order_by(Event.id).limit(most)).all()
+    wanted = select(EventRow).where(EventRow.submission == submission, EventRow.id > after_id)
+    return session.scalars(wanted.order_by(EventRow.id).limit(most)).all()

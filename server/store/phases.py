@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from server.clock import utc
+from server.clock import format_utc
 from server.store import audit
 from server.store.errors import NotFound, NotNow
-from server.store.tables import Phase
+from server.store.tables import PhaseRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,33 +28,33 @@ class NewPhase:
     seeds: int = 1
 
 
-def put(session: Session, wanted: Iterable[NewPhase], now_us: int) -> None:
+def set_phases(session: Session, wanted: Iterable[NewPhase], now_us: int) -> None:
     """Makes the phases as the settings say; those no longer named stay, for their submissions do."""
     for new in wanted:
-        old = session.get(Phase, new.id)
+        old = session.get(PhaseRow, new.id)
         if old is not None and all(getattr(old, name) == value for name, value in asdict(new).items()):
             continue
-        session.merge(Phase(**asdict(new)))
-        audit.add(session, "admin", "phase-set", asdict(new), now_us)
+        session.merge(PhaseRow(**asdict(new)))
+        audit.add_entry(session, "admin", "phase-set", asdict(new), now_us)
 
 
-def get(session: Session, phase_id: str) -> Phase:
+def get(session: Session, phase_id: str) -> PhaseRow:
     """Raises NotFound, naming those there are."""
-    phase = session.get(Phase, phase_id)
+    phase = session.get(PhaseRow, phase_id)
     if phase is None:
-        known = ", ".join(phase.id for phase in every(session)) or "none"
+        known = ", ".join(phase.id for phase in list_phases(session)) or "none"
         raise NotFound(f"phase: expected one of {known}, found {phase_id!r}")
     return phase
 
 
-def every(session: Session) -> Sequence[Phase]:
+def list_phases(session: Session) -> Sequence[PhaseRow]:
     """In the order in which they open."""
-    return session.scalars(select(Phase).order_by(Phase.opens_us, Phase.id)).all()
+    return session.scalars(select(PhaseRow).order_by(PhaseRow.opens_us, PhaseRow.id)).all()
 
 
-def check_open(phase: Phase, now_us: int) -> None:
+def check_open(phase: PhaseRow, now_us: int) -> None:
     """Raises NotNow before a phase opens and after it closed."""
     if now_us < phase.opens_us:
-        raise NotNow(f"phase {phase.id}: it opens at {utc(phase.opens_us)}")
+        raise NotNow(f"phase {phase.id}: it opens at {format_utc(phase.opens_us)}")
     if now_us >= phase.closes_us:
-        raise NotNow(f"phase {phase.id}: it closed at {utc(phase.closes_us)}")
+        raise NotNow(f"phase {phase.id}: it closed at {format_utc(phase.closes_us)}")

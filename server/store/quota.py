@@ -5,17 +5,17 @@ from dataclasses import dataclass
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.clock import DAY_US, day_start_us, utc
-from server.enums import State
+from server.clock import DAY_US, day_start_us, format_utc
+from server.enums import SubmissionState
 from server.store.errors import OverLimit
-from server.store.tables import Phase, Submission
+from server.store.tables import PhaseRow, SubmissionRow
 
-UNFINISHED = (State.QUEUED.value, State.RUNNING.value)
+UNFINISHED = (SubmissionState.QUEUED.value, SubmissionState.RUNNING.value)
 _ASK_AGAIN_US = 60_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Used:
+class QuotaUsage:
     """What a team has used of a phase's quota."""
 
     today: int
@@ -23,32 +23,31 @@ class Used:
     in_total: int
 
 
-def used(session: Session, team: str, phase: str, now_us: int) -> Used:
+def count_used(session: Session, team: str, phase: str, now_us: int) -> QuotaUsage:
     """Counts what counts: our failures and repetitions by an admin do not.
 
     Of a day everything that was cancelled counts: each keeps an archive, and to send and cancel has to end somewhere.
     """
     day = day_start_us(now_us)
     counts = (
-        func.count().filter(Submission.created_us >= day),
-        func.count().filter(Submission.state.in_(UNFINISHED)),
-        func.count().filter(Submission.counts),
+        func.count().filter(SubmissionRow.created_us >= day),
+        func.count().filter(SubmissionRow.state.in_(UNFINISHED)),
+        func.count().filter(SubmissionRow.counts),
     )
-    cancelled = Submission.state == State.CANCELLED
-    mine = (Submission.team == team, Submission.phase == phase, Submission.counts | cancelled)
-    return Used(*session.execute(select(*counts).where(*mine)).one())
+    cancelled = SubmissionRow.state == SubmissionState.CANCELLED
+    mine = (SubmissionRow.team == team, SubmissionRow.phase == phase, SubmissionRow.counts | cancelled)
+    return QuotaUsage(*session.execute(select(*counts).where(*mine)).one())
 
 
-def check(session: Session, team: str, phase: Phase, now_us: int) -> None:
+def check_quota(session: Session, team: str, phase: PhaseRow, now_us: int) -> None:
     """Raises OverLimit. Only in the transaction that inserts is the answer worth anything."""
-    now = used(session, team, phase.id, now_us)
+    now = count_used(session, team, phase.id, now_us)
     if now.in_total >= phase.in_total:
         raise OverLimit("total", f"phase {phase.id}: all {phase.in_total} submissions are used", None)
     if now.today >= phase.per_day:
         tomorrow = day_start_us(now_us) + DAY_US
-        sentence = (
-            f"phase {phase.id}: the {phase.per_day} of today are used; the next one can be sent at {utc(tomorrow)}"
-        )
+        retry = format_utc(tomorrow)
+        sentence = f"phase {phase.id}: the {phase.per_day} of today are used; the next one can be sent at {retry}"
         raise OverLimit("day", sentence, tomorrow)
     if now.in_parallel >= phase.in_parallel:
         sentence = f"phase {phase.id}: {now.in_parallel} of at most {phase.in_parallel} at a time are not finished"

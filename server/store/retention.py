@@ -9,17 +9,17 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server.clock import DAY_US
-from server.enums import State
+from server.enums import SubmissionState
 from server.store import queries
 from server.store.quota import UNFINISHED
-from server.store.tables import Submission
+from server.store.tables import SubmissionRow
 
 _UPLOAD_US = DAY_US
 """A file nobody knows may be an upload that is being taken in: whoever takes one in replaces the file, old or not."""
 
 
 @dataclass(frozen=True, slots=True)
-class Policy:
+class RetentionPolicy:
     """Days after a submission's end. What stands on a leaderboard keeps its files always."""
 
     archive_days: int = 365
@@ -30,7 +30,7 @@ class Policy:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class RetainedFiles:
     """What must stay."""
 
     archives: frozenset[str]
@@ -39,27 +39,31 @@ class Kept:
     """Submissions: the folder is `recordings/<submission>`."""
 
 
-def kept(session: Session, policy: Policy, now_us: int) -> Kept:
+def select_retained(session: Session, policy: RetentionPolicy, now_us: int) -> RetainedFiles:
     """By the policy; an archive stays as long as any submission needs it."""
-    standing = queries.standing(session)
+    standing = queries.find_standing_ids(session)
     archives: set[str] = set()
     recordings: set[str] = set()
-    columns = (Submission.id, Submission.archive_sha256, Submission.state, Submission.finished_us)
+    columns = (SubmissionRow.id, SubmissionRow.archive_sha256, SubmissionRow.state, SubmissionRow.finished_us)
     for id_, sha256, state, finished_us in session.execute(select(*columns)):
         always = state in UNFINISHED or id_ in standing
         age_us = now_us - (finished_us or now_us)
-        days = policy.archive_days if state in (State.DONE, State.DISQUALIFIED) else policy.refused_days
+        days = (
+            policy.archive_days
+            if state in (SubmissionState.DONE, SubmissionState.DISQUALIFIED)
+            else policy.refused_days
+        )
         if always or age_us < days * DAY_US:
             archives.add(sha256)
         if always or age_us < policy.recording_days * DAY_US:
             recordings.add(id_)
-    return Kept(frozenset(archives), frozenset(recordings))
+    return RetainedFiles(frozenset(archives), frozenset(recordings))
 
 
-def collect(kept: Kept, data: Path, now_us: int) -> list[Path]:
+def delete_expired(retained: RetainedFiles, data: Path, now_us: int) -> list[Path]:
     """Deletes from `data` what need not stay; returns what it deleted."""
-    deleted = [*_disposable(data / "archives", kept.archives, now_us)]
-    deleted += _disposable(data / "recordings", kept.recordings, now_us)
+    deleted = [*_list_expired(data / "archives", retained.archives, now_us)]
+    deleted += _list_expired(data / "recordings", retained.recordings, now_us)
     for path in deleted:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
@@ -68,7 +72,7 @@ def collect(kept: Kept, data: Path, now_us: int) -> list[Path]:
     return deleted
 
 
-def _disposable(folder: Path, stay: frozenset[str], now_us: int) -> Iterator[Path]:
+def _list_expired(folder: Path, stay: frozenset[str], now_us: int) -> Iterator[Path]:
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         young = now_us < path.lstat().st_mtime_ns // 1000 + _UPLOAD_US
         if path.stem not in stay and not young:

@@ -9,26 +9,26 @@ from typing import Any, TypedDict
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from server.enums import State
-from server.store.tables import Standing, Submission
+from server.enums import SubmissionState
+from server.store.tables import StandingRow, SubmissionRow
 
 OVERALL = "overall"
 ENVIRONMENT = "environment"
 """The part of `Submission.evaluator` that is of the agent, not of what measures it: the packages it was driven with."""
 
-Figures = dict[str, Any]
+FiguresData = dict[str, Any]
 """`ds` [%] and what else there is to say: sr, confidence intervals, ..."""
 
 
-class Summary(TypedDict):
+class SummaryData(TypedDict):
     """`Submission.summary`. Every `Figures` in it has `ds`."""
 
-    overall: Figures
-    buckets: dict[str, Figures]
-    categories: dict[str, Figures]
+    overall: FiguresData
+    buckets: dict[str, FiguresData]
+    categories: dict[str, FiguresData]
 
 
-def slice_of(bucket: str | None = None, category: str | None = None) -> str:
+def slice_key(bucket: str | None = None, category: str | None = None) -> str:
     """The key of a leaderboard: of one bucket, of one category, or overall."""
     if bucket is not None and category is not None:
         raise ValueError(f"expected a bucket or a category, found bucket {bucket!r} and category {category!r}")
@@ -37,35 +37,35 @@ def slice_of(bucket: str | None = None, category: str | None = None) -> str:
     return OVERALL if category is None else f"category:{category}"
 
 
-def rank(session: Session, submission: Submission) -> None:
+def update_standings(session: Session, submission: SubmissionRow) -> None:
     """Finds anew what of its team stands on the leaderboards: the best of those done, shown and alike in evaluator."""
     session.flush()
-    evaluator = digest(submission.evaluator)
+    evaluator = evaluator_digest(submission.evaluator)
     of_group = (
-        Standing.phase == submission.phase,
-        Standing.track == submission.track,
-        Standing.team == submission.team,
+        StandingRow.phase == submission.phase,
+        StandingRow.track == submission.track,
+        StandingRow.team == submission.team,
     )
-    session.execute(delete(Standing).where(*of_group, Standing.evaluator == evaluator))
-    done = select(Submission).where(
-        Submission.phase == submission.phase,
-        Submission.track == submission.track,
-        Submission.team == submission.team,
-        Submission.state == State.DONE,
-        Submission.shown,
+    session.execute(delete(StandingRow).where(*of_group, StandingRow.evaluator == evaluator))
+    done = select(SubmissionRow).where(
+        SubmissionRow.phase == submission.phase,
+        SubmissionRow.track == submission.track,
+        SubmissionRow.team == submission.team,
+        SubmissionRow.state == SubmissionState.DONE,
+        SubmissionRow.shown,
     )
-    best: dict[str, Standing] = {}
-    for candidate in session.scalars(done.order_by(Submission.created_us, Submission.id)):
-        if digest(candidate.evaluator) != evaluator:
+    best: dict[str, StandingRow] = {}
+    for candidate in session.scalars(done.order_by(SubmissionRow.created_us, SubmissionRow.id)):
+        if evaluator_digest(candidate.evaluator) != evaluator:
             continue
-        for standing in _standings(candidate, evaluator):
+        for standing in _make_standings(candidate, evaluator):
             if standing.slice not in best or standing.ds > best[standing.slice].ds:
                 best[standing.slice] = standing
     session.add_all(best.values())
     session.flush()
 
 
-def ds_of(figures: Figures) -> float:
+def round_ds(figures: FiguresData) -> float:
     """DS to the 6 decimals of results, so that what prints as equal ties."""
     ds = round(float(figures["ds"]), 6)
     if not math.isfinite(ds):
@@ -73,7 +73,7 @@ def ds_of(figures: Figures) -> float:
     return ds
 
 
-def digest(evaluator: dict[str, Any]) -> str:
+def evaluator_digest(evaluator: dict[str, Any]) -> str:
     """Of what evaluated: results under different ones are not comparable.
 
     Agents of different environments are: a team chooses its environment as it chooses its code.
@@ -82,15 +82,15 @@ def digest(evaluator: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(measure, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _standings(submission: Submission, evaluator: str) -> Iterator[Standing]:
+def _make_standings(submission: SubmissionRow, evaluator: str) -> Iterator[StandingRow]:
     summary = submission.summary
     if summary is None:
         return
     slices = {OVERALL: summary["overall"]}
-    slices |= {slice_of(bucket=name): figures for name, figures in summary["buckets"].items()}
-    slices |= {slice_of(category=name): figures for name, figures in summary["categories"].items()}
+    slices |= {slice_key(bucket=name): figures for name, figures in summary["buckets"].items()}
+    slices |= {slice_key(category=name): figures for name, figures in summary["categories"].items()}
     for slice_, figures in slices.items():
-        yield Standing(
+        yield StandingRow(
             phase=submission.phase,
             slice=slice_,
             track=submission.track,
@@ -99,6 +99,6 @@ def _standings(submission: Submission, evaluator: str) -> Iterator[Standing]:
             submission=submission.id,
             method=submission.name,
             created_us=submission.created_us,
-            ds=ds_of(figures),
+            ds=round_ds(figures),
             figures=figures,
         )

@@ -12,13 +12,13 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
-from server.enums import JobState, State, Track
+from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store import audit, events, phases, quota, standings
-from server.store.errors import NotFound, NotNow, checked_text, new_id
-from server.store.tables import Job, Phase, Submission, Team
+from server.store.errors import NotFound, NotNow, check_text, new_id
+from server.store.tables import JobRow, PhaseRow, SubmissionRow, TeamRow
 
 UNFINISHED_JOBS = (JobState.QUEUED.value, JobState.RUNNING.value)
-Summarise = Callable[[Sequence[Job]], standings.Summary]
+SummariseJobs = Callable[[Sequence[JobRow]], standings.SummaryData]
 """From the finished jobs, ordered by scenario and seed."""
 
 
@@ -28,7 +28,7 @@ class NewSubmission:
 
     team: str
     """Its id."""
-    track: Track
+    track: ChallengeTrack
     name: str
     archive_sha256: str
     archive_bytes: int
@@ -39,54 +39,58 @@ class NewSubmission:
 
 
 def accept(
-    session: Session, new: NewSubmission, phase: Phase, jobs: Sequence[tuple[str, int]], now_us: int
-) -> Submission:
+    session: Session, new: NewSubmission, phase: PhaseRow, jobs: Sequence[tuple[str, int]], now_us: int
+) -> SubmissionRow:
     """A new submission with its jobs (scenario, seed), or the one `known` already.
 
     Raises NotNow outside the phase, OverLimit, and InputError for unusable text or a reused idempotency key.
     """
-    if (old := known(session, new, phase)) is not None:
+    if (old := find_known(session, new, phase)) is not None:
         return old
     phases.check_open(phase, now_us)
-    quota.check(session, new.team, phase, now_us)
-    submission = Submission(
+    quota.check_quota(session, new.team, phase, now_us)
+    submission = SubmissionRow(
         id=new_id(),
-        **asdict(new) | {"track": new.track.value, "name": checked_text(new.name, "name of the method", 80)},
+        **asdict(new) | {"track": new.track.value, "name": check_text(new.name, "name of the method", 80)},
         phase=phase.id,
-        state=State.QUEUED.value,
+        state=SubmissionState.QUEUED.value,
         created_us=now_us,
     )
-    _insert(session, submission, jobs)
-    audit.add(session, f"team:{new.team}", "submission-accepted", _audited(submission), now_us)
+    _insert_with_jobs(session, submission, jobs)
+    audit.add_entry(session, f"team:{new.team}", "submission-accepted", _audit_data(submission), now_us)
     return submission
 
 
-def known(session: Session, new: NewSubmission, phase: Phase) -> Submission | None:
+def find_known(session: Session, new: NewSubmission, phase: PhaseRow) -> SubmissionRow | None:
     """The submission of the same idempotency key, else the finished one of the same archive; None if it is new.
 
     The same archive under the same evaluator would get the same result: the answer is there at once, and no quota used.
     """
     if new.idempotency_key is not None:
-        key = checked_text(new.idempotency_key, "idempotency key", 80)
-        old = session.scalar(select(Submission).where(Submission.team == new.team, Submission.idempotency_key == key))
+        key = check_text(new.idempotency_key, "idempotency key", 80)
+        old = session.scalar(
+            select(SubmissionRow).where(SubmissionRow.team == new.team, SubmissionRow.idempotency_key == key)
+        )
         if old is not None:
             if (old.archive_sha256, old.phase, old.track) != (new.archive_sha256, phase.id, new.track):
                 raise InputError(f"idempotency key: expected the same archive, phase and track as before for {key!r}")
             return old
-    same = select(Submission).where(
-        Submission.team == new.team,
-        Submission.phase == phase.id,
-        Submission.track == new.track,
-        Submission.archive_sha256 == new.archive_sha256,
-        Submission.state.in_((State.DONE.value, State.DISQUALIFIED.value)),
+    same = select(SubmissionRow).where(
+        SubmissionRow.team == new.team,
+        SubmissionRow.phase == phase.id,
+        SubmissionRow.track == new.track,
+        SubmissionRow.archive_sha256 == new.archive_sha256,
+        SubmissionRow.state.in_((SubmissionState.DONE.value, SubmissionState.DISQUALIFIED.value)),
     )
-    candidates = session.scalars(same.order_by(Submission.created_us.desc()))
+    candidates = session.scalars(same.order_by(SubmissionRow.created_us.desc()))
     return next((old for old in candidates if old.evaluator == new.evaluator), None)
 
 
-def environment_of(session: Session, team: str, archive_sha256: str) -> str:
+def find_environment(session: Session, team: str, archive_sha256: str) -> str:
     """Which one an archive asks for that a team has sent before; "" for a new archive."""
-    sent = select(Submission.environment).where(Submission.team == team, Submission.archive_sha256 == archive_sha256)
+    sent = select(SubmissionRow.environment).where(
+        SubmissionRow.team == team, SubmissionRow.archive_sha256 == archive_sha256
+    )
     return session.scalar(sent.limit(1)) or ""
 
 
@@ -97,78 +101,78 @@ def rerun(
     jobs: Sequence[tuple[str, int]],
     now_us: int,
     actor: str = "admin",
-) -> Submission:
+) -> SubmissionRow:
     """The same archive once more, for an admin: both results are kept, the new one counts nowhere until `show`.
 
     `jobs` are those of the suite as it is now: the one that `evaluator` names, and not the one that it had then.
     """
     old = get(session, submission_id)
     copied = ("team", "phase", "track", "name", "archive_sha256", "archive_bytes", "environment")
-    submission = Submission(
+    submission = SubmissionRow(
         id=new_id(),
         **{name: getattr(old, name) for name in copied},
         evaluator=evaluator,
-        state=State.QUEUED.value,
+        state=SubmissionState.QUEUED.value,
         created_us=now_us,
         counts=False,
         shown=False,
     )
-    _insert(session, submission, jobs)
-    audit.add(session, actor, "submission-rerun", _audited(submission) | {"of": old.id}, now_us)
+    _insert_with_jobs(session, submission, jobs)
+    audit.add_entry(session, actor, "submission-rerun", _audit_data(submission) | {"of": old.id}, now_us)
     return submission
 
 
 def renew(
     session: Session,
-    submission: Submission,
+    submission: SubmissionRow,
     evaluator: dict[str, Any],
     jobs: Sequence[tuple[str, int]],
     now_us: int,
 ) -> None:
     """An unfinished one begins anew under another evaluator, with the jobs that its suite has now."""
-    old = Job.submission == submission.id
-    begun = session.scalar(select(func.max(Job.attempt)).where(old)) or 0
-    session.execute(delete(Job).where(old))
-    submission.evaluator, submission.state = evaluator, State.QUEUED.value
+    old = JobRow.submission == submission.id
+    begun = session.scalar(select(func.max(JobRow.attempt)).where(old)) or 0
+    session.execute(delete(JobRow).where(old))
+    submission.evaluator, submission.state = evaluator, SubmissionState.QUEUED.value
     # Ids of deleted rows come again in SQLite; attempts go on, so that no late result of the older version fits.
-    _queue(session, submission, jobs, now_us, attempt=begun)
-    audit.add(session, "server", "submission-renewed", _audited(submission), now_us)
+    _queue_jobs(session, submission, jobs, now_us, attempt=begun)
+    audit.add_entry(session, "server", "submission-renewed", _audit_data(submission), now_us)
 
 
-def get(session: Session, submission_id: str) -> Submission:
+def get(session: Session, submission_id: str) -> SubmissionRow:
     """Raises NotFound."""
-    submission = session.get(Submission, submission_id)
+    submission = session.get(SubmissionRow, submission_id)
     if submission is None:
         raise NotFound(f"submission: there is no {submission_id!r}")
     return submission
 
 
-def finish_if_complete(session: Session, submission_id: str, summarise: Summarise, now_us: int) -> bool:
+def finish_if_complete(session: Session, submission_id: str, summarise: SummariseJobs, now_us: int) -> bool:
     """Done, if every job is; True for the one call that made it so."""
     submission = get(session, submission_id)
-    if submission.state not in quota.UNFINISHED or not _complete(session, submission_id):
+    if submission.state not in quota.UNFINISHED or not _is_complete(session, submission_id):
         return False
-    jobs = select(Job).where(Job.submission == submission_id).order_by(Job.scenario, Job.seed)
+    jobs = select(JobRow).where(JobRow.submission == submission_id).order_by(JobRow.scenario, JobRow.seed)
     summary = summarise(session.scalars(jobs).all())
     submission.summary = dict(summary)
-    submission.ds = standings.ds_of(summary["overall"])
-    _enter(session, submission, State.DONE, now_us)
-    standings.rank(session, submission)
-    audit.add(session, "server", "submission-done", _audited(submission) | {"ds": submission.ds}, now_us)
+    submission.ds = standings.round_ds(summary["overall"])
+    _enter(session, submission, SubmissionState.DONE, now_us)
+    standings.update_standings(session, submission)
+    audit.add_entry(session, "server", "submission-done", _audit_data(submission) | {"ds": submission.ds}, now_us)
     return True
 
 
 def cancel(session: Session, submission_id: str, now_us: int, actor: str = "server") -> None:
     """It does not count if nothing of it was ever started. Raises NotNow where it is finished."""
-    submission = _unfinished(session, submission_id, "cancelled")
-    started = select(func.count()).where(Job.submission == submission_id, Job.attempt > 0)
+    submission = _get_unfinished(session, submission_id, "cancelled")
+    started = select(func.count()).where(JobRow.submission == submission_id, JobRow.attempt > 0)
     submission.counts = submission.counts and bool(session.scalar(started))
-    _stop(session, submission, State.CANCELLED, "", now_us, actor)
+    _stop(session, submission, SubmissionState.CANCELLED, "", now_us, actor)
 
 
 def reject(session: Session, submission_id: str, why: str, now_us: int) -> None:
     """The agent asks for what it may not have. `why`: one sentence for the team. Raises NotNow if it is finished."""
-    _stop(session, _unfinished(session, submission_id, "rejected"), State.REJECTED, why, now_us)
+    _stop(session, _get_unfinished(session, submission_id, "rejected"), SubmissionState.REJECTED, why, now_us)
 
 
 def fail(session: Session, submission_id: str, why: str, now_us: int) -> None:
@@ -176,72 +180,74 @@ def fail(session: Session, submission_id: str, why: str, now_us: int) -> None:
     submission = get(session, submission_id)
     if submission.state in quota.UNFINISHED:
         submission.counts = False
-        _stop(session, submission, State.FAILED_OURS, why, now_us)
+        _stop(session, submission, SubmissionState.FAILED_OURS, why, now_us)
 
 
 def disqualify(session: Session, submission_id: str, why: str, now_us: int, actor: str = "admin") -> None:
     """By an admin, in any state; `why` is shown. It stays known, so that the same archive gets the same answer."""
     submission = get(session, submission_id)
-    _stop(session, submission, State.DISQUALIFIED, checked_text(why, "reason", 500), now_us, actor)
-    standings.rank(session, submission)
+    _stop(session, submission, SubmissionState.DISQUALIFIED, check_text(why, "reason", 500), now_us, actor)
+    standings.update_standings(session, submission)
 
 
-def show(session: Session, submission_id: str, shown: bool, now_us: int, actor: str = "admin") -> None:
+def set_shown(session: Session, submission_id: str, shown: bool, now_us: int, actor: str = "admin") -> None:
     """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
     submission = get(session, submission_id)
     submission.shown = shown
-    standings.rank(session, submission)
-    audit.add(session, actor, "submission-shown", {"submission": submission.id, "shown": shown}, now_us)
+    standings.update_standings(session, submission)
+    audit.add_entry(session, actor, "submission-shown", {"submission": submission.id, "shown": shown}, now_us)
 
 
-def _insert(session: Session, submission: Submission, jobs: Sequence[tuple[str, int]]) -> None:
-    if session.get(Team, submission.team) is None:
+def _insert_with_jobs(session: Session, submission: SubmissionRow, jobs: Sequence[tuple[str, int]]) -> None:
+    if session.get(TeamRow, submission.team) is None:
         raise NotFound(f"team: there is no {submission.team!r}")
     session.add(submission)
     session.flush()
-    _queue(session, submission, jobs, submission.created_us)
+    _queue_jobs(session, submission, jobs, submission.created_us)
 
 
-def _queue(
-    session: Session, submission: Submission, jobs: Sequence[tuple[str, int]], now_us: int, attempt: int = 0
+def _queue_jobs(
+    session: Session, submission: SubmissionRow, jobs: Sequence[tuple[str, int]], now_us: int, attempt: int = 0
 ) -> None:
     if not jobs:
         raise ValueError("expected at least one job, found none: it would never finish")
     queued = {"submission": submission.id, "state": JobState.QUEUED.value, "attempt": attempt}
-    session.add_all(Job(scenario=scenario, seed=seed, **queued) for scenario, seed in jobs)
-    events.add(session, submission.id, "state", {"state": State.QUEUED.value}, now_us)
+    session.add_all(JobRow(scenario=scenario, seed=seed, **queued) for scenario, seed in jobs)
+    events.add_event(session, submission.id, "state", {"state": SubmissionState.QUEUED.value}, now_us)
     session.flush()
 
 
-def _complete(session: Session, submission_id: str) -> bool:
-    undone = select(Job.id).where(Job.submission == submission_id, Job.state != JobState.DONE).limit(1)
+def _is_complete(session: Session, submission_id: str) -> bool:
+    undone = select(JobRow.id).where(JobRow.submission == submission_id, JobRow.state != JobState.DONE).limit(1)
     session.flush()
     return session.scalar(undone) is None
 
 
-def _unfinished(session: Session, submission_id: str, wish: str) -> Submission:
+def _get_unfinished(session: Session, submission_id: str, wish: str) -> SubmissionRow:
     submission = get(session, submission_id)
     if submission.state not in quota.UNFINISHED:
         raise NotNow(f"submission {submission_id}: it is {submission.state} and can no longer be {wish}")
     return submission
 
 
-def _stop(session: Session, submission: Submission, state: State, why: str, now_us: int, actor: str = "server") -> None:
-    open_jobs = update(Job).where(Job.submission == submission.id, Job.state.in_(UNFINISHED_JOBS))
+def _stop(
+    session: Session, submission: SubmissionRow, state: SubmissionState, why: str, now_us: int, actor: str = "server"
+) -> None:
+    open_jobs = update(JobRow).where(JobRow.submission == submission.id, JobRow.state.in_(UNFINISHED_JOBS))
     session.execute(open_jobs.values(state=JobState.CANCELLED.value, finished_us=now_us, lease_us=None))
     submission.why = why
     _enter(session, submission, state, now_us)
-    audit.add(session, actor, f"submission-{state}", _audited(submission) | {"why": why}, now_us)
+    audit.add_entry(session, actor, f"submission-{state}", _audit_data(submission) | {"why": why}, now_us)
 
 
-def _enter(session: Session, submission: Submission, state: State, now_us: int) -> None:
+def _enter(session: Session, submission: SubmissionRow, state: SubmissionState, now_us: int) -> None:
     submission.state = state.value
     submission.finished_us = now_us
     said = {"state": state.value} | ({"why": submission.why} if submission.why else {})
-    events.add(session, submission.id, "state", said, now_us)
+    events.add_event(session, submission.id, "state", said, now_us)
 
 
-def _audited(submission: Submission) -> dict[str, Any]:
+def _audit_data(submission: SubmissionRow) -> dict[str, Any]:
     return {
         "submission": submission.id,
         "phase": submission.phase,

@@ -12,13 +12,13 @@ Id = String(32)
 """Random ids: 128 bits in hexadecimal, so that nobody counts or guesses them."""
 
 
-class Base(DeclarativeBase):
+class TableBase(DeclarativeBase):
     """All tables."""
 
     type_annotation_map = {dict[str, Any]: JSON(none_as_null=True), int: BigInteger}  # noqa: RUF012 (SQLAlchemy's own interface)
 
 
-class Team(Base):
+class TeamRow(TableBase):
     """Who submits."""
 
     __tablename__ = "teams"
@@ -29,7 +29,7 @@ class Team(Base):
     """Not shown on leaderboards."""
 
 
-class Token(Base):
+class TokenRow(TableBase):
     """What a client shows; only its hash is kept."""
 
     __tablename__ = "tokens"
@@ -43,7 +43,7 @@ class Token(Base):
     revoked_us: Mapped[int | None]
 
 
-class Phase(Base):
+class PhaseRow(TableBase):
     """A time in which submissions are taken, on one suite."""
 
     __tablename__ = "phases"
@@ -63,7 +63,7 @@ class Phase(Base):
     """Seeds 0 .. n-1 of every scenario."""
 
 
-class Submission(Base):
+class SubmissionRow(TableBase):
     """One archive in one phase."""
 
     __tablename__ = "submissions"
@@ -100,7 +100,7 @@ class Submission(Base):
     """Overall, as in `summary`: leaderboards sort by it."""
 
 
-class Job(Base):
+class JobRow(TableBase):
     """One scenario and seed of a submission: claimed under a lease, finished once."""
 
     __tablename__ = "jobs"
@@ -132,7 +132,7 @@ class Job(Base):
     """What of ours went wrong at the last attempt; for admins only."""
 
 
-class Worker(Base):
+class WorkerRow(TableBase):
     """A process that claims jobs, as it last said of itself; gone ones leave no row, dead ones one that grows old."""
 
     __tablename__ = "workers"
@@ -146,7 +146,7 @@ class Worker(Base):
     seen_us: Mapped[int]
 
 
-class Standing(Base):
+class StandingRow(TableBase):
     """The best of a team: one line of one leaderboard, kept so that reading a board costs as much as it has lines."""
 
     __tablename__ = "standings"
@@ -169,7 +169,7 @@ class Standing(Base):
     """This slice's part of `Submission.summary`: ds, sr, confidence intervals and what else it says."""
 
 
-class Event(Base):
+class EventRow(TableBase):
     """What happened to a submission, in order; server-sent events replay it from any id on."""
 
     __tablename__ = "events"
@@ -181,7 +181,7 @@ class Event(Base):
     data: Mapped[dict[str, Any]]
 
 
-class AuditEntry(Base):
+class AuditEntryRow(TableBase):
     """Append-only, each entry hashed together with the hash of the one before."""
 
     __tablename__ = "audit"

@@ -8,49 +8,53 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
-from server.enums import Scope
+from server.enums import TokenScope
 from server.store import audit
 from server.store.errors import NotFound, new_id
-from server.store.tables import Team, Token
+from server.store.tables import TeamRow, TokenRow
 
 PREFIX = "mdrive_"
 """So that a secret scanner finds a token someone committed."""
 
 
-def issue(session: Session, team: Team | None, scope: Scope, now_us: int, actor: str = "admin") -> str:
+def issue(session: Session, team: TeamRow | None, scope: TokenScope, now_us: int, actor: str = "admin") -> str:
     """The text of a new token: the only time anyone sees it. Raises InputError unless scope and team fit."""
-    if (scope is Scope.SUBMIT) != (team is not None):
-        raise InputError(f"token: scope {scope} expects {'a' if scope is Scope.SUBMIT else 'no'} team")
+    if (scope is TokenScope.SUBMIT) != (team is not None):
+        raise InputError(f"token: scope {scope} expects {'a' if scope is TokenScope.SUBMIT else 'no'} team")
     text = PREFIX + secrets.token_urlsafe(32)
-    token = Token(id=new_id(), team=team.id if team else None, hash=hashed(text), scope=scope.value, created_us=now_us)
+    token = TokenRow(
+        id=new_id(), team=team.id if team else None, hash=compute_hash(text), scope=scope.value, created_us=now_us
+    )
     session.add(token)
     session.flush()
-    audit.add(session, actor, "token-issued", {"token": token.id, "team": token.team, "scope": token.scope}, now_us)
+    audit.add_entry(
+        session, actor, "token-issued", {"token": token.id, "team": token.team, "scope": token.scope}, now_us
+    )
     return text
 
 
-def holder(session: Session, text: str) -> Token | None:
+def find_token(session: Session, text: str) -> TokenRow | None:
     """Whose token that is; None if it never was one or is revoked."""
-    return session.scalar(select(Token).where(Token.hash == hashed(text), Token.revoked_us.is_(None)))
+    return session.scalar(select(TokenRow).where(TokenRow.hash == compute_hash(text), TokenRow.revoked_us.is_(None)))
 
 
-def every(session: Session, team: Team | None) -> Sequence[Token]:
+def list_tokens(session: Session, team: TeamRow | None) -> Sequence[TokenRow]:
     """Tokens of a team, or of admins and workers; the oldest first."""
     return session.scalars(
-        select(Token).where(Token.team == (team.id if team else None)).order_by(Token.created_us)
+        select(TokenRow).where(TokenRow.team == (team.id if team else None)).order_by(TokenRow.created_us)
     ).all()
 
 
 def revoke(session: Session, token_id: str, now_us: int, actor: str = "admin") -> None:
     """From now on nobody holds it; a second time changes nothing. Raises NotFound."""
-    token = session.get(Token, token_id)
+    token = session.get(TokenRow, token_id)
     if token is None:
         raise NotFound(f"token: there is no {token_id!r}")
     if token.revoked_us is None:
         token.revoked_us = now_us
-        audit.add(session, actor, "token-revoked", {"token": token.id, "team": token.team}, now_us)
+        audit.add_entry(session, actor, "token-revoked", {"token": token.id, "team": token.team}, now_us)
 
 
-def hashed(text: str) -> str:
+def compute_hash(text: str) -> str:
     """SHA-256: a slow hash is for passwords; nobody guesses 256 random bits."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -16,14 +16,14 @@ from server.web import (
     submit_page,
     team_page,
 )
-from server.web.visitor import same_site
+from server.web.visitor import check_same_site
 
 
 def mount(app: FastAPI) -> None:
     """Adds the pages to an application of `server.api.create_app`; outside /api its errors are pages, too."""
-    app.state.error_page = error_page.page_of
-    app.state.tools.boards.also(partial(leaderboard_page.make, app.state.tools))
-    pages = APIRouter(include_in_schema=False, dependencies=[Depends(same_site)])
+    app.state.error_page = error_page.render_error
+    app.state.tools.boards.also(partial(leaderboard_page.build_page, app.state.tools))
+    pages = APIRouter(include_in_schema=False, dependencies=[Depends(check_same_site)])
     for part in (
         static_files,
         leaderboard_page,

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server.enums import JobState
-from server.settings import Settings
+from server.settings import ServerSettings
 from server.store import Store, audit, queries, tables, workers
 from server.store.quota import UNFINISHED
 
@@ -20,7 +20,7 @@ MOST_UNFINISHED = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Waiting:
+class QueuedSubmission:
     """An unfinished submission."""
 
     id: str
@@ -35,7 +35,7 @@ class Waiting:
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class RunningJob:
     """A job that is running."""
 
     submission: str
@@ -47,7 +47,7 @@ class Driven:
 
 
 @dataclass(frozen=True, slots=True)
-class Driver:
+class WorkerStatus:
     """A worker or dispatcher."""
 
     owner: str
@@ -60,11 +60,11 @@ class Driver:
     """Since it was last seen."""
     lost: bool
     """Silent for longer than a lease: it is dead, or its database is."""
-    jobs: tuple[Driven, ...]
+    jobs: tuple[RunningJob, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Folder:
+class FolderUsage:
     """A part of the data folder."""
 
     name: str
@@ -73,24 +73,24 @@ class Folder:
 
 
 @dataclass(frozen=True, slots=True)
-class Disk:
+class DiskUsage:
     """What the data take."""
 
-    folders: tuple[Folder, ...]
+    folders: tuple[FolderUsage, ...]
     free: int
     total: int
 
 
-def queue(session: Session) -> list[Waiting]:
+def list_queue(session: Session) -> list[QueuedSubmission]:
     """Unfinished submissions, the oldest first."""
-    wanted = select(tables.Submission).where(tables.Submission.state.in_(UNFINISHED))
-    order = (tables.Submission.created_us, tables.Submission.id)
-    found: list[Waiting] = []
+    wanted = select(tables.SubmissionRow).where(tables.SubmissionRow.state.in_(UNFINISHED))
+    order = (tables.SubmissionRow.created_us, tables.SubmissionRow.id)
+    found: list[QueuedSubmission] = []
     for each in session.scalars(wanted.order_by(*order).limit(MOST_UNFINISHED)):
-        counts = queries.progress(session, each.id)
-        team = session.get(tables.Team, each.team)
+        counts = queries.count_jobs(session, each.id)
+        team = session.get(tables.TeamRow, each.team)
         found.append(
-            Waiting(
+            QueuedSubmission(
                 each.id,
                 each.name,
                 team.name if team else each.team,
@@ -105,17 +105,19 @@ def queue(session: Session) -> list[Waiting]:
     return found
 
 
-def drivers(session: Session, settings: Settings, now_us: int) -> list[Driver]:
+def list_workers(session: Session, settings: ServerSettings, now_us: int) -> list[WorkerStatus]:
     """Who signed in within the last hour, and whoever else holds a job."""
-    running: dict[str, list[Driven]] = {}
-    for job in session.scalars(select(tables.Job).where(tables.Job.state == JobState.RUNNING).order_by(tables.Job.id)):
-        driven = Driven(
+    running: dict[str, list[RunningJob]] = {}
+    for job in session.scalars(
+        select(tables.JobRow).where(tables.JobRow.state == JobState.RUNNING).order_by(tables.JobRow.id)
+    ):
+        driven = RunningJob(
             job.submission, job.scenario, job.seed, job.attempt, job.started_us or now_us, job.lease_us or now_us
         )
         running.setdefault(job.owner or "", []).append(driven)
     lease_us = settings.work.lease_s * 1_000_000
     known = [
-        Driver(
+        WorkerStatus(
             each.owner,
             each.host,
             each.version,
@@ -125,38 +127,42 @@ def drivers(session: Session, settings: Settings, now_us: int) -> list[Driver]:
             now_us - each.seen_us > lease_us,
             tuple(running.pop(each.owner, ())),
         )
-        for each in workers.every(session)
+        for each in workers.list_workers(session)
     ]
-    return known + [Driver(owner, "", "", "", None, None, False, tuple(jobs)) for owner, jobs in running.items()]
+    return known + [WorkerStatus(owner, "", "", "", None, None, False, tuple(jobs)) for owner, jobs in running.items()]
 
 
-def entries(session: Session, deed: str | None = None) -> Sequence[tables.AuditEntry]:
+def list_entries(session: Session, deed: str | None = None) -> Sequence[tables.AuditEntryRow]:
     """The latest of the audit log, or of one kind in it."""
-    return audit.latest(session, ENTRIES, deed)
+    return audit.list_latest(session, ENTRIES, deed)
 
 
-def latest(session: Session) -> Sequence[tuple[tables.Submission, str]]:
+def list_finished(session: Session) -> Sequence[tuple[tables.SubmissionRow, str]]:
     """The last submissions that ended, and their teams' names."""
-    named = select(tables.Submission, tables.Team.name).join(tables.Team, tables.Team.id == tables.Submission.team)
-    ended = named.where(tables.Submission.finished_us.is_not(None))
-    return session.execute(ended.order_by(tables.Submission.finished_us.desc()).limit(ENTRIES)).all()
+    named = select(tables.SubmissionRow, tables.TeamRow.name).join(
+        tables.TeamRow, tables.TeamRow.id == tables.SubmissionRow.team
+    )
+    ended = named.where(tables.SubmissionRow.finished_us.is_not(None))
+    return session.execute(ended.order_by(tables.SubmissionRow.finished_us.desc()).limit(ENTRIES)).all()
 
 
-def chain(store: Store) -> audit.Audit:
+def verify_chain(store: Store) -> audit.AuditReport:
     """Walks the whole audit log."""
     with store.read() as session:
-        return audit.verify(session)
+        return audit.verify_chain(session)
 
 
-def disk(data: Path) -> Disk:
+def measure_disk(data: Path) -> DiskUsage:
     """Looks at every file. Raises OSError where the folder is not there."""
-    folders = [_folder(path) for path in sorted(data.iterdir()) if path.is_dir() and not path.is_symlink()]
+    folders = [_measure_folder(path) for path in sorted(data.iterdir()) if path.is_dir() and not path.is_symlink()]
     loose = [path.lstat().st_size for path in data.iterdir() if path.is_file()]
     usage = shutil.disk_usage(data)
-    return Disk((*folders, Folder("database and loose files", len(loose), sum(loose))), usage.free, usage.total)
+    return DiskUsage(
+        (*folders, FolderUsage("database and loose files", len(loose), sum(loose))), usage.free, usage.total
+    )
 
 
-def _folder(path: Path) -> Folder:
+def _measure_folder(path: Path) -> FolderUsage:
     files = size = 0
     for root, _, names in os.walk(path):
         for name in names:
@@ -165,4 +171,4 @@ def _folder(path: Path) -> Folder:
             except FileNotFoundError:  # cleared up meanwhile
                 continue
             files += 1
-    return Folder(path.name, files, size)
+    return FolderUsage(path.name, files, size)

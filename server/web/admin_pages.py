@@ -7,13 +7,13 @@ from fastapi.responses import RedirectResponse
 
 from mdrive_sumo.agent_process import sandbox
 from server.api import schemas
-from server.api.dependencies import Now, ToolsOf
+from server.api.dependencies import Now, ServicesDep
 from server.api.routes import teams as api
-from server.enums import Scope
+from server.enums import TokenScope
 from server.store import audit, teams, tokens
-from server.store.errors import checked_text
+from server.store.errors import check_text
 from server.web import admin_overview, explanations
-from server.web.templating import page
+from server.web.templating import render_page
 from server.web.visitor import AdminVisitor
 
 router = APIRouter(prefix="/admin")
@@ -22,29 +22,29 @@ Text = Annotated[str, Form(max_length=200)]
 
 
 @router.get("")
-def show(request: Request, _visitor: AdminVisitor, using: ToolsOf, at_us: Now) -> Response:
+def show(request: Request, _visitor: AdminVisitor, using: ServicesDep, at_us: Now) -> Response:
     """How the challenge is doing."""
     with using.store.read() as session:
-        return page(
+        return render_page(
             request,
             "admin.html",
             at_us=at_us,
-            queue=admin_overview.queue(session),
-            drivers=admin_overview.drivers(session, using.settings, at_us),
+            queue=admin_overview.list_queue(session),
+            drivers=admin_overview.list_workers(session, using.settings, at_us),
             work=using.settings.work,
-            latest=admin_overview.latest(session),
-            spots=admin_overview.entries(session, "spot-check"),
-            entries=admin_overview.entries(session),
-            head=audit.head(session),
+            latest=admin_overview.list_finished(session),
+            spots=admin_overview.list_entries(session, "spot-check"),
+            entries=admin_overview.list_entries(session),
+            head=audit.find_head(session),
             words=explanations,
         )
 
 
 @router.get("/machine")
-def show_machine(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Response:
+def show_machine(request: Request, _visitor: AdminVisitor, using: ServicesDep) -> Response:
     """What takes a moment to find out: layers of the sandbox, the disk, the whole chain of the audit log."""
     wanted = using.settings.sandbox
-    return page(
+    return render_page(
         request,
         "admin_machine.html",
         layers=using.aside.call(LOOK_S, sandbox.examine_layers, wanted.backend),
@@ -52,35 +52,37 @@ def show_machine(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Re
         backend=wanted.backend,
         gaps=sandbox.GAPS.get(wanted.backend, ()),
         elsewhere=bool(using.settings.work.scheduler) or using.settings.work.processes == 0,
-        disk=admin_overview.disk(using.settings.data),
-        chain=admin_overview.chain(using.store),
+        disk=admin_overview.measure_disk(using.settings.data),
+        chain=admin_overview.verify_chain(using.store),
     )
 
 
 @router.get("/teams")
-def show_teams(request: Request, _visitor: AdminVisitor, using: ToolsOf) -> Response:
+def show_teams(request: Request, _visitor: AdminVisitor, using: ServicesDep) -> Response:
     """All teams, and the tokens of nobody's."""
     with using.store.read() as session:
-        found = [(team, tokens.every(session, team)) for team in teams.every(session)]
-        return page(request, "admin_teams.html", teams=found, others=tokens.every(session, None), scopes=tuple(Scope))
+        found = [(team, tokens.list_tokens(session, team)) for team in teams.list_teams(session)]
+        return render_page(
+            request, "admin_teams.html", teams=found, others=tokens.list_tokens(session, None), scopes=tuple(TokenScope)
+        )
 
 
 @router.post("/teams")
-def create_team(request: Request, visitor: AdminVisitor, using: ToolsOf, at_us: Now, name: Text = "") -> Response:
+def create_team(request: Request, visitor: AdminVisitor, using: ServicesDep, at_us: Now, name: Text = "") -> Response:
     """A team with its first token, which is shown this once."""
     who = visitor.caller.actor
     with using.store.write() as session:
-        made = teams.create(session, checked_text(name, "name of a team", 64), at_us, who)
-        text = tokens.issue(session, made, Scope.SUBMIT, at_us, who)
-    return page(request, "admin_token.html", token=text, holder=f"team {made.name}")
+        made = teams.create(session, check_text(name, "name of a team", 64), at_us, who)
+        text = tokens.issue(session, made, TokenScope.SUBMIT, at_us, who)
+    return render_page(request, "admin_token.html", token=text, holder=f"team {made.name}")
 
 
 @router.post("/teams/{team}/hidden")
 def hide_team(
-    team: schemas.Id, visitor: AdminVisitor, using: ToolsOf, at_us: Now, hidden: Annotated[bool, Form()]
+    team: schemas.Id, visitor: AdminVisitor, using: ServicesDep, at_us: Now, hidden: Annotated[bool, Form()]
 ) -> Response:
     """Off the leaderboards, or back."""
-    api.hide_team(team, schemas.Hide(hidden=hidden), visitor.caller, using, at_us)
+    api.hide_team(team, schemas.HideIn(hidden=hidden), visitor.caller, using, at_us)
     return RedirectResponse("/admin/teams", 303)
 
 
@@ -88,18 +90,20 @@ def hide_team(
 def issue_token(
     request: Request,
     visitor: AdminVisitor,
-    using: ToolsOf,
+    using: ServicesDep,
     at_us: Now,
-    scope: Annotated[Scope, Form()],
+    scope: Annotated[TokenScope, Form()],
     team: Text = "",
 ) -> Response:
     """A new token, shown this once."""
-    made = api.issue_token(schemas.NewToken(scope=scope, team=team or None), visitor.caller, using, at_us)
-    return page(request, "admin_token.html", token=made.token, holder="the team" if team else f"the scope {scope}")
+    made = api.issue_token(schemas.NewTokenIn(scope=scope, team=team or None), visitor.caller, using, at_us)
+    return render_page(
+        request, "admin_token.html", token=made.token, holder="the team" if team else f"the scope {scope}"
+    )
 
 
 @router.post("/tokens/{token}/revoke")
-def revoke_token(token: schemas.Id, visitor: AdminVisitor, using: ToolsOf, at_us: Now) -> Response:
+def revoke_token(token: schemas.Id, visitor: AdminVisitor, using: ServicesDep, at_us: Now) -> Response:
     """From now on nobody holds it."""
     api.revoke_token(token, visitor.caller, using, at_us)
     return RedirectResponse("/admin/teams", 303)

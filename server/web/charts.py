@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from server.web.templating import day
+from server.web.templating import format_day
 
 _SPARK_W, _SPARK_H, _SPARK_POINTS = 90, 22, 30
 _SPARK_SPAN = 10.0
@@ -16,7 +16,7 @@ _DAY_US = 86_400_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class ChartPoint:
     """A result at a time."""
 
     at_us: int
@@ -61,7 +61,7 @@ def sparkline(values: Sequence[float], what: str = "DS") -> Markup:
     )
 
 
-def history(points: Sequence[Point], said: str) -> Markup:
+def history(points: Sequence[ChartPoint], said: str) -> Markup:
     """Results over time, the oldest first, each with its interval; what it shows also stands in a table. Needs one."""
     first_us, last_us = points[0].at_us, points[-1].at_us
     whole_us = max(last_us - first_us, 1)
@@ -86,7 +86,7 @@ def history(points: Sequence[Point], said: str) -> Markup:
         made.append(Markup('<polyline class="draw-line" points="{}"/>').format(line))
     made += [
         Markup('<circle class="draw-dot" cx="{:.1f}" cy="{:.1f}" r="3.5"><title>{}</title></circle>').format(
-            x(each.at_us), y(each.value), f"{each.label}: DS {each.value:.1f}, {day(each.at_us)}"
+            x(each.at_us), y(each.value), f"{each.label}: DS {each.value:.1f}, {format_day(each.at_us)}"
         )
         for each in points
     ]
@@ -106,8 +106,8 @@ def _days(first_us: int, last_us: int) -> list[Markup]:
     text = Markup('<text class="draw-text" x="{}" y="{}" text-anchor="{}">{}</text>')
     base = _HEIGHT - 6
     if first_us // _DAY_US == last_us // _DAY_US:
-        return [text.format(_LEFT + (_WIDTH - _LEFT - _RIGHT) / 2, base, "middle", day(first_us))]
+        return [text.format(_LEFT + (_WIDTH - _LEFT - _RIGHT) / 2, base, "middle", format_day(first_us))]
     return [
-        text.format(_LEFT, base, "start", day(first_us)),
-        text.format(_WIDTH - _RIGHT, base, "end", day(last_us)),
+        text.format(_LEFT, base, "start", format_day(first_us)),
+        text.format(_WIDTH - _RIGHT, base, "end", format_day(last_us)),
     ]

@@ -8,27 +8,27 @@ from http import HTTPStatus
 from fastapi import Request, Response
 
 from mdrive_sumo.core.errors import InputError
-from server.api.problems import ProblemError, status_of
+from server.api.problems import ProblemError, find_status
 from server.store import OverLimit, StoreUnavailable
-from server.web.templating import page
-from server.web.visitor import visitor
+from server.web.templating import render_page
+from server.web.visitor import get_visitor
 
 
-def refusal(error: InputError | ProblemError, at_us: int) -> tuple[int, str, Mapping[str, str]]:
+def describe_refusal(error: InputError | ProblemError, at_us: int) -> tuple[int, str, Mapping[str, str]]:
     """Status, sentence and headers of what is shown on the form that was refused."""
     if isinstance(error, ProblemError):
         return error.status, error.detail, error.headers
     again_us = error.retry_us if isinstance(error, OverLimit) else None
     headers = {} if again_us is None else {"Retry-After": str(max(1, math.ceil((again_us - at_us) / 1e6)))}
-    return status_of(error)[0], str(error), headers
+    return find_status(error)[0], str(error), headers
 
 
-async def page_of(request: Request, status: int, detail: str, headers: Mapping[str, str]) -> Response:
+async def render_error(request: Request, status: int, detail: str, headers: Mapping[str, str]) -> Response:
     """What `server.api.problems` asks for outside /api: the same sentence, for people."""
     if not hasattr(request.state, "visitor"):
         with suppress(StoreUnavailable):
-            await visitor(request, request.app.state.tools)
+            await get_visitor(request, request.app.state.tools)
     title = HTTPStatus(status).phrase
-    return page(
+    return render_page(
         request, "error.html", status, headers, title=title, detail=detail, log_in=status == HTTPStatus.UNAUTHORIZED
     )

@@ -3,23 +3,23 @@
 from fastapi import APIRouter, Request, Response
 
 from server import environments
-from server.api.dependencies import Now, ToolsOf
+from server.api.dependencies import Now, ServicesDep
 from server.api.routes.phases import list_phases
 from server.web import explanations
-from server.web.labels import TRACKS
-from server.web.templating import page
-from server.web.visitor import MaybeVisitor
+from server.web.labels import TRACK_LABELS
+from server.web.templating import render_page
+from server.web.visitor import OptionalVisitor
 
 router = APIRouter()
 
 
 @router.get("/how")
-def show(request: Request, using: ToolsOf, at_us: Now, _visitor: MaybeVisitor) -> Response:
+def show(request: Request, using: ServicesDep, at_us: Now, _visitor: OptionalVisitor) -> Response:
     """The page."""
     settings = using.settings
     found = list_phases(using, at_us).items
     is_open = [phase for phase in found if phase.open]
-    return page(
+    return render_page(
         request,
         "how.html",
         address=str(request.base_url).rstrip("/"),
@@ -30,7 +30,7 @@ def show(request: Request, using: ToolsOf, at_us: Now, _visitor: MaybeVisitor) -
         sandbox=settings.sandbox,
         registration=settings.registration,
         environments=environments.RECIPES.values(),
-        built=environments.built(settings.environments),
-        tracks=TRACKS,
+        built=environments.list_built(settings.environments),
+        tracks=TRACK_LABELS,
         words=explanations,
     )

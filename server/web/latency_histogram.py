@@ -8,7 +8,7 @@ WIDTH, HEIGHT, FOOT, HEAD = 640, 190, 34, 18
 
 
 @dataclass(frozen=True, slots=True)
-class Bar:
+class HistogramBar:
     """One class of the histogram, in the units of the drawing."""
 
     x: float
@@ -23,10 +23,10 @@ class Bar:
 
 
 @dataclass(frozen=True, slots=True)
-class Histogram:
+class LatencyHistogram:
     """Ready to be drawn."""
 
-    bars: tuple[Bar, ...]
+    bars: tuple[HistogramBar, ...]
     total: int
     usual: str
     """In which class the median lies."""
@@ -35,7 +35,7 @@ class Histogram:
     ground: int = HEIGHT - FOOT
 
 
-def histogram(usages: Iterable[Mapping[str, Any] | None]) -> Histogram | None:
+def make_histogram(usages: Iterable[Mapping[str, Any] | None]) -> LatencyHistogram | None:
     """The sum of `usage.latency` over scenarios; None where nobody answered.
 
     Scenarios with other classes than the first are left out.
@@ -50,38 +50,38 @@ def histogram(usages: Iterable[Mapping[str, Any] | None]) -> Histogram | None:
         counts = [a + b for a, b in zip(counts or [0] * len(latency["counts"]), latency["counts"], strict=True)]
     if not sum(counts):
         return None
-    labels = _labels(ends)
+    labels = _make_labels(ends)
     wide, tall = WIDTH / len(counts), HEIGHT - FOOT - HEAD
     heights = [tall * count / max(counts) for count in counts]
     bars = tuple(
-        Bar(
+        HistogramBar(
             round(i * wide + 3, 1),
             round(HEIGHT - FOOT - high, 1),
             round(wide - 6, 1),
             round(high, 1),
             label,
-            _short(label),
+            _shorten(label),
             count,
         )
         for i, (high, label, count) in enumerate(zip(heights, labels, counts, strict=True))
     )
-    return Histogram(bars, sum(counts), labels[_median_class(counts)])
+    return LatencyHistogram(bars, sum(counts), labels[_find_median_class(counts)])
 
 
-def _labels(ends_ms: list[float]) -> list[str]:
+def _make_labels(ends_ms: list[float]) -> list[str]:
     """≤ 1 ms, ≤ 2 ms, ... ≤ 5 s, > 5 s."""
-    return [*(f"≤ {_time(end)}" for end in ends_ms), f"> {_time(ends_ms[-1])}"]
+    return [*(f"≤ {_format_time(end)}" for end in ends_ms), f"> {_format_time(ends_ms[-1])}"]
 
 
-def _short(label: str) -> str:
+def _shorten(label: str) -> str:
     return label.removesuffix(" ms")
 
 
-def _time(milliseconds: float) -> str:
+def _format_time(milliseconds: float) -> str:
     return f"{milliseconds / 1000:g} s" if milliseconds >= 1000 else f"{milliseconds:g} ms"
 
 
-def _median_class(counts: list[int]) -> int:
+def _find_median_class(counts: list[int]) -> int:
     seen, half = 0, sum(counts) / 2
     for index, count in enumerate(counts):
         seen += count

@@ -14,14 +14,14 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.api import leaderboard_cache, schemas
-from server.api.dependencies import Tools, now
-from server.api.leaderboard_cache import FRESH_US, STALE_US, Parts, Which
-from server.enums import Track
+from server.api.dependencies import Services, get_now
+from server.api.leaderboard_cache import FRESH_US, STALE_US, BoardKey, PhaseParts
+from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
 from server.web import charts
-from server.web.labels import TRACKS
-from server.web.templating import headers_of, render
-from server.web.visitor import visitor
+from server.web.labels import TRACK_LABELS
+from server.web.templating import page_headers, render
+from server.web.visitor import get_visitor
 
 router = APIRouter()
 SORTS: Mapping[str, bool] = {
@@ -35,14 +35,14 @@ SORTS: Mapping[str, bool] = {
     "date": True,
 }
 """What a board is sorted by, and whether it begins with the largest."""
-ROWS = 50
+ROWS_PER_PAGE = 50
 """On one page."""
-_CUT = "<!--visitor-->"
+_VISITOR_MARK = "<!--visitor-->"
 """Where a kept page is completed by who is logged in."""
 
 
 @dataclass(frozen=True, slots=True)
-class Tab:
+class PhaseTab:
     """A phase."""
 
     id: str
@@ -53,10 +53,10 @@ class Tab:
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class BoardView:
     """What of which board is shown."""
 
-    which: Which
+    which: BoardKey
     sort: str = "rank"
     turned: bool = False
     """Sorted the other way round than usual."""
@@ -77,7 +77,7 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True)
-class _Page:
+class _RenderedBoard:
     """A page, ready to be sent."""
 
     whole: bytes
@@ -89,123 +89,135 @@ class _Page:
     """What changes with a filter."""
 
 
-async def make(using: Tools, which: Which, at_us: int) -> None:
+async def build_page(using: Services, which: BoardKey, at_us: int) -> None:
     """Makes the page of a board, to be kept. Raises NotFound and StoreUnavailable."""
-    tabs = await using.boards.kept("tabs", _tabs, at_us, FRESH_US)
-    parts = await _parts(which.phase, using, at_us, FRESH_US)
-    await _page(Wish(which), tabs, parts, using, at_us, FRESH_US)
+    tabs = await using.boards.kept("tabs", _list_tabs, at_us, FRESH_US)
+    parts = await _get_parts(which.phase, using, at_us, FRESH_US)
+    await _get_page(BoardView(which), tabs, parts, using, at_us, FRESH_US)
 
 
 @router.get("/")
 async def show(request: Request) -> Response:
     """A leaderboard; without a phase, of the open one that opened last."""
-    using: Tools = request.app.state.tools
-    at_us = await now(request)
-    who = await visitor(request, using)
-    tabs = await using.boards.kept("tabs", _tabs, at_us)
+    using: Services = request.app.state.tools
+    at_us = await get_now(request)
+    who = await get_visitor(request, using)
+    tabs = await using.boards.kept("tabs", _list_tabs, at_us)
     if not tabs:
         text = render("board_none.html", visitor=who)
-        return Response(text, media_type="text/html", headers=headers_of(who is not None))
-    wish, parts = await _wish(request.query_params, using, tabs, at_us)
-    made = await _page(wish, tabs, parts, using, at_us)
+        return Response(text, media_type="text/html", headers=page_headers(who is not None))
+    wish, parts = await _parse_view(request.query_params, using, tabs, at_us)
+    made = await _get_page(wish, tabs, parts, using, at_us)
     if request.headers.get("hx-request") == "true":
         content = made.board
     elif who is None:
         content = made.whole
     else:
         content = b"".join((made.before, render("visitor.html", visitor=who, here="boards").encode(), made.after))
-    headers = headers_of(who is not None) | {"Vary": "Cookie, HX-Request"}
+    headers = page_headers(who is not None) | {"Vary": "Cookie, HX-Request"}
     return Response(content, media_type="text/html", headers=headers)
 
 
 @router.get("/leaderboard.csv")
 async def show_csv(request: Request) -> Response:
     """The same board as a table for other programs; as JSON the API has it."""
-    using: Tools = request.app.state.tools
-    at_us = await now(request)
-    tabs = await using.boards.kept("tabs", _tabs, at_us)
+    using: Services = request.app.state.tools
+    at_us = await get_now(request)
+    tabs = await using.boards.kept("tabs", _list_tabs, at_us)
     if not tabs:
         raise NotFound("phase: there is none yet")
-    wish, _ = await _wish(request.query_params, using, tabs, at_us)
-    board = schemas.Leaderboard.model_validate_json(await using.boards.board(wish.which, at_us))
+    wish, _ = await _parse_view(request.query_params, using, tabs, at_us)
+    board = schemas.LeaderboardOut.model_validate_json(await using.boards.board(wish.which, at_us))
     headers = {"Content-Disposition": f'attachment; filename="leaderboard-{board.phase}.csv"'}
-    return Response(_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
+    return Response(_to_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
 
 
-async def _page(
-    wish: Wish, tabs: Sequence[Tab], parts: Parts, using: Tools, at_us: int, stale_us: int = STALE_US
-) -> _Page:
+async def _get_page(
+    wish: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, using: Services, at_us: int, stale_us: int = STALE_US
+) -> _RenderedBoard:
     now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
-    make = partial(_made, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
-    return await using.boards.kept((wish, tabs, parts, now_open), make, at_us, stale_us)
+    render_board = partial(_render_page, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
+    return await using.boards.kept((wish, tabs, parts, now_open), render_board, at_us, stale_us)
 
 
-async def _parts(phase: str, using: Tools, at_us: int, stale_us: int = STALE_US) -> Parts:
-    return await using.boards.kept(("parts", phase), partial(leaderboard_cache.parts, phase_id=phase), at_us, stale_us)
+async def _get_parts(phase: str, using: Services, at_us: int, stale_us: int = STALE_US) -> PhaseParts:
+    return await using.boards.kept(
+        ("parts", phase), partial(leaderboard_cache.list_parts, phase_id=phase), at_us, stale_us
+    )
 
 
-async def _wish(query: Mapping[str, str], using: Tools, tabs: Sequence[Tab], at_us: int) -> tuple[Wish, Parts]:
+async def _parse_view(
+    query: Mapping[str, str], using: Services, tabs: Sequence[PhaseTab], at_us: int
+) -> tuple[BoardView, PhaseParts]:
     """And what its phase has to choose from. Raises InputError for what there is not."""
-    phase = query.get("phase") or _usual(tabs, at_us).id
+    phase = query.get("phase") or _default_tab(tabs, at_us).id
     if phase not in (tab.id for tab in tabs):
         raise NotFound(f"phase: expected one of {', '.join(tab.id for tab in tabs)}, found {phase!r:.60}")
-    parts = await _parts(phase, using, at_us)
+    parts = await _get_parts(phase, using, at_us)
     kind, _, name = query.get("part", "").partition(":")  # of the form, where only one of the two can be chosen
     if kind and (kind not in ("bucket", "category") or not name):
         raise InputError(f"part: expected bucket:NAME or category:NAME, found {query['part']!r:.80}")
     given = {kind: name} if kind else query
-    bucket, category = _one(given, "bucket", parts.buckets), _one(given, "category", parts.categories)
+    bucket, category = _parse_choice(given, "bucket", parts.buckets), _parse_choice(given, "category", parts.categories)
     if bucket is not None and category is not None:
         raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
-    track = _one(query, "track", tuple(Track))
+    track = _parse_choice(query, "track", tuple(ChallengeTrack))
     number = query.get("page") or "1"
     if not (number.isascii() and number.isdecimal() and len(number) <= 5 and 1 <= int(number) <= 10_000):
         raise InputError(f"page: expected a number from 1 to 10000, found {number!r:.60}")
-    which = Which(phase, Track(track) if track else None, bucket, category)
-    sort, turned = _one(query, "sort", tuple(SORTS)) or "rank", _one(query, "turned", ("1",)) is not None
-    return Wish(which, sort, turned, int(number)), parts
+    which = BoardKey(phase, ChallengeTrack(track) if track else None, bucket, category)
+    sort, turned = (
+        _parse_choice(query, "sort", tuple(SORTS)) or "rank",
+        _parse_choice(query, "turned", ("1",)) is not None,
+    )
+    return BoardView(which, sort, turned, int(number)), parts
 
 
-def _one(query: Mapping[str, str], name: str, known: Sequence[str]) -> str | None:
+def _parse_choice(query: Mapping[str, str], name: str, known: Sequence[str]) -> str | None:
     found = query.get(name) or None
     if found is not None and found not in known:
         raise NotFound(f"{name}: expected one of {', '.join(known) or 'none so far'}, found {found!r:.80}")
     return found
 
 
-def _usual(tabs: Sequence[Tab], at_us: int) -> Tab:
+def _default_tab(tabs: Sequence[PhaseTab], at_us: int) -> PhaseTab:
     """The open one that opened last; else the last that was."""
     begun = [tab for tab in tabs if tab.opens_us <= at_us]
     still = [tab for tab in begun if at_us < tab.closes_us]
     return (still or begun or [*tabs])[-1]
 
 
-def _tabs(session: Session) -> tuple[Tab, ...]:
-    return tuple(Tab(each.id, each.title, each.public, each.opens_us, each.closes_us) for each in phases.every(session))
+def _list_tabs(session: Session) -> tuple[PhaseTab, ...]:
+    return tuple(
+        PhaseTab(each.id, each.title, each.public, each.opens_us, each.closes_us)
+        for each in phases.list_phases(session)
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class BoardLine:
     """A row as it is drawn."""
 
-    row: schemas.Row
+    row: schemas.RowOut
     team_id: str
     bar: Markup
     spark: Markup
 
 
-def _made(session: Session, wish: Wish, tabs: Sequence[Tab], parts: Parts, now_open: frozenset[str]) -> _Page:
-    board = leaderboard_cache.read(session, wish.which)
-    rows = sorted(board.rows, key=lambda row: _key(row, wish.sort), reverse=SORTS[wish.sort] is not wish.turned)
-    rows.sort(key=lambda row: _value(row, wish.sort) is None)  # what is not known stands last
-    pages = max(1, -(-len(rows) // ROWS))
+def _render_page(
+    session: Session, wish: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, now_open: frozenset[str]
+) -> _RenderedBoard:
+    board = leaderboard_cache.read_leaderboard(session, wish.which)
+    rows = sorted(board.rows, key=lambda row: _sort_key(row, wish.sort), reverse=SORTS[wish.sort] is not wish.turned)
+    rows.sort(key=lambda row: _sort_value(row, wish.sort) is None)  # what is not known stands last
+    pages = max(1, -(-len(rows) // ROWS_PER_PAGE))
     page = min(wish.page, pages)
     context: dict[str, Any] = {
         "wish": wish,
         "tab": next(tab for tab in tabs if tab.id == board.phase),
         "parts": parts,
-        "tracks": TRACKS,
-        "lines": _lines(session, wish.which, rows[(page - 1) * ROWS : page * ROWS]),
+        "tracks": TRACK_LABELS,
+        "lines": _make_lines(session, wish.which, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
         "teams": len(rows),
         "pages": pages,
         "page": page,
@@ -214,17 +226,17 @@ def _made(session: Session, wish: Wish, tabs: Sequence[Tab], parts: Parts, now_o
         "open": board.phase in now_open,
     }
     fragment = render("board_table.html", **context)
-    around = {"cut": Markup(_CUT), "board": Markup(fragment), "tab": context["tab"]}
-    before, _, after = render("board.html", tabs=tabs, now_open=now_open, **around).partition(_CUT)
+    around = {"cut": Markup(_VISITOR_MARK), "board": Markup(fragment), "tab": context["tab"]}
+    before, _, after = render("board.html", tabs=tabs, now_open=now_open, **around).partition(_VISITOR_MARK)
     nobody = render("visitor.html", visitor=None, here="boards")
-    return _Page((before + nobody + after).encode(), before.encode(), after.encode(), fragment.encode())
+    return _RenderedBoard((before + nobody + after).encode(), before.encode(), after.encode(), fragment.encode())
 
 
-def _lines(session: Session, which: Which, rows: Sequence[schemas.Row]) -> list[Line]:
-    ids = {team.name: team.id for team in teams.every(session)}
-    courses = queries.courses(session, which.phase, which.track, [ids[row.team] for row in rows])
+def _make_lines(session: Session, which: BoardKey, rows: Sequence[schemas.RowOut]) -> list[BoardLine]:
+    ids = {team.name: team.id for team in teams.list_teams(session)}
+    courses = queries.find_score_histories(session, which.phase, which.track, [ids[row.team] for row in rows])
     return [
-        Line(
+        BoardLine(
             row,
             ids[row.team],
             charts.bar(row.figures.ds, row.figures.ds_low, row.figures.ds_high),
@@ -234,19 +246,19 @@ def _lines(session: Session, which: Which, rows: Sequence[schemas.Row]) -> list[
     ]
 
 
-def _value(row: schemas.Row, sort: str) -> Any:
+def _sort_value(row: schemas.RowOut, sort: str) -> Any:
     if sort in ("ds", "sr", "rc", "ip"):
         return getattr(row.figures, sort)
     return row.created if sort == "date" else getattr(row, sort)
 
 
-def _key(row: schemas.Row, sort: str) -> tuple[bool, Any]:
+def _sort_key(row: schemas.RowOut, sort: str) -> tuple[bool, Any]:
     """Never compares with what is not known."""
-    value = _value(row, sort)
+    value = _sort_value(row, sort)
     return value is not None, value.casefold() if isinstance(value, str) else value
 
 
-def _csv(board: schemas.Leaderboard) -> str:
+def _to_csv(board: schemas.LeaderboardOut) -> str:
     figures = ("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high", "rc", "ip", "scenarios")
     text = io.StringIO()
     writer = csv.writer(text)
@@ -254,11 +266,11 @@ def _csv(board: schemas.Leaderboard) -> str:
     for row in (*board.rows, *board.published):
         numbers = [getattr(row.figures, name) for name in figures]
         created = row.created.isoformat() if row.created else None
-        names = (row.rank, _as_text(row.team), _as_text(row.method), row.track.value)
+        names = (row.rank, _escape_formula(row.team), _escape_formula(row.method), row.track.value)
         writer.writerow((*names, *numbers, created, row.submission, row.published))
     return text.getvalue()
 
 
-def _as_text(name: str) -> str:
+def _escape_formula(name: str) -> str:
     """Spreadsheets compute what begins with one of these: names are strangers' text."""
     return f"'{name}" if name.startswith(("=", "+", "-", "@")) else name

@@ -4,80 +4,88 @@ from fastapi import APIRouter, Request, Response
 
 from server.api import schemas
 from server.api.caller import Caller
-from server.api.dependencies import ToolsOf
+from server.api.dependencies import ServicesDep
 from server.api.routes import results, submissions
 from server.store import NotFound
 from server.web import explanations
-from server.web.latency_histogram import histogram
-from server.web.templating import page
-from server.web.visitor import MaybeVisitor, SomeVisitor, Visitor
+from server.web.latency_histogram import make_histogram
+from server.web.templating import render_page
+from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor
 
 router = APIRouter()
-_ONE = "/submissions/{submission}/scenarios/{scenario}/{seed}"
+_SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 
 
-@router.get(_ONE)
+@router.get(_SCENARIO_PATH)
 def show(
     request: Request,
     submission: schemas.Id,
     scenario: schemas.ScenarioId,
     seed: schemas.Seed,
-    visitor: MaybeVisitor,
-    using: ToolsOf,
+    visitor: OptionalVisitor,
+    using: ServicesDep,
 ) -> Response:
     """The page, with the replay in a frame that has no part in our origin."""
-    caller = _caller(visitor)
+    caller = _get_caller(visitor)
     rows = results.list_scenarios(submission, caller, using).items
     places = [i for i, row in enumerate(rows) if (row.scenario, row.seed) == (scenario, seed)]
     if not places:
         raise NotFound(f"scenario: this submission has no {scenario!r} with seed {seed}")
     at = places[0]
-    return page(
+    return render_page(
         request,
         "replay.html",
         it=submissions.show_submission(submission, caller, using),
         row=rows[at],
         before=rows[at - 1] if at else None,
         after=rows[at + 1] if at + 1 < len(rows) else None,
-        latency=histogram([rows[at].usage]),
+        latency=make_histogram([rows[at].usage]),
         words=explanations,
     )
 
 
-@router.get(f"{_ONE}/replay")
+@router.get(f"{_SCENARIO_PATH}/replay")
 def replay(
-    submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, visitor: MaybeVisitor, using: ToolsOf
+    submission: schemas.Id,
+    scenario: schemas.ScenarioId,
+    seed: schemas.Seed,
+    visitor: OptionalVisitor,
+    using: ServicesDep,
 ) -> Response:
     """What the frame shows."""
-    return _asked_again(results.fetch_replay(submission, scenario, seed, _caller(visitor), using))
+    return _with_revalidation(results.fetch_replay(submission, scenario, seed, _get_caller(visitor), using))
 
 
-@router.get(f"{_ONE}/recording")
+@router.get(f"{_SCENARIO_PATH}/recording")
 def recording(
-    submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, visitor: MaybeVisitor, using: ToolsOf
+    submission: schemas.Id,
+    scenario: schemas.ScenarioId,
+    seed: schemas.Seed,
+    visitor: OptionalVisitor,
+    using: ServicesDep,
 ) -> Response:
     """The episode."""
-    return _asked_again(results.fetch_recording(submission, scenario, seed, _caller(visitor), using))
+    return _with_revalidation(results.fetch_recording(submission, scenario, seed, _get_caller(visitor), using))
 
 
-@router.get(f"{_ONE}/logs/{{cav}}")
+@router.get(f"{_SCENARIO_PATH}/logs/{{cav}}")
 def log(
     submission: schemas.Id,
     scenario: schemas.ScenarioId,
     seed: schemas.Seed,
     cav: schemas.ScenarioId,
-    visitor: SomeVisitor,
-    using: ToolsOf,
+    visitor: AnyVisitor,
+    using: ServicesDep,
 ) -> Response:
     """What an agent wrote."""
-    return _asked_again(results.fetch_log(submission, scenario, seed, cav, visitor.caller, using))
+    return _with_revalidation(results.fetch_log(submission, scenario, seed, cav, visitor.caller, using))
 
 
-def _caller(visitor: Visitor | None) -> Caller | None:
+def _get_caller(visitor: Visitor | None) -> Caller | None:
     return visitor.caller if visitor is not None else None
 
 
-def _asked_again(file: Response) -> Response:
+def _with_revalidation(file: Response) -> Response:
     """A browser may keep it, but asks each time: who may see it today may not tomorrow, or have logged out."""
     file.headers["Cache-Control"] = "private, no-cache"
     file.headers["Vary"] = "Cookie"

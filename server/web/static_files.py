@@ -34,7 +34,7 @@ def _read() -> dict[str, _Asset]:
 _ASSETS = _read()
 
 
-def address(name: str) -> str:
+def static_url(name: str) -> str:
     """Of a file in `static`. Another content has another address, so browsers may keep it for ever."""
     return f"/static/{_ASSETS[name].version}/{name}"
 

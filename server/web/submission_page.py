@@ -9,30 +9,30 @@ from sqlalchemy import select
 
 from server.api import schemas, submission_views
 from server.api.caller import Caller
-from server.api.dependencies import Now, Tools, ToolsOf
-from server.api.problems import Hidden
+from server.api.dependencies import Now, Services, ServicesDep
+from server.api.problems import HiddenScenariosError
 from server.api.routes import results, submissions
 from server.enums import JobState
 from server.store import tables
-from server.store.errors import checked_text
+from server.store.errors import check_text
 from server.store.quota import UNFINISHED
 from server.web import explanations
-from server.web.latency_histogram import histogram
-from server.web.templating import headers_of, page, render
-from server.web.visitor import AdminVisitor, MaybeVisitor, SomeVisitor
+from server.web.latency_histogram import make_histogram
+from server.web.templating import page_headers, render, render_page
+from server.web.visitor import AdminVisitor, AnyVisitor, OptionalVisitor
 
 router = APIRouter()
-NEWS = 12
+MAX_EVENTS = 12
 """Latest events that the page of an unfinished submission shows."""
-SAID_STEP = 10
+ANNOUNCE_STEP = 10
 """Percent of progress between two announcements to screen readers."""
-Order = Literal["scenario", "ds", "rc", "ip", "latency", "memory", "cpu"]
-Which = Annotated[str, Query(max_length=20)]
-Seen = Annotated[int, Query(ge=0, le=1_000_000)]
+SortOrder = Literal["scenario", "ds", "rc", "ip", "latency", "memory", "cpu"]
+VerdictFilter = Annotated[str, Query(max_length=20)]
+SeenCount = Annotated[int, Query(ge=0, le=1_000_000)]
 
 
 @dataclass(frozen=True, slots=True)
-class News:
+class ScenarioEvent:
     """Something that happened in one scenario."""
 
     scenario: str
@@ -44,16 +44,16 @@ class News:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class SubmissionStatus:
     """How a submission stands, as its visitor may know it."""
 
-    submission: schemas.Submission
+    submission: schemas.SubmissionOut
     own: bool
     unfinished: bool
     done: int | None
     """Scenarios with a result; None where they are hidden."""
     total: int | None
-    news: tuple[News, ...]
+    news: tuple[ScenarioEvent, ...]
 
     @property
     def percent(self) -> int:
@@ -73,115 +73,117 @@ class Standing:
         return not self.unfinished or self._step(self.done) != self._step(seen)
 
     def _step(self, done: int | None) -> int:
-        return 100 * (done or 0) // (self.total or 1) // SAID_STEP * SAID_STEP
+        return 100 * (done or 0) // (self.total or 1) // ANNOUNCE_STEP * ANNOUNCE_STEP
 
 
 @router.get("/submissions/{submission}")
 def show(
     request: Request,
     submission: schemas.Id,
-    visitor: MaybeVisitor,
-    using: ToolsOf,
-    verdict: Which = "",
-    sort: Order = "scenario",
+    visitor: OptionalVisitor,
+    using: ServicesDep,
+    verdict: VerdictFilter = "",
+    sort: SortOrder = "scenario",
 ) -> Response:
     """The page. `verdict` and `sort`: of the table of scenarios."""
     caller = visitor.caller if visitor else None
-    stands = standing(using, caller, submission)
-    rows = _scenarios(using, caller, submission)
-    chosen = _sorted([row for row in rows or () if not verdict or verdict in (row.verdict, row.state)], sort)
+    stands = read_status(using, caller, submission)
+    rows = _list_scenarios(using, caller, submission)
+    chosen = _sort_rows([row for row in rows or () if not verdict or verdict in (row.verdict, row.state)], sort)
     context: dict[str, Any] = {
         "rows": rows,
         "chosen": chosen,
         "verdict": verdict,
         "sort": sort,
         "verdicts": sorted({row.verdict or row.state for row in rows or ()}),
-        "latency": histogram(row.usage for row in rows or ()),
-        "used": _used(rows or ()),
+        "latency": make_histogram(row.usage for row in rows or ()),
+        "used": _sum_usage(rows or ()),
     }
-    return page(request, "submission.html", stands=stands, words=explanations, **context)
+    return render_page(request, "submission.html", stands=stands, words=explanations, **context)
 
 
 @router.get("/submissions/{submission}/progress")
-def progress(submission: schemas.Id, visitor: MaybeVisitor, using: ToolsOf, seen: Seen = 0) -> Response:
+def progress(submission: schemas.Id, visitor: OptionalVisitor, using: ServicesDep, seen: SeenCount = 0) -> Response:
     """How it stands, as a piece of its page. `seen`: how many scenarios were driven when it was last asked."""
-    stands = standing(using, visitor.caller if visitor else None, submission)
+    stands = read_status(using, visitor.caller if visitor else None, submission)
     text = render("submission_live.html", stands=stands, words=explanations, visitor=visitor, seen=seen)
     event = "finished" if not stands.unfinished else "driven" if stands.done not in (None, seen) else ""
-    headers = headers_of(True) | ({"HX-Trigger": event} if event else {})
+    headers = page_headers(True) | ({"HX-Trigger": event} if event else {})
     return Response(text, headers=headers, media_type="text/html")
 
 
 @router.post("/submissions/{submission}/cancel")
-def cancel(submission: schemas.Id, visitor: SomeVisitor, using: ToolsOf, at_us: Now) -> Response:
+def cancel(submission: schemas.Id, visitor: AnyVisitor, using: ServicesDep, at_us: Now) -> Response:
     """Stops it."""
     submissions.cancel_submission(submission, visitor.caller, using, at_us)
-    return _back(submission)
+    return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/shown")
 def choose(
-    submission: schemas.Id, visitor: SomeVisitor, using: ToolsOf, at_us: Now, shown: Annotated[bool, Form()]
+    submission: schemas.Id, visitor: AnyVisitor, using: ServicesDep, at_us: Now, shown: Annotated[bool, Form()]
 ) -> Response:
     """Whether it may stand on the leaderboard."""
-    submissions.choose_submission(submission, schemas.Show(shown=shown), visitor.caller, using, at_us)
-    return _back(submission)
+    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, using, at_us)
+    return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/disqualify")
 def disqualify(
     submission: schemas.Id,
     visitor: AdminVisitor,
-    using: ToolsOf,
+    using: ServicesDep,
     at_us: Now,
     reason: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
     """With a reason, which is shown."""
-    why = schemas.Reason(reason=checked_text(reason, "reason", 500))
+    why = schemas.ReasonIn(reason=check_text(reason, "reason", 500))
     submissions.disqualify_submission(submission, why, visitor.caller, using, at_us)
-    return _back(submission)
+    return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/rerun")
-def rerun(submission: schemas.Id, visitor: AdminVisitor, using: ToolsOf, at_us: Now) -> Response:
+def rerun(submission: schemas.Id, visitor: AdminVisitor, using: ServicesDep, at_us: Now) -> Response:
     """Once more, as a submission of its own."""
-    return _back(submissions.rerun_submission(submission, visitor.caller, using, at_us).id)
+    return _redirect(submissions.rerun_submission(submission, visitor.caller, using, at_us).id)
 
 
-def standing(using: Tools, caller: Caller | None, submission: str) -> Standing:
+def read_status(using: Services, caller: Caller | None, submission: str) -> SubmissionStatus:
     """How it stands. Raises NotFound."""
     with using.store.read() as session:
-        found = submission_views.found(session, caller, submission)
-        shown = submission_views.shown(session, caller, found)
-        phase = submission_views.phase_of(session, found)
-        latest = select(tables.Event).where(tables.Event.submission == submission, tables.Event.kind != "state")
+        found = submission_views.find_visible(session, caller, submission)
+        shown = submission_views.to_submission(session, caller, found)
+        phase = submission_views.get_phase(session, found)
+        latest = select(tables.EventRow).where(
+            tables.EventRow.submission == submission, tables.EventRow.kind != "state"
+        )
         own = submission_views.may_see_all(caller, found)
-        events = session.scalars(latest.order_by(tables.Event.id.desc()).limit(NEWS)).all() if own else []
-        told = [submission_views.event(phase, event.kind, event.data) for event in events]
+        events = session.scalars(latest.order_by(tables.EventRow.id.desc()).limit(MAX_EVENTS)).all() if own else []
+        told = [submission_views.visible_event(phase, event.kind, event.data) for event in events]
     counts = shown.progress
-    return Standing(
+    return SubmissionStatus(
         submission=shown,
         own=own,
         unfinished=shown.state in UNFINISHED,
         done=counts.get(JobState.DONE, 0) if counts is not None else None,
         total=sum(counts.values()) if counts is not None else None,
-        news=tuple(_news(data) for data in told if data is not None),
+        news=tuple(_to_event(data) for data in told if data is not None),
     )
 
 
-def _news(data: Any) -> News:
-    return News(data["scenario"], data["seed"], data.get("verdict"), data.get("reason"), data.get("ds"))
+def _to_event(data: Any) -> ScenarioEvent:
+    return ScenarioEvent(data["scenario"], data["seed"], data.get("verdict"), data.get("reason"), data.get("ds"))
 
 
-def _scenarios(using: Tools, caller: Caller | None, submission: str) -> list[schemas.Scenario] | None:
+def _list_scenarios(using: Services, caller: Caller | None, submission: str) -> list[schemas.ScenarioOut] | None:
     """None where they are hidden."""
     try:
         return results.list_scenarios(submission, caller, using).items
-    except Hidden:
+    except HiddenScenariosError:
         return None
 
 
-def _sorted(rows: list[schemas.Scenario], order: str) -> list[schemas.Scenario]:
+def _sort_rows(rows: list[schemas.ScenarioOut], order: str) -> list[schemas.ScenarioOut]:
     """By name, or with what wants a look first: the worst figures, the most used."""
     if order in ("ds", "rc", "ip"):
         return sorted(rows, key=lambda row: -1.0 if getattr(row, order) is None else getattr(row, order))
@@ -191,7 +193,7 @@ def _sorted(rows: list[schemas.Scenario], order: str) -> list[schemas.Scenario]:
     return rows
 
 
-def _used(rows: Any) -> dict[str, float | None]:
+def _sum_usage(rows: Any) -> dict[str, float | None]:
     """By all scenarios together."""
     usages = [row.usage for row in rows if row.usage]
     return {
@@ -200,5 +202,5 @@ def _used(rows: Any) -> dict[str, float | None]:
     }
 
 
-def _back(submission: str) -> Response:
+def _redirect(submission: str) -> Response:
     return RedirectResponse(f"/submissions/{submission}", 303)

@@ -8,29 +8,29 @@ from starlette.concurrency import run_in_threadpool
 
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas
-from server.api.dependencies import Now, Tools, ToolsOf
+from server.api.dependencies import Now, Services, ServicesDep
 from server.api.problems import ProblemError
 from server.api.routes.phases import list_phases, show_quota
-from server.api.submission_service import FIELDS, Intake
-from server.api.upload import received, said
+from server.api.submission_service import FIELDS, SubmissionService
+from server.api.upload import receive_upload, received_fields
 from server.store.errors import new_id
-from server.web.error_page import refusal
-from server.web.labels import TRACKS
-from server.web.templating import headers_of, page, render
-from server.web.visitor import MemberVisitor
+from server.web.error_page import describe_refusal
+from server.web.labels import TRACK_LABELS
+from server.web.templating import page_headers, render, render_page
+from server.web.visitor import TeamVisitor
 
 router = APIRouter()
 Key = Annotated[schemas.Id | None, Query()]
 
 
 @router.get("/submit")
-def show_form(request: Request, who: MemberVisitor, using: ToolsOf, at_us: Now, phase: str = "") -> Response:
+def show_form(request: Request, who: TeamVisitor, using: ServicesDep, at_us: Now, phase: str = "") -> Response:
     """The form."""
-    return page(request, "submit.html", problem="", entered={"phase": phase}, **_offers(using, who, at_us))
+    return render_page(request, "submit.html", problem="", entered={"phase": phase}, **_form_context(using, who, at_us))
 
 
 @router.post("/submit")
-async def send(request: Request, who: MemberVisitor, using: ToolsOf, at_us: Now, key: Key = None) -> Response:
+async def send(request: Request, who: TeamVisitor, using: ServicesDep, at_us: Now, key: Key = None) -> Response:
     """Takes the archive in and goes to the submission's page; a refusal is shown on the form, which keeps its input.
 
     `key` makes it safe to send the same form twice.
@@ -38,38 +38,40 @@ async def send(request: Request, who: MemberVisitor, using: ToolsOf, at_us: Now,
     settings = using.settings
     try:
         with using.uploads.another(who[1]):
-            async with received(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-                made = await run_in_threadpool(Intake(using, who, upload, key, at_us).granted)
+            async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
+                made = await run_in_threadpool(SubmissionService(using, who, upload, key, at_us).granted)
     except (InputError, ProblemError) as error:
-        return await _refused(request, who, at_us, error)
+        return await _render_refusal(request, who, at_us, error)
     target = f"/submissions/{made.id}"
-    if _by_script(request):
+    if _is_htmx(request):
         return Response(status_code=204, headers={"HX-Redirect": target})
     return RedirectResponse(target, 303)
 
 
-async def _refused(request: Request, who: MemberVisitor, at_us: int, error: InputError | ProblemError) -> Response:
+async def _render_refusal(request: Request, who: TeamVisitor, at_us: int, error: InputError | ProblemError) -> Response:
     """Where a script has sent the form it is still there, with its file: the sentence is all that is new."""
-    status, problem, headers = refusal(error, at_us)
-    if _by_script(request):
-        headers = headers_of(True) | dict(headers)
+    status, problem, headers = describe_refusal(error, at_us)
+    if _is_htmx(request):
+        headers = page_headers(True) | dict(headers)
         return HTMLResponse(render("submit_refusal.html", problem=problem), status, headers=headers)
-    offers = await run_in_threadpool(_offers, request.app.state.tools, who, at_us)
-    return page(request, "submit.html", status, headers, problem=problem, entered=said(request), **offers)
+    offers = await run_in_threadpool(_form_context, request.app.state.tools, who, at_us)
+    return render_page(
+        request, "submit.html", status, headers, problem=problem, entered=received_fields(request), **offers
+    )
 
 
-def _by_script(request: Request) -> bool:
+def _is_htmx(request: Request) -> bool:
     return request.headers.get("hx-request") == "true"
 
 
-def _offers(using: Tools, who: MemberVisitor, at_us: int) -> dict[str, Any]:
+def _form_context(using: Services, who: TeamVisitor, at_us: int) -> dict[str, Any]:
     """What there is to choose from."""
     found = list_phases(using, at_us).items
     is_open = [(phase, show_quota(phase.id, who, using, at_us)) for phase in found if phase.open]
     return {
         "open": is_open,
         "others": [phase for phase in found if not phase.open],
-        "tracks": TRACKS,
+        "tracks": TRACK_LABELS,
         "most": using.settings.limits.archive_bytes,
         "key": new_id(),
     }

@@ -10,34 +10,34 @@ from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from server.api import schemas, submission_views
-from server.api.dependencies import Now, ToolsOf
+from server.api.dependencies import Now, ServicesDep
 from server.api.routes import submissions
-from server.clock import utc
-from server.enums import State
+from server.clock import format_utc
+from server.enums import SubmissionState
 from server.store import NotFound, phases, queries, quota, tables, teams, tokens
 from server.web import charts, explanations
-from server.web.labels import TRACKS
-from server.web.templating import page
-from server.web.visitor import MaybeVisitor, SomeVisitor, Visitor, log_out
+from server.web.labels import TRACK_LABELS
+from server.web.templating import render_page
+from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor, delete_token_cookie
 
 router = APIRouter()
-Submission = Annotated[schemas.Id, Form()]
+SubmissionField = Annotated[schemas.Id, Form()]
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class PhaseHistory:
     """A team's shown results in a phase, the oldest first."""
 
-    phase: tables.Phase
-    results: Sequence[tuple[tables.Submission, schemas.Figures]]
+    phase: tables.PhaseRow
+    results: Sequence[tuple[tables.SubmissionRow, schemas.FiguresOut]]
     chart: Markup
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class QuotaLeft:
     """Of the quota in a phase that is open."""
 
-    phase: tables.Phase
+    phase: tables.PhaseRow
     today: int
     at_a_time: int
     in_total: int
@@ -46,10 +46,10 @@ class Left:
 @router.get("/teams/{team}")
 def show(
     request: Request,
-    team: schemas.Name,
-    using: ToolsOf,
+    team: schemas.TeamName,
+    using: ServicesDep,
     at_us: Now,
-    visitor: MaybeVisitor,
+    visitor: OptionalVisitor,
     before: Annotated[schemas.Id | None, Query()] = None,
 ) -> Response:
     """The page, by name or id. A hidden team is there for its members and admins only."""
@@ -58,14 +58,16 @@ def show(
         own = _is_own(visitor, found)
         if found.hidden and not own:
             raise NotFound(f"team: there is no {team!r}")
-        courses = [course for phase in phases.every(session) if (course := _course(session, found, phase)).results]
-        left = _left(session, found, at_us) if own else []
-        held = tokens.every(session, found) if own else []
+        courses = [
+            course for phase in phases.list_phases(session) if (course := _make_history(session, found, phase)).results
+        ]
+        left = _list_quota_left(session, found, at_us) if own else []
+        held = tokens.list_tokens(session, found) if own else []
     listed = None
     if visitor is not None and own:
         of_team = found.id if visitor.caller.is_admin else None
         listed = submissions.list_submissions(visitor.caller, using, None, of_team, before)
-    return page(
+    return render_page(
         request,
         "team.html",
         team=found,
@@ -74,7 +76,7 @@ def show(
         left=left,
         tokens=held,
         listed=listed,
-        tracks=TRACKS,
+        tracks=TRACK_LABELS,
         words=explanations,
     )
 
@@ -82,67 +84,67 @@ def show(
 @router.post("/teams/{team}/shown")
 def choose(
     team: schemas.Id,
-    submission: Submission,
+    submission: SubmissionField,
     shown: Annotated[bool, Form()],
-    visitor: SomeVisitor,
-    using: ToolsOf,
+    visitor: AnyVisitor,
+    using: ServicesDep,
     at_us: Now,
 ) -> Response:
     """Whether a submission may stand on the leaderboard."""
-    submissions.choose_submission(submission, schemas.Show(shown=shown), visitor.caller, using, at_us)
+    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, using, at_us)
     return RedirectResponse(f"/teams/{team}#submissions", 303)
 
 
 @router.post("/teams/{team}/revoke")
-def revoke(team: schemas.Id, token: Submission, visitor: SomeVisitor, using: ToolsOf, at_us: Now) -> Response:
+def revoke(team: schemas.Id, token: SubmissionField, visitor: AnyVisitor, using: ServicesDep, at_us: Now) -> Response:
     """Of the visitor's own team, or any for admins. Whoever revokes the token of this browser is logged out."""
     with using.store.write() as session:
         found = teams.get(session, team)
-        if not _is_own(visitor, found) or token not in (each.id for each in tokens.every(session, found)):
+        if not _is_own(visitor, found) or token not in (each.id for each in tokens.list_tokens(session, found)):
             raise NotFound(f"token: there is no {token!r}")
         tokens.revoke(session, token, at_us, visitor.caller.actor)
     if token != visitor.caller.token:
         return RedirectResponse(f"/teams/{team}#tokens", 303)
     response = RedirectResponse("/login", 303)
-    log_out(response)
+    delete_token_cookie(response)
     return response
 
 
-def _is_own(visitor: Visitor | None, team: tables.Team) -> bool:
+def _is_own(visitor: Visitor | None, team: tables.TeamRow) -> bool:
     return visitor is not None and (visitor.caller.is_admin or visitor.caller.team == team.id)
 
 
-def _course(session: Session, team: tables.Team, phase: tables.Phase) -> Course:
+def _make_history(session: Session, team: tables.TeamRow, phase: tables.PhaseRow) -> PhaseHistory:
     """As `GET /leaderboards/{phase}/teams/{team}`: what is done and shown."""
     results = [
         (each, summary.overall)
-        for each in queries.history(session, team.id, phase.id)
-        if each.state == State.DONE
+        for each in queries.list_history(session, team.id, phase.id)
+        if each.state == SubmissionState.DONE
         and each.shown
-        and (summary := submission_views.summary(phase, each.summary)) is not None
+        and (summary := submission_views.visible_summary(phase, each.summary)) is not None
     ]
     points = [
-        charts.Point(each.created_us, figures.ds, figures.ds_low, figures.ds_high, each.name, each.track)
+        charts.ChartPoint(each.created_us, figures.ds, figures.ds_low, figures.ds_high, each.name, each.track)
         for each, figures in results
     ]
-    return Course(phase, results, charts.history(points, _said(points)) if points else Markup())
+    return PhaseHistory(phase, results, charts.history(points, _describe_points(points)) if points else Markup())
 
 
-def _said(points: Sequence[charts.Point]) -> str:
+def _describe_points(points: Sequence[charts.ChartPoint]) -> str:
     first, last = points[0], points[-1]
     if len(points) == 1:
-        return f"Driving score of one submission: {first.value:.1f}, {utc(first.at_us)}"
+        return f"Driving score of one submission: {first.value:.1f}, {format_utc(first.at_us)}"
     return (
-        f"Driving score over time, {len(points)} submissions: {first.value:.1f} on {utc(first.at_us)[:10]}, "
-        f"{last.value:.1f} on {utc(last.at_us)[:10]}, best {max(point.value for point in points):.1f}"
+        f"Driving score over time, {len(points)} submissions: {first.value:.1f} on {format_utc(first.at_us)[:10]}, "
+        f"{last.value:.1f} on {format_utc(last.at_us)[:10]}, best {max(point.value for point in points):.1f}"
     )
 
 
-def _left(session: Session, team: tables.Team, at_us: int) -> list[Left]:
-    found: list[Left] = []
-    for phase in phases.every(session):
+def _list_quota_left(session: Session, team: tables.TeamRow, at_us: int) -> list[QuotaLeft]:
+    found: list[QuotaLeft] = []
+    for phase in phases.list_phases(session):
         if phase.opens_us <= at_us < phase.closes_us:
-            used = quota.used(session, team.id, phase.id, at_us)
+            used = quota.count_used(session, team.id, phase.id, at_us)
             limits = (phase.per_day - used.today, phase.in_parallel - used.in_parallel, phase.in_total - used.in_total)
-            found.append(Left(phase, *(max(0, number) for number in limits)))
+            found.append(QuotaLeft(phase, *(max(0, number) for number in limits)))
     return found

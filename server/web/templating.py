@@ -9,9 +9,9 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from server.api.schemas import Figures
-from server.clock import utc
-from server.web.static_files import address
+from server.api.schemas import FiguresOut
+from server.clock import format_utc
+from server.web.static_files import static_url
 
 POLICY = "; ".join(
     (
@@ -29,7 +29,7 @@ POLICY = "; ".join(
 """No inline script, no inline style, nothing of another host."""
 
 
-def page(
+def render_page(
     request: Request,
     template: str,
     status: int = HTTPStatus.OK,
@@ -39,7 +39,7 @@ def page(
     """A template as an answer. It knows `visitor` (`visitors.Visitor` or None), if a dependency asked who it is."""
     visitor = getattr(request.state, "visitor", None)
     text = render(template, visitor=visitor, **context)
-    return HTMLResponse(text, status, headers=headers_of(visitor is not None) | dict(headers or {}))
+    return HTMLResponse(text, status, headers=page_headers(visitor is not None) | dict(headers or {}))
 
 
 def render(template: str, **context: Any) -> str:
@@ -47,7 +47,7 @@ def render(template: str, **context: Any) -> str:
     return _environment.get_template(template).render(context)
 
 
-def headers_of(personal: bool) -> dict[str, str]:
+def page_headers(personal: bool) -> dict[str, str]:
     """Of every page; `personal`: what is on it is for one visitor only."""
     return {
         "Content-Security-Policy": POLICY,
@@ -58,35 +58,35 @@ def headers_of(personal: bool) -> dict[str, str]:
     }
 
 
-def percent(value: float | None) -> str:
+def format_percent(value: float | None) -> str:
     """85.3; a dash for what is not known."""
     return "–" if value is None else f"{value:.1f}"
 
 
-def ratio(value: float | None) -> str:
+def format_ratio(value: float | None) -> str:
     """0.97; a dash for what is not known."""
     return "–" if value is None else f"{value:.2f}"
 
 
-def interval(figures: Figures, name: str) -> str:
+def format_interval(figures: FiguresOut, name: str) -> str:
     """[80.1, 90.2] of `ds` or `sr`; nothing where it is not known, as of a single scenario."""
     low, high = getattr(figures, f"{name}_low"), getattr(figures, f"{name}_high")
     return "" if low is None or high is None or figures.scenarios == 1 else f"[{low:.1f}, {high:.1f}]"
 
 
-def at(moment: datetime | int | None) -> str:
+def format_time(moment: datetime | int | None) -> str:
     """A time (microseconds since 1970 where it is a number) as people read it."""
     if moment is None:
         return "–"
-    return utc(moment if isinstance(moment, int) else int(moment.timestamp() * 1e6))
+    return format_utc(moment if isinstance(moment, int) else int(moment.timestamp() * 1e6))
 
 
-def day(moment: datetime | int | None) -> str:
+def format_day(moment: datetime | int | None) -> str:
     """Only the day: 2026-01-31."""
-    return at(moment)[:10]
+    return format_time(moment)[:10]
 
 
-def size(number: int | None) -> str:
+def format_size(number: int | None) -> str:
     """12.5 MB, in steps of 1000."""
     if number is None:
         return "–"
@@ -98,12 +98,12 @@ def size(number: int | None) -> str:
     return f"{value:.0f} {unit}" if unit == "bytes" else f"{value:.1f} {unit}"
 
 
-def binary(number: int) -> str:
+def format_binary_size(number: int) -> str:
     """64 MiB: limits are powers of two."""
     return f"{round(number / 1024**2, 1):g} MiB" if number >= 1024**2 else f"{round(number / 1024, 1):g} KiB"
 
 
-def _made() -> Environment:
+def _make_environment() -> Environment:
     made = Environment(
         loader=PackageLoader("server.web"),
         autoescape=True,
@@ -111,10 +111,17 @@ def _made() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(percent=percent, ratio=ratio, at=at, day=day, size=size, binary=binary)
-    more: dict[str, Any] = {"interval": interval, "static": address}
+    made.filters.update(
+        percent=format_percent,
+        ratio=format_ratio,
+        at=format_time,
+        day=format_day,
+        size=format_size,
+        binary=format_binary_size,
+    )
+    more: dict[str, Any] = {"interval": format_interval, "static": static_url}
     made.globals.update(more)
     return made
 
 
-_environment = _made()
+_environment = _make_environment()

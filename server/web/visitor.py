@@ -7,8 +7,8 @@ from typing import Annotated
 from fastapi import Depends, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from server.api.caller import Caller, holder
-from server.api.dependencies import ToolsOf
+from server.api.caller import Caller, find_caller
+from server.api.dependencies import ServicesDep
 from server.api.problems import ProblemError
 from server.store import NotFound, Store, teams
 
@@ -26,44 +26,44 @@ class Visitor:
     """Of the team; of the scope, for tokens of none."""
 
 
-def find(store: Store, text: str) -> Visitor | None:
+def find_visitor(store: Store, text: str) -> Visitor | None:
     """The holder of a token; None for one that is not valid (any more)."""
-    caller = holder(store, text)
+    caller = find_caller(store, text)
     if caller is None or caller.team is None:
         return None if caller is None else Visitor(caller, str(caller.scope))
     with store.read() as session:
         return Visitor(caller, teams.get(session, caller.team).name)
 
 
-async def visitor(request: Request, using: ToolsOf) -> Visitor | None:
+async def get_visitor(request: Request, using: ServicesDep) -> Visitor | None:
     """Who asks; None for nobody we know. The page then shows it."""
     text = request.cookies.get(COOKIE)
-    request.state.visitor = await run_in_threadpool(find, using.store, text) if text else None
+    request.state.visitor = await run_in_threadpool(find_visitor, using.store, text) if text else None
     return request.state.visitor
 
 
-async def somebody(found: Annotated[Visitor | None, Depends(visitor)]) -> Visitor:
+async def require_visitor(found: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
     """Who asks, logged in."""
     if found is None:
         raise ProblemError(HTTPStatus.UNAUTHORIZED, "token", "this page is for those who are logged in: log in first")
     return found
 
 
-async def member(found: Annotated[Visitor, Depends(somebody)]) -> tuple[Caller, str]:
+async def require_team_visitor(found: Annotated[Visitor, Depends(require_visitor)]) -> tuple[Caller, str]:
     """A team's caller and the team's id, as `server.api.dependencies.member`."""
     if found.caller.team is None:
         raise ProblemError(HTTPStatus.FORBIDDEN, "scope", "token: expected one of a team, found one of none")
     return found.caller, found.caller.team
 
 
-async def admin(found: Annotated[Visitor | None, Depends(visitor)]) -> Visitor:
+async def require_admin_visitor(found: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
     """An admin; for others there is no such page."""
     if found is None or not found.caller.is_admin:
         raise NotFound("there is nothing here")
     return found
 
 
-async def same_site(request: Request) -> None:
+async def check_same_site(request: Request) -> None:
     """Refuses what a page of another site makes a visitor's browser send."""
     if request.method in ("GET", "HEAD", "OPTIONS"):
         return
@@ -78,18 +78,18 @@ async def same_site(request: Request) -> None:
         raise ProblemError(HTTPStatus.FORBIDDEN, "cross-site", sentence)
 
 
-def log_in(request: Request, response: Response, text: str) -> None:
+def set_token_cookie(request: Request, response: Response, text: str) -> None:
     """From now on the browser shows this token. Scripts cannot read it, other sites cannot make use of it."""
     secure = request.url.scheme == "https"
     response.set_cookie(COOKIE, text, max_age=_KEPT_S, path="/", secure=secure, httponly=True, samesite="strict")
 
 
-def log_out(response: Response) -> None:
+def delete_token_cookie(response: Response) -> None:
     """The browser forgets it."""
     response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict")
 
 
-MaybeVisitor = Annotated[Visitor | None, Depends(visitor)]
-SomeVisitor = Annotated[Visitor, Depends(somebody)]
-MemberVisitor = Annotated[tuple[Caller, str], Depends(member)]
-AdminVisitor = Annotated[Visitor, Depends(admin)]
+OptionalVisitor = Annotated[Visitor | None, Depends(get_visitor)]
+AnyVisitor = Annotated[Visitor, Depends(require_visitor)]
+TeamVisitor = Annotated[tuple[Caller, str], Depends(require_team_visitor)]
+AdminVisitor = Annotated[Visitor, Depends(require_admin_visitor)]

@@ -30,8 +30,8 @@ from testing.processes import wait_for  # noqa: E402
 from testing.store_samples import PHASE, with_teams  # noqa: E402
 
 from server.clock import now_us  # noqa: E402
-from server.enums import JobState, Scope  # noqa: E402
-from server.settings import Settings, Work  # noqa: E402
+from server.enums import JobState, TokenScope  # noqa: E402
+from server.settings import ServerSettings, WorkerSettings  # noqa: E402
 from server.store import Store, queries, teams, tokens  # noqa: E402
 
 BOARDS = {"leaderboards": f"/api/v1/leaderboards/{PHASE.id}?", "leaderboard pages": f"/?phase={PHASE.id}"}
@@ -57,7 +57,7 @@ finally:
 
 
 @contextmanager
-def serving(settings: Settings) -> Generator[tuple[httpx.URL, int]]:
+def serving(settings: ServerSettings) -> Generator[tuple[httpx.URL, int]]:
     """A server; its address and process."""
     log, command = settings.data / "log", [sys.executable, "-c", PROGRAM, settings.model_dump_json()]
     with log.open("wb") as file:
@@ -151,13 +151,13 @@ async def asked(address: httpx.URL, pid: int, what: str, board: str) -> None:
 def change(store: Store, number: int) -> None:
     """Of every board."""
     with store.write() as session:
-        teams.hide(session, teams.get(session, f"team {number}").id, True, now_us())
+        teams.set_hidden(session, teams.get(session, f"team {number}").id, True, now_us())
 
 
 def evaluated(store: Store) -> tuple[int, int]:
     """Scenarios that are driven, and those that are still to be driven."""
     with store.read() as session:
-        counts = queries.load(session)[1]
+        counts = queries.count_by_state(session)[1]
     return counts.get(JobState.DONE, 0), counts.get(JobState.QUEUED, 0) + counts.get(JobState.RUNNING, 0)
 
 
@@ -167,14 +167,16 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=0)
     workers = parser.parse_args().workers
     with tempfile.TemporaryDirectory() as folder:
-        settings = Settings(data=Path(folder), work=Work(processes=workers, spot_check=0.0))
+        settings = ServerSettings(data=Path(folder), work=WorkerSettings(processes=workers, spot_check=0.0))
         store = Store(settings.database_url)
         store.migrate()
         filled(store, with_teams(store, *(f"team {number}" for number in range(TEAMS))), random.Random(0), queued=0)
         names = [f"sender {number}" for number in range(UPLOADS)]
         with store.write() as session:
             at_us = now_us()
-            senders = [tokens.issue(session, teams.create(session, name, at_us), Scope.SUBMIT, at_us) for name in names]
+            senders = [
+                tokens.issue(session, teams.create(session, name, at_us), TokenScope.SUBMIT, at_us) for name in names
+            ]
         this_python(settings.data)
         archives = [archive(settings.data, number) for number in range(UPLOADS)]
         print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {workers} workers")  # noqa: T201

@@ -19,9 +19,9 @@ from sqlalchemy import insert  # noqa: E402
 from testing import databases  # noqa: E402
 from testing.store_samples import GOOD, LEASE, NEW, NOON, PHASE, with_teams  # noqa: E402
 
-from server.enums import State, Track  # noqa: E402
+from server.enums import ChallengeTrack, SubmissionState  # noqa: E402
 from server.store import Store, jobs, queries, standings, submissions  # noqa: E402
-from server.store.tables import Job, Submission  # noqa: E402
+from server.store.tables import JobRow, SubmissionRow  # noqa: E402
 
 SUBMISSIONS, TEAMS, CALLS, QUEUED = 10_000, 200, 300, 20
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
@@ -30,25 +30,25 @@ CATEGORIES = tuple(f"category-{number}" for number in range(20))
 
 def filled(store: Store, teams: list[str], draw: random.Random, queued: int = QUEUED) -> None:
     """All in one phase; half of them in one track, and the last ones still queued with 225 jobs each."""
-    tracks = (Track.SINGLE, Track.SINGLE, Track.SHARING, Track.NEGOTIATION)
+    tracks = (ChallengeTrack.SINGLE, ChallengeTrack.SINGLE, ChallengeTrack.SHARING, ChallengeTrack.NEGOTIATION)
     done = SUBMISSIONS - queued
     rows = [submission(n, draw.choice(teams), draw.choice(tracks), draw, n < done) for n in range(SUBMISSIONS)]
-    waiting = [row["id"] for row in rows if row["state"] == State.QUEUED]
+    waiting = [row["id"] for row in rows if row["state"] == SubmissionState.QUEUED]
     with store.write() as session:
-        session.execute(insert(Submission), rows)
+        session.execute(insert(SubmissionRow), rows)
         waiting_jobs = [
             {"submission": id_, "scenario": f"s{n}", "seed": 0, "state": "queued"}
             for id_ in waiting
             for n in range(225)
         ]
         if waiting_jobs:
-            session.execute(insert(Job), waiting_jobs)
+            session.execute(insert(JobRow), waiting_jobs)
         last = {(row["team"], row["track"]): row["id"] for row in rows}
         for id_ in last.values():
-            standings.rank(session, submissions.get(session, id_))
+            standings.update_standings(session, submissions.get(session, id_))
 
 
-def submission(number: int, team: str, track: Track, draw: random.Random, done: bool) -> dict[str, Any]:
+def submission(number: int, team: str, track: ChallengeTrack, draw: random.Random, done: bool) -> dict[str, Any]:
     """One row."""
     names = {"buckets": BUCKETS, "categories": CATEGORIES}
     summary = {group: {name: figures(draw) for name in of} for group, of in names.items()} | {"overall": figures(draw)}
@@ -62,7 +62,7 @@ def submission(number: int, team: str, track: Track, draw: random.Random, done: 
         "archive_bytes": 1,
         "environment": NEW.environment,
         "evaluator": NEW.evaluator,
-        "state": State.DONE.value if done else State.QUEUED.value,
+        "state": SubmissionState.DONE.value if done else SubmissionState.QUEUED.value,
         "created_us": NOON + number,
         "summary": summary if done else None,
         "ds": summary["overall"]["ds"] if done else None,
@@ -101,10 +101,10 @@ def main() -> None:
                 connection.exec_driver_sql("VACUUM ANALYZE")
         print(f"{backend}: {SUBMISSIONS} submissions of {TEAMS} teams in {time.perf_counter() - begun:.0f} s")  # noqa: T201
 
-        def board(track: Track | None, **which: str) -> Callable[[], object]:
+        def board(track: ChallengeTrack | None, **which: str) -> Callable[[], object]:
             def ask() -> None:
                 with store.read() as session:
-                    assert queries.leaderboard(session, PHASE.id, track, **which)
+                    assert queries.find_leaderboard(session, PHASE.id, track, **which)
 
             return ask
 
@@ -117,12 +117,12 @@ def main() -> None:
 
         def history() -> None:
             with store.read() as session:
-                queries.history(session, draw.choice(teams), PHASE.id)
+                queries.list_history(session, draw.choice(teams), PHASE.id)
 
-        timed("one track", board(Track.SINGLE))
+        timed("one track", board(ChallengeTrack.SINGLE))
         timed("all tracks", board(None))
         timed("all tracks, one bucket", board(None, bucket="Interaction"))
-        timed("one track, one category", board(Track.SINGLE, category="category-3"))
+        timed("one track, one category", board(ChallengeTrack.SINGLE, category="category-3"))
         timed("history of a team", history)
         timed("claim and finish", claim_and_finish)
         store.close()

@@ -22,13 +22,13 @@ from testing.archive_samples import packed  # noqa: E402
 
 from server import environments  # noqa: E402
 from server.clock import DAY_US, now_us  # noqa: E402
-from server.enums import Track  # noqa: E402
+from server.enums import ChallengeTrack  # noqa: E402
 from server.evaluation.supervisor import Supervisor  # noqa: E402
-from server.phase_suites import LoadedSuites  # noqa: E402
-from server.settings import Settings, Work  # noqa: E402
+from server.phase_suites import LoadedPhaseSuites  # noqa: E402
+from server.settings import ServerSettings, WorkerSettings  # noqa: E402
 from server.store import Store, phases, submissions, teams  # noqa: E402
 from server.store.quota import UNFINISHED  # noqa: E402
-from server.store.tables import Job  # noqa: E402
+from server.store.tables import JobRow  # noqa: E402
 
 SAMPLE = Path(environments.__file__).parent / "samples" / "agent"
 ENVIRONMENT = "python3.11-numpy"
@@ -44,7 +44,7 @@ def this_python(data: Path) -> None:
     """Says that this Python is the environment."""
     folder = data / "environments" / ENVIRONMENT
     folder.mkdir(parents=True)
-    (folder / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.here()), default=str))
+    (folder / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.current_environment()), default=str))
 
 
 def stored_archive(data: Path) -> str:
@@ -56,18 +56,18 @@ def stored_archive(data: Path) -> str:
     return sha
 
 
-def queued(store: Store, settings: Settings, sha: str, every: int) -> str:
+def queued(store: Store, settings: ServerSettings, sha: str, every: int) -> str:
     """The submission's id."""
-    suites = LoadedSuites(settings)
+    suites = LoadedPhaseSuites(settings)
     new_phase = phases.NewPhase("all", "All", "mdrive", True, 0, 10**6 * DAY_US, 50, 50, 500)
     with store.write() as session:
-        phases.put(session, [new_phase], now_us())
+        phases.set_phases(session, [new_phase], now_us())
         teams.create(session, "team", now_us())
     with store.write() as session:
         phase = phases.get(session, "all")
         new = submissions.NewSubmission(
             team=teams.get(session, "team").id,
-            track=Track.SINGLE,
+            track=ChallengeTrack.SINGLE,
             name="sample",
             archive_sha256=sha,
             archive_bytes=1000,
@@ -84,7 +84,7 @@ def state(store: Store, submission: str) -> str:
 
 def measured(data: Path, every: int, processes: int) -> str:
     """One line of figures."""
-    settings = Settings(data=data, work=Work(processes=processes, spot_check=0.0))
+    settings = ServerSettings(data=data, work=WorkerSettings(processes=processes, spot_check=0.0))
     store = Store(settings.database_url)
     store.migrate()
     this_python(data)
@@ -99,7 +99,7 @@ def measured(data: Path, every: int, processes: int) -> str:
         supervisor.stop()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     with store.read() as session:
-        usages = [job.usage or {} for job in session.query(Job)]
+        usages = [job.usage or {} for job in session.query(JobRow)]
     boxes = sum(len(one.get("boxes", {})) for one in usages)
     boxed_s = sum(one.get("cpu_s", 0.0) for one in usages)
     cpu_s = used.ru_utime + used.ru_stime

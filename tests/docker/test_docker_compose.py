@@ -15,7 +15,7 @@ from testing.paths import ROOT
 from mdrive_sumo.agent_process.sandbox import BoxLimits
 from mdrive_sumo.cli import main
 from server.environments import IMAGE_PYTHON, RECIPES
-from server.settings import Settings, load
+from server.settings import ServerSettings, load_settings
 
 DOCKER = ROOT / "docker"
 SERVICES: dict[str, Any] = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
@@ -97,10 +97,10 @@ def test_what_is_copied_exists_and_is_not_ignored() -> None:
 def test_the_server_is_asked_whether_it_is_well() -> None:
     ((*_, url),) = of("server", "HEALTHCHECK")
     port, path = re.search(r"127\.0\.0\.1:(\d+)(/\S+)'", url).groups()  # type: ignore[union-attr]
-    assert (int(port), [[port]]) == (Settings().port, of("server", "EXPOSE"))
+    assert (int(port), [[port]]) == (ServerSettings().port, of("server", "EXPOSE"))
     from server.api import create_app
 
-    assert path in create_app(Settings(data=Path("/nowhere"))).openapi()["paths"]
+    assert path in create_app(ServerSettings(data=Path("/nowhere"))).openapi()["paths"]
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -141,7 +141,7 @@ def test_the_variables_are_settings_that_fit_the_services() -> None:
     mounts = dict(reversed(volume.split(":")[:2]) for volume in service["volumes"])
     told = {**variables("server"), **service["environment"]}
     file = DOCKER / mounts[told.pop("MDRIVE_SETTINGS")]
-    settings = load(file, told)
+    settings = load_settings(file, told)
     dask = SERVICES["scheduler"]["entrypoint"]
     assert settings.work.scheduler == f"tcp://scheduler:{dask[dask.index('--port') + 1]}"
     assert settings.work.scheduler in SERVICES["evaluator"]["entrypoint"]
@@ -154,7 +154,9 @@ def test_the_variables_are_settings_that_fit_the_services() -> None:
 
 
 def test_a_plain_user_in_a_container_has_the_layers_that_are_demanded() -> None:
-    assert set(load(DOCKER / "settings.toml", {}).sandbox.required) == set(Settings().sandbox.required) - {
+    assert set(load_settings(DOCKER / "settings.toml", {}).sandbox.required) == set(
+        ServerSettings().sandbox.required
+    ) - {
         "uid",
         "cgroup",
     }
@@ -191,6 +193,6 @@ def test_a_container_has_room_for_its_boxes() -> None:
     evaluator = SERVICES["evaluator"]
     words = evaluator["entrypoint"]
     assert words[words.index("--nthreads") + 1] == "1" and evaluator["init"] is True
-    limits = load(DOCKER / "settings.toml", {}).sandbox.box_limits()
+    limits = load_settings(DOCKER / "settings.toml", {}).sandbox.box_limits()
     assert BoxLimits().processes < limits.processes < evaluator["pids_limit"]
     assert int(evaluator["mem_limit"].removesuffix("g")) * 2**30 > 8 * limits.memory_bytes

@@ -12,10 +12,10 @@ from testing.sandbox_runs import needs_bubblewrap
 from mdrive_sumo.agent_process.sandbox import BoxSpec
 from mdrive_sumo.core.errors import InputError
 from server import environments
-from server.archive import ArchiveLimits, checked
+from server.archive import ArchiveLimits, check_archive
 from server.cli import admin
-from server.environments import Environment, Recipe, environment, import_image
-from server.submitted_agent import Entrant
+from server.environments import Environment, EnvironmentRecipe, import_image, load_environment
+from server.submitted_agent import SubmittedAgent
 
 PYTHON = "/usr/bin/python3"
 HOST = Path("/")
@@ -29,7 +29,7 @@ def recipes(monkeypatch: pytest.MonkeyPatch) -> None:
     said = "import sys; print('%d.%d' % sys.version_info[:2])"
     version = subprocess.run((PYTHON, "-c", said), capture_output=True, text=True, check=True).stdout.strip()
     memory = 512 * environments.MEBIBYTE
-    mine = Recipe("mine", version, (), memory)
+    mine = EnvironmentRecipe("mine", version, (), memory)
     made = (mine, replace(mine, name="other", python="2.7"), replace(mine, name="more", packages=("absent==1.0",)))
     monkeypatch.setattr(environments, "RECIPES", {recipe.name: recipe for recipe in made})
 
@@ -37,13 +37,13 @@ def recipes(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_imported_image_is_found_again_and_may_be_replaced(tmp_path: Path) -> None:
     made = import_image("mine", tmp_path, HOST, PYTHON)
     assert (made.python, made.site, made.rootfs) == (Path(PYTHON), None, HOST)
-    assert environment("mine", tmp_path) == made
+    assert load_environment("mine", tmp_path) == made
     assert import_image("mine", tmp_path, HOST, PYTHON) == made
 
 
 def test_an_image_is_known_by_its_programs(tmp_path: Path) -> None:
     def checksum() -> str:
-        return environments._checksum(tmp_path)  # pyright: ignore[reportPrivateUsage]
+        return environments._checksum_programs(tmp_path)  # pyright: ignore[reportPrivateUsage]
 
     library = tmp_path / "usr" / "lib" / "libblas.so"
     library.parent.mkdir(parents=True)
@@ -82,7 +82,7 @@ def test_what_was_built_here_is_not_replaced(tmp_path: Path) -> None:
     note.write_text('{"name": "mine", "python": "/p", "site": "/s", "packages": []}')
     with pytest.raises(InputError, match=r"^environment mine: built in .*; remove .*mine to import an image in its"):
         import_image("mine", tmp_path, HOST, PYTHON)
-    assert environment("mine", tmp_path).rootfs is None
+    assert load_environment("mine", tmp_path).rootfs is None
 
 
 def test_an_image_that_says_nothing_is_no_environment(tmp_path: Path) -> None:
@@ -119,11 +119,11 @@ def test_the_limits_are_those_of_the_settings(tmp_path: Path, monkeypatch: pytes
 
 def test_agents_of_an_imported_environment_see_the_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
-    manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
     image = Environment("python3.11-numpy", Path(environments.IMAGE_PYTHON), None, (), tmp_path)
-    plan = Entrant(manifest, tmp_path, image).plan()
+    plan = SubmittedAgent(manifest, tmp_path, image).plan()
     assert plan is not None
     assert (plan.rootfs, plan.python, plan.site) == (str(tmp_path), environments.IMAGE_PYTHON, "")
     site = replace(image, rootfs=None, site=Path("/site"))
-    plan = Entrant(manifest, tmp_path, site).plan()
+    plan = SubmittedAgent(manifest, tmp_path, site).plan()
     assert plan is not None and (plan.rootfs, plan.site) == ("", "/site")

@@ -25,10 +25,10 @@ from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 from mdrive_sumo.runs.fingerprint import compute_code_checksum
-from server.enums import FEWEST
-from server.settings import Sandbox
+from server.enums import MIN_HIDDEN_SCENARIOS
+from server.settings import SandboxSettings
 from server.store import Store
-from server.store.tables import AuditEntry, Job
+from server.store.tables import AuditEntryRow, JobRow
 from tests.server.archive.test_archive import BAD
 
 LOG = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ SENTENCE = re.compile(r"[^\n]{10,400}")
 
 def need_layers() -> None:
     reasons = {"namespaces": "needs bubblewrap", "uid": "needs root", "cgroup": "needs control groups"}
-    missing = set(Sandbox().required) - {layer.name for layer in examine_layers() if layer.active}
+    missing = set(SandboxSettings().required) - {layer.name for layer in examine_layers() if layer.active}
     if missing:
         pytest.skip(next((why for name, why in reasons.items() if name in missing), "needs bubblewrap"))
 
@@ -136,7 +136,7 @@ def check_verdicts(door: Door, found: Mapping[str, Mapping[str, Any]]) -> None:
     assert [door.runs(name)[0]["recording"] for name in ("archivist", "gossip", "impostor")] == [False, False, True]
 
 
-def verdict(submission: Mapping[str, Any], job: Job) -> str:
+def verdict(submission: Mapping[str, Any], job: JobRow) -> str:
     if submission["state"] != "done":
         return submission["state"]
     return str(job.verdict) if job.reason is None else f"{job.verdict} ({job.reason})"
@@ -147,7 +147,8 @@ def jobs_of(door: Door) -> dict[str, list[Any]]:
     store = Store(f"sqlite:///{door.data / 'challenge.sqlite'}")
     with store.read() as session:
         every = {
-            name: list(session.scalars(select(Job).where(Job.submission == id_))) for name, id_ in door.sent.items()
+            name: list(session.scalars(select(JobRow).where(JobRow.submission == id_)))
+            for name, id_ in door.sent.items()
         }
         session.expunge_all()
     store.close()
@@ -158,7 +159,7 @@ def check_what_was_told(door: Door) -> None:
     """The programs found what the table says, by their own logs, which are short."""
     for name, each in PROGRAMS.items():
         log = door.log(name)
-        assert len(log) <= Sandbox().log_bytes, name
+        assert len(log) <= SandboxSettings().log_bytes, name
         found = told(log)
         assert {key: found.get(key) for key in each.told} == dict(each.told), (name, found)
     assert door.log("stdoutflood").startswith("xxx")
@@ -178,7 +179,7 @@ def check_hidden(door: Door) -> None:
     for text in (*(answer.text for answer in answers), events):
         assert route not in text and "marker" not in text.replace(f"'{MARKER}'", ""), text
     assert not [path for name in ("spy-1", "spy-2") for path in (door.data / "recordings").glob(f"{door.sent[name]}*")]
-    assert [job.reason for job in jobs_of(door)["spy-1"]] == ["crashed"] * FEWEST
+    assert [job.reason for job in jobs_of(door)["spy-1"]] == ["crashed"] * MIN_HIDDEN_SCENARIOS
     assert route in str(jobs_of(door)["spy-1"][0].result), "it knew, so it could have told"
 
 
@@ -248,7 +249,7 @@ def flagged(door: Door) -> list[str]:
     """Submissions that a spot re-run found to differ, by the audit log."""
     store = Store(f"sqlite:///{door.data / 'challenge.sqlite'}")
     with store.read() as session:
-        entries = session.scalars(select(AuditEntry).where(AuditEntry.deed == "spot-check")).all()
+        entries = session.scalars(select(AuditEntryRow).where(AuditEntryRow.deed == "spot-check")).all()
         found = [entry.data["submission"] for entry in entries if not entry.data["same"]]
     store.close()
     return found

@@ -14,9 +14,9 @@ from httpx import Response
 
 from server.api import create_app
 from server.clock import DAY_US
-from server.enums import Scope
+from server.enums import TokenScope
 from server.environments import ABOUT_FILE
-from server.settings import Limits, Settings
+from server.settings import ArchiveSettings, ServerSettings
 from server.store import Store, phases, teams, tokens
 from server.store.phases import NewPhase
 from testing import archive_samples, databases
@@ -62,16 +62,16 @@ class Server:
     now_us: int = NOON
 
     def __post_init__(self) -> None:
-        self.settings = Settings(data=self.folder, limits=Limits(archive_bytes=self.archive_bytes))
+        self.settings = ServerSettings(data=self.folder, limits=ArchiveSettings(archive_bytes=self.archive_bytes))
         with self.store.write() as session:
-            phases.put(session, [PHASE, HIDDEN, CLOSED], NOON)
+            phases.set_phases(session, [PHASE, HIDDEN, CLOSED], NOON)
             red, blue = (teams.create(session, name, NOON) for name in ("red", "blue"))
             self.red, self.blue = red.id, blue.id
             self.tokens = {
-                "red": tokens.issue(session, red, Scope.SUBMIT, NOON),
-                "blue": tokens.issue(session, blue, Scope.SUBMIT, NOON),
-                "admin": tokens.issue(session, None, Scope.ADMIN, NOON),
-                "worker": tokens.issue(session, None, Scope.WORKER, NOON),
+                "red": tokens.issue(session, red, TokenScope.SUBMIT, NOON),
+                "blue": tokens.issue(session, blue, TokenScope.SUBMIT, NOON),
+                "admin": tokens.issue(session, None, TokenScope.ADMIN, NOON),
+                "worker": tokens.issue(session, None, TokenScope.WORKER, NOON),
             }
         self.app = create_app(self.settings, self.store, FakeSuites(), Here(), lambda: self.now_us)
         self.settings.archives.mkdir(parents=True, exist_ok=True)
@@ -97,7 +97,7 @@ class Server:
         return self.ask("POST", "/submissions", who, data=form, files=files, headers=headers)
 
 
-def with_environment(settings: Settings, name: str = "python3.11-numpy") -> None:
+def with_environment(settings: ServerSettings, name: str = "python3.11-numpy") -> None:
     """An environment that is built, as far as the API looks."""
     about = settings.environments / name / ABOUT_FILE
     about.parent.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ import psycopg
 import pytest
 
 from server.store import Store
-from server.store.tables import Base
+from server.store.tables import TableBase
 
 BACKENDS = ("sqlite", "postgresql")
 NOBODY = 65534
@@ -71,7 +71,7 @@ def emptied(backend: str) -> Store:
     """The shared database, as after its first migration."""
     store = shared(backend)
     with store.write() as session:
-        for table in reversed(Base.metadata.sorted_tables):
+        for table in reversed(TableBase.metadata.sorted_tables):
             session.execute(table.delete())
     return store
 

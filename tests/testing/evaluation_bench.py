@@ -8,12 +8,12 @@ from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.runs.executor import Waitable
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.job_task import Driven, JobTask
-from server.evaluation.stop_request import Stop
-from server.phase_suites import LoadedSuites
-from server.settings import Settings
+from server.evaluation.job_task import JobResult, JobTask
+from server.evaluation.stop_request import StopRequest
+from server.phase_suites import LoadedPhaseSuites
+from server.settings import ServerSettings
 from server.store import Store
-from server.store.tables import AuditEntry, Job
+from server.store.tables import AuditEntryRow, JobRow
 from testing.evaluation_fakes import LEASE_S, challenge, fake, submitted
 
 S = 1_000_000
@@ -22,7 +22,7 @@ S = 1_000_000
 class Inline:
     """An executor that does a job when it is asked for outcomes, and holds back those of scenarios in `stuck`."""
 
-    def __init__(self, function: Callable[[JobTask], Driven] = fake) -> None:
+    def __init__(self, function: Callable[[JobTask], JobResult] = fake) -> None:
         self.function = function
         self.slots = 1
         self.waiting: dict[str, JobTask] = {}
@@ -39,7 +39,7 @@ class Inline:
 
     def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
-    ) -> list[tuple[str, Driven | WorkerFailure]]:
+    ) -> list[tuple[str, JobResult | WorkerFailure]]:
         self.waits.append(timeout_s)
         over = [(key, self._outcome(task)) for key, task in self.waiting.items() if task.scenario not in self.stuck]
         for key, _ in over:
@@ -50,7 +50,7 @@ class Inline:
         self.ended.append(key)
         self.waiting.pop(key, None)
 
-    def _outcome(self, task: JobTask) -> Driven | WorkerFailure:
+    def _outcome(self, task: JobTask) -> JobResult | WorkerFailure:
         try:
             return self.function(task)
         except (RuntimeError, WorldError) as error:
@@ -62,9 +62,9 @@ class Bench:
 
     def __init__(self, folder: Path, store: Store) -> None:
         self.folder, self.store = folder, store
-        self.executor, self.stop = Inline(), Stop()
+        self.executor, self.stop = Inline(), StopRequest()
         self.now_us = 1000 * S
-        self.settings = Settings()
+        self.settings = ServerSettings()
 
     def begin(self, *deeds: str, public: bool = True, **changed: Any) -> str:
         """One submission of a suite with these deeds."""
@@ -74,7 +74,7 @@ class Bench:
 
     def another(self, owner: str) -> Dispatcher:
         return Dispatcher(
-            self.store, self.settings, LoadedSuites(self.settings), self.executor, owner, lambda: self.now_us
+            self.store, self.settings, LoadedPhaseSuites(self.settings), self.executor, owner, lambda: self.now_us
         )
 
     def steps(self, count: int, pause_us: int = 0) -> None:
@@ -82,9 +82,9 @@ class Bench:
             self.dispatcher.step(0.0, self.stop)
             self.now_us += pause_us
 
-    def rows(self) -> list[Job]:
+    def rows(self) -> list[JobRow]:
         with self.store.read() as session:
-            return list(session.query(Job).order_by(Job.id))
+            return list(session.query(JobRow).order_by(JobRow.id))
 
     def calls(self) -> int:
         path = self.settings.data / "calls"
@@ -93,7 +93,9 @@ class Bench:
     def spot_checks(self) -> list[dict[str, Any]]:
         """What the audit log tells of them."""
         with self.store.read() as session:
-            return [one.data for one in session.query(AuditEntry).order_by(AuditEntry.id) if one.deed == "spot-check"]
+            return [
+                one.data for one in session.query(AuditEntryRow).order_by(AuditEntryRow.id) if one.deed == "spot-check"
+            ]
 
     def with_spot_checks(self) -> None:
         """Every submission from now on has one."""

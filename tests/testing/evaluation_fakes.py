@@ -16,14 +16,14 @@ from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from server import phase_suites
 from server.clock import DAY_US, now_us
-from server.enums import Reason, Track, Verdict
+from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
 from server.evaluation import worker
-from server.evaluation.job_task import Driven, JobTask, Rejection
-from server.phase_suites import LoadedSuites
-from server.settings import Sandbox, Settings, Work
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask
+from server.phase_suites import LoadedPhaseSuites
+from server.settings import SandboxSettings, ServerSettings, WorkerSettings
 from server.store import Store, jobs, phases, submissions, teams
 from server.store.jobs import JobOutcome
-from server.store.tables import Submission
+from server.store.tables import SubmissionRow
 from testing.suite_fakes import make_suite
 
 FASTER = 20
@@ -42,31 +42,33 @@ def steady() -> str:
     return "of a test"
 
 
-def settings(data: Path, processes: int = 2, lease_s: int = LONG_LEASE_S) -> Settings:
+def settings(data: Path, processes: int = 2, lease_s: int = LONG_LEASE_S) -> ServerSettings:
     """Of a server in that folder."""
-    work = Work(processes=processes, spot_check=0.0, lease_s=lease_s)
-    return Settings(data=data, work=work, sandbox=Sandbox(required=()))
+    work = WorkerSettings(processes=processes, spot_check=0.0, lease_s=lease_s)
+    return ServerSettings(data=data, work=work, sandbox=SandboxSettings(required=()))
 
 
-def challenge(folder: Path, store: Store, *deeds: str, public: bool = True, lease_s: int = LONG_LEASE_S) -> Settings:
+def challenge(
+    folder: Path, store: Store, *deeds: str, public: bool = True, lease_s: int = LONG_LEASE_S
+) -> ServerSettings:
     """A migrated database with a team `t`, and a phase `p` whose scenarios do these deeds."""
     suite = make_suite(folder / "suite", *deeds)
     with store.write() as session:
         phase = phases.NewPhase("p", "A phase", str(suite.folder), public, 0, 10**6 * DAY_US, 50, 50, 500)
-        phases.put(session, [phase], 1)
+        phases.set_phases(session, [phase], 1)
         teams.create(session, "t", 1)
     return settings(folder, lease_s=lease_s)
 
 
-def submitted(store: Store, options: Settings, at_us: int, **changed: Any) -> str:
+def submitted(store: Store, options: ServerSettings, at_us: int, **changed: Any) -> str:
     """A new submission of the only team; returns its id."""
-    loaded = LoadedSuites(options)
+    loaded = LoadedPhaseSuites(options)
     with store.write() as session:
         phase = phases.get(session, "p")
         new = submissions.NewSubmission(
             **{
                 "team": teams.get(session, "t").id,
-                "track": Track.SINGLE,
+                "track": ChallengeTrack.SINGLE,
                 "name": "method",
                 "archive_sha256": f"{at_us:064x}",
                 "archive_bytes": 1000,
@@ -78,13 +80,13 @@ def submitted(store: Store, options: Settings, at_us: int, **changed: Any) -> st
         return submissions.accept(session, new, phase, loaded.jobs(phase), at_us).id
 
 
-def read(store: Store, submission: str) -> Submission:
+def read(store: Store, submission: str) -> SubmissionRow:
     """As it stands."""
     with store.read() as session:
         return submissions.get(session, submission)
 
 
-def fake(task: JobTask) -> Driven:
+def fake(task: JobTask) -> JobResult:
     """Stands in for `run_submission_job`; notes that it was called."""
     with (task.data / "calls").open("a") as calls:
         calls.write(f"{task.submission} {task.scenario} {task.attempt}\n")
@@ -92,7 +94,7 @@ def fake(task: JobTask) -> Driven:
     mark = task.data / f"{task.scenario}.tried"
     match scenario.description:
         case "reject":
-            return Rejection("sensor 'x': expected one that there is, found none")
+            return AgentRejection("sensor 'x': expected one that there is, found none")
         case "raise":
             raise WorldError("SUMO lost the road")
         case "hang":
@@ -113,8 +115,10 @@ def fake(task: JobTask) -> Driven:
         (task.stage / f"{task.scenario}.npz").write_text(f"recorded in attempt {task.attempt}")
     failed = scenario.description == "agent fails"
     result = scored(task.scenario, scenario.bucket, failed)
-    verdict = Verdict.AGENT_FAILED if failed else Verdict.OK
-    return JobOutcome(verdict, result.model_dump(mode="json"), Reason.TIMEOUT if failed else None, {"wall_s": 1.0})
+    verdict = ScenarioVerdict.AGENT_FAILED if failed else ScenarioVerdict.OK
+    return JobOutcome(
+        verdict, result.model_dump(mode="json"), FailureReason.TIMEOUT if failed else None, {"wall_s": 1.0}
+    )
 
 
 def scored(scenario: str, bucket: str = "Tiny", failed: bool = False) -> ScenarioResult:
@@ -133,5 +137,5 @@ if __name__ == "__main__":
     from testing import evaluation_fakes  # so that the worker's own child finds `fake` by that name
 
     phase_suites.compute_code_checksum = steady
-    jobs.MOST_FAILURES = 1000  # one job may be killed more often here than ever elsewhere
+    jobs.MAX_FAILURES = 1000  # one job may be killed more often here than ever elsewhere
     sys.exit(worker.main(evaluation_fakes.fake, evaluation_fakes.fast_clock))

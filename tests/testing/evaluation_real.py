@@ -15,13 +15,13 @@ from unittest.mock import patch
 
 import pytest
 
-from server.enums import JobState, State
+from server.enums import JobState, SubmissionState
 from server.evaluation import supervisor
 from server.evaluation.summary import summarise
 from server.evaluation.supervisor import Supervisor
-from server.settings import Settings
+from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, audit
-from server.store.tables import AuditEntry, Event, Job
+from server.store.tables import AuditEntryRow, EventRow, JobRow
 from testing import processes
 from testing.evaluation_fakes import fast_clock, read, scored, steady
 from testing.paths import TESTS
@@ -38,19 +38,19 @@ def steady_code(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextmanager
-def supervised(store: Store, settings: Settings) -> Generator[Supervisor]:
+def supervised(store: Store, settings: ServerSettings) -> Generator[Supervisor]:
     found = Supervisor(store, settings, COMMAND, fast_clock)
     found.start()
     try:
-        with patch.object(supervisor, "LONGEST_PAUSE_S", 0.5):
+        with patch.object(supervisor, "MAX_PAUSE_S", 0.5):
             yield found
     finally:
         found.stop()
 
 
-def rows(store: Store, submission: str) -> list[Job]:
+def rows(store: Store, submission: str) -> list[JobRow]:
     with store.read() as session:
-        return list(session.query(Job).filter(Job.submission == submission).order_by(Job.scenario))
+        return list(session.query(JobRow).filter(JobRow.submission == submission).order_by(JobRow.scenario))
 
 
 def states(store: Store, submission: str) -> list[str]:
@@ -58,7 +58,7 @@ def states(store: Store, submission: str) -> list[str]:
     return [job.state for job in rows(store, submission)]
 
 
-def check_scored_once(store: Store, settings: Settings, submission: str, jobs_expected: int) -> None:
+def check_scored_once(store: Store, settings: ServerSettings, submission: str, jobs_expected: int) -> None:
     """Every row has the only right result, was told of once, and the summary is that of an undisturbed run."""
     found = rows(store, submission)
     assert len(found) == jobs_expected
@@ -70,12 +70,14 @@ def check_scored_once(store: Store, settings: Settings, submission: str, jobs_ex
     with store.read() as session:
         told = Counter(
             event.data["scenario"]
-            for event in session.query(Event).filter(Event.submission == submission, Event.kind == "scenario")
+            for event in session.query(EventRow).filter(EventRow.submission == submission, EventRow.kind == "scenario")
         )
         done = [
-            e for e in session.query(AuditEntry) if e.deed == "submission-done" and e.data["submission"] == submission
+            e
+            for e in session.query(AuditEntryRow)
+            if e.deed == "submission-done" and e.data["submission"] == submission
         ]
-        assert audit.verify(session).broken is None
+        assert audit.verify_chain(session).broken is None
     assert set(told.values()) == {1}
     assert len(told) == jobs_expected
     assert len(done) == 1
@@ -88,12 +90,16 @@ def calls(data: Path) -> int:
     return len(path.read_text().splitlines()) if path.exists() else 0
 
 
-def drive_through_kills(store: Store, settings: Settings, submission: list[str], kills: int, seed: int) -> int:
+def drive_through_kills(store: Store, settings: ServerSettings, submission: list[str], kills: int, seed: int) -> int:
     """Kills a worker, or its child, whenever some more jobs have begun; returns how many were killed."""
     dice, killed, begun = random.Random(seed), 0, 0
     with supervised(store, settings) as service:
-        while not all(read(store, one).state == State.DONE for one in submission):
-            assert {read(store, one).state for one in submission} <= {State.QUEUED, State.RUNNING, State.DONE}
+        while not all(read(store, one).state == SubmissionState.DONE for one in submission):
+            assert {read(store, one).state for one in submission} <= {
+                SubmissionState.QUEUED,
+                SubmissionState.RUNNING,
+                SubmissionState.DONE,
+            }
             time.sleep(dice.uniform(0.05, 0.3))
             pids = [*service.pids, *(child for pid in service.pids for child in children(pid))]
             if pids and killed < kills and calls(settings.data) > begun:
@@ -116,7 +122,7 @@ def children(pid: int) -> list[int]:
 def quietly_done(store: Store, submission: str) -> bool:
     """Whether it is done; False too where the database does not answer."""
     try:
-        return read(store, submission).state == State.DONE
+        return read(store, submission).state == SubmissionState.DONE
     except StoreUnavailable:
         return False
 
@@ -127,7 +133,7 @@ def url(store: Store) -> str:
 
 
 @contextmanager
-def served(settings: Settings) -> Generator[subprocess.Popen[bytes]]:
+def served(settings: ServerSettings) -> Generator[subprocess.Popen[bytes]]:
     """A process that has a supervisor, as `serve` has."""
     command = [sys.executable, "-c", SERVER, settings.model_dump_json()]
     with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": str(TESTS)}) as process:
@@ -139,12 +145,12 @@ def served(settings: Settings) -> Generator[subprocess.Popen[bytes]]:
 
 SERVER = """
 import sys, time
-import evaluation_fakes, evaluation_real
-from server import suites
-from server.settings import Settings
+from server import phase_suites
+from server.settings import ServerSettings
 from server.store import Store
-suites.code_checksum = evaluation_fakes.steady
-settings = Settings.model_validate_json(sys.argv[1])
+from testing import evaluation_fakes, evaluation_real
+phase_suites.code_checksum = evaluation_fakes.steady
+settings = ServerSettings.model_validate_json(sys.argv[1])
 with evaluation_real.supervised(Store(settings.database_url), settings):
     time.sleep(600)
 """

@@ -18,7 +18,7 @@ from hostile.teams import MARKER
 
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from server import environments
-from server.enums import FEWEST, Scope
+from server.enums import MIN_HIDDEN_SCENARIOS, TokenScope
 from server.store import Store, teams, tokens
 
 PATIENCE_S = 600.0
@@ -170,7 +170,7 @@ def prepared(folder: Path) -> Path:
     """Suites, settings and an environment; returns the data folder."""
     phases = [("once", "public", 1), ("twice", "public", 2), ("secret", MARKER, 1)]
     _write_suite(folder / "public", 1, "short")
-    _write_suite(folder / MARKER, 0, MARKER, *(f"{MARKER}-{number}" for number in range(1, FEWEST)))
+    _write_suite(folder / MARKER, 0, MARKER, *(f"{MARKER}-{number}" for number in range(1, MIN_HIDDEN_SCENARIOS)))
     texts = [
         PHASE.format(id=id_, suite=folder / suite, public=str(suite == "public").lower(), seeds=seeds)
         for id_, suite, seeds in phases
@@ -178,7 +178,7 @@ def prepared(folder: Path) -> Path:
     (folder / "server.toml").write_text(SETTINGS + "".join(texts))
     about = folder / "data" / "environments" / "python3.11-numpy"
     about.mkdir(parents=True)
-    (about / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.here()), default=str))
+    (about / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.current_environment()), default=str))
     return folder / "data"
 
 
@@ -218,9 +218,9 @@ def _tokens(data: Path) -> dict[str, str]:
     store, now_us = Store(f"sqlite:///{data / 'challenge.sqlite'}"), time.time_ns() // 1000
     with store.write() as session:
         issued = {
-            name: tokens.issue(session, teams.create(session, name, now_us), Scope.SUBMIT, now_us)
+            name: tokens.issue(session, teams.create(session, name, now_us), TokenScope.SUBMIT, now_us)
             for name in ("red", "blue", "spy", "honest")
         }
-        issued["admin"] = tokens.issue(session, None, Scope.ADMIN, now_us)
+        issued["admin"] = tokens.issue(session, None, TokenScope.ADMIN, now_us)
     store.close()
     return issued

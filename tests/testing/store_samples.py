@@ -8,29 +8,31 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server.clock import DAY_US
-from server.enums import Track, Verdict
+from server.enums import ChallengeTrack, ScenarioVerdict
 from server.store import Store, jobs, phases, submissions, teams
-from server.store.standings import Summary
-from server.store.tables import Job, Submission
+from server.store.standings import SummaryData
+from server.store.tables import JobRow, SubmissionRow
 
 S = 1_000_000
 LEASE = 60 * S
 NOON = 20_000 * DAY_US + DAY_US // 2
 """Of some day; all tests happen around it."""
 PHASE = phases.NewPhase("dev", "Development", "interdrive", True, 0, 30_000 * DAY_US, 3, 2, 100)
-NEW = submissions.NewSubmission("", Track.SINGLE, "method", "a" * 64, 1000, "python3.11-numpy", {"version": "1"})
+NEW = submissions.NewSubmission(
+    "", ChallengeTrack.SINGLE, "method", "a" * 64, 1000, "python3.11-numpy", {"version": "1"}
+)
 JOBS = (("left-turn", 0), ("merge", 0))
-GOOD = jobs.JobOutcome(Verdict.OK, {"ds": 80.0, "sr": 100.0})
+GOOD = jobs.JobOutcome(ScenarioVerdict.OK, {"ds": 80.0, "sr": 100.0})
 
 
 def with_teams(store: Store, *names: str, phase: phases.NewPhase = PHASE) -> list[str]:
     """Ids of new teams; the phase is there, too."""
     with store.write() as session:
-        phases.put(session, [phase], NOON)
+        phases.set_phases(session, [phase], NOON)
         return [teams.create(session, name, NOON).id for name in names]
 
 
-def sent(session: Session, team: str, now_us: int = NOON, **changed: Any) -> Submission:
+def sent(session: Session, team: str, now_us: int = NOON, **changed: Any) -> SubmissionRow:
     """A new submission of another archive than any before; `phase`, `jobs` and fields of NewSubmission can be given."""
     phase = phases.get(session, changed.pop("phase", PHASE.id))
     wanted = changed.pop("jobs", JOBS)
@@ -40,7 +42,7 @@ def sent(session: Session, team: str, now_us: int = NOON, **changed: Any) -> Sub
     )
 
 
-def driven(session: Session, submission: Submission, now_us: int, ds: float = 80.0) -> None:
+def driven(session: Session, submission: SubmissionRow, now_us: int, ds: float = 80.0) -> None:
     """Runs a submission to its end; nothing else may be queued."""
     while (job := jobs.claim(session, "worker", LEASE, now_us)) is not None:
         assert job.submission == submission.id
@@ -48,7 +50,7 @@ def driven(session: Session, submission: Submission, now_us: int, ds: float = 80
     assert submissions.finish_if_complete(session, submission.id, lambda _: summary(ds), now_us + S)
 
 
-def summary(ds: float) -> Summary:
+def summary(ds: float) -> SummaryData:
     """The same in all parts, but for one bucket, in which it is the other way round."""
     return {
         "overall": {"ds": ds, "sr": 50.0},
@@ -59,7 +61,7 @@ def summary(ds: float) -> Summary:
 
 def states(session: Session, submission: str) -> list[str]:
     """Of its jobs, in order."""
-    return list(session.scalars(select(Job.state).where(Job.submission == submission).order_by(Job.id)))
+    return list(session.scalars(select(JobRow.state).where(JobRow.submission == submission).order_by(JobRow.id)))
 
 
 def all_of(session: Session, model: Any) -> Sequence[Any]:

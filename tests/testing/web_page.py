@@ -10,7 +10,7 @@ from httpx import Response
 
 from server import web
 from server.api.leaderboard_cache import STALE_US
-from server.enums import Verdict
+from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 from server.web.templating import POLICY
@@ -176,7 +176,7 @@ def driven(server: Server, who: str, ds: float, **fields: str) -> str:
     parts = {"overall": figures, "buckets": {"InterDrive": figures | {"ds": 99 - ds}}, "categories": {"merge": figures}}
     with server.store.write() as session:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
-            outcome = JobOutcome(Verdict.OK, {"ds": ds, "sr": 0.0})
+            outcome = JobOutcome(ScenarioVerdict.OK, {"ds": ds, "sr": 0.0})
             assert jobs.finish(session, job.id, "worker", job.attempt, outcome, server.now_us)
         assert submissions.finish_if_complete(session, mine, lambda _: parts, server.now_us)  # pyright: ignore[reportArgumentType]
     server.now_us += STALE_US

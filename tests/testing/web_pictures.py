@@ -15,8 +15,8 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from mdrive_sumo.scenario.catalog import load_suite
-from server.enums import Scope
-from server.participant.packaging import packed
+from server.enums import TokenScope
+from server.participant.packaging import write_archive
 from server.store import Store, tokens
 from testing import web_story
 from testing.web_story import Story, Watch
@@ -33,7 +33,7 @@ def archive(folder: Path, number: int, changed: dict[str, float]) -> Path:
     """The sample with other settings."""
     target = folder / f"team{number}.zip"
     source = Path(web_story.environments.__file__).parent / "samples" / "agent"
-    packed(source, target)
+    write_archive(source, target)
     with zipfile.ZipFile(target) as old:
         files = {name: old.read(name) for name in old.namelist()}
     (config,) = [name for name in files if name.startswith("config/")]
@@ -85,7 +85,7 @@ def main(folder: Path) -> None:
 def _all(camera: Camera, browser: Any, home: str, here: Path) -> None:
     store = Store(f"sqlite:///{here / 'data' / 'challenge.sqlite'}")
     with store.write() as session:
-        admin = tokens.issue(session, None, Scope.ADMIN, 1)
+        admin = tokens.issue(session, None, TokenScope.ADMIN, 1)
     store.close()
     for number, (team, method, track, changed) in enumerate(TEAMS):
         context = browser.new_context(viewport=DESK)

@@ -3,9 +3,9 @@
 from typing import Any
 
 from server import paths
-from server.enums import Reason, Verdict
+from server.enums import FailureReason, ScenarioVerdict
 from server.store import jobs, submissions
-from server.store.standings import Summary
+from server.store.standings import SummaryData
 from testing.api_app import Server
 from testing.store_samples import LEASE, NOON, S
 
@@ -15,7 +15,7 @@ FIGURES: dict[str, Any] = {
     "ds": 71.25, "sr": 50.0, "rc": 90.5, "ip": 0.8, "ds_low": 60.5, "ds_high": 80.5, "sr_low": 20.0, "sr_high": 90.0,
     "scenarios": 2, "infractions": {"collision-vehicle": 1},
 }  # fmt: skip
-SUMMARY: Summary = {
+SUMMARY: SummaryData = {
     "overall": FIGURES,
     "buckets": {"Junctions": FIGURES | {"ds": 44.5}},
     "categories": {"crossing": FIGURES | {"ds": 33.5}},
@@ -45,7 +45,9 @@ def drive(server: Server, number: int = 1, failed: bool = False) -> None:
         for _ in range(number):
             job = jobs.claim(session, "host.1.abc", LEASE, NOON)
             assert job is not None
-            verdict, reason = (Verdict.AGENT_FAILED, Reason.TIMEOUT) if failed else (Verdict.OK, None)
+            verdict, reason = (
+                (ScenarioVerdict.AGENT_FAILED, FailureReason.TIMEOUT) if failed else (ScenarioVerdict.OK, None)
+            )
             outcome = jobs.JobOutcome(verdict, result(20.0 if failed else 80.0), reason, USAGE)
             assert jobs.finish(session, job.id, "host.1.abc", job.attempt, outcome, NOON + S)
 
@@ -61,7 +63,7 @@ def finish(server: Server, submission: str) -> None:
 def files(server: Server, submission: str, scenario: str = "left-turn", text: str = "a log") -> None:
     """A recording, its replay and a log, as a worker leaves them."""
     place = (server.settings, submission, scenario, 0)
-    paths.recording(*place).parent.mkdir(parents=True, exist_ok=True)
-    paths.recording(*place).write_bytes(b"recorded")
-    paths.replay(*place).write_text("<p>replayed</p>")
-    paths.log(*place, "0").write_text(text)
+    paths.recording_path(*place).parent.mkdir(parents=True, exist_ok=True)
+    paths.recording_path(*place).write_bytes(b"recorded")
+    paths.replay_path(*place).write_text("<p>replayed</p>")
+    paths.log_path(*place, "0").write_text(text)

@@ -14,7 +14,7 @@ from typing import Any
 
 from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from server import environments
-from server.participant.packaging import packed
+from server.participant.packaging import write_archive
 from testing.processes import wait_for
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -61,7 +61,7 @@ def served(folder: Path, scenarios: Collection[str] = SCENARIOS) -> Generator[st
     save_suite(Suite(SuiteFile(name="few", title="A few scenarios"), suite, chosen))
     about = data / "environments" / "python3.11-numpy" / environments.ABOUT_FILE
     about.parent.mkdir(parents=True)
-    about.write_text(json.dumps(asdict(environments.here()), default=str))
+    about.write_text(json.dumps(asdict(environments.current_environment()), default=str))
     (folder / "server.toml").write_text(SETTINGS.format(data=data, suite=suite))
     command = [sys.executable, "-c", "from server.cli import serve; serve()", "--port", "0"]
     log = folder / "server.log"
@@ -89,7 +89,7 @@ def _address(process: subprocess.Popen[bytes], log: Path) -> str:
 def sample(folder: Path) -> Path:
     """The archive of the sample agent."""
     target = folder / "team.zip"
-    packed(Path(environments.__file__).parent / "samples" / "agent", target)
+    write_archive(Path(environments.__file__).parent / "samples" / "agent", target)
     return target
 
 

@@ -14,9 +14,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
 from server.api import schemas, submission_views
-from server.api.concurrency_limit import AtOnce
-from server.api.dependencies import Caller, Somebody, Tools, ToolsOf
-from server.api.problems import documented
+from server.api.concurrency_limit import ConcurrencyLimit
+from server.api.dependencies import AnyCaller, Caller, Services, ServicesDep
+from server.api.problems import document_problems
 from server.store import StoreUnavailable, events
 from server.store.quota import UNFINISHED
 
@@ -37,7 +37,7 @@ _EVENT = {
 LastEventId = Annotated[int, Header(alias="Last-Event-ID", ge=0, le=2**31 - 1)]
 
 
-class News(NamedTuple):
+class EventBatch(NamedTuple):
     """What is new, read in one transaction, so that no event can fall between."""
 
     told: list[tuple[int, str, Mapping[str, Any]]]
@@ -52,26 +52,28 @@ class News(NamedTuple):
 @router.get(
     "/submissions/{submission}/events",
     response_class=StreamingResponse,
-    responses=documented(401, 404, 422, 429)
+    responses=document_problems(401, 404, 422, 429)
     | {
         200: {"description": "Events.", "content": {MEDIA_TYPE: {"itemSchema": _EVENT}}},
         204: {"description": "It is finished, and you have seen all: do not come back."},
     },
 )
-async def follow(submission: schemas.Id, caller: Somebody, using: ToolsOf, last_event_id: LastEventId = 0) -> Response:
+async def follow(
+    submission: schemas.Id, caller: AnyCaller, using: ServicesDep, last_event_id: LastEventId = 0
+) -> Response:
     """Live events, for its team and admins. `state` says how the submission stands, `scenario` one result."""
-    first = await run_in_threadpool(_news, using, caller, submission, last_event_id)
+    first = await run_in_threadpool(_read_events, using, caller, submission, last_event_id)
     if first.finished and not first.told:
         return Response(status_code=204)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    stream = _stream(using, caller, submission, first)
-    return _Counted(using.streams, caller.team or caller.token, stream, media_type=MEDIA_TYPE, headers=headers)
+    stream = _stream_events(using, caller, submission, first)
+    return _LimitedStream(using.streams, caller.team or caller.token, stream, media_type=MEDIA_TYPE, headers=headers)
 
 
-class _Counted(StreamingResponse):
+class _LimitedStream(StreamingResponse):
     """One of a few of its team, as long as it is being sent; refused where there are too many."""
 
-    def __init__(self, streams: AtOnce, of: str, *args: Any, **kwargs: Any) -> None:
+    def __init__(self, streams: ConcurrencyLimit, of: str, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._place = streams.another(of)
 
@@ -81,7 +83,7 @@ class _Counted(StreamingResponse):
             await super().__call__(scope, receive, send)
 
 
-async def _stream(using: Tools, caller: Caller, submission: str, news: News) -> AsyncGenerator[str]:
+async def _stream_events(using: Services, caller: Caller, submission: str, news: EventBatch) -> AsyncGenerator[str]:
     quiet = 0
     for _ in range(MOST_POLLS):
         for number, kind, data in news.told:
@@ -94,18 +96,20 @@ async def _stream(using: Tools, caller: Caller, submission: str, news: News) -> 
             yield ": still here\n\n"
         await asyncio.sleep(0 if news.more else POLL_S)
         try:
-            news = await run_in_threadpool(_news, using, caller, submission, news.last)
+            news = await run_in_threadpool(_read_events, using, caller, submission, news.last)
         except StoreUnavailable:
             return  # the client comes back by itself, and nothing is lost
 
 
-def _news(using: Tools, caller: Caller, submission_id: str, after: int) -> News:
+def _read_events(using: Services, caller: Caller, submission_id: str, after: int) -> EventBatch:
     with using.store.read() as session:
-        submission = submission_views.own(session, caller, submission_id)
-        phase = submission_views.phase_of(session, submission)
-        found = events.since(session, submission_id, after, PAGE)
-        told = [(event.id, event.kind, submission_views.event(phase, event.kind, event.data)) for event in found]
-        return News(
+        submission = submission_views.find_own(session, caller, submission_id)
+        phase = submission_views.get_phase(session, submission)
+        found = events.list_since(session, submission_id, after, PAGE)
+        told = [
+            (event.id, event.kind, submission_views.visible_event(phase, event.kind, event.data)) for event in found
+        ]
+        return EventBatch(
             told=[(number, kind, data) for number, kind, data in told if data is not None],
             last=found[-1].id if found else after,
             more=len(found) == PAGE,

@@ -4,24 +4,24 @@ from fastapi import APIRouter, Response
 
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas
-from server.api.dependencies import Now, ToolsOf
-from server.api.leaderboard_cache import Which
-from server.api.problems import documented
-from server.api.schemas import moment
-from server.enums import State, Track
+from server.api.dependencies import Now, ServicesDep
+from server.api.leaderboard_cache import BoardKey
+from server.api.problems import document_problems
+from server.api.schemas import to_datetime
+from server.enums import ChallengeTrack, SubmissionState
 from server.store import NotFound, phases, queries, teams
 
 router = APIRouter(tags=["leaderboards"])
 
 
-@router.get("/leaderboards/{phase}", response_model=schemas.Leaderboard, responses=documented(404, 422))
+@router.get("/leaderboards/{phase}", response_model=schemas.LeaderboardOut, responses=document_problems(404, 422))
 async def show_leaderboard(
     phase: schemas.PhaseId,
-    using: ToolsOf,
+    using: ServicesDep,
     at_us: Now,
-    track: Track | None = None,
-    bucket: schemas.Part | None = None,
-    category: schemas.Part | None = None,
+    track: ChallengeTrack | None = None,
+    bucket: schemas.PartName | None = None,
+    category: schemas.PartName | None = None,
 ) -> Response:
     """Overall, of one bucket, or of one category; without a track: all in which every CAV decides for itself.
 
@@ -29,27 +29,27 @@ async def show_leaderboard(
     """
     if bucket is not None and category is not None:
         raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
-    content = await using.boards.board(Which(phase, track, bucket, category), at_us)
+    content = await using.boards.board(BoardKey(phase, track, bucket, category), at_us)
     return Response(content, media_type="application/json")
 
 
-@router.get("/leaderboards/{phase}/teams/{team}", responses=documented(404, 422))
-def show_history(phase: schemas.PhaseId, team: schemas.Name, using: ToolsOf) -> schemas.History:
+@router.get("/leaderboards/{phase}/teams/{team}", responses=document_problems(404, 422))
+def show_history(phase: schemas.PhaseId, team: schemas.TeamName, using: ServicesDep) -> schemas.HistoryOut:
     """Every finished submission of a team (name or id) that it shows."""
     with using.store.read() as session:
         found = teams.get(session, team)
         if found.hidden:
             raise NotFound(f"team: there is no {team!r}")
-        all_of_team = queries.history(session, found.id, phases.get(session, phase).id)
+        all_of_team = queries.list_history(session, found.id, phases.get(session, phase).id)
         items = [
-            schemas.Point(
+            schemas.PointOut(
                 submission=each.id,
                 method=each.name,
-                track=Track(each.track),
-                created=moment(each.created_us),
+                track=ChallengeTrack(each.track),
+                created=to_datetime(each.created_us),
                 ds=each.ds,
             )
             for each in all_of_team
-            if each.state == State.DONE and each.shown and each.ds is not None
+            if each.state == SubmissionState.DONE and each.shown and each.ds is not None
         ]
-        return schemas.History(team=found.name, phase=phase, items=items)
+        return schemas.HistoryOut(team=found.name, phase=phase, items=items)

@@ -7,90 +7,98 @@ from sqlalchemy import select, tuple_
 
 from server import paths
 from server.api import schemas, submission_views
-from server.api.dependencies import Admin, Anyone, Now, Somebody, ToolsOf
-from server.api.problems import documented
+from server.api.dependencies import AdminCaller, AnyCaller, Now, OptionalCaller, ServicesDep
+from server.api.problems import document_problems
 from server.store import NotNow, phases, submissions, tables, teams
 
 router = APIRouter(tags=["submissions"])
 PAGE = 50
 
 
-@router.get("/submissions", responses=documented(401, 404, 422))
+@router.get("/submissions", responses=document_problems(401, 404, 422))
 def list_submissions(
-    caller: Somebody,
-    using: ToolsOf,
+    caller: AnyCaller,
+    using: ServicesDep,
     phase: schemas.PhaseId | None = None,
-    team: Annotated[schemas.Name | None, Query(description="Name or id; for admins.")] = None,
+    team: Annotated[schemas.TeamName | None, Query(description="Name or id; for admins.")] = None,
     before: Annotated[schemas.Id | None, Query(description="`next` of the page before.")] = None,
-) -> schemas.Submissions:
+) -> schemas.SubmissionsOut:
     """Those of the token's team, for admins those of all teams; 50 a page."""
-    wanted = select(tables.Submission).order_by(tables.Submission.created_us.desc(), tables.Submission.id.desc())
+    wanted = select(tables.SubmissionRow).order_by(
+        tables.SubmissionRow.created_us.desc(), tables.SubmissionRow.id.desc()
+    )
     with using.store.read() as session:
         if not caller.is_admin:
-            wanted = wanted.where(tables.Submission.team == (caller.team or ""))
+            wanted = wanted.where(tables.SubmissionRow.team == (caller.team or ""))
         elif team is not None:
-            wanted = wanted.where(tables.Submission.team == teams.get(session, team).id)
+            wanted = wanted.where(tables.SubmissionRow.team == teams.get(session, team).id)
         if phase is not None:
-            wanted = wanted.where(tables.Submission.phase == phase)
+            wanted = wanted.where(tables.SubmissionRow.phase == phase)
         if before is not None:
-            last = submission_views.own(session, caller, before)
-            place = tuple_(tables.Submission.created_us, tables.Submission.id)
+            last = submission_views.find_own(session, caller, before)
+            place = tuple_(tables.SubmissionRow.created_us, tables.SubmissionRow.id)
             wanted = wanted.where(place < tuple_(last.created_us, last.id))
         page = session.scalars(wanted.limit(PAGE + 1)).all()
-        items = [submission_views.shown(session, caller, each) for each in page[:PAGE]]
-        return schemas.Submissions(items=items, next=page[PAGE - 1].id if len(page) > PAGE else None)
+        items = [submission_views.to_submission(session, caller, each) for each in page[:PAGE]]
+        return schemas.SubmissionsOut(items=items, next=page[PAGE - 1].id if len(page) > PAGE else None)
 
 
-@router.get("/submissions/{submission}", responses=documented(401, 404, 422))
-def show_submission(submission: schemas.Id, caller: Anyone, using: ToolsOf) -> schemas.Submission:
+@router.get("/submissions/{submission}", responses=document_problems(401, 404, 422))
+def show_submission(submission: schemas.Id, caller: OptionalCaller, using: ServicesDep) -> schemas.SubmissionOut:
     """Its team and admins see all of it; everybody sees the result of one that stands on a leaderboard."""
     with using.store.read() as session:
-        return submission_views.shown(session, caller, submission_views.found(session, caller, submission))
+        return submission_views.to_submission(
+            session, caller, submission_views.find_visible(session, caller, submission)
+        )
 
 
-@router.post("/submissions/{submission}/cancel", responses=documented(401, 404, 409, 422))
-def cancel_submission(submission: schemas.Id, caller: Somebody, using: ToolsOf, at_us: Now) -> schemas.Submission:
+@router.post("/submissions/{submission}/cancel", responses=document_problems(401, 404, 409, 422))
+def cancel_submission(
+    submission: schemas.Id, caller: AnyCaller, using: ServicesDep, at_us: Now
+) -> schemas.SubmissionOut:
     """Stops it. If nothing was driven yet, it counts for the day only, not in total."""
     with using.store.write() as session:
-        submission_views.own(session, caller, submission)
+        submission_views.find_own(session, caller, submission)
         submissions.cancel(session, submission, at_us, caller.actor)
-        return submission_views.shown(session, caller, submissions.get(session, submission))
+        return submission_views.to_submission(session, caller, submissions.get(session, submission))
 
 
-@router.put("/submissions/{submission}/shown", responses=documented(400, 401, 404, 408, 413, 422))
+@router.put("/submissions/{submission}/shown", responses=document_problems(400, 401, 404, 408, 413, 422))
 def choose_submission(
-    submission: schemas.Id, wish: schemas.Show, caller: Somebody, using: ToolsOf, at_us: Now
-) -> schemas.Submission:
+    submission: schemas.Id, wish: schemas.ShowIn, caller: AnyCaller, using: ServicesDep, at_us: Now
+) -> schemas.SubmissionOut:
     """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
     with using.store.write() as session:
-        submission_views.own(session, caller, submission)
-        submissions.show(session, submission, wish.shown, at_us, caller.actor)
-        answer = submission_views.shown(session, caller, submissions.get(session, submission))
+        submission_views.find_own(session, caller, submission)
+        submissions.set_shown(session, submission, wish.shown, at_us, caller.actor)
+        answer = submission_views.to_submission(session, caller, submissions.get(session, submission))
     using.boards.forget()
     return answer
 
 
-@router.post("/submissions/{submission}/disqualify", responses=documented(400, 401, 403, 404, 408, 413, 422))
+@router.post("/submissions/{submission}/disqualify", responses=document_problems(400, 401, 403, 404, 408, 413, 422))
 def disqualify_submission(
-    submission: schemas.Id, why: schemas.Reason, caller: Admin, using: ToolsOf, at_us: Now
-) -> schemas.Submission:
+    submission: schemas.Id, why: schemas.ReasonIn, caller: AdminCaller, using: ServicesDep, at_us: Now
+) -> schemas.SubmissionOut:
     """Takes it off the leaderboard; its team sees the reason."""
     with using.store.write() as session:
         submissions.disqualify(session, submission, why.reason, at_us, caller.actor)
-        answer = submission_views.shown(session, caller, submissions.get(session, submission))
+        answer = submission_views.to_submission(session, caller, submissions.get(session, submission))
     using.boards.forget()
     return answer
 
 
-@router.post("/submissions/{submission}/rerun", status_code=201, responses=documented(401, 403, 404, 409, 422))
-def rerun_submission(submission: schemas.Id, caller: Admin, using: ToolsOf, at_us: Now) -> schemas.Submission:
+@router.post("/submissions/{submission}/rerun", status_code=201, responses=document_problems(401, 403, 404, 409, 422))
+def rerun_submission(
+    submission: schemas.Id, caller: AdminCaller, using: ServicesDep, at_us: Now
+) -> schemas.SubmissionOut:
     """The same archive once more, as a submission of its own that counts nowhere until it is shown."""
     with using.store.read() as session:
         old = submissions.get(session, submission)
         phase = phases.get(session, old.phase)
-    if not paths.archive(using.settings, old.archive_sha256).is_file():
+    if not paths.archive_path(using.settings, old.archive_sha256).is_file():
         raise NotNow(f"submission {submission}: its archive is cleared up, so it cannot be driven again")
     evaluator, jobs = using.suites.evaluator(phase, old.environment), using.suites.jobs(phase)
     with using.store.write() as session:
         again = submissions.rerun(session, submission, evaluator, jobs, at_us, caller.actor)
-        return submission_views.shown(session, caller, again)
+        return submission_views.to_submission(session, caller, again)

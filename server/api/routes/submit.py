@@ -6,11 +6,11 @@ from fastapi import APIRouter, Header, Request
 from starlette.concurrency import run_in_threadpool
 
 from server.api import schemas
-from server.api.dependencies import Member, Now, ToolsOf
-from server.api.problems import documented
-from server.api.submission_service import FIELDS, Intake
-from server.api.upload import FILE_FIELD, received
-from server.enums import Track
+from server.api.dependencies import Now, ServicesDep, TeamCaller
+from server.api.problems import document_problems
+from server.api.submission_service import FIELDS, SubmissionService
+from server.api.upload import FILE_FIELD, receive_upload
+from server.enums import ChallengeTrack
 
 router = APIRouter(tags=["submissions"])
 _FORM: dict[str, Any] = {
@@ -23,7 +23,7 @@ _FORM: dict[str, Any] = {
                 "additionalProperties": False,
                 "properties": {
                     "phase": {"type": "string", "maxLength": 40, "description": "Its id."},
-                    "track": {"type": "string", "enum": [track.value for track in Track]},
+                    "track": {"type": "string", "enum": [track.value for track in ChallengeTrack]},
                     "name": {"type": "string", "minLength": 1, "maxLength": 80, "description": "Of your method."},
                     FILE_FIELD: {"type": "string", "format": "binary", "description": "The zip file."},
                 },
@@ -40,17 +40,17 @@ IdempotencyKey = Annotated[
 @router.post(
     "/submissions",
     status_code=201,
-    responses=documented(400, 401, 403, 404, 408, 409, 413, 415, 422, 429),
+    responses=document_problems(400, 401, 403, 404, 408, 409, 413, 415, 422, 429),
     openapi_extra={"requestBody": _FORM},
 )
 async def submit(
-    request: Request, caller: Member, using: ToolsOf, at_us: Now, idempotency_key: IdempotencyKey = None
-) -> schemas.Submission:
+    request: Request, caller: TeamCaller, using: ServicesDep, at_us: Now, idempotency_key: IdempotencyKey = None
+) -> schemas.SubmissionOut:
     """Sends an archive. The answer comes at once, the result later: follow its events.
 
     The same archive in the same phase and track is answered with the finished result and uses no quota.
     """
     settings = using.settings
     with using.uploads.another(caller[1]):
-        async with received(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-            return await run_in_threadpool(Intake(using, caller, upload, idempotency_key, at_us).granted)
+        async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
+            return await run_in_threadpool(SubmissionService(using, caller, upload, idempotency_key, at_us).granted)

@@ -2,11 +2,11 @@
 
 from alembic import context
 
-from server.store.tables import Base
+from server.store.tables import TableBase
 
 context.configure(
     connection=context.config.attributes["connection"],
-    target_metadata=Base.metadata,
+    target_metadata=TableBase.metadata,
     render_as_batch=True,  # SQLite alters a table only by copying it
 )
 with context.begin_transaction():

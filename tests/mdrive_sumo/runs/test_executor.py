@@ -31,9 +31,9 @@ from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess
 from mdrive_sumo.scoring import ScenarioResult
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop_request import Stop
-from server.phase_suites import LoadedSuites
-from server.store.tables import Job as Job_
+from server.evaluation.stop_request import StopRequest
+from server.phase_suites import LoadedPhaseSuites
+from server.store.tables import JobRow as Job_
 
 wait_for = partial(processes.wait_for, limit_s=60.0)
 
@@ -243,13 +243,13 @@ def test_the_server_on_a_cluster_scores_once_and_gives_back_what_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(TESTS))
-    store, stop = databases.emptied("sqlite"), Stop()
+    store, stop = databases.emptied("sqlite"), StopRequest()
     deeds = ["nap", "die once", *["nap"] * 12, "hang once", "hang"]
     options = challenge(tmp_path, store, *deeds)
     submission = submitted(store, options, fast_clock())
     (tmp_path / "dask").mkdir()
     with cluster(tmp_path / "dask") as own, make_executor(fake, 1, 120.0, own.address) as executor:
-        dispatcher = Dispatcher(store, options, LoadedSuites(options), executor, "one", fast_clock)
+        dispatcher = Dispatcher(store, options, LoadedPhaseSuites(options), executor, "one", fast_clock)
         tried = tmp_path / "s14.tried"
         while not written(tried):
             dispatcher.step(0.2, stop)

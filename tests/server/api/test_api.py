@@ -83,10 +83,10 @@ def test_metrics_count_workers_that_live_and_spot_checks_that_differ(server: Ser
     assert "mdrive_workers 0.0" in text and "mdrive_spot_check_differences 0.0" in text
     with server.store.write() as session:
         for owner, age_s in (("alive", 5), ("a lease old", 60), ("silent", 61)):
-            workers.seen(session, owner, "", server.now_us - age_s * S)
+            workers.record_heartbeat(session, owner, "", server.now_us - age_s * S)
         for same in (True, False, False):
-            audit.add(session, "server", "spot-check", {"same": same}, server.now_us)
-        audit.add(session, "server", "another", {"same": False}, server.now_us)
+            audit.add_entry(session, "server", "spot-check", {"same": same}, server.now_us)
+        audit.add_entry(session, "server", "another", {"same": False}, server.now_us)
     text = server.ask("GET", "/metrics", "worker").text
     assert "mdrive_workers 2.0" in text and "mdrive_spot_check_differences 2.0" in text
 

@@ -20,13 +20,13 @@ from testing.web_page import Visit
 from server import paths
 from server.api import request_bodies
 from server.api.problems import ProblemError
-from server.api.upload import AT_ONCE, Uploads
+from server.api.upload import MAX_UPLOADS, Uploads
 from server.cli import serve_command
-from server.cli.serve_command import ImpatientProtocol
-from server.enums import Scope
+from server.cli.serve_command import TimeoutProtocol
+from server.enums import TokenScope
 from server.store import audit, jobs, submissions, teams, tokens
-from server.store.phases import put
-from server.store.tables import AuditEntry
+from server.store.phases import set_phases
+from server.store.tables import AuditEntryRow
 
 WHO = ("", "blue", "red", "worker", "admin")
 """Nobody, another team, the submission's own team, a worker, an admin."""
@@ -89,15 +89,15 @@ def queued(server: Server) -> str:
     server.now_us += S
     with server.store.write() as session:
         found = store_samples.sent(session, server.red, server.now_us)
-    paths.archive(server.settings, found.archive_sha256).touch()
+    paths.archive_path(server.settings, found.archive_sha256).touch()
     return found.id
 
 
 def filled(server: Server, path: str, submission: str) -> str:
     with server.store.write() as session:
         blue = teams.get(session, "blue")
-        tokens.issue(session, blue, Scope.SUBMIT, server.now_us + len(tokens.every(session, blue)))
-        token = tokens.every(session, blue)[-1].id
+        tokens.issue(session, blue, TokenScope.SUBMIT, server.now_us + len(tokens.list_tokens(session, blue)))
+        token = tokens.list_tokens(session, blue)[-1].id
     values = {"submission": submission, "scenario": "left-turn", "seed": "0", "cav": "cav-1", "phase": "dev"}
     for name, value in (values | {"name": "red", "team": "red", "token": token}).items():
         path = path.replace(f"{{{name}}}", value)
@@ -113,7 +113,7 @@ def test_every_route_has_its_line(server: Server) -> None:
 
 def test_who_may_do_what(server: Server) -> None:
     with server.store.write() as session:
-        put(session, [replace(PHASE, per_day=500, in_parallel=500, in_total=500)], server.now_us)
+        set_phases(session, [replace(PHASE, per_day=500, in_parallel=500, in_total=500)], server.now_us)
     found: dict[str, str] = {}
     for operation in ACCESS:
         method, path = operation.split()
@@ -211,7 +211,7 @@ def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.
 @contextmanager
 def impatient(server: Server, good: bytes) -> Generator[tuple[socket.socket, BufferedReader]]:
     """A connection with a good request behind it; from now on the next one is waited for a second only."""
-    with listening(server, http=ImpatientProtocol) as address:
+    with listening(server, http=TimeoutProtocol) as address:
         line = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60)
         with line, line.makefile("rb") as answers:
             line.sendall(good)
@@ -314,8 +314,8 @@ def test_the_audit_log_says_who_did_it(server: Server) -> None:
     server.ask("POST", f"/submissions/{mine}/disqualify", "admin", json={"reason": "it cheats"})
     server.ask("POST", f"/submissions/{mine}/rerun", "admin")
     with server.store.read() as session:
-        admin = tokens.holder(session, server.tokens["admin"])
-        done = [(entry.deed, entry.actor) for entry in store_samples.all_of(session, AuditEntry)][-4:]
+        admin = tokens.find_token(session, server.tokens["admin"])
+        done = [(entry.deed, entry.actor) for entry in store_samples.all_of(session, AuditEntryRow)][-4:]
     assert admin is not None and done == [
         ("submission-shown", f"submit:{server.red}"), ("submission-cancelled", f"submit:{server.red}"),
         ("submission-disqualified", f"admin:{admin.id}"), ("submission-rerun", f"admin:{admin.id}"),
@@ -334,8 +334,8 @@ def test_the_audit_log_says_who_made_teams_and_tokens(server: Server) -> None:
     page.post("/admin/tokens", 200, scope="worker")
     page.post(f"/admin/tokens/{server.get('/teams/red/tokens', 'admin')['items'][0]['id']}/revoke")
     with server.store.read() as session:
-        admin = tokens.holder(session, server.tokens["admin"])
-        entries = audit.latest(session, 9)
+        admin = tokens.find_token(session, server.tokens["admin"])
+        entries = audit.list_latest(session, 9)
         assert admin is not None and {entry.actor for entry in entries} == {f"admin:{admin.id}"}
         assert [entry.deed for entry in reversed(entries)] == [
             "team-created", "team-hidden", "token-issued", "token-revoked",
@@ -346,9 +346,9 @@ def test_the_audit_log_says_who_made_teams_and_tokens(server: Server) -> None:
 def test_a_team_uploads_a_few_at_a_time() -> None:
     uploads = Uploads()
     with ExitStack() as stack:
-        for _ in range(AT_ONCE):
+        for _ in range(MAX_UPLOADS):
             stack.enter_context(uploads.another("red"))
-        with pytest.raises(ProblemError, match=f"at most {AT_ONCE} of a team"), uploads.another("red"):
+        with pytest.raises(ProblemError, match=f"at most {MAX_UPLOADS} of a team"), uploads.another("red"):
             pass
         with uploads.another("blue"):
             pass

@@ -18,14 +18,14 @@ from testing.suite_fakes import make_suite
 from mdrive_sumo.core.errors import InputError
 from server import paths
 from server.api import submission_views
-from server.api.app import prepare
-from server.api.schemas import moment
+from server.api.app import prepare_storage
+from server.api.schemas import to_datetime
 from server.clock import DAY_US
-from server.enums import FEWEST, Verdict
-from server.phase_suites import LoadedSuites
+from server.enums import MIN_HIDDEN_SCENARIOS, ScenarioVerdict
+from server.phase_suites import LoadedPhaseSuites
 from server.store import events, jobs, submissions, tables
 from server.store.jobs import JobOutcome
-from server.store.phases import NewPhase, put
+from server.store.phases import NewPhase, set_phases
 
 SCENARIO = "marker-scenario-id"
 COORDINATES = ("4711.25", "-815.125")
@@ -44,7 +44,7 @@ MARKERS = (
     "marker-category",
     "marker-bucket",
     "27.182818",  # DS of a single scenario
-    str(moment(TIMES["started_us"]).year),  # when it began and ended
+    str(to_datetime(TIMES["started_us"]).year),  # when it began and ended
 )
 RESULT = {
     "ds": 27.182818, "sr": 0.0, "rc": 1.0, "ip": 1.0, "bucket": "marker-bucket", "category": "marker-category",
@@ -72,7 +72,7 @@ class Phase:
     def __init__(self, server: Server, phase: NewPhase) -> None:
         self.server, self.phase = server, phase.id
         with server.store.write() as session:
-            put(session, [replace(phase, per_day=50, in_parallel=50, suite="/srv/suite-marker")], 0)
+            set_phases(session, [replace(phase, per_day=50, in_parallel=50, suite="/srv/suite-marker")], 0)
         self.ids = [self._done(), self._rejected(), self._failed(), self._running()]
 
     def _sent(self, number: int) -> str:
@@ -83,15 +83,15 @@ class Phase:
         mine = self._sent(1)
         with self.server.store.write() as session:
             while (job := jobs.claim(session, "w", LEASE, TIMES["started_us"])) is not None:
-                outcome = JobOutcome(Verdict.OK, RESULT, usage={"cpu_s": 31.415926})
+                outcome = JobOutcome(ScenarioVerdict.OK, RESULT, usage={"cpu_s": 31.415926})
                 assert jobs.finish(session, job.id, "w", job.attempt, outcome, TIMES["finished_us"])
             assert submissions.finish_if_complete(session, mine, lambda _: SUMMARY, self.server.now_us + S)
-            events.add(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
+            events.add_event(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
         place = (self.server.settings, mine, SCENARIO, 0)
-        paths.folder(self.server.settings, mine, 0).mkdir(parents=True)
-        paths.recording(*place).write_text("marker-recording")
-        paths.replay(*place).write_text("marker-replay")
-        paths.log(*place, "cav-1").write_text("marker-log")
+        paths.recordings_folder(self.server.settings, mine, 0).mkdir(parents=True)
+        paths.recording_path(*place).write_text("marker-recording")
+        paths.replay_path(*place).write_text("marker-replay")
+        paths.log_path(*place, "cav-1").write_text("marker-log")
         return mine
 
     def _rejected(self) -> str:
@@ -104,10 +104,10 @@ class Phase:
     def _failed(self) -> str:
         mine = self._sent(3)
         with self.server.store.write() as session:
-            for _ in range(jobs.MOST_FAILURES):
+            for _ in range(jobs.MAX_FAILURES):
                 job = jobs.claim(session, "w", LEASE, TIMES["started_us"])
                 assert job is not None
-                jobs.give_back(session, job.id, "w", job.attempt, f"marker-failure in {SCENARIO}", S)
+                jobs.record_failure(session, job.id, "w", job.attempt, f"marker-failure in {SCENARIO}", S)
         return mine
 
     def _running(self) -> str:
@@ -115,7 +115,7 @@ class Phase:
         with self.server.store.write() as session:
             job = jobs.claim(session, "w", LEASE, TIMES["started_us"])
             assert job is not None
-            outcome = JobOutcome(Verdict.OK, RESULT, usage={"cpu_s": 31.415926})
+            outcome = JobOutcome(ScenarioVerdict.OK, RESULT, usage={"cpu_s": 31.415926})
             jobs.finish(session, job.id, "w", job.attempt, outcome, TIMES["finished_us"])
         return mine
 
@@ -171,7 +171,9 @@ def test_hidden_phases_leak_nothing(server: Server) -> None:
 
 def test_the_search_finds_what_is_there(server: Server) -> None:
     missed = set(MARKERS) - {marker for marker, _ in Phase(server, PHASE).found()}
-    assert missed == {"marker-failure", str(moment(TIMES["started_us"]).year)}, "only admins are told of our failures"
+    assert missed == {"marker-failure", str(to_datetime(TIMES["started_us"]).year)}, (
+        "only admins are told of our failures"
+    )
 
 
 def test_the_aggregate_is_shown(server: Server) -> None:
@@ -186,7 +188,7 @@ def test_the_aggregate_is_shown(server: Server) -> None:
 
 def test_parts_that_are_all_large_are_shown() -> None:
     stored = {"overall": {"ds": 5.0}, "buckets": {"large": {"ds": 5.0, "scenarios": 20}}, "categories": {}}
-    shown = submission_views.summary(tables.Phase(public=False), stored)
+    shown = submission_views.visible_summary(tables.PhaseRow(public=False), stored)
     assert shown is not None and shown.buckets["large"].ds == 5.0
 
 
@@ -202,19 +204,21 @@ def test_parts_that_are_all_large_are_shown() -> None:
 )
 def test_small_parts_do_not_come_out_by_subtraction(sizes: dict[str, int], told: str) -> None:
     parts = {name: {"scenarios": size} for name, size in sizes.items()}
-    assert submission_views.tellable(tables.Phase(public=False), parts) == set(told)
-    assert submission_views.tellable(tables.Phase(public=True), parts) == set(sizes)
+    assert submission_views.disclosable_parts(tables.PhaseRow(public=False), parts) == set(told)
+    assert submission_views.disclosable_parts(tables.PhaseRow(public=True), parts) == set(sizes)
 
 
 def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> None:
     """Neither when the server starts nor, where the phase came later, with an upload."""
-    server.app.state.tools = replace(server.app.state.tools, suites=LoadedSuites(server.settings))
-    few, enough = (make_suite(tmp_path / str(size), *["drive"] * size) for size in (FEWEST - 1, FEWEST))
+    server.app.state.tools = replace(server.app.state.tools, suites=LoadedPhaseSuites(server.settings))
+    few, enough = (
+        make_suite(tmp_path / str(size), *["drive"] * size) for size in (MIN_HIDDEN_SCENARIOS - 1, MIN_HIDDEN_SCENARIOS)
+    )
     for suite, status in ((few, 422), (enough, 201)):
         with server.store.write() as session:
-            put(session, [replace(HIDDEN, suite=str(suite.folder))], 0)
+            set_phases(session, [replace(HIDDEN, suite=str(suite.folder))], 0)
         with pytest.raises(InputError, match=r"expected at least 5.*found 4") if status == 422 else nullcontext():
-            prepare(server.app.state.tools, server.now_us)
+            prepare_storage(server.app.state.tools, server.now_us)
         answer = server.send(phase=HIDDEN.id)
         assert answer.status_code == status and ("expected at least 5 hidden" in answer.text) is (status == 422)
 

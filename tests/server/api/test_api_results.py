@@ -21,10 +21,10 @@ from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.scenario.catalog import list_packaged_suites, load_suite
 from server import paths
 from server.api import replay_page
-from server.api.app import REPLAYS
+from server.api.app import MAX_REPLAYS
 from server.api.problems import ProblemError
-from server.api.subprocess_runner import ProcessAside
-from server.enums import Reason, Verdict
+from server.api.subprocess_runner import SubprocessRunner
+from server.enums import FailureReason, ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 
@@ -33,7 +33,7 @@ EGO = {
     "infractions": [{"kind": "collision-vehicle", "tick": 7, "x": 1.5, "y": 2.5, "factor": 0.6, "other": "bg-3"}],
 }  # fmt: skip
 RESULT = {"ds": 20.0, "sr": 0.0, "rc": 20.0, "ip": 1.0, "bucket": "interdrive", "category": "merge", "egos": [EGO]}
-OUTCOME = JobOutcome(Verdict.AGENT_FAILED, RESULT, Reason.TIMEOUT, {"cpu_s": 1.5})
+OUTCOME = JobOutcome(ScenarioVerdict.AGENT_FAILED, RESULT, FailureReason.TIMEOUT, {"cpu_s": 1.5})
 
 
 @pytest.fixture
@@ -50,10 +50,10 @@ def finished(server: Server, phase: str = "dev", with_files: bool = True) -> str
         assert submissions.finish_if_complete(session, mine, lambda _: summary(20.0), server.now_us + S)
     if with_files:
         place = (server.settings, mine, "merge", 0)
-        paths.folder(server.settings, mine, 0).mkdir(parents=True)
-        paths.recording(*place).write_bytes(b"npz")
-        paths.replay(*place).write_text("<html>replay</html>")
-        paths.log(*place, "cav-1").write_bytes(b"hello \xff")
+        paths.recordings_folder(server.settings, mine, 0).mkdir(parents=True)
+        paths.recording_path(*place).write_bytes(b"npz")
+        paths.replay_path(*place).write_text("<html>replay</html>")
+        paths.log_path(*place, "cav-1").write_bytes(b"hello \xff")
     return mine
 
 
@@ -102,21 +102,21 @@ def test_files_of_a_scenario(server: Server) -> None:
 
 def test_a_replay_is_made_once(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
-    page = paths.replay(server.settings, mine, "merge", 0)
+    page = paths.replay_path(server.settings, mine, "merge", 0)
     page.unlink()
-    orders: list[replay_page.Order] = []
+    orders: list[replay_page.ReplayRequest] = []
 
-    def make(order: replay_page.Order) -> None:
+    def make(order: replay_page.ReplayRequest) -> None:
         orders.append(order)
         order.page.write_text("made")
 
-    monkeypatch.setattr(replay_page, "make", make)
+    monkeypatch.setattr(replay_page, "write_replay_page", make)
     for _ in range(2):
         assert server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/replay").text == "made"
     assert [(order.suite, order.scenario, order.result["ds"]) for order in orders] == [("interdrive", "merge", 20.0)]
 
 
-def locked(order: replay_page.Order) -> None:
+def locked(order: replay_page.ReplayRequest) -> None:
     """A painter that takes as long as somebody holds the recording; in another process."""
     with order.recording.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -127,32 +127,32 @@ def locked(order: replay_page.Order) -> None:
 
 def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
-    paths.replay(server.settings, mine, "merge", 0).unlink()
-    monkeypatch.setattr(replay_page, "make", locked)
-    painter = ProcessAside(REPLAYS)
+    paths.replay_path(server.settings, mine, "merge", 0).unlink()
+    monkeypatch.setattr(replay_page, "write_replay_page", locked)
+    painter = SubprocessRunner(MAX_REPLAYS)
     server.app.state.tools = replace(server.app.state.tools, painter=painter)
     one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
     number = 45  # more than there are threads for all requests
     with (
-        paths.recording(server.settings, mine, "merge", 0).open("rb") as held,
+        paths.recording_path(server.settings, mine, "merge", 0).open("rb") as held,
         listening(server) as address,
         closing(painter),
         ThreadPoolExecutor(number) as pool,
     ):
         fcntl.flock(held, fcntl.LOCK_EX)
         asked = [pool.submit(httpx.get, address + one, timeout=120) for _ in range(number)]
-        answers = [done.result() for done in islice(as_completed(asked), number - REPLAYS)]
+        answers = [done.result() for done in islice(as_completed(asked), number - MAX_REPLAYS)]
         assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
         assert not all(each.done() for each in asked)
         fcntl.flock(held, fcntl.LOCK_UN)
-        assert Counter(each.result().status_code for each in asked) == {200: REPLAYS, 503: number - REPLAYS}
+        assert Counter(each.result().status_code for each in asked) == {200: MAX_REPLAYS, 503: number - MAX_REPLAYS}
     assert all("too many" in problem(each, 503)["detail"] and each.headers["retry-after"] for each in answers)
 
 
 def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text("made")
-    replay_page.make(replay_page.Order("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
+    replay_page.write_replay_page(replay_page.ReplayRequest("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
     assert page.read_text() == "made"
 
 
@@ -164,11 +164,13 @@ def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
         str(list_packaged_suites()["interdrive"]), scenario, "idm", {}, seed=0, score_mode="mdrive",
         recording=str(recording),
     )  # fmt: skip
-    aside = ProcessAside(1)
+    aside = SubprocessRunner(1)
     try:
         result = aside.call(120.0, run_job, job)
         aside.call(
-            60.0, replay_page.make, replay_page.Order("interdrive", scenario, result.model_dump(), recording, page)
+            60.0,
+            replay_page.write_replay_page,
+            replay_page.ReplayRequest("interdrive", scenario, result.model_dump(), recording, page),
         )
     finally:
         aside.close()
@@ -187,7 +189,7 @@ def test_failures_of_ours_are_told_to_admins(server: Server) -> None:
     mine = server.send().json()["id"]
     with server.store.write() as session:
         job = jobs.claim(session, "worker", LEASE, server.now_us)
-        assert job is not None and jobs.give_back(session, job.id, "worker", 1, "libsumo fell", server.now_us)
+        assert job is not None and jobs.record_failure(session, job.id, "worker", 1, "libsumo fell", server.now_us)
     assert server.get(f"/submissions/{mine}/scenarios", "admin")["items"][0]["failure"] == "libsumo fell"
     assert "libsumo" not in str(server.get(f"/submissions/{mine}/scenarios", "red"))
 
@@ -197,7 +199,7 @@ def refuse() -> None:
 
 
 def test_a_process_of_its_own_answers_and_raises() -> None:
-    aside = ProcessAside(1)
+    aside = SubprocessRunner(1)
     try:
         assert aside.call(60.0, os.getpid) != os.getpid()
         assert aside.call(60.0, os.getpid) == aside.call(60.0, os.getpid), "it stays"
@@ -218,7 +220,7 @@ def test_a_process_of_its_own_answers_and_raises() -> None:
 
 
 def test_a_process_of_its_own_ends_at_once_with_all_who_wait(tmp_path: Path) -> None:
-    aside, begun = ProcessAside(5), tmp_path / "begun"
+    aside, begun = SubprocessRunner(5), tmp_path / "begun"
     with ThreadPoolExecutor(5) as pool:
         asked = [pool.submit(aside.call, 600.0, noted_sleep, begun) for _ in range(5)]
         wait_for(begun.exists, 60.0)

@@ -13,25 +13,25 @@ from testing.web_page import driven
 
 from server import web
 from server.api import create_app, database_reader, leaderboard_cache
-from server.api.database_reader import ReaderAside, ReaderHere
+from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
 from server.api.problems import ProblemError
-from server.settings import Settings
+from server.settings import ServerSettings
 from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
 
-MANY = [leaderboard_cache.Which("dev", None, f"bucket {number}", None) for number in range(20)]
+MANY = [leaderboard_cache.BoardKey("dev", None, f"bucket {number}", None) for number in range(20)]
 
 
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Gets an entry with every look at the database for changes."""
     seen: list[object] = []
-    last = audit.last
-    monkeypatch.setattr(audit, "last", lambda *words: seen.append(words) or last(*words))
+    last = audit.find_last
+    monkeypatch.setattr(audit, "find_last", lambda *words: seen.append(words) or last(*words))
     return seen
 
 
 def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(tmp_path)
-    found, seen = leaderboard_cache.Boards(ReaderHere(server.store)), looks(monkeypatch)
+    found, seen = leaderboard_cache.LeaderboardCache(DirectDatabaseReader(server.store)), looks(monkeypatch)
 
     async def asked(now_us: int) -> int:
         """How many looks that takes."""
@@ -47,7 +47,7 @@ def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert asyncio.run(asked(NOON + 6 * leaderboard_cache.STALE_US)) == 20, "each is made anew"
     found.close()
     with pytest.raises(RuntimeError, match="shutdown"):
-        asyncio.run(found.board(leaderboard_cache.Which("dev", None, None, None), NOON))
+        asyncio.run(found.board(leaderboard_cache.BoardKey("dev", None, None, None), NOON))
 
 
 def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,16 +55,16 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
     server = Server(tmp_path)
     web.mount(server.app)
     driven(server, "red", 50.0)
-    monkeypatch.setattr(leaderboard_cache, "KEEPING_S", 0.01)
+    monkeypatch.setattr(leaderboard_cache, "REFRESH_S", 0.01)
     made: list[str] = []
 
-    async def note(which: leaderboard_cache.Which, _: int) -> None:
+    async def note(which: leaderboard_cache.BoardKey, _: int) -> None:
         made.append(which.phase)
 
     server.app.state.tools.boards.also(note)
     with TestClient(server.app) as client:
         assert set(made) == {PHASE.id, HIDDEN.id} and CLOSED.id not in made
-        with patch.object(database_reader, "looked", side_effect=AssertionError("a request made a board")):
+        with patch.object(database_reader, "read_if_changed", side_effect=AssertionError("a request made a board")):
             for path in ("/api/v1/leaderboards/dev", "/?phase=dev", "/?phase=test", "/?phase=dev&track=negotiation"):
                 assert client.get(path).status_code == 200
         driven(server, "blue", 60.0)
@@ -77,12 +77,12 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
 
 def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> None:
     server = Server(tmp_path)
-    found = leaderboard_cache.Boards(ReaderHere(server.store))
-    which = leaderboard_cache.Which("dev", None, None, None)
+    found = leaderboard_cache.LeaderboardCache(DirectDatabaseReader(server.store))
+    which = leaderboard_cache.BoardKey("dev", None, None, None)
 
     async def asked() -> None:
         before = await found.board(which, NOON)
-        with patch.object(database_reader, "looked", side_effect=StoreUnavailable("it went away")):
+        with patch.object(database_reader, "read_if_changed", side_effect=StoreUnavailable("it went away")):
             await found.make_all(lambda: NOON + 2 * leaderboard_cache.FRESH_US)
             assert await found.board(which, NOON + 2 * leaderboard_cache.FRESH_US) == before
             with pytest.raises(StoreUnavailable):
@@ -92,7 +92,7 @@ def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> No
 
 
 def all_phases(session: Session) -> list[str]:
-    return [phase.id for phase in phases.every(session)]
+    return [phase.id for phase in phases.list_phases(session)]
 
 
 def no_such_team(session: Session) -> None:
@@ -108,18 +108,18 @@ def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
     url = f"sqlite:///{tmp_path / 'a.sqlite'}"
     store = Store(url)
     store.migrate()
-    apart = ReaderAside(url)
+    apart = SubprocessDatabaseReader(url)
     try:
         stamp, found = apart.look(all_phases, None)
         assert (stamp, found) == ("", [])
         with store.write() as session:
-            phases.put(session, [PHASE], NOON)
+            phases.set_phases(session, [PHASE], NOON)
         changed, found = apart.look(all_phases, stamp)
         assert changed != stamp and found == [PHASE.id]
         assert apart.look(all_phases, changed) == (changed, None)
         with pytest.raises(NotFound, match="'nobody'"):
             apart.look(no_such_team, None)
-        monkeypatch.setattr(database_reader, "LOOK_S", 0.2)
+        monkeypatch.setattr(database_reader, "READ_S", 0.2)
         with pytest.raises(ProblemError, match="took longer than"):
             apart.look(too_long, None)
         monkeypatch.undo()
@@ -127,12 +127,12 @@ def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
     finally:
         apart.close()
         store.close()
-    lost = ReaderAside(f"sqlite:///{tmp_path / 'none' / 'a.sqlite'}")
+    lost = SubprocessDatabaseReader(f"sqlite:///{tmp_path / 'none' / 'a.sqlite'}")
     with pytest.raises(StoreUnavailable):
         lost.look(all_phases, None)
     lost.close()
 
 
 def test_a_replay_page_keeps_no_upload_waiting(tmp_path: Path) -> None:
-    tools = create_app(Settings(data=tmp_path)).state.tools
+    tools = create_app(ServerSettings(data=tmp_path)).state.tools
     assert tools.painter is not tools.aside

@@ -14,11 +14,11 @@ from testing.processes import wait_for
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, summary
 
 from server.api import leaderboard_cache
-from server.api.concurrency_limit import AtOnce
-from server.api.database_reader import ReaderHere
+from server.api.concurrency_limit import ConcurrencyLimit
+from server.api.database_reader import DirectDatabaseReader
 from server.clock import DAY_US
 from server.store import StoreUnavailable, jobs, queries, submissions
-from server.store.phases import put
+from server.store.phases import set_phases
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_an_idempotency_key_makes_one_of_two(server: Server) -> None:
     problem(server.send(key="once", data=another_zip(1)), 422, "idempotency key")
     assert server.send(key="x" * 81).status_code == 422
     with server.store.write() as session:
-        put(session, [replace(PHASE, closes_us=NOON)], NOON)
+        set_phases(session, [replace(PHASE, closes_us=NOON)], NOON)
     assert server.send(key="once").json()["id"] == first["id"], "an answer that was lost can be fetched after the end"
 
 
@@ -325,7 +325,7 @@ def test_events_come_while_it_runs(server: Server, monkeypatch: pytest.MonkeyPat
 def test_a_team_follows_a_few_at_a_time(server: Server) -> None:
     mine = server.send().json()["id"]
     other = server.send("blue").json()["id"]
-    server.app.state.tools = replace(server.app.state.tools, streams=AtOnce("stream of events", 2))
+    server.app.state.tools = replace(server.app.state.tools, streams=ConcurrencyLimit("stream of events", 2))
     with listening(server) as address, httpx.Client(base_url=address + API, timeout=60) as http, ExitStack() as stack:
 
         def follow(who: str, which: str) -> httpx.Response:
@@ -363,8 +363,8 @@ def test_boards_rank_by_ds_and_mark_published_rows(server: Server) -> None:
 
 def test_a_board_is_made_anew_only_after_something_happened(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     reads: list[object] = []
-    leaderboard = queries.leaderboard
-    monkeypatch.setattr(queries, "leaderboard", lambda *words: reads.append(words) or leaderboard(*words))
+    leaderboard = queries.find_leaderboard
+    monkeypatch.setattr(queries, "find_leaderboard", lambda *words: reads.append(words) or leaderboard(*words))
     assert server.get("/leaderboards/dev")["rows"] == []
     server.now_us += leaderboard_cache.STALE_US
     assert server.get("/leaderboards/dev")["rows"] == [] and len(reads) == 1
@@ -376,8 +376,8 @@ def test_a_board_is_made_anew_only_after_something_happened(server: Server, monk
 
 
 def test_a_board_is_handed_out_while_it_is_looked_after(server: Server) -> None:
-    found = leaderboard_cache.Boards(ReaderHere(server.store))
-    which = leaderboard_cache.Which("dev", None, None, None)
+    found = leaderboard_cache.LeaderboardCache(DirectDatabaseReader(server.store))
+    which = leaderboard_cache.BoardKey("dev", None, None, None)
 
     async def asked() -> list[bool]:
         """Whether red stands on it."""

@@ -10,22 +10,22 @@ from pathlib import Path
 import pytest
 from testing.archive_samples import AGENT, ENV, GOOD, many, packed, patched, twice, with_entry, written
 
-from server.archive import ArchiveLimits, ArchiveRefused, Manifest, checked, extracted
-from server.enums import Track
+from server.archive import ArchiveLimits, ArchiveRefused, Manifest, check_archive, extract_archive
+from server.enums import ChallengeTrack
 
 LIMITS = ArchiveLimits(archive_bytes=2**21, unpacked_bytes=2**23, entries=50, ratio=100)
 JOINT = b'def get_entry_point():\n    return "Mine"\n'
 
 
 def check(folder: Path, data: bytes, limits: ArchiveLimits = LIMITS) -> Manifest:
-    return checked(written(folder, data), limits)
+    return check_archive(written(folder, data), limits)
 
 
 def unpacked(folder: Path, data: bytes) -> dict[str, bytes]:
     """Checked and unpacked: files by path."""
     path = written(folder, data)
     target = folder / "agent"
-    extracted(path, checked(path, LIMITS), target)
+    extract_archive(path, check_archive(path, LIMITS), target)
     return {str(file.relative_to(target)): file.read_bytes() for file in target.rglob("*") if file.is_file()}
 
 
@@ -156,7 +156,7 @@ def test_bad_environments_are_refused_with_one_sentence(text: str, expected: str
 def test_a_good_archive_is_unpacked_as_it_is(tmp_path: Path) -> None:
     files = dict(GOOD) | {"src/a/b.py": b"b", "weights/x.bin": NOISE, "config/submission_config.yaml": b"c"}
     assert unpacked(tmp_path, packed(files | {"src/empty/": b""})) == files
-    manifest = checked(tmp_path / "team.zip", LIMITS)
+    manifest = check_archive(tmp_path / "team.zip", LIMITS)
     assert (manifest.style, manifest.entry) == ("agent", "/agent/agents.py:Agent")
     assert manifest.agent_config() == {"config": "/agent/config/submission_config.yaml"}
     assert (manifest.files, manifest.bytes) == (5, sum(map(len, files.values())))
@@ -212,7 +212,7 @@ def test_style_is_read_and_not_run(source: bytes, style: str, tmp_path: Path) ->
 def test_a_joint_agent_has_its_own_track_and_is_told_a_file(tmp_path: Path) -> None:
     files = GOOD | {"agents.py": JOINT, "config/mine.yaml": b"", "Dockerfile": b"RUN rm -rf /\n"}
     manifest = check(tmp_path, packed(files))
-    assert (manifest.entry, manifest.track_hint) == ("carla:/agent/agents.py", Track.JOINT)
+    assert (manifest.entry, manifest.track_hint) == ("carla:/agent/agents.py", ChallengeTrack.JOINT)
     assert manifest.locator("/tmp/x") == "carla:/tmp/x/agents.py"
     assert manifest.agent_config("/tmp/x") == {"config": "/tmp/x/config/mine.yaml"}
     assert manifest.dockerfile
@@ -240,12 +240,12 @@ def test_limits_are_settings(tmp_path: Path) -> None:
 
 def test_only_the_checked_archive_is_unpacked_and_nothing_stays_of_a_failure(tmp_path: Path) -> None:
     path = written(tmp_path, with_entry("x", NOISE))
-    manifest = checked(path, LIMITS)
+    manifest = check_archive(path, LIMITS)
     written(tmp_path, with_entry("y", NOISE))
     with pytest.raises(ArchiveRefused, match="the one that was checked"):
-        extracted(path, manifest, tmp_path / "agent")
+        extract_archive(path, manifest, tmp_path / "agent")
     (tmp_path / "taken").mkdir()
     with pytest.raises(FileExistsError):
-        extracted(written(tmp_path, with_entry("x", NOISE)), manifest, tmp_path / "taken")
+        extract_archive(written(tmp_path, with_entry("x", NOISE)), manifest, tmp_path / "taken")
     assert not (tmp_path / "agent").exists()
     assert (tmp_path / "taken").exists()

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.archive_samples import GOOD, packed, written
 
-from server.archive import ArchiveLimits, ArchiveRefused, checked, extracted
+from server.archive import ArchiveLimits, ArchiveRefused, check_archive, extract_archive
 
 LIMITS = ArchiveLimits(archive_bytes=2**20, unpacked_bytes=3000, entries=12)
 PARTS = st.sampled_from(
@@ -73,7 +73,7 @@ def outcome(data: bytes) -> dict[str, bytes] | None:
         home.parent.mkdir()
         path = written(folder, data)
         try:
-            extracted(path, checked(path, LIMITS), home)
+            extract_archive(path, check_archive(path, LIMITS), home)
         except ArchiveRefused as refused:
             assert str(refused).isprintable()
             assert not home.exists()

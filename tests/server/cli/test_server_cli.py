@@ -23,11 +23,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.catalog import load_suite
 from server import COMMANDS, environments
 from server.cli import admin, serve, serve_command
-from server.enums import Scope
+from server.enums import TokenScope
 from server.environments import Environment
-from server.settings import Settings
+from server.settings import ServerSettings
 from server.store import Store, tokens
-from server.store.tables import AuditEntry
+from server.store.tables import AuditEntryRow
 
 SETTINGS = """
 port = 0
@@ -70,8 +70,8 @@ def test_teams_and_tokens(data: Path) -> None:
     said("team", "hide", "red", "--show")
     boss = said("token", "issue", "--scope", "admin")
     with Store(f"sqlite:///{data / 'challenge.sqlite'}").read() as session:
-        holder = tokens.holder(session, boss)
-        assert holder is not None and holder.scope == Scope.ADMIN
+        holder = tokens.find_token(session, boss)
+        assert holder is not None and holder.scope == TokenScope.ADMIN
     line = said("token", "list", "--team", "red")
     assert text not in line and "submit" in line
     said("token", "revoke", line.split()[0])
@@ -99,7 +99,7 @@ def test_backup_audit_and_restore(data: Path, tmp_path: Path, monkeypatch: pytes
     assert said("phase", "list") == ""
     assert "red" in said("team", "list")
     with Store(f"sqlite:///{tmp_path / 'other' / 'challenge.sqlite'}").write() as session:
-        session.execute(update(AuditEntry).where(AuditEntry.id == 1).values(actor="nobody"))
+        session.execute(update(AuditEntryRow).where(AuditEntryRow.id == 1).values(actor="nobody"))
     result = run("audit")
     assert result.exit_code == 1 and "broken at entry 1" in result.output
 
@@ -124,7 +124,7 @@ def test_options_after_the_name_of_an_environment_are_pips(data: Path, monkeypat
         asked.extend((name, folder, *options))
         return Environment(name, folder / "python", folder, ())
 
-    monkeypatch.setattr(environments, "build", build)
+    monkeypatch.setattr(environments, "build_environment", build)
     said("environment", "build", "python3.11-torch-cpu", "--extra-index-url", "file:///wheels", "--no-deps")
     assert asked == ["python3.11-torch-cpu", data / "environments", "--extra-index-url", "file:///wheels", "--no-deps"]
 
@@ -145,7 +145,7 @@ def test_who_works_may_be_said_as_to_eval(
 ) -> None:
     asked: list[str] = []
 
-    def ended(_: Store, settings: Settings) -> NoReturn:
+    def ended(_: Store, settings: ServerSettings) -> NoReturn:
         asked.append(settings.work.scheduler)
         raise InputError("asked enough")
 
@@ -173,7 +173,7 @@ def test_a_suite_that_is_not_there_is_said_before_anything_listens(data: Path, m
 
 @pytest.mark.slow
 def test_a_server_starts_answers_and_ends(data: Path, tmp_path: Path) -> None:
-    with_environment(Settings(data=data))
+    with_environment(ServerSettings(data=data))
     with served(tmp_path, "--settings", str(tmp_path / "server.toml"), "--data", str(data)) as (address, process, log):
         assert httpx.get(f"{address}/api/v1/health", timeout=60).json()["status"] == "ok"
         assert httpx.get(f"{address}/api/v1/phases", timeout=60).json()["items"][0]["id"] == "warm-up"
@@ -256,12 +256,12 @@ def test_the_server_has_no_simulation_in_its_process(data: Path) -> None:
     program = """
 import sys
 from pathlib import Path
-from server.api.app import prepare
-from server.cli import application
-from server.settings import load
-tools = application(load(Path(sys.argv[1]))).state.tools
-prepare(tools, 0)
-tools.store.close()
+from server.api.app import prepare_storage
+from server.cli import make_app
+from server.settings import load_settings
+services = make_app(load_settings(Path(sys.argv[1]))).state.tools
+prepare_storage(services, 0)
+services.store.close()
 print("libsumo" in sys.modules)
 """
     settings = os.environ["MDRIVE_SETTINGS"]

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
-from server.settings import Settings, load
+from server.settings import ServerSettings, load_settings
 from server.store import Store, phases
-from server.store.retention import Policy
+from server.store.retention import RetentionPolicy
 
 FILE = """
 data = "/srv/mdrive"
@@ -40,11 +40,11 @@ def written(folder: Path, content: str) -> Path:
 
 
 def test_defaults_are_a_laptop() -> None:
-    settings = load(None, {})
-    assert settings == Settings()
+    settings = load_settings(None, {})
+    assert settings == ServerSettings()
     assert settings.database_url == f"sqlite:///{Path('mdrive-data').absolute()}/challenge.sqlite"
     assert settings.sandbox.box_limits() == BoxLimits()
-    assert settings.keep.policy() == Policy()
+    assert settings.keep.policy() == RetentionPolicy()
 
 
 def test_a_file_and_variables_over_it(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_file_and_variables_over_it(tmp_path: Path) -> None:
         "MDRIVE_TOKEN": "of a client",
         "HOME": "/root",
     }
-    settings = load(written(tmp_path, FILE), environ)
+    settings = load_settings(written(tmp_path, FILE), environ)
     assert (settings.data, settings.port, settings.database_url) == (Path("/srv/mdrive"), 9001, "postgresql://u@h/n")
     assert (settings.limits.archive_bytes, settings.limits.entries) == (2000, 2000)
     assert settings.sandbox.box_limits().memory_bytes == 4000
@@ -66,11 +66,11 @@ def test_a_file_and_variables_over_it(tmp_path: Path) -> None:
 
 
 def test_phases_reach_the_store_with_utc_times(tmp_path: Path) -> None:
-    (new,) = (phase.as_new() for phase in load(written(tmp_path, FILE), {}).phases)
+    (new,) = (phase.as_new() for phase in load_settings(written(tmp_path, FILE), {}).phases)
     store = Store(f"sqlite:///{tmp_path / 'x.sqlite'}")
     store.migrate()
     with store.write() as session:
-        phases.put(session, [new], 0)
+        phases.set_phases(session, [new], 0)
         phase = phases.get(session, "warm-up")
     store.close()
     assert (phase.opens_us, phase.closes_us) == (1_767_225_600_000_000, 1_769_904_000_000_000)
@@ -96,13 +96,13 @@ def test_phases_reach_the_store_with_utc_times(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_is_said_in_one_sentence(tmp_path: Path, content: str, said: str) -> None:
     with pytest.raises(InputError, match=f"server.toml: .*{said}") as refused:
-        load(written(tmp_path, content), {})
+        load_settings(written(tmp_path, content), {})
     assert "\n" not in str(refused.value)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
-        load(tmp_path / "none.toml", {})
+        load_settings(tmp_path / "none.toml", {})
 
 
 @pytest.mark.parametrize(
@@ -110,17 +110,17 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 )
 def test_variables_that_set_nothing_are_named(name: str) -> None:
     with pytest.raises(InputError, match=f"{name} is no setting"):
-        load(None, {name: "1"})
+        load_settings(None, {name: "1"})
 
 
 def test_a_variable_into_what_is_no_table(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="settings: limits: expected a table, found 3"):
-        load(written(tmp_path, "limits = 3"), {"MDRIVE_LIMITS__ENTRIES": "1"})
+        load_settings(written(tmp_path, "limits = 3"), {"MDRIVE_LIMITS__ENTRIES": "1"})
 
 
 @given(st.text(max_size=30))
 def test_no_text_of_a_variable_breaks_it(text: str) -> None:
     try:
-        assert 0 <= load(None, {"MDRIVE_PORT": text}).port <= 65535
+        assert 0 <= load_settings(None, {"MDRIVE_PORT": text}).port <= 65535
     except InputError as refused:
         assert "port" in str(refused)

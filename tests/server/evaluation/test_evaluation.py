@@ -15,11 +15,11 @@ from testing.evaluation_fakes import read, scored
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import overall
-from server.enums import FEWEST, JobState, State, Track, Verdict
-from server.evaluation.archive_cache import tidy
+from server.enums import MIN_HIDDEN_SCENARIOS, ChallengeTrack, JobState, ScenarioVerdict, SubmissionState
+from server.evaluation.archive_cache import delete_stale
 from server.evaluation.summary import summarise
 from server.store import StoreUnavailable, submissions
-from server.store.tables import Job
+from server.store.tables import JobRow
 from server.tracks import check_style
 
 
@@ -34,8 +34,12 @@ def test_a_submission_is_driven_scored_and_ranked(bench: Bench) -> None:
     submission = bench.begin("nap", "agent fails", "nap")
     bench.steps(4)
     done = read(bench.store, submission)
-    assert done.state == State.DONE
-    assert [job.verdict for job in bench.rows()] == [Verdict.OK, Verdict.AGENT_FAILED, Verdict.OK]
+    assert done.state == SubmissionState.DONE
+    assert [job.verdict for job in bench.rows()] == [
+        ScenarioVerdict.OK,
+        ScenarioVerdict.AGENT_FAILED,
+        ScenarioVerdict.OK,
+    ]
     assert [job.reason for job in bench.rows()] == [None, "timeout", None]
     assert done.summary is not None
     assert done.ds == pytest.approx((10 + 0 + 12) / 3)
@@ -46,9 +50,9 @@ def test_a_submission_is_driven_scored_and_ranked(bench: Bench) -> None:
 
 
 def test_of_hidden_phases_nothing_is_kept(bench: Bench) -> None:
-    submission = bench.begin(*["nap"] * FEWEST, public=False)
-    bench.steps(FEWEST + 1)
-    assert read(bench.store, submission).state == State.DONE
+    submission = bench.begin(*["nap"] * MIN_HIDDEN_SCENARIOS, public=False)
+    bench.steps(MIN_HIDDEN_SCENARIOS + 1)
+    assert read(bench.store, submission).state == SubmissionState.DONE
     assert not bench.settings.recordings.exists()
 
 
@@ -56,7 +60,7 @@ def test_a_rejection_ends_the_whole_submission(bench: Bench) -> None:
     submission = bench.begin("nap", "reject", "nap")
     bench.steps(3)
     rejected = read(bench.store, submission)
-    assert rejected.state == State.REJECTED
+    assert rejected.state == SubmissionState.REJECTED
     assert rejected.why == "sensor 'x': expected one that there is, found none"
     assert bench.calls() == 2
 
@@ -67,7 +71,7 @@ def test_our_failure_is_tried_three_times_with_pauses_and_then_costs_nothing(ben
     assert bench.calls() == 1  # a pause
     bench.steps(40, pause_us=S)
     failed = read(bench.store, submission)
-    assert (failed.state, failed.counts) == (State.FAILED_OURS, False)
+    assert (failed.state, failed.counts) == (SubmissionState.FAILED_OURS, False)
     first, second = bench.rows()
     assert (first.attempt, first.state, first.failure) == (3, JobState.FAILED, "raised: SUMO lost the road")
     assert second.state == JobState.CANCELLED
@@ -85,7 +89,7 @@ def test_a_cancelled_job_is_killed_with_the_next_heartbeat(bench: Bench) -> None
     bench.steps(2, pause_us=S)
     assert bench.executor.ended == ["1.1"]
     assert bench.executor.waiting == {}
-    assert read(bench.store, submission).state == State.CANCELLED
+    assert read(bench.store, submission).state == SubmissionState.CANCELLED
 
 
 def test_heartbeats_keep_a_long_job_and_a_late_twin_is_dropped(bench: Bench) -> None:
@@ -104,7 +108,7 @@ def test_heartbeats_keep_a_long_job_and_a_late_twin_is_dropped(bench: Bench) -> 
     (late.stage / "s0.npz").write_text("late")
     bench.executor.stuck = set()
     bench.dispatcher.step(0.0, bench.stop)  # takes both outcomes, knows only its own
-    assert read(bench.store, submission).state == State.RUNNING
+    assert read(bench.store, submission).state == SubmissionState.RUNNING
     assert not (bench.settings.recordings / submission).exists()
     assert not late.stage.exists()
 
@@ -133,9 +137,9 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench) -> None:
 
     with without_database(bench):
         bench.steps(3, pause_us=100 * S)  # longer than a lease
-    assert read(bench.store, submission).state == State.RUNNING
+    assert read(bench.store, submission).state == SubmissionState.RUNNING
     bench.steps(1)
-    assert read(bench.store, submission).state == State.DONE
+    assert read(bench.store, submission).state == SubmissionState.DONE
     assert bench.calls() == 1
     assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)]
 
@@ -163,7 +167,7 @@ def test_a_lease_that_ended_while_the_database_was_away_is_prolonged(bench: Benc
     bench.steps(1)
     bench.executor.stuck = set()
     bench.steps(2)
-    assert read(bench.store, submission).state == State.DONE
+    assert read(bench.store, submission).state == SubmissionState.DONE
     assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)] * 2
 
 
@@ -176,7 +180,7 @@ def test_a_disk_that_is_full_is_our_failure(bench: Bench) -> None:
     assert job.failure.startswith("the files of a result: ")
     bench.settings.recordings.unlink()
     bench.steps(3, pause_us=2 * S)
-    assert read(bench.store, submission).state == State.DONE
+    assert read(bench.store, submission).state == SubmissionState.DONE
 
 
 def test_nothing_is_begun_without_room_on_the_disk(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,7 +191,7 @@ def test_nothing_is_begun_without_room_on_the_disk(bench: Bench, monkeypatch: py
     assert bench.calls() == 0
     assert [(job.state, job.failures) for job in bench.rows()] == [(JobState.QUEUED, 0)] * 2
     bench.steps(20, pause_us=S)
-    assert read(bench.store, submission).state == State.DONE
+    assert read(bench.store, submission).state == SubmissionState.DONE
 
 
 def test_a_data_folder_that_is_gone_ends_the_worker(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,7 +209,7 @@ def test_a_data_folder_that_is_gone_ends_the_worker(bench: Bench, monkeypatch: p
 
 def test_a_summary_is_that_of_the_library_with_intervals() -> None:
     results = [scored(f"s{i}", bucket) for i, bucket in enumerate(("A", "A", "B", "B", "B"))]
-    rows = [Job(scenario=one.id, seed=0, result=one.model_dump(mode="json")) for one in results]
+    rows = [JobRow(scenario=one.id, seed=0, result=one.model_dump(mode="json")) for one in results]
     summary = summarise(rows)
     assert summary["overall"]["ds"] == overall(results).bucket_mean.ds == pytest.approx((10.5 + 13.0) / 2)
     assert summary["buckets"]["B"]["ds"] == pytest.approx(13.0)
@@ -221,7 +225,7 @@ def test_only_what_nobody_needs_is_cleared_up(tmp_path: Path) -> None:
     now_s = (tmp_path / "stage/s.1.1").stat().st_mtime
 
     def left_after(hours: float) -> set[str]:
-        tidy(tmp_path, {"needed"}, now_s + hours * 3600)
+        delete_stale(tmp_path, {"needed"}, now_s + hours * 3600)
         return {path.name for path in tmp_path.glob("*/*")}
 
     assert left_after(0.9) == {"needed", "old", "half.made", "s.1.1"}
@@ -232,14 +236,14 @@ def test_only_what_nobody_needs_is_cleared_up(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("style", "track", "fine"),
     [
-        ("joint", Track.JOINT, True),
-        ("agent", Track.SINGLE, True),
-        ("agent", Track.SHARING, True),
-        ("joint", Track.SINGLE, False),
-        ("agent", Track.JOINT, False),
+        ("joint", ChallengeTrack.JOINT, True),
+        ("agent", ChallengeTrack.SINGLE, True),
+        ("agent", ChallengeTrack.SHARING, True),
+        ("joint", ChallengeTrack.SINGLE, False),
+        ("agent", ChallengeTrack.JOINT, False),
     ],
 )
-def test_joint_agents_are_in_their_own_track(style: str, track: Track, fine: bool) -> None:
+def test_joint_agents_are_in_their_own_track(style: str, track: ChallengeTrack, fine: bool) -> None:
     if fine:
         check_style(style, track)
     else:

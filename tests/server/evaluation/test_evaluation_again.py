@@ -15,14 +15,14 @@ from testing.paths import TESTS
 from testing.suite_fakes import make_suite
 
 from server import environments
-from server.enums import JobState, Reason, State, Verdict
+from server.enums import FailureReason, JobState, ScenarioVerdict, SubmissionState
 from server.evaluation import spot_checks
-from server.evaluation.dispatcher import OtherEvaluatorError
-from server.evaluation.job_task import Driven, JobTask
-from server.evaluation.requeue import renewed
+from server.evaluation.dispatcher import EvaluatorMismatchError
+from server.evaluation.job_task import JobResult, JobTask
+from server.evaluation.requeue import requeue_outdated
 from server.store import audit, events, submissions
 from server.store.jobs import JobOutcome
-from server.store.tables import AuditEntry
+from server.store.tables import AuditEntryRow
 
 
 @pytest.fixture
@@ -37,24 +37,24 @@ def test_another_evaluator_s_job_is_refused_until_the_server_renews_it(bench: Be
     bench.steps(1)
     with bench.store.write() as session:
         submissions.get(session, submission).evaluator = {"code": "older"}
-    with pytest.raises(OtherEvaluatorError, match="restart the server"):
+    with pytest.raises(EvaluatorMismatchError, match="restart the server"):
         bench.steps(1)
     assert [job.state for job in bench.rows()] == [JobState.DONE, JobState.QUEUED]
-    assert renewed(bench.store, bench.settings, bench.now_us) == 1
-    assert renewed(bench.store, bench.settings, bench.now_us) == 0
+    assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 1
+    assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 0
     assert [(job.state, job.result) for job in bench.rows()] == [(JobState.QUEUED, None)] * 2
     bench.steps(3)
-    assert read(bench.store, submission).state == State.DONE
+    assert read(bench.store, submission).state == SubmissionState.DONE
     with bench.store.read() as session:
-        assert audit.verify(session).broken is None
+        assert audit.verify_chain(session).broken is None
 
 
 def test_what_cannot_be_driven_any_more_is_our_failure_and_stops_nobody(bench: Bench) -> None:
     submission = bench.begin("nap")
     (bench.folder / "suite" / "suite.json").unlink()
-    assert renewed(bench.store, bench.settings, bench.now_us) == 0
+    assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 0
     found = read(bench.store, submission)
-    assert (found.state, found.counts) == (State.FAILED_OURS, False)
+    assert (found.state, found.counts) == (SubmissionState.FAILED_OURS, False)
 
 
 @pytest.mark.parametrize("deeds", [["nap"], ["nap", "nap", "nap"]], ids=["one-fewer", "one-more"])
@@ -63,13 +63,13 @@ def test_what_is_renewed_has_the_jobs_of_the_suite_as_it_is_now(bench: Bench, de
     bench.steps(1)
     shutil.rmtree(bench.folder / "suite")
     make_suite(bench.folder / "suite", *deeds)
-    assert renewed(bench.store, bench.settings, bench.now_us) == 1
+    assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 1
     expected = [(f"s{i}", JobState.QUEUED, 1) for i in range(len(deeds))]
     assert [(job.scenario, job.state, job.attempt) for job in bench.rows()] == expected
     bench.dispatcher = bench.another("two")
     bench.steps(4)
     done = read(bench.store, submission)
-    assert (done.state, done.summary and done.summary["overall"]["scenarios"]) == (State.DONE, len(deeds))
+    assert (done.state, done.summary and done.summary["overall"]["scenarios"]) == (SubmissionState.DONE, len(deeds))
 
 
 def test_another_content_of_an_environment_is_another_evaluator(bench: Bench) -> None:
@@ -80,14 +80,14 @@ def test_another_content_of_an_environment_is_another_evaluator(bench: Bench) ->
     for packages, image in ([["numpy==1"], ""], [["numpy==2"], ""], [["numpy==2"], "newer"]):
         bench.steps(1)
         about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": packages, "image": image}))
-        with pytest.raises(OtherEvaluatorError, match="environment"):
+        with pytest.raises(EvaluatorMismatchError, match="environment"):
             bench.steps(1)
-        assert renewed(bench.store, bench.settings, bench.now_us) == 1
+        assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 1
         seen.append(read(bench.store, submission).evaluator["environment"])
     assert len(set(seen)) == 4
     bench.steps(3)
     about.write_text(json.dumps({"python": "/opt/agent/bin/python", "packages": [], "image": ""}))
-    assert list(spot_checks.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+    assert list(spot_checks.run_spot_checks(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
 
 
 def test_failures_under_an_older_version_are_forgiven(bench: Bench) -> None:
@@ -96,7 +96,7 @@ def test_failures_under_an_older_version_are_forgiven(bench: Bench) -> None:
     assert bench.rows()[0].failures == 2
     with bench.store.write() as session:
         submissions.get(session, submission).evaluator = {"code": "older"}
-    renewed(bench.store, bench.settings, bench.now_us)
+    requeue_outdated(bench.store, bench.settings, bench.now_us)
     [job] = bench.rows()
     assert (job.state, job.failures, job.failure) == (JobState.QUEUED, 0, "")
     assert job.attempt == 2  # never counted anew: a late result of the older version must not fit
@@ -108,7 +108,7 @@ def test_a_late_result_of_an_older_version_is_dropped(bench: Bench) -> None:
     bench.steps(1)
     with bench.store.write() as session:
         submissions.get(session, submission).evaluator = {"code": "older"}
-    renewed(bench.store, bench.settings, bench.now_us)
+    requeue_outdated(bench.store, bench.settings, bench.now_us)
     bench.executor.stuck, bench.executor.slots = set(), 0
     bench.steps(1)
     assert bench.calls() == 1
@@ -121,14 +121,14 @@ def test_a_spot_check_compares_and_tells_only_the_audit_log(bench: Bench) -> Non
     bench.with_spot_checks()
     bench.steps(2)
     with bench.store.read() as session:
-        told = len(events.since(session, submission))
+        told = len(events.list_since(session, submission))
     bench.steps(2)
     [found] = bench.spot_checks()
     assert found["same"] is True
     assert bench.calls() == 3
     with bench.store.read() as session:
-        assert len(events.since(session, submission)) == told
-        [job] = spot_checks.sample(session, submission, "any")
+        assert len(events.list_since(session, submission)) == told
+        [job] = spot_checks.sample_jobs(session, submission, "any")
     assert job.scenario == "s0"  # the other's agent failed
     assert job.attempt == 1
 
@@ -142,10 +142,12 @@ def test_a_result_that_does_not_repeat_itself_is_told(
     bench.steps(1)
     then = bench.rows()[0].result
 
-    def otherwise(task: JobTask) -> Driven:
+    def otherwise(task: JobTask) -> JobResult:
         if change == "digest":
-            return JobOutcome(Verdict.OK, scored("s7").model_dump(mode="json"))
-        return JobOutcome(Verdict.AGENT_FAILED, scored("s0", failed=True).model_dump(mode="json"), Reason.TIMEOUT)
+            return JobOutcome(ScenarioVerdict.OK, scored("s7").model_dump(mode="json"))
+        return JobOutcome(
+            ScenarioVerdict.AGENT_FAILED, scored("s0", failed=True).model_dump(mode="json"), FailureReason.TIMEOUT
+        )
 
     bench.executor.function = otherwise
     bench.steps(2)
@@ -185,7 +187,7 @@ def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Be
         bench.now_us += S
     bench.steps(60)
     with bench.store.read() as session:
-        ends = {e.data["submission"]: e.hash for e in session.query(AuditEntry) if e.deed == "submission-done"}
+        ends = {e.data["submission"]: e.hash for e in session.query(AuditEntryRow) if e.deed == "submission-done"}
     expected = {submission for submission, hash_ in ends.items() if spot_checks.is_drawn(hash_, 0.5)}
     assert len(ends) == 25
     assert {one["submission"] for one in bench.spot_checks()} == expected
@@ -195,8 +197,8 @@ def test_which_scenarios_are_sampled_does_not_follow_from_the_submission(bench: 
     submission = bench.begin(*["nap"] * 6)
     bench.steps(7)
     with bench.store.read() as session:
-        drawn = [spot_checks.sample(session, submission, str(i))[0].scenario for i in range(40)]
-        assert drawn == [spot_checks.sample(session, submission, str(i))[0].scenario for i in range(40)]
+        drawn = [spot_checks.sample_jobs(session, submission, str(i))[0].scenario for i in range(40)]
+        assert drawn == [spot_checks.sample_jobs(session, submission, str(i))[0].scenario for i in range(40)]
     assert len(set(drawn)) > 1
 
 
@@ -204,10 +206,12 @@ def test_verify_drives_again_in_a_process(bench: Bench, monkeypatch: pytest.Monk
     monkeypatch.syspath_prepend(str(TESTS))
     submission = bench.begin("nap", "nap")
     bench.steps(3)
-    found = list(spot_checks.verify(bench.store, bench.settings, [submission], lambda: 5, evaluation_fakes.fake))
+    found = list(
+        spot_checks.run_spot_checks(bench.store, bench.settings, [submission], lambda: 5, evaluation_fakes.fake)
+    )
     assert [(check.submission, check.same) for check in found] == [(submission, True)]
     with bench.store.read() as session:
-        assert spot_checks.finished(session, 5) == [submission]
+        assert spot_checks.list_finished(session, 5) == [submission]
 
 
 def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
@@ -215,5 +219,5 @@ def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCa
     bench.steps(1)
     with bench.store.write() as session:
         submissions.get(session, submission).evaluator = {"code": "older"}
-    assert list(spot_checks.verify(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+    assert list(spot_checks.run_spot_checks(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
     assert "driven by another version" in caplog.text

@@ -22,12 +22,12 @@ from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.v2x.channel import DeliveryStatus
 from mdrive_sumo.v2x.comm import format_comm_json
 from server import environments
-from server.enums import Reason, Track, Verdict
-from server.evaluation.job_task import JobTask, Rejection
+from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
+from server.evaluation.job_task import AgentRejection, JobTask
 from server.evaluation.submission_job import run_submission_job
-from server.settings import Limits, Sandbox
+from server.settings import ArchiveSettings, SandboxSettings
 from server.store.jobs import JobOutcome
-from server.tracks import COMM
+from server.tracks import COMM_BY_TRACK
 
 SCENARIO, OTHER = "i07_ins_ss_town", "i01_ins_c_main_street_right"
 pytestmark = [
@@ -69,21 +69,21 @@ def task(data: Path, archive: bytes, **changed: Any) -> JobTask:
     (data / "archives" / f"{sha}.zip").write_bytes(archive)
     about = data / "environments" / "python3.11-numpy"
     about.mkdir(parents=True, exist_ok=True)
-    (about / "environment.json").write_text(json.dumps(asdict(environments.here()), default=str))
+    (about / "environment.json").write_text(json.dumps(asdict(environments.current_environment()), default=str))
     made = JobTask(
         1,
         1,
         "ab" * 16,
         sha,
         "python3.11-numpy",
-        Track.SINGLE,
+        ChallengeTrack.SINGLE,
         "interdrive",
         SCENARIO,
         0,
         True,
         data,
-        Sandbox(required=()),
-        Limits(),
+        SandboxSettings(required=()),
+        ArchiveSettings(),
     )
     return replace(made, **changed)
 
@@ -97,7 +97,7 @@ def driven(wanted: JobTask) -> JobOutcome:
 def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Path) -> None:
     wanted = task(tmp_path, team())
     outcome = driven(wanted)
-    assert outcome.verdict is Verdict.OK
+    assert outcome.verdict is ScenarioVerdict.OK
     again = EpisodeJob(
         suite_folder=str(Path(environments.__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"),
         scenario=SCENARIO,
@@ -105,7 +105,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
         agent_config={},
         seed=0,
         score_mode="mdrive",
-        comm=format_comm_json(COMM[Track.SINGLE]),
+        comm=format_comm_json(COMM_BY_TRACK[ChallengeTrack.SINGLE]),
     )
     assert outcome.result == run_job(again).model_dump(mode="json")
     used = outcome.usage
@@ -125,7 +125,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
 
 def test_an_agent_that_fails_is_scored_and_of_hidden_phases_no_file_is_left(tmp_path: Path) -> None:
     outcome = driven(task(tmp_path, team(dies=5), public=False))
-    assert (outcome.verdict, outcome.reason) == (Verdict.AGENT_FAILED, Reason.CRASHED)
+    assert (outcome.verdict, outcome.reason) == (ScenarioVerdict.AGENT_FAILED, FailureReason.CRASHED)
     assert outcome.result is not None
     assert outcome.usage is not None
     assert outcome.usage["boxes"]["0"]["answers"] == 5
@@ -135,27 +135,31 @@ def test_an_agent_that_fails_is_scored_and_of_hidden_phases_no_file_is_left(tmp_
 
 def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
     found = run_submission_job(task(tmp_path, team(sensor="privileged")))
-    assert isinstance(found, Rejection)
+    assert isinstance(found, AgentRejection)
     assert found.why.startswith("sensor 'privileged': expected sensors that a car can have")
-    found = run_submission_job(task(tmp_path, team(), track=Track.JOINT))
-    assert found == Rejection(
+    found = run_submission_job(task(tmp_path, team(), track=ChallengeTrack.JOINT))
+    assert found == AgentRejection(
         "track joint: expected one agent for all CAVs (get_entry_point) in agents.py, found an agent for each CAV"
     )
     found = run_submission_job(task(tmp_path, b"no zip"))
-    assert isinstance(found, Rejection)
+    assert isinstance(found, AgentRejection)
     assert found.why.startswith("archive: ")
 
 
 @pytest.mark.parametrize(
     ("track", "arrives"),
-    [(Track.SINGLE, set()), (Track.SHARING, {"cam"}), (Track.NEGOTIATION, {"cam", "text", "own"})],
+    [
+        (ChallengeTrack.SINGLE, set()),
+        (ChallengeTrack.SHARING, {"cam"}),
+        (ChallengeTrack.NEGOTIATION, {"cam", "text", "own"}),
+    ],
 )
-def test_a_track_decides_what_arrives(tmp_path: Path, track: Track, arrives: set[str]) -> None:
+def test_a_track_decides_what_arrives(tmp_path: Path, track: ChallengeTrack, arrives: set[str]) -> None:
     cam = "encode(Cam(Pose(seen.own.x, seen.own.y, seen.own.yaw, seen.tick), 1.0, 0.0, 0.0, 4.5, 2.0))"
     said = f'({cam}, Message("text", b"after you"), Message("own", b"x"))'
     wanted = task(tmp_path, team(messages=said), track=track)
     outcome = driven(wanted)
-    assert outcome.verdict is Verdict.OK, outcome.result
+    assert outcome.verdict is ScenarioVerdict.OK, outcome.result
     fates: Counter[tuple[str, bool]] = Counter()
     for sent in load_episode(wanted.stage / f"{SCENARIO}.npz").messages:
         fates.update((sent.message.type, fate == DeliveryStatus.DELIVERED) for fate, _ in sent.fates.values())

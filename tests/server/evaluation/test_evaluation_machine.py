@@ -15,19 +15,19 @@ from mdrive_sumo.core.errors import InputError
 from server.environments import ABOUT_FILE
 from server.evaluation.machine_check import check_machine
 from server.evaluation.supervisor import Supervisor
-from server.settings import WARM_UP, PhaseSettings, Sandbox, Settings, Work, load
+from server.settings import WARM_UP, PhaseSettings, SandboxSettings, ServerSettings, WorkerSettings, load_settings
 
 
 @pytest.mark.parametrize("backend", ["none", "gvsior"])
 def test_no_server_drives_foreign_code_without_a_box(backend: str) -> None:
     with pytest.raises(InputError, match=r"sandbox\.backend: .*'bubblewrap' or 'gvisor'"):
-        load(None, {"MDRIVE_SANDBOX__BACKEND": backend})
+        load_settings(None, {"MDRIVE_SANDBOX__BACKEND": backend})
 
 
 def test_a_machine_is_asked_for_boxes_of_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(InputError, match=r"found no seccomp .*the backend gvisor needs the program runsc"):
-        check_machine(Settings(sandbox=Sandbox(backend="gvisor", required=("seccomp",))))
+        check_machine(ServerSettings(sandbox=SandboxSettings(backend="gvisor", required=("seccomp",))))
 
 
 def hidden(suite: str, **changed: Any) -> PhaseSettings:
@@ -42,11 +42,11 @@ def hidden(suite: str, **changed: Any) -> PhaseSettings:
         ({"data": Path("/lib/mdrive")}, "data: "),  # a link to /usr/lib
         ({"database": "sqlite:////usr/share/challenge.sqlite"}, "database: "),
         ({"phases": (hidden("/usr/src/app/suite"),)}, "phase test: suite: "),
-        ({"work": Work(scheduler="tcp://127.0.0.1:1"), "data": Path("/usr/src/app/data")}, "data: "),
+        ({"work": WorkerSettings(scheduler="tcp://127.0.0.1:1"), "data": Path("/usr/src/app/data")}, "data: "),
     ],
 )
 def test_what_is_secret_lies_where_no_box_looks(tmp_path: Path, changed: dict[str, Any], what: str) -> None:
-    found = Settings(data=tmp_path, sandbox=Sandbox(required=())).model_copy(update=changed)
+    found = ServerSettings(data=tmp_path, sandbox=SandboxSettings(required=())).model_copy(update=changed)
     with pytest.raises(InputError, match=rf"^{what}expected a place that no box sees, .*every agent can read /usr"):
         check_machine(found)
 
@@ -60,7 +60,7 @@ def test_a_link_in_an_image_shows_nothing_of_the_host(tmp_path: Path) -> None:
 
 def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path) -> None:
     shown = (hidden("/usr/src/app/suite", public=True, id="open"), hidden("interdrive"))
-    found = Settings(data=tmp_path / "image" / "srv" / "data", sandbox=Sandbox(required=()), phases=shown)
+    found = ServerSettings(data=tmp_path / "image" / "srv" / "data", sandbox=SandboxSettings(required=()), phases=shown)
     check_machine(found)
     (tmp_path / "image" / "usr").mkdir(parents=True)
     about = found.environments / "python3.11-numpy" / ABOUT_FILE
@@ -90,7 +90,7 @@ def test_a_worker_that_cannot_be_started_is_tried_again(
         return popen(*args, **options)
 
     monkeypatch.setattr(subprocess, "Popen", sometimes)
-    monkeypatch.setattr("server.evaluation.supervisor.LONGEST_PAUSE_S", 0.01)
+    monkeypatch.setattr("server.evaluation.supervisor.MAX_PAUSE_S", 0.01)
     monkeypatch.setattr("server.evaluation.supervisor.check_machine", lambda _: None)
     command = (sys.executable, "-c", "import sys; sys.stdin.read()")
     service = Supervisor(databases.emptied("sqlite"), evaluation_fakes.settings(tmp_path, processes=1), command)
@@ -104,4 +104,4 @@ def test_a_worker_that_cannot_be_started_is_tried_again(
 
 def test_a_machine_that_lacks_a_layer_is_told_and_what_to_do() -> None:
     with pytest.raises(InputError, match=r"expected layers among .*found walls\. .*MDRIVE_SANDBOX__REQUIRED="):
-        check_machine(Settings(sandbox=Sandbox(required=("walls",))))
+        check_machine(ServerSettings(sandbox=SandboxSettings(required=("walls",))))

@@ -22,11 +22,11 @@ from testing.paths import TESTS
 from testing.processes import alive
 
 from mdrive_sumo.runs.make_executor import make_executor
-from server.enums import JobState, State
+from server.enums import JobState, SubmissionState
 from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop_request import Stop
+from server.evaluation.stop_request import StopRequest
 from server.evaluation.supervisor import Supervisor
-from server.phase_suites import LoadedSuites
+from server.phase_suites import LoadedPhaseSuites
 
 
 @pytest.mark.full
@@ -66,7 +66,7 @@ def test_a_killed_server_takes_its_workers_along_and_the_next_goes_on(tmp_path: 
         wait_for(lambda: JobState.RUNNING not in states(store, submission))
     assert [job.failures for job in rows(store, submission)] == [0, 0]  # given back, not lost
     with supervised(store, settings):
-        wait_for(lambda: read(store, submission).state == State.DONE)
+        wait_for(lambda: read(store, submission).state == SubmissionState.DONE)
     check_scored_once(store, settings, submission, 2)
 
 
@@ -92,11 +92,11 @@ def test_a_job_whose_worker_dies_each_time_fails_alone(tmp_path: Path, monkeypat
     store = databases.emptied("sqlite")
     settings = challenge(tmp_path, store, "die once", "nap")
     submission = submitted(store, settings, fast_clock())
-    stop = Stop()
+    stop = StopRequest()
     with make_executor(fake, 1, 60.0) as executor:
-        dispatcher = Dispatcher(store, settings, LoadedSuites(settings), executor, "one", fast_clock)
+        dispatcher = Dispatcher(store, settings, LoadedPhaseSuites(settings), executor, "one", fast_clock)
         end = time.monotonic() + 60
-        while read(store, submission).state != State.DONE:
+        while read(store, submission).state != SubmissionState.DONE:
             assert time.monotonic() < end
             dispatcher.step(0.2, stop)
     stop.close()

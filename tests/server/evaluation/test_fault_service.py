@@ -29,15 +29,15 @@ from testing.evaluation_real import (
 from testing.processes import alive
 
 from server.clock import DAY_US
-from server.enums import JobState, State
+from server.enums import JobState, SubmissionState
 from server.evaluation.worker import NICE
-from server.settings import Settings
+from server.settings import ServerSettings
 from server.store import Store, submissions
 
 pytestmark = pytest.mark.slow
 
 
-def with_database(settings: Settings, store: Store) -> Settings:
+def with_database(settings: ServerSettings, store: Store) -> ServerSettings:
     return settings.model_copy(update={"database": url(store)})
 
 
@@ -73,7 +73,7 @@ def test_a_cancelled_submission_s_process_is_gone_within_a_heartbeat(tmp_path: P
         assert supervisor.pids == workers
         with store.write() as session:
             submissions.cancel(session, other, fast_clock())
-    assert read(store, submission).state == State.CANCELLED
+    assert read(store, submission).state == SubmissionState.CANCELLED
     assert {job.failures for job in rows(store, submission)} == {0}
 
 
@@ -90,9 +90,9 @@ def test_everything_killed_at_once_loses_nothing(tmp_path: Path) -> None:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         server.wait()
-    assert read(store, submission).state == State.RUNNING
+    assert read(store, submission).state == SubmissionState.RUNNING
     with supervised(store, settings):
-        wait_for(lambda: read(store, submission).state == State.DONE)
+        wait_for(lambda: read(store, submission).state == SubmissionState.DONE)
     check_scored_once(store, settings, submission, 31)
     assert sum(job.failures for job in rows(store, submission)) >= 1  # a lease that ended is a failure of ours
 
@@ -129,7 +129,7 @@ def test_a_disk_that_fills_in_mid_run(tmp_path: Path) -> None:
             fill(data / "filler")
             begun = calls(data)
             time.sleep(3.0)  # a minute of theirs
-            assert read(store, submission).state in (State.QUEUED, State.RUNNING)
+            assert read(store, submission).state in (SubmissionState.QUEUED, SubmissionState.RUNNING)
             assert calls(data) <= begun + 2  # each worker at most one more
             (data / "filler").unlink()
             wait_for(lambda: quietly_done(store, submission))
@@ -197,6 +197,6 @@ def test_a_service_on_a_cluster_outlives_its_scheduler(tmp_path: Path) -> None:
             own.kill_scheduler()
             wait_for(lambda: {job.state for job in rows(store, submission)} == {JobState.DONE, JobState.QUEUED})
             own.start(2)
-            wait_for(lambda: read(store, submission).state == State.DONE, limit_s=180.0)
+            wait_for(lambda: read(store, submission).state == SubmissionState.DONE, limit_s=180.0)
         check_scored_once(store, settings, submission, 81)
         assert {job.failures for job in rows(store, submission)} == {0}

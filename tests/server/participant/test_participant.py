@@ -8,8 +8,8 @@ from testing.archive_samples import GOOD, packed, written
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
-from server.archive import ArchiveLimits, ArchiveRefused, checked
-from server.participant.packaging import packed as pack
+from server.archive import ArchiveLimits, ArchiveRefused, check_archive
+from server.participant.packaging import write_archive as pack
 
 OWN = """
 import os
@@ -135,7 +135,7 @@ def test_the_same_folder_makes_the_same_archive(tmp_path: Path) -> None:
     os.utime(folder / "agents.py", (1, 1))
     pack(folder, tmp_path / "2.zip")
     assert (tmp_path / "1.zip").read_bytes() == (tmp_path / "2.zip").read_bytes()
-    assert checked(tmp_path / "1.zip", ArchiveLimits()).files == 3
+    assert check_archive(tmp_path / "1.zip", ArchiveLimits()).files == 3
 
 
 def test_links_are_not_packed(tmp_path: Path) -> None:

@@ -20,15 +20,15 @@ from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
 from mdrive_sumo.v2x.comm import format_comm_json
 from server import environments
-from server.archive import ArchiveLimits, checked
-from server.enums import Reason, Track, Verdict
-from server.environments import Environment, Recipe, build, environment
+from server.archive import ArchiveLimits, check_archive
+from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
+from server.environments import Environment, EnvironmentRecipe, build_environment, load_environment
 from server.participant import dry_run
-from server.participant.dry_run import as_on_the_server, told
-from server.participant.packaging import team
-from server.settings import Settings
-from server.submitted_agent import Entrant, verdict_of
-from server.tracks import COMM
+from server.participant.dry_run import format_result, with_server_limits
+from server.participant.packaging import unpack_agent
+from server.settings import ServerSettings
+from server.submitted_agent import SubmittedAgent, find_verdict
+from server.tracks import COMM_BY_TRACK
 
 boxed = needs_bubblewrap
 HERE = Environment("x", Path(sys.executable), Path("/site"), ())
@@ -67,17 +67,20 @@ def result(**reasons: str) -> ScenarioResult:
 
 
 def test_verdicts() -> None:
-    assert verdict_of(result(a="", b="")) == (Verdict.OK, None)
-    assert verdict_of(result(a="", b="timeout: no answer")) == (Verdict.AGENT_FAILED, Reason.TIMEOUT)
-    assert verdict_of(result(a="invalid: NaN", b="crashed: x")) == (Verdict.AGENT_FAILED, Reason.INVALID)
-    assert verdict_of(result(a="").model_copy(update={"status": "void"})) == (Verdict.FAILED_OURS, None)
-    assert told(result(a="crashed: ValueError: x")).startswith("agent-failed (crashed): i01_")
+    assert find_verdict(result(a="", b="")) == (ScenarioVerdict.OK, None)
+    assert find_verdict(result(a="", b="timeout: no answer")) == (ScenarioVerdict.AGENT_FAILED, FailureReason.TIMEOUT)
+    assert find_verdict(result(a="invalid: NaN", b="crashed: x")) == (
+        ScenarioVerdict.AGENT_FAILED,
+        FailureReason.INVALID,
+    )
+    assert find_verdict(result(a="").model_copy(update={"status": "void"})) == (ScenarioVerdict.FAILED_OURS, None)
+    assert format_result(result(a="crashed: ValueError: x")).startswith("agent-failed (crashed): i01_")
 
 
 def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
-    with team(written(tmp_path, packed(GOOD))) as found:
-        entrant = as_on_the_server(found, HERE)
-    sandbox = Settings().sandbox
+    with unpack_agent(written(tmp_path, packed(GOOD))) as found:
+        entrant = with_server_limits(found, HERE)
+    sandbox = ServerSettings().sandbox
     assert entrant.box == sandbox.box_limits()
     assert (entrant.limits.tick_s, entrant.limits.reply_bytes) == (sandbox.tick_s, sandbox.reply_bytes)
     job = entrant.job(tmp_path, "i01", 7)
@@ -87,8 +90,8 @@ def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
 
 
 def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
-    manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
-    small = Entrant(manifest, tmp_path, HERE, BoxLimits(memory_bytes=1), AgentLimits())
+    manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    small = SubmittedAgent(manifest, tmp_path, HERE, BoxLimits(memory_bytes=1), AgentLimits())
     torch = replace(small, manifest=replace(manifest, environment="python3.11-torch-cpu"))
     needed = environments.RECIPES["python3.11-torch-cpu"].memory_bytes
     assert small.plan().limits["memory_bytes"] == environments.RECIPES["python3.11-numpy"].memory_bytes
@@ -98,7 +101,7 @@ def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
 
 def test_unknown_environments_are_told_the_known() -> None:
     with pytest.raises(InputError, match=r"one of python3.11-numpy, python3.11-torch-cpu, found 'x'"):
-        environment("x", Path())
+        load_environment("x", Path())
 
 
 def wheel(folder: Path, name: str) -> None:
@@ -115,28 +118,31 @@ def wheel(folder: Path, name: str) -> None:
 def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wheel(tmp_path, "tiny")
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    recipes = {"mine": Recipe("mine", python, ("tiny==1.0",), 1), "none": Recipe("none", python, ("absent==1.0",), 1)}
+    recipes = {
+        "mine": EnvironmentRecipe("mine", python, ("tiny==1.0",), 1),
+        "none": EnvironmentRecipe("none", python, ("absent==1.0",), 1),
+    }
     monkeypatch.setattr(environments, "RECIPES", recipes)
     offline = ("--no-index", "--find-links", str(tmp_path))
-    built = build("mine", tmp_path / "envs", offline)
-    assert environment("mine", tmp_path / "envs") == built
+    built = build_environment("mine", tmp_path / "envs", offline)
+    assert load_environment("mine", tmp_path / "envs") == built
     assert (built.site / "tiny.py").is_file()
     assert "tiny==1.0" in built.packages
     with pytest.raises(InputError, match="already built"):
-        build("mine", tmp_path / "envs", offline)
+        build_environment("mine", tmp_path / "envs", offline)
     with pytest.raises(InputError, match=r"-m pip .* failed: .*absent"):
-        build("none", tmp_path / "envs", offline)
+        build_environment("none", tmp_path / "envs", offline)
     with pytest.raises(InputError, match="not built in"):
-        environment("none", tmp_path / "envs")
+        load_environment("none", tmp_path / "envs")
 
 
 @pytest.mark.parametrize("active", [False, True])
 def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, active: bool) -> None:
-    names = (*Settings().sandbox.required, "gvisor")
+    names = (*ServerSettings().sandbox.required, "gvisor")
     here = tuple(SandboxLayer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
     monkeypatch.setattr(dry_run, "examine_layers", lambda: here)
-    monkeypatch.setattr(dry_run, "ask", lambda _: Declaration("single", ()))
-    monkeypatch.setattr(dry_run, "driven", lambda *_: [])
+    monkeypatch.setattr(dry_run, "ask_agent", lambda _: Declaration("single", ()))
+    monkeypatch.setattr(dry_run, "run_jobs", lambda *_: [])
     run("init-agent", "mine")
     said = run("submit", "mine", "--dry-run")
     assert said.exit_code == 0, said.output
@@ -188,12 +194,12 @@ def test_what_is_asked_for_only_while_driving_is_rejected(
     archive = written(tmp_path, packed(dict(GOOD) | {"agents.py": agents, "src/x.py": b""}))
     ask = dry_run.ask
 
-    def asked(entrant: Entrant) -> Declaration:
+    def asked(entrant: SubmittedAgent) -> Declaration:
         found = ask(entrant)
         (entrant.folder / "src" / "later").touch()
         return found
 
-    monkeypatch.setattr(dry_run, "ask", asked)
+    monkeypatch.setattr(dry_run, "ask_agent", asked)
     found = run("submit", archive, "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
     assert found.exit_code == 2, found.output
     assert "rejected: i13_ins_sl_minor_road: " in found.output
@@ -214,8 +220,8 @@ def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypat
             return []
 
     monkeypatch.setattr(dry_run, "ProcessPool", type("P", (), {"__class_getitem__": classmethod(lambda cls, _: Idle)}))
-    manifest = checked(written(tmp_path, packed(GOOD)), ArchiveLimits())
-    course = dry_run.Course("interdrive", "i13*", 0, 1, tmp_path / "out")
-    for track in Track:
-        assert list(dry_run.driven(Entrant(manifest, tmp_path, HERE), track, course)) == []
-    assert asked == [format_comm_json(COMM[track]) for track in Track]
+    manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    course = dry_run.DryRunOptions("interdrive", "i13*", 0, 1, tmp_path / "out")
+    for track in ChallengeTrack:
+        assert list(dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), track, course)) == []
+    assert asked == [format_comm_json(COMM_BY_TRACK[track]) for track in ChallengeTrack]

@@ -9,12 +9,12 @@ from testing.archive_samples import GOOD, packed, written
 from testing.store_samples import NOON
 
 from mdrive_sumo.core.errors import InputError
-from server.enums import State, Track
-from server.participant.client import Client, Entry
+from server.enums import ChallengeTrack, SubmissionState
+from server.participant.client import ChallengeClient, SubmissionForm
 from server.participant.follow import follow
 from server.store import submissions
 
-ENTRY = Entry("dev", Track.SINGLE, "Mine")
+ENTRY = SubmissionForm("dev", ChallengeTrack.SINGLE, "Mine")
 
 
 @pytest.fixture
@@ -23,13 +23,13 @@ def server(tmp_path: Path) -> Server:
 
 
 @pytest.fixture
-def team(server: Server) -> Iterator[Client]:
+def team(server: Server) -> Iterator[ChallengeClient]:
     transport = server.client._transport  # Starlette's test client is one of httpx with a transport of its own
-    with Client("http://testserver", server.tokens["red"], transport) as client:
+    with ChallengeClient("http://testserver", server.tokens["red"], transport) as client:
         yield client
 
 
-def test_a_submission_is_sent_and_followed_to_its_end(server: Server, team: Client, tmp_path: Path) -> None:
+def test_a_submission_is_sent_and_followed_to_its_end(server: Server, team: ChallengeClient, tmp_path: Path) -> None:
     told: list[int] = []
     archive = written(tmp_path, packed(GOOD))
     sent = team.submit(archive, ENTRY, told.append)
@@ -39,28 +39,28 @@ def test_a_submission_is_sent_and_followed_to_its_end(server: Server, team: Clie
     with server.store.write() as session:
         submissions.reject(session, sent["id"], "no camera here", NOON)
     said: list[str] = []
-    assert follow(team, sent["id"], said.append) is State.REJECTED
+    assert follow(team, sent["id"], said.append) is SubmissionState.REJECTED
     assert said == ["queued", "rejected: no camera here"]
 
 
-def test_the_open_phase_is_found(team: Client) -> None:
+def test_the_open_phase_is_found(team: ChallengeClient) -> None:
     with pytest.raises(InputError, match=r"expected --phase, one of: dev, test$"):
         team.open_phase()
 
 
-def test_refusals_come_as_the_servers_sentences(server: Server, team: Client, tmp_path: Path) -> None:
+def test_refusals_come_as_the_servers_sentences(server: Server, team: ChallengeClient, tmp_path: Path) -> None:
     archive = written(tmp_path, packed(GOOD))
     with pytest.raises(InputError, match=r"\(409\): .*past"):
-        team.submit(archive, Entry("past", Track.SINGLE, "Mine"), lambda _: None)
+        team.submit(archive, SubmissionForm("past", ChallengeTrack.SINGLE, "Mine"), lambda _: None)
     with pytest.raises(InputError, match=r"\(422\): track joint: expected one agent for all CAVs"):
-        team.submit(archive, Entry("dev", Track.JOINT, "Mine"), lambda _: None)
+        team.submit(archive, SubmissionForm("dev", ChallengeTrack.JOINT, "Mine"), lambda _: None)
     with pytest.raises(InputError, match=r"\(404\)"):
         team.show("0" * 32)
     written(tmp_path, packed({"agents.py": b""}))
     with pytest.raises(InputError, match=r"\(422\): archive: expected model_env.yaml"):
         team.submit(archive, ENTRY, lambda _: None)
     with (
-        Client("http://testserver", "wrong", server.client._transport) as stranger,
+        ChallengeClient("http://testserver", "wrong", server.client._transport) as stranger,
         pytest.raises(InputError, match=r"\(401\)"),
     ):
         stranger.submit(archive, ENTRY, lambda _: None)

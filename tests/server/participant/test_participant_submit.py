@@ -8,7 +8,7 @@ import pytest
 from testing.archive_samples import GOOD, packed, written
 from testing.participant_fakes import CLOSED, OPEN, Fake, Run, command_line, serving
 
-from server.enums import Track
+from server.enums import ChallengeTrack
 from server.participant import client, follow
 
 
@@ -56,8 +56,8 @@ def test_a_folder_is_packed_and_named(run: Run, fake: Fake, tmp_path: Path) -> N
 
 def test_progress_reaches_the_size(fake: Fake, archive: Path) -> None:
     told: list[int] = []
-    with client.Client(fake.url, "t") as server:
-        server.submit(archive, client.Entry("p", Track.SINGLE, "n"), told.append)
+    with client.ChallengeClient(fake.url, "t") as server:
+        server.submit(archive, client.SubmissionForm("p", ChallengeTrack.SINGLE, "n"), told.append)
     assert told[-1] == archive.stat().st_size
 
 

@@ -18,7 +18,7 @@ from testing.paths import ROOT
 
 from mdrive_sumo.core.errors import InputError
 from server.store import Store, StoreUnavailable, audit, teams
-from server.store.tables import Base
+from server.store.tables import TableBase
 
 
 @pytest.fixture(params=databases.BACKENDS)
@@ -34,7 +34,7 @@ def store(backend: str) -> Store:
 def test_the_migrations_make_the_tables_of_the_models(backend: str, tmp_path: Path) -> None:
     store = databases.opened(backend, tmp_path)
     with store.engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+        assert compare_metadata(MigrationContext.configure(connection), TableBase.metadata) == []
         made = {
             table: {index["name"] for index in inspect(connection).get_indexes(table)}
             for table in ("jobs", "submissions")
@@ -68,17 +68,17 @@ def test_a_failed_write_leaves_nothing(store: Store) -> None:
         teams.create(session, "lost", 1)
         raise ZeroDivisionError
     with store.read() as session:
-        assert teams.every(session) == []
+        assert teams.list_teams(session) == []
 
 
 def test_a_reader_cannot_write_and_sees_one_moment(store: Store) -> None:
     with store.read() as before:
-        assert teams.every(before) == []
+        assert teams.list_teams(before) == []
         with store.write() as session:  # does not wait for the reader
             teams.create(session, "new", 1)
-        assert teams.every(before) == []
+        assert teams.list_teams(before) == []
     with store.read() as after:
-        assert len(teams.every(after)) == 1
+        assert len(teams.list_teams(after)) == 1
     with pytest.raises((DBAPIError, StoreUnavailable)), store.read() as session:
         teams.create(session, "written by a reader", 1)
     with store.write() as session:  # and the connection it used can be written with again
@@ -93,12 +93,12 @@ def test_there_is_one_writer_at_a_time(store: Store) -> None:
     def second() -> None:
         entered.wait(10)
         with store.write() as session:
-            seen.append(len(teams.every(session)))
+            seen.append(len(teams.list_teams(session)))
 
     thread = threading.Thread(target=second)
     thread.start()
     with store.write() as session:
-        assert teams.every(session) == []
+        assert teams.list_teams(session) == []
         entered.set()
         time.sleep(0.3)
         assert seen == []
@@ -132,14 +132,14 @@ def test_a_database_locked_for_too_long_is_unavailable(
     with store.write() as session:
         session.connection()
         with pytest.raises(StoreUnavailable, match="lock"), impatient.write() as other:
-            teams.every(other)
+            teams.list_teams(other)
     impatient.close()
 
 
 def test_a_database_that_is_not_there_is_unavailable(tmp_path: Path) -> None:
     store = Store(f"postgresql://postgres@/none?host={tmp_path}")
     with pytest.raises(StoreUnavailable, match="does not answer"), store.read() as session:
-        teams.every(session)
+        teams.list_teams(session)
     store.close()
 
 
@@ -154,7 +154,7 @@ def test_a_full_disk_is_unavailable_and_loses_nothing(tmp_path: Path) -> None:
         for number in range(2000):
             teams.create(session, f"team {number}", 1)
     with store.read() as session:
-        assert [team.name for team in teams.every(session)] == ["before"]
+        assert [team.name for team in teams.list_teams(session)] == ["before"]
     store.close()
 
 
@@ -174,7 +174,7 @@ def test_connections_cut_by_a_restart_are_opened_again() -> None:
         teams.create(session, "never", 1)
     with store.write() as session:
         teams.create(session, "after", 1)
-        assert [team.name for team in teams.every(session)] == ["after", "before"]
+        assert [team.name for team in teams.list_teams(session)] == ["after", "before"]
 
 
 def _cut_all_connections(store: Store) -> None:
@@ -203,5 +203,5 @@ def test_a_writer_killed_half_way_leaves_nothing_and_blocks_nobody(store: Store)
     writer.stdout.close()
     with store.write() as session:
         teams.create(session, "next", 1)
-        assert [team.name for team in teams.every(session)] == ["next"]
-        assert audit.verify(session).entries == 1
+        assert [team.name for team in teams.list_teams(session)] == ["next"]
+        assert audit.verify_chain(session).entries == 1

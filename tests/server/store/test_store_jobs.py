@@ -9,10 +9,10 @@ from testing import databases
 from testing.store_samples import GOOD, JOBS, LEASE, NOON, PHASE, S, all_of, sent, states, summary, with_teams
 
 from server.clock import DAY_US
-from server.enums import JobState, Reason, State, Verdict
+from server.enums import FailureReason, JobState, ScenarioVerdict, SubmissionState
 from server.store import NotFound, Store, events, jobs, phases, submissions
-from server.store.jobs import MOST_FAILURES, JobOutcome
-from server.store.tables import Job, Submission
+from server.store.jobs import MAX_FAILURES, JobOutcome
+from server.store.tables import JobRow, SubmissionRow
 
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
 
@@ -22,7 +22,7 @@ def store(request: pytest.FixtureRequest) -> Store:
     return databases.emptied(request.param)
 
 
-def claimed(store: Store, owner: str = "w", now_us: int = NOON) -> Job:
+def claimed(store: Store, owner: str = "w", now_us: int = NOON) -> JobRow:
     with store.write() as session:
         job = jobs.claim(session, owner, LEASE, now_us)
     assert job is not None
@@ -39,7 +39,7 @@ def test_a_claim_gives_every_job_once_with_a_lease(store: Store) -> None:
     with store.write() as session:
         assert jobs.claim(session, "three", LEASE, NOON) is None
         assert states(session, submission) == ["running"] * 2
-        assert submissions.get(session, submission).state == State.RUNNING
+        assert submissions.get(session, submission).state == SubmissionState.RUNNING
 
 
 def test_the_team_with_the_fewest_running_is_next(store: Store) -> None:
@@ -55,7 +55,7 @@ def test_the_team_with_the_fewest_running_is_next(store: Store) -> None:
 def test_within_a_team_the_oldest_is_next_and_hidden_phases_come_first(store: Store) -> None:
     (red,) = with_teams(store, "red", phase=WIDE)
     with store.write() as session:
-        phases.put(session, [replace(WIDE, id="test", public=False)], NOON)
+        phases.set_phases(session, [replace(WIDE, id="test", public=False)], NOON)
         later, earlier = sent(session, red, NOON + 2).id, sent(session, red, NOON + 1).id
         hidden = sent(session, red, NOON + 3, phase="test").id
     assert [claimed(store).submission for _ in range(6)] == [hidden] * 2 + [earlier] * 2 + [later] * 2
@@ -66,7 +66,7 @@ def test_a_result_is_kept_with_all_that_belongs_to_it(store: Store) -> None:
     with store.write() as session:
         submission = sent(session, red).id
     job = claimed(store)
-    outcome = JobOutcome(Verdict.AGENT_FAILED, {"ds": 3.5, "sr": 0.0}, Reason.TIMEOUT, {"cpu_s": 1.5})
+    outcome = JobOutcome(ScenarioVerdict.AGENT_FAILED, {"ds": 3.5, "sr": 0.0}, FailureReason.TIMEOUT, {"cpu_s": 1.5})
     with store.write() as session:
         assert jobs.finish(session, job.id, "w", 1, outcome, NOON + S)
         assert not jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
@@ -74,7 +74,7 @@ def test_a_result_is_kept_with_all_that_belongs_to_it(store: Store) -> None:
         kept = jobs.get(session, job.id)
         assert (kept.state, kept.verdict, kept.reason) == (JobState.DONE, "agent-failed", "timeout")
         assert (kept.result, kept.usage, kept.finished_us) == ({"ds": 3.5, "sr": 0.0}, {"cpu_s": 1.5}, NOON + S)
-        told = [(event.kind, event.data) for event in events.since(session, submission)][-1]
+        told = [(event.kind, event.data) for event in events.list_since(session, submission)][-1]
     assert told == (
         "scenario",
         {"scenario": "left-turn", "seed": 0, "verdict": "agent-failed", "reason": "timeout", "ds": 3.5, "sr": 0.0},
@@ -89,7 +89,7 @@ def test_of_a_hidden_phase_events_tell_states_only(store: Store) -> None:
     with store.write() as session:
         jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
         submissions.finish_if_complete(session, submission, lambda _: summary(1), NOON + S)
-        told = [(event.kind, event.data) for event in events.since(session, submission)]
+        told = [(event.kind, event.data) for event in events.list_since(session, submission)]
     assert told == [("state", {"state": name}) for name in ("queued", "running", "done")]
 
 
@@ -104,9 +104,9 @@ def test_a_heartbeat_prolongs_only_ones_own_job(store: Store) -> None:
         for owner, attempt in (("other", 1), ("w", 2), ("w", 0)):
             assert not jobs.heartbeat(session, job.id, owner, attempt, LEASE, NOON + 50 * S)
             assert not jobs.finish(session, job.id, owner, attempt, GOOD, NOON)
-            assert not jobs.give_back(session, job.id, owner, attempt, "mine", NOON)
+            assert not jobs.record_failure(session, job.id, owner, attempt, "mine", NOON)
             assert not jobs.release(session, job.id, owner, attempt)
-        assert jobs.sweep(session, NOON + 100 * S) == 0
+        assert jobs.reclaim_expired(session, NOON + 100 * S) == 0
         assert jobs.get(session, job.id).state == JobState.RUNNING
         with pytest.raises(NotFound, match="there is no 123456"):
             jobs.get(session, 123456)
@@ -119,7 +119,7 @@ def test_the_job_of_a_dead_worker_is_driven_again_and_scored_once(store: Store) 
     first = claimed(store, "dead")
     second = claimed(store, "alive", NOON + LEASE + 1)
     assert (second.id, second.attempt, second.owner, second.failures) == (first.id, 2, "alive", 1)
-    late = JobOutcome(Verdict.OK, {"ds": 1.0})
+    late = JobOutcome(ScenarioVerdict.OK, {"ds": 1.0})
     with store.write() as session:
         assert not jobs.finish(session, first.id, "dead", 1, late, NOON + LEASE + 2)
         assert jobs.finish(session, first.id, "alive", 2, GOOD, NOON + LEASE + 3)
@@ -158,24 +158,29 @@ def test_three_failures_of_ours_end_the_submission_without_cost(store: Store, ho
     (red,) = with_teams(store, "red")
     with store.write() as session:
         submission = sent(session, red).id
-    for attempt in range(1, MOST_FAILURES + 1):
+    for attempt in range(1, MAX_FAILURES + 1):
         now_us = NOON + attempt * 2 * LEASE
         job = claimed(store, now_us=now_us)
         assert (job.attempt, job.failures) == (attempt, attempt - 1)
         with store.write() as session:
             if how == "lease":
-                assert jobs.sweep(session, now_us + LEASE + 1) == 1
+                assert jobs.reclaim_expired(session, now_us + LEASE + 1) == 1
             elif how == "give back":
-                assert jobs.give_back(session, job.id, "w", attempt, "SUMO crashed", now_us)
+                assert jobs.record_failure(session, job.id, "w", attempt, "SUMO crashed", now_us)
             else:
                 assert jobs.finish(
-                    session, job.id, "w", attempt, JobOutcome(Verdict.FAILED_OURS, None, failure="SUMO crashed"), now_us
+                    session,
+                    job.id,
+                    "w",
+                    attempt,
+                    JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure="SUMO crashed"),
+                    now_us,
                 )
     with store.read() as session:
         found, failed = submissions.get(session, submission), jobs.get(session, job.id)
-        assert (found.state, found.counts) == (State.FAILED_OURS, False)
+        assert (found.state, found.counts) == (SubmissionState.FAILED_OURS, False)
         assert "does not count" in found.why and "SUMO" not in found.why
-        assert (failed.state, failed.verdict) == (JobState.FAILED, Verdict.FAILED_OURS)
+        assert (failed.state, failed.verdict) == (JobState.FAILED, ScenarioVerdict.FAILED_OURS)
         assert ("lease of w" if how == "lease" else "SUMO crashed") in failed.failure
         assert states(session, submission) == ["failed", "cancelled"]
 
@@ -184,20 +189,20 @@ def test_a_sweep_of_several_failing_jobs_of_one_submission(store: Store) -> None
     (red,) = with_teams(store, "red")
     with store.write() as session:
         submission = sent(session, red).id
-    for attempt in range(MOST_FAILURES):
+    for attempt in range(MAX_FAILURES):
         for _ in JOBS:
             claimed(store, now_us=NOON + attempt * 2 * LEASE)
     with store.write() as session:
-        assert jobs.sweep(session, NOON + 10 * LEASE) == 2
+        assert jobs.reclaim_expired(session, NOON + 10 * LEASE) == 2
         assert Counter(states(session, submission)) == {"failed": 1, "cancelled": 1}
-        assert submissions.get(session, submission).state == State.FAILED_OURS
+        assert submissions.get(session, submission).state == SubmissionState.FAILED_OURS
 
 
 def test_a_graceful_shutdown_is_no_failure(store: Store) -> None:
     (red,) = with_teams(store, "red")
     with store.write() as session:
         sent(session, red, jobs=JOBS[:1])
-    for attempt in range(1, 2 * MOST_FAILURES):
+    for attempt in range(1, 2 * MAX_FAILURES):
         job = claimed(store)
         assert (job.attempt, job.failures) == (attempt, 0)
         with store.write() as session:
@@ -205,7 +210,11 @@ def test_a_graceful_shutdown_is_no_failure(store: Store) -> None:
 
 
 def test_an_outcome_without_result_is_our_failure() -> None:
-    for verdict, result in ((Verdict.OK, None), (Verdict.AGENT_FAILED, None), (Verdict.FAILED_OURS, {"ds": 1.0})):
+    for verdict, result in (
+        (ScenarioVerdict.OK, None),
+        (ScenarioVerdict.AGENT_FAILED, None),
+        (ScenarioVerdict.FAILED_OURS, {"ds": 1.0}),
+    ):
         with pytest.raises(ValueError, match="expected a result"):
             JobOutcome(verdict, result)
 
@@ -226,7 +235,7 @@ def test_many_claimers_get_every_job_once(store: Store) -> None:
                 return finished
             with store.write() as session:
                 if job.attempt == 1 and job.id % 5 == 0:
-                    assert jobs.give_back(session, job.id, owner, 1, "once", NOON)
+                    assert jobs.record_failure(session, job.id, owner, 1, "once", NOON)
                 elif jobs.finish(session, job.id, owner, job.attempt, GOOD, NOON):
                     finished.append(job.id)
                 submissions.finish_if_complete(session, job.submission, lambda _: summary(50), NOON)
@@ -235,5 +244,5 @@ def test_many_claimers_get_every_job_once(store: Store) -> None:
         finished = Counter(job for found in pool.map(work, [f"worker-{n}" for n in range(8)]) for job in found)
     assert len(finished) == 40 and set(finished.values()) == {1}
     with store.read() as session:
-        assert {job.attempt for job in all_of(session, Job)} == {1, 2}
-        assert [submission.state for submission in all_of(session, Submission)] == ["done"] * 4
+        assert {job.attempt for job in all_of(session, JobRow)} == {1, 2}
+        assert [submission.state for submission in all_of(session, SubmissionRow)] == ["done"] * 4

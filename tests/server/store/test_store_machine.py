@@ -17,20 +17,34 @@ from sqlalchemy import func, select
 from testing import databases
 from testing.store_samples import LEASE, NOON, PHASE, S, all_of, sent, summary, with_teams
 
-from server.enums import JobState, State, Verdict
+from server.enums import JobState, ScenarioVerdict, SubmissionState
 from server.store import OverLimit, audit, jobs, quota, submissions
-from server.store.jobs import MOST_FAILURES, JobOutcome
-from server.store.tables import Event, Job, Submission
+from server.store.jobs import MAX_FAILURES, JobOutcome
+from server.store.tables import EventRow, JobRow, SubmissionRow
 
-OPEN = {State.QUEUED, State.RUNNING}
+OPEN = {SubmissionState.QUEUED, SubmissionState.RUNNING}
 MOVES = {
-    State.QUEUED: {State.QUEUED, State.RUNNING, State.CANCELLED, State.REJECTED, State.FAILED_OURS, State.DISQUALIFIED},
-    State.RUNNING: {State.RUNNING, State.DONE, State.CANCELLED, State.REJECTED, State.FAILED_OURS, State.DISQUALIFIED},
-    State.DONE: {State.DONE, State.DISQUALIFIED},
-    State.FAILED_OURS: {State.FAILED_OURS, State.DISQUALIFIED},
-    State.CANCELLED: {State.CANCELLED, State.DISQUALIFIED},
-    State.REJECTED: {State.REJECTED, State.DISQUALIFIED},
-    State.DISQUALIFIED: {State.DISQUALIFIED},
+    SubmissionState.QUEUED: {
+        SubmissionState.QUEUED,
+        SubmissionState.RUNNING,
+        SubmissionState.CANCELLED,
+        SubmissionState.REJECTED,
+        SubmissionState.FAILED_OURS,
+        SubmissionState.DISQUALIFIED,
+    },
+    SubmissionState.RUNNING: {
+        SubmissionState.RUNNING,
+        SubmissionState.DONE,
+        SubmissionState.CANCELLED,
+        SubmissionState.REJECTED,
+        SubmissionState.FAILED_OURS,
+        SubmissionState.DISQUALIFIED,
+    },
+    SubmissionState.DONE: {SubmissionState.DONE, SubmissionState.DISQUALIFIED},
+    SubmissionState.FAILED_OURS: {SubmissionState.FAILED_OURS, SubmissionState.DISQUALIFIED},
+    SubmissionState.CANCELLED: {SubmissionState.CANCELLED, SubmissionState.DISQUALIFIED},
+    SubmissionState.REJECTED: {SubmissionState.REJECTED, SubmissionState.DISQUALIFIED},
+    SubmissionState.DISQUALIFIED: {SubmissionState.DISQUALIFIED},
 }
 """What a submission may be after one step: `break_three_times` starts it and fails it in one."""
 
@@ -52,7 +66,7 @@ class Challenge(RuleBasedStateMachine):
         self.held: list[tuple[int, int, str]] = []
         """Every claim ever made: job, attempt, owner."""
         self.scored: dict[int, float] = {}
-        self.seen: dict[str, State] = {}
+        self.seen: dict[str, SubmissionState] = {}
 
     def teardown(self) -> None:
         if hasattr(self, "patches"):
@@ -62,7 +76,7 @@ class Challenge(RuleBasedStateMachine):
     def send(self, team: int) -> None:
         self.sent += 1
         with self.store.write() as session:
-            before = quota.used(session, self.teams[team], PHASE.id, self.now_us)
+            before = quota.count_used(session, self.teams[team], PHASE.id, self.now_us)
             full = before.today >= PHASE.per_day or before.in_parallel >= PHASE.in_parallel
             try:
                 sent(session, self.teams[team], self.now_us, archive_sha256=f"{self.sent:064x}")
@@ -76,7 +90,7 @@ class Challenge(RuleBasedStateMachine):
         with self.store.write() as session:
             job = jobs.claim(session, owner := f"worker-{len(self.held)}", LEASE, self.now_us)
             if job is None:
-                assert not session.scalar(select(func.count()).where(Job.state == JobState.QUEUED))
+                assert not session.scalar(select(func.count()).where(JobRow.state == JobState.QUEUED))
             else:
                 assert job.id not in self.scored
                 self.held.append((job.id, job.attempt, owner))
@@ -86,7 +100,7 @@ class Challenge(RuleBasedStateMachine):
     def finish(self, data: st.DataObject, ds: float) -> None:
         job_id, attempt, owner = data.draw(st.sampled_from(self.held))
         with self.store.write() as session:
-            if jobs.finish(session, job_id, owner, attempt, JobOutcome(Verdict.OK, {"ds": ds}), self.now_us):
+            if jobs.finish(session, job_id, owner, attempt, JobOutcome(ScenarioVerdict.OK, {"ds": ds}), self.now_us):
                 assert job_id not in self.scored, "scored twice"
                 self.scored[job_id] = ds
             submission = jobs.get(session, job_id).submission
@@ -102,17 +116,17 @@ class Challenge(RuleBasedStateMachine):
             if deed == "heartbeat":
                 assert jobs.heartbeat(session, job_id, owner, attempt, LEASE, self.now_us) is mine
             elif deed == "give back":
-                assert jobs.give_back(session, job_id, owner, attempt, "ours", self.now_us) is mine
+                assert jobs.record_failure(session, job_id, owner, attempt, "ours", self.now_us) is mine
             else:
                 assert jobs.release(session, job_id, owner, attempt) is mine
 
     @rule()
     def break_three_times(self) -> None:
         """The whole machine fails for a while: random single failures would seldom meet in one job."""
-        for _ in range(MOST_FAILURES):
+        for _ in range(MAX_FAILURES):
             with self.store.write() as session:
                 if (job := jobs.claim(session, "broken", LEASE, self.now_us)) is not None:
-                    assert jobs.give_back(session, job.id, "broken", job.attempt, "SUMO crashed", self.now_us)
+                    assert jobs.record_failure(session, job.id, "broken", job.attempt, "SUMO crashed", self.now_us)
 
     @rule(seconds=st.sampled_from([1, 30, 61, 3600, -30]))
     def pass_time(self, seconds: int) -> None:
@@ -121,8 +135,8 @@ class Challenge(RuleBasedStateMachine):
     @rule()
     def sweep(self) -> None:
         with self.store.write() as session:
-            jobs.sweep(session, self.now_us)
-            late = select(func.count()).where(Job.state == JobState.RUNNING, Job.lease_us < self.now_us)
+            jobs.reclaim_expired(session, self.now_us)
+            late = select(func.count()).where(JobRow.state == JobState.RUNNING, JobRow.lease_us < self.now_us)
             assert not session.scalar(late)
 
     @precondition(lambda self: self.seen)
@@ -138,36 +152,36 @@ class Challenge(RuleBasedStateMachine):
         if not hasattr(self, "store"):
             return
         with self.store.read() as session:
-            found: dict[str, list[Job]] = {submission.id: [] for submission in all_of(session, Submission)}
-            for job in all_of(session, Job):
+            found: dict[str, list[JobRow]] = {submission.id: [] for submission in all_of(session, SubmissionRow)}
+            for job in all_of(session, JobRow):
                 found[job.submission].append(job)
                 self._job_fits(job)
-            for submission in all_of(session, Submission):
+            for submission in all_of(session, SubmissionRow):
                 self._submission_fits(submission, {JobState(job.state) for job in found[submission.id]})
-            assert audit.verify(session).broken is None
-            assert session.scalar(select(func.count()).where(Event.kind == "scenario")) == len(self.scored)
+            assert audit.verify_chain(session).broken is None
+            assert session.scalar(select(func.count()).where(EventRow.kind == "scenario")) == len(self.scored)
 
-    def _job_fits(self, job: Job) -> None:
+    def _job_fits(self, job: JobRow) -> None:
         running = job.state == JobState.RUNNING
         assert (job.lease_us is not None) == running
         assert job.owner is not None or not running
-        assert job.failures <= min(job.attempt, MOST_FAILURES)
-        assert (job.state == JobState.FAILED) == (job.failures == MOST_FAILURES)
+        assert job.failures <= min(job.attempt, MAX_FAILURES)
+        assert (job.state == JobState.FAILED) == (job.failures == MAX_FAILURES)
         assert (job.state == JobState.DONE) == (job.id in self.scored)
         assert job.result == ({"ds": self.scored[job.id]} if job.id in self.scored else None)
 
-    def _submission_fits(self, submission: Submission, states: set[JobState]) -> None:
-        state = State(submission.state)
-        assert state in MOVES[self.seen.get(submission.id, State.QUEUED)]
+    def _submission_fits(self, submission: SubmissionRow, states: set[JobState]) -> None:
+        state = SubmissionState(submission.state)
+        assert state in MOVES[self.seen.get(submission.id, SubmissionState.QUEUED)]
         self.seen[submission.id] = state
         assert (submission.finished_us is None) == (state in OPEN)
         assert state in OPEN or not states & {JobState.QUEUED, JobState.RUNNING}
-        if state is State.DONE:
+        if state is SubmissionState.DONE:
             assert states == {JobState.DONE}
-        if state is State.FAILED_OURS:
+        if state is SubmissionState.FAILED_OURS:
             assert JobState.FAILED in states and not submission.counts
         if JobState.FAILED in states:
-            assert state in {State.FAILED_OURS, State.DISQUALIFIED}
+            assert state in {SubmissionState.FAILED_OURS, SubmissionState.DISQUALIFIED}
 
 
 @pytest.mark.parametrize(("backend", "examples"), [("sqlite", 10), ("postgresql", 5)])

@@ -7,9 +7,9 @@ from testing import databases
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, sent, with_teams
 
 from mdrive_sumo.scenario.catalog import load_suite
-from server.enums import JobState, State, Track
+from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store import NotFound, Store, jobs, phases, published_results, queries, submissions, teams
-from server.store.tables import Standing
+from server.store.tables import StandingRow
 
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
 
@@ -32,9 +32,11 @@ def place(store: Store, team: str, ds: float, now_us: int, **changed: object) ->
         return submission.id
 
 
-def board(store: Store, track: Track | None = Track.SINGLE, **which: str) -> list[tuple[int | None, str, float]]:
+def board(
+    store: Store, track: ChallengeTrack | None = ChallengeTrack.SINGLE, **which: str
+) -> list[tuple[int | None, str, float]]:
     with store.read() as session:
-        return [(row.rank, row.team, row.ds) for row in queries.leaderboard(session, PHASE.id, track, **which)]
+        return [(row.rank, row.team, row.ds) for row in queries.find_leaderboard(session, PHASE.id, track, **which)]
 
 
 def test_the_best_of_each_team_and_ties_go_to_the_earlier(store: Store, ids: list[str]) -> None:
@@ -46,7 +48,7 @@ def test_the_best_of_each_team_and_ties_go_to_the_earlier(store: Store, ids: lis
     place(store, red, 60, NOON + 7)
     assert board(store) == [(1, "blue", 70), (2, "green", 70), (3, "red", 60)]
     with store.read() as session:
-        first = queries.leaderboard(session, PHASE.id, Track.SINGLE)[0]
+        first = queries.find_leaderboard(session, PHASE.id, ChallengeTrack.SINGLE)[0]
     assert (first.submission, first.created_us, first.method, first.figures) == (
         best,
         NOON + 3,
@@ -73,16 +75,16 @@ def test_by_bucket_and_category(store: Store, ids: list[str]) -> None:
 
 def test_tracks_are_apart_and_joint_agents_stand_only_in_their_own(store: Store, ids: list[str]) -> None:
     place(store, ids[0], 30, NOON + 1)
-    place(store, ids[0], 40, NOON + 2, track=Track.SHARING)
-    place(store, ids[1], 90, NOON + 3, track=Track.JOINT)
+    place(store, ids[0], 40, NOON + 2, track=ChallengeTrack.SHARING)
+    place(store, ids[1], 90, NOON + 3, track=ChallengeTrack.JOINT)
     assert board(store) == [(1, "red", 30)]
-    assert board(store, Track.JOINT) == [(1, "blue", 90)]
+    assert board(store, ChallengeTrack.JOINT) == [(1, "blue", 90)]
     assert board(store, None) == [(1, "red", 40)]
 
 
 def test_another_phase_is_another_board(store: Store, ids: list[str]) -> None:
     with store.write() as session:
-        phases.put(session, [replace(WIDE, id="test")], NOON)
+        phases.set_phases(session, [replace(WIDE, id="test")], NOON)
     place(store, ids[0], 30, NOON + 1, phase="test")
     assert board(store) == []
 
@@ -116,12 +118,12 @@ def test_hidden_teams_and_submissions_not_shown_are_not_there(store: Store, ids:
     place(store, ids[0], 50, NOON + 2)
     place(store, ids[1], 40, NOON + 3)
     with store.write() as session:
-        submissions.show(session, better, False, NOON)
-        teams.hide(session, ids[1], True, NOON)
+        submissions.set_shown(session, better, False, NOON)
+        teams.set_hidden(session, ids[1], True, NOON)
     assert board(store) == [(1, "red", 50)]
     with store.write() as session:
-        submissions.show(session, better, True, NOON)
-        teams.hide(session, ids[1], False, NOON)
+        submissions.set_shown(session, better, True, NOON)
+        teams.set_hidden(session, ids[1], False, NOON)
     assert board(store) == [(1, "red", 60), (2, "blue", 40)]
 
 
@@ -132,15 +134,15 @@ def test_a_history_is_in_order_and_a_course_has_finished_ones_only(store: Store,
         sent(session, ids[0], NOON + 3)
         place_of_blue = sent(session, ids[1], NOON + 4)
     with store.read() as session:
-        assert [(found.ds, found.state) for found in queries.history(session, ids[0], PHASE.id)] == [
+        assert [(found.ds, found.state) for found in queries.list_history(session, ids[0], PHASE.id)] == [
             (60, "done"),
             (50, "done"),
             (None, "queued"),
         ]
-        assert queries.courses(session, PHASE.id, None, ids) == {ids[0]: [60, 50]}
-        assert queries.courses(session, PHASE.id, None, ids[1:]) == {}
-        assert queries.courses(session, PHASE.id, Track.JOINT, ids) == {}
-        assert [found.id for found in queries.history(session, ids[1], PHASE.id)] == [place_of_blue.id]
+        assert queries.find_score_histories(session, PHASE.id, None, ids) == {ids[0]: [60, 50]}
+        assert queries.find_score_histories(session, PHASE.id, None, ids[1:]) == {}
+        assert queries.find_score_histories(session, PHASE.id, ChallengeTrack.JOINT, ids) == {}
+        assert [found.id for found in queries.list_history(session, ids[1], PHASE.id)] == [place_of_blue.id]
 
 
 def test_the_queue_knows_its_length_and_pace(store: Store, ids: list[str]) -> None:
@@ -153,21 +155,21 @@ def test_the_queue_knows_its_length_and_pace(store: Store, ids: list[str]) -> No
         jobs.finish(session, job.id, "w", 1, GOOD, NOON + 4 * S)
     with store.read() as session:
         mean_us = (S + S + 4 * S) // 3
-        assert queries.queue_position(session, newer.id) == queries.Queue(2, 4, mean_us)
-        assert queries.queue_position(session, older.id) == queries.Queue(1, 1, mean_us)
-        assert queries.queue_position(session, done) == queries.Queue(0, 0, mean_us)
-        assert queries.progress(session, older.id) == {JobState.DONE: 1, JobState.QUEUED: 1}
-        assert queries.load(session) == (
-            {State.DONE: 1, State.RUNNING: 1, State.QUEUED: 1},
+        assert queries.find_queue_position(session, newer.id) == queries.QueuePosition(2, 4, mean_us)
+        assert queries.find_queue_position(session, older.id) == queries.QueuePosition(1, 1, mean_us)
+        assert queries.find_queue_position(session, done) == queries.QueuePosition(0, 0, mean_us)
+        assert queries.count_jobs(session, older.id) == {JobState.DONE: 1, JobState.QUEUED: 1}
+        assert queries.count_by_state(session) == (
+            {SubmissionState.DONE: 1, SubmissionState.RUNNING: 1, SubmissionState.QUEUED: 1},
             {JobState.DONE: 3, JobState.QUEUED: 4},
         )
         with pytest.raises(NotFound):
-            queries.queue_position(session, "x")
+            queries.find_queue_position(session, "x")
 
 
 def test_the_pace_is_unknown_at_first(store: Store, ids: list[str]) -> None:
     with store.write() as session:
-        assert queries.queue_position(session, sent(session, ids[0]).id) == queries.Queue(1, 2, None)
+        assert queries.find_queue_position(session, sent(session, ids[0]).id) == queries.QueuePosition(1, 2, None)
 
 
 def test_a_leaderboard_costs_what_it_shows(ids: list[str], store: Store) -> None:
@@ -175,7 +177,7 @@ def test_a_leaderboard_costs_what_it_shows(ids: list[str], store: Store) -> None
     for number in range(4):
         place(store, ids[0], 50 + number, NOON + number)
     with store.read() as session:
-        standings = all_of(session, Standing)
+        standings = all_of(session, StandingRow)
     assert sorted((row.slice, row.ds) for row in standings) == [
         ("bucket:interaction", 50),
         ("bucket:interdrive", 53),
@@ -185,18 +187,23 @@ def test_a_leaderboard_costs_what_it_shows(ids: list[str], store: Store) -> None
 
 
 def test_published_rows_are_marked_and_unranked() -> None:
-    rows = published_results.rows(None)
+    rows = published_results.list_published(None)
     assert [(row.method, row.ds) for row in rows[:2]] == [("CoDriving", 82.67), ("CoLMDriver", 77.16)]
     assert all(row.published and row.rank is None and row.submission is None for row in rows) and len(rows) == 7
-    assert [row.method for row in published_results.rows(Track.NEGOTIATION, bucket="InterDrive")] == [
+    assert [
+        row.method for row in published_results.list_published(ChallengeTrack.NEGOTIATION, bucket="InterDrive")
+    ] == [
         "CoLMDriver",
         "CoLMDriver (rule-based)",
     ]
-    assert published_results.rows(Track.NEGOTIATION, bucket="InterDrive")[0].figures == {"ds": 85.29, "sr": 76.85}
+    assert published_results.list_published(ChallengeTrack.NEGOTIATION, bucket="InterDrive")[0].figures == {
+        "ds": 85.29,
+        "sr": 76.85,
+    }
     assert (
-        published_results.rows(None, category="merge")
-        == published_results.rows(None, bucket="mine")
-        == published_results.rows(Track.JOINT)
+        published_results.list_published(None, category="merge")
+        == published_results.list_published(None, bucket="mine")
+        == published_results.list_published(ChallengeTrack.JOINT)
         == []
     )
 
@@ -207,12 +214,12 @@ def test_published_buckets_are_named_as_in_scenarios() -> None:
 
 def test_published_averages_are_the_means_of_their_buckets() -> None:
     """Against misprints: the paper's average is the mean of the three to its two decimals."""
-    for overall in published_results.rows(None):
+    for overall in published_results.list_published(None):
         for figure in ("ds", "sr"):
             parts = [
                 row.figures[figure]
                 for bucket in published_results.BUCKETS
-                for row in published_results.rows(None, bucket=bucket)
+                for row in published_results.list_published(None, bucket=bucket)
                 if row.method == overall.method
             ]
             assert overall.figures[figure] == pytest.approx(sum(parts) / 3, abs=0.0101), (overall.method, figure)

@@ -9,9 +9,9 @@ from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, s
 
 from mdrive_sumo.core.errors import InputError
 from server.clock import DAY_US, day_start_us
-from server.enums import State, Track
+from server.enums import ChallengeTrack, SubmissionState
 from server.store import NotFound, NotNow, OverLimit, Store, audit, events, jobs, phases, quota, submissions
-from server.store.tables import Job, Standing, Submission
+from server.store.tables import JobRow, StandingRow, SubmissionRow
 
 
 @pytest.fixture(params=databases.BACKENDS)
@@ -28,13 +28,13 @@ def test_an_accepted_submission_waits_with_its_jobs(store: Store, red: str) -> N
     with store.write() as session:
         submission = sent(session, red, jobs=[("a", 0), ("a", 1), ("b", 0)])
     with store.read() as session:
-        assert submissions.get(session, submission.id).state == State.QUEUED
-        assert [(job.scenario, job.seed, job.state) for job in all_of(session, Job)] == [
+        assert submissions.get(session, submission.id).state == SubmissionState.QUEUED
+        assert [(job.scenario, job.seed, job.state) for job in all_of(session, JobRow)] == [
             ("a", 0, "queued"),
             ("a", 1, "queued"),
             ("b", 0, "queued"),
         ]
-        assert audit.verify(session).broken is None
+        assert audit.verify_chain(session).broken is None
 
 
 def test_the_quota_of_a_day_is_of_a_utc_day(store: Store, red: str) -> None:
@@ -45,7 +45,7 @@ def test_the_quota_of_a_day_is_of_a_utc_day(store: Store, red: str) -> None:
         with pytest.raises(OverLimit, match=r"the 3 of today are used.*2024-10-05 00:00:00 UTC") as over:
             sent(session, red, last)
         assert (over.value.kind, over.value.retry_us) == ("day", last + 1)
-        assert sent(session, red, last + 1).state == State.QUEUED
+        assert sent(session, red, last + 1).state == SubmissionState.QUEUED
 
 
 def test_the_quota_in_parallel_is_free_again_after_an_end(store: Store, red: str) -> None:
@@ -71,7 +71,7 @@ def test_quotas_are_of_a_team_in_a_phase(store: Store) -> None:
     small = replace(PHASE, per_day=1)
     red, blue = with_teams(store, "red", "blue", phase=small)
     with store.write() as session:
-        phases.put(session, [replace(small, id="test")], NOON)
+        phases.set_phases(session, [replace(small, id="test")], NOON)
         assert sent(session, red) and sent(session, blue) and sent(session, red, phase="test")
         with pytest.raises(OverLimit):
             sent(session, red, NOON + 1)
@@ -92,7 +92,7 @@ def test_many_at_once_do_not_pass_the_quota(store: Store, red: str) -> None:
         taken = list(pool.map(post, range(8)))
     assert sum(taken) == PHASE.in_parallel
     with store.read() as session:
-        assert len(all_of(session, Submission)) == PHASE.in_parallel
+        assert len(all_of(session, SubmissionRow)) == PHASE.in_parallel
 
 
 def test_our_failure_costs_nothing_and_an_unstarted_cancellation_one_of_the_day(store: Store, red: str) -> None:
@@ -104,7 +104,7 @@ def test_our_failure_costs_nothing_and_an_unstarted_cancellation_one_of_the_day(
         assert jobs.claim(session, "w", LEASE, NOON) is not None
         submissions.cancel(session, started, NOON)
         assert [submissions.get(session, id_).counts for id_ in (failed, unstarted, started)] == [False, False, True]
-        assert quota.used(session, red, PHASE.id, NOON) == quota.Used(today=2, in_parallel=0, in_total=1)
+        assert quota.count_used(session, red, PHASE.id, NOON) == quota.QuotaUsage(today=2, in_parallel=0, in_total=1)
         driven(session, sent(session, red, NOON + 3), NOON)
         with pytest.raises(OverLimit, match="3 of today are used"):
             sent(session, red, NOON + 4)
@@ -118,7 +118,7 @@ def test_an_idempotency_key_gives_the_same_submission(store: Store, red: str) ->
         with pytest.raises(InputError, match="idempotency key: expected the same archive"):
             sent(session, red, NOON, archive_sha256="c" * 64, idempotency_key="k")
         assert sent(session, blue, NOON, archive_sha256="b" * 64, idempotency_key="k") is not first
-        assert len(all_of(session, Submission)) == 2
+        assert len(all_of(session, SubmissionRow)) == 2
 
 
 @pytest.mark.parametrize("changed", [{"idempotency_key": ""}, {"idempotency_key": "k" * 81}, {"name": "a\x00"}])
@@ -126,7 +126,7 @@ def test_unusable_text_is_refused_and_nothing_kept(store: Store, red: str, chang
     with pytest.raises(InputError, match="printable characters"), store.write() as session:
         sent(session, red, **changed)
     with store.read() as session:
-        assert all_of(session, Submission) == []
+        assert all_of(session, SubmissionRow) == []
 
 
 def test_the_same_archive_is_answered_with_the_finished_one(store: Store, red: str) -> None:
@@ -138,7 +138,7 @@ def test_the_same_archive_is_answered_with_the_finished_one(store: Store, red: s
         assert sent(session, red, NOON + 1, **same) is first
         others = [
             sent(session, blue, NOON + 2, **same),
-            sent(session, red, NOON + 3, **same, track=Track.SHARING),
+            sent(session, red, NOON + 3, **same, track=ChallengeTrack.SHARING),
             sent(session, red, NOON + 4, **same, evaluator={"version": "2"}),
         ]
         assert first not in others
@@ -207,7 +207,7 @@ def test_every_early_end_stops_the_jobs_and_says_why(store: Store, red: str, end
         assert not jobs.heartbeat(session, job.id, "w", 1, LEASE, NOON + S)
         assert not jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
         assert submission.why == "".join(why) and submission.finished_us == NOON + S
-        assert events.since(session, submission.id)[-1].data == {"state": submission.state} | (
+        assert events.list_since(session, submission.id)[-1].data == {"state": submission.state} | (
             {"why": "because"} if why else {}
         )
         for again in (submissions.cancel, lambda *of: submissions.reject(of[0], of[1], "late", of[2])):
@@ -221,12 +221,12 @@ def test_a_disqualified_one_leaves_the_leaderboard(store: Store, red: str) -> No
     with store.write() as session:
         submission = sent(session, red)
         driven(session, submission, NOON)
-        assert len(all_of(session, Standing)) == 4
-        submissions.show(session, submission.id, False, NOON)
-        assert all_of(session, Standing) == []
-        submissions.show(session, submission.id, True, NOON)
+        assert len(all_of(session, StandingRow)) == 4
+        submissions.set_shown(session, submission.id, False, NOON)
+        assert all_of(session, StandingRow) == []
+        submissions.set_shown(session, submission.id, True, NOON)
         submissions.disqualify(session, submission.id, "hard-coded answers", NOON)
-        assert all_of(session, Standing) == []
+        assert all_of(session, StandingRow) == []
         assert submission.ds == 80.0
 
 
@@ -245,7 +245,7 @@ def test_a_rerun_keeps_both_and_counts_nowhere(store: Store, red: str) -> None:
         )
         driven(session, new, NOON + S, ds=70.0)
         assert (old.ds, new.ds) == (80.0, 70.0)
-        assert {score.submission for score in all_of(session, Standing)} == {old.id}
+        assert {score.submission for score in all_of(session, StandingRow)} == {old.id}
 
 
 def test_what_does_not_exist(store: Store) -> None:

@@ -58,9 +58,9 @@ def test_the_queue_and_who_drives(server: Server, admin: Visit) -> None:
     server.now_us = NOON + 5 * S
     sent(server, "blue", data=another_zip(1), name="Second")
     with server.store.write() as session:
-        workers.seen(session, "host.1.abc", "", NOON)
-        workers.seen(session, "host.2.dead", "", NOON - 200 * S)
-        workers.seen(session, "host.3.idle", "", NOON)
+        workers.record_heartbeat(session, "host.1.abc", "", NOON)
+        workers.record_heartbeat(session, "host.2.dead", "", NOON - 200 * S)
+        workers.record_heartbeat(session, "host.3.idle", "", NOON)
         jobs.claim(session, "host.1.abc", LEASE, NOON)
         jobs.claim(session, "host.9.stranger", LEASE, NOON)
     page = admin.get("/admin")
@@ -82,8 +82,8 @@ def test_spot_checks_the_audit_log_and_what_ended(server: Server, admin: Visit) 
     finish(server, id_)
     with server.store.write() as session:
         told = {"submission": id_, "job": 1, "same": False, "text": "ds 1, was <2>"}
-        audit.add(session, "server", "spot-check", told, NOON)
-        head = audit.head(session)
+        audit.add_entry(session, "server", "spot-check", told, NOON)
+        head = audit.find_head(session)
     page = admin.get("/admin")
     assert "different" in page.words and "ds 1, was <2>" in page.words
     assert head in page.words and "submission-done" in page.words
@@ -100,7 +100,7 @@ def test_the_machine_names_missing_layers_the_disk_and_a_broken_chain(server: Se
     assert "archives1273 bytes" in page.words.replace("1 ", "1")
     assert "unbroken" in page.words
     with server.store.write() as session:
-        entry = session.get(tables.AuditEntry, 3)
+        entry = session.get(tables.AuditEntryRow, 3)
         assert entry is not None
         entry.deed = "forged"
     assert "broken Entry 3 was changed" in admin.get("/admin/machine").words

@@ -11,9 +11,9 @@ from testing.api_app import HIDDEN, Server
 from testing.store_samples import NOON
 from testing.web_page import PAPER, Visit, driven, first_table, links
 
-from server.api.schemas import Figures
+from server.api.schemas import FiguresOut
 from server.clock import DAY_US
-from server.enums import Scope
+from server.enums import TokenScope
 from server.store import phases, teams, tokens
 from server.web import templating
 
@@ -32,7 +32,7 @@ def test_an_empty_board_says_what_to_do(server: Server) -> None:
 
 def test_a_server_without_phases_says_so(server: Server) -> None:
     with server.store.write() as session:
-        for phase in phases.every(session):
+        for phase in phases.list_phases(session):
             session.delete(phase)
     assert "There is no phase yet" in Visit(server).get("/").words
     assert "There is no phase yet" in Visit(server).get("/how").words
@@ -43,7 +43,7 @@ def test_the_board_that_is_shown_without_a_wish(server: Server) -> None:
     """Of the open phases the one that opened last."""
     later = [HIDDEN.__class__("soon", "Soon", "interdrive", True, NOON + DAY_US, NOON + 9 * DAY_US, 1, 1, 1)]
     with server.store.write() as session:
-        phases.put(session, later, NOON)
+        phases.set_phases(session, later, NOON)
     visit = Visit(server)
     assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Test open"]
     server.now_us += DAY_US
@@ -112,7 +112,7 @@ def test_filters(tmp_path: Path, backend: str) -> None:
 )
 def test_order(server: Server, sort: str, order: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
     with server.store.write() as session:
-        server.tokens["green"] = tokens.issue(session, teams.create(session, "green", NOON), Scope.SUBMIT, NOON)
+        server.tokens["green"] = tokens.issue(session, teams.create(session, "green", NOON), TokenScope.SUBMIT, NOON)
 
     def older(*_: object) -> dict[str, str]:
         return {"version": "0"}
@@ -135,7 +135,7 @@ def test_order(server: Server, sort: str, order: Sequence[str], monkeypatch: pyt
 def test_a_long_board_has_pages(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     driven(server, "red", 41.0)
     driven(server, "blue", 80.0)
-    monkeypatch.setattr("server.web.leaderboard_page.ROWS", 1)
+    monkeypatch.setattr("server.web.leaderboard_page.ROWS_PER_PAGE", 1)
     page = Visit(server).get("/?phase=dev&sort=team")
     assert first_table(page) == ["blue"] and "Page 1 of 2" in page.words
     following = page.all("a", id="page-next")[0].attributes["href"]
@@ -165,7 +165,7 @@ def test_a_kept_page_shows_who_is_logged_in_to_them_only(server: Server) -> None
 
 def test_the_board_for_other_programs(server: Server) -> None:
     with server.store.write() as session:
-        server.tokens["sheet"] = tokens.issue(session, teams.create(session, "=1+1", NOON), Scope.SUBMIT, NOON)
+        server.tokens["sheet"] = tokens.issue(session, teams.create(session, "=1+1", NOON), TokenScope.SUBMIT, NOON)
     driven(server, "sheet", 41.0, name="-2")
     page = Visit(server).get("/?phase=dev&track=single-agent&bucket=InterDrive&sort=sr")
     (as_csv,) = links(page, "/leaderboard.csv")
@@ -182,5 +182,5 @@ def test_the_board_for_other_programs(server: Server) -> None:
 
 def test_one_scenario_has_no_interval() -> None:
     for scenarios, shown in ((2, "[75.0, 85.0]"), (1, "")):
-        figures = Figures(ds=80.0, ds_low=75.0, ds_high=85.0, scenarios=scenarios)
-        assert templating.interval(figures, "ds") == shown and templating.interval(figures, "sr") == ""
+        figures = FiguresOut(ds=80.0, ds_low=75.0, ds_high=85.0, scenarios=scenarios)
+        assert templating.format_interval(figures, "ds") == shown and templating.format_interval(figures, "sr") == ""

@@ -14,7 +14,7 @@ from testing.paths import TESTS
 from testing.sandbox_runs import needs_bubblewrap
 from testing.web_story import Story, Watch
 
-from server.enums import Scope
+from server.enums import TokenScope
 from server.store import Store, teams, tokens
 
 pytestmark = [
@@ -43,7 +43,7 @@ class World:
         context.close()
         store = Store(f"sqlite:///{folder / 'data' / 'challenge.sqlite'}")
         with store.write() as session:
-            self.admin = tokens.issue(session, None, Scope.ADMIN, 1)
+            self.admin = tokens.issue(session, None, TokenScope.ADMIN, 1)
             self.team = teams.get(session, "The red team").id
         store.close()
 

@@ -12,7 +12,7 @@ from testing.store_samples import PHASE
 from testing.web_page import Visit
 
 from server.api.leaderboard_cache import STALE_US
-from server.api.schemas import moment
+from server.api.schemas import to_datetime
 from server.store import tables
 from tests.server.api.test_api_leaks import MARKERS, SCENARIO, TIMES, Phase
 
@@ -70,8 +70,8 @@ def test_the_search_finds_what_is_there(server: Server) -> None:
     """What the pages of a public phase show: all but our failures, and when a scenario began and ended."""
     phase = Phase(server, PHASE)
     with server.store.write() as session:  # as no part of the server writes it
-        session.execute(delete(tables.Event).where(tables.Event.kind == "scenario"))
+        session.execute(delete(tables.EventRow).where(tables.EventRow.kind == "scenario"))
     shown = found(server, phase)
     for marker in (SCENARIO, "marker-why", "marker-bucket", "marker-category", "marker-log", "marker-replay", *ROUNDED):
         assert marker in shown, marker
-    assert not shown & {"marker-failure", str(moment(TIMES["started_us"]).year)}, "admins only"
+    assert not shown & {"marker-failure", str(to_datetime(TIMES["started_us"]).year)}, "admins only"

@@ -11,9 +11,9 @@ from testing.api_app import Server, problem
 from testing.web_page import Visit, links, sound
 
 from server import web
-from server.cli.serve_command import application
+from server.cli.serve_command import make_app
 from server.clock import DAY_US
-from server.settings import Registration, load
+from server.settings import RegistrationSettings, load_settings
 from server.store import StoreUnavailable, audit, teams
 from server.web import static_files
 
@@ -125,7 +125,7 @@ def test_a_database_that_is_away_is_a_page(server: Server, monkeypatch: pytest.M
 
 def opened(server: Server, per_day: int = 20) -> Visit:
     """Where everybody may make a team."""
-    changed = server.settings.model_copy(update={"registration": Registration(open=True, per_day=per_day)})
+    changed = server.settings.model_copy(update={"registration": RegistrationSettings(open=True, per_day=per_day)})
     server.app.state.tools = replace(server.app.state.tools, settings=changed)
     return Visit(server)
 
@@ -150,7 +150,7 @@ def test_a_visitor_makes_a_team(server: Server) -> None:
     assert "new team" in visit.get("/how").all("nav", aria_label="Pages")[0].text, "and is logged in"
     assert "No results are shown yet" in visit.get("/teams/new%20team").words
     with server.store.read() as session:
-        entries = session.query(audit.AuditEntry).filter_by(actor="visitor").all()
+        entries = session.query(audit.AuditEntryRow).filter_by(actor="visitor").all()
         assert [entry.deed for entry in entries] == ["team-created", "token-issued"] and token not in str(entries)
 
 
@@ -164,7 +164,7 @@ def test_a_name_that_cannot_be_taken_stays_in_the_form(server: Server) -> None:
 
 def test_so_many_teams_a_day(server: Server) -> None:
     with server.store.read() as session:
-        there = len(teams.every(session))
+        there = len(teams.list_teams(session))
     server.now_us += DAY_US
     visit = opened(server, per_day=2)
     answer = server.ask("POST", "/register", json={"name": "one"})
@@ -181,25 +181,25 @@ def test_so_many_teams_a_day(server: Server) -> None:
     server.now_us += DAY_US
     assert server.ask("POST", "/register", json={"name": "three"}).status_code == 201
     with server.store.read() as session:
-        assert len(teams.every(session)) == there + 3
+        assert len(teams.list_teams(session)) == there + 3
 
 
 def test_what_is_served_beside_pages(server: Server) -> None:
     visit = Visit(server)
     for name in ("site.css", "site.js", "htmx.min.js", "icon.svg"):
-        answer = visit.client.get(static_files.address(name))
+        answer = visit.client.get(static_files.static_url(name))
         assert answer.status_code == 200 and "immutable" in answer.headers["cache-control"]
         assert answer.headers["x-content-type-options"] == "nosniff"
     for path in ("/static/0/site.css", "/static/0/..%2fboard.py", "/static/0/HTMX-LICENSE"):
         assert visit.client.get(path).status_code == 404
-    css = visit.client.get(static_files.address("site.css")).text
+    css = visit.client.get(static_files.static_url("site.css")).text
     assert "http:" not in css and "//" not in css.replace("*/", "").replace("/*", "")
 
 
 def test_the_server_has_pages_and_settings_for_them(tmp_path: Path) -> None:
-    settings = load(None, {"MDRIVE_DATA": str(tmp_path), "MDRIVE_REGISTRATION__OPEN": "true"})
-    assert settings.registration == Registration(open=True, per_day=20) and not Registration().open
-    app = application(settings)
+    settings = load_settings(None, {"MDRIVE_DATA": str(tmp_path), "MDRIVE_REGISTRATION__OPEN": "true"})
+    assert settings.registration == RegistrationSettings(open=True, per_day=20) and not RegistrationSettings().open
+    app = make_app(settings)
     assert any(getattr(route, "path", "") == "/register" for route in iter_route_contexts(app.routes))
     app.state.tools.store.close()
 

@@ -9,7 +9,7 @@ from testing.web_page import Visit, driven, first_table, links, sound
 
 from server.api.leaderboard_cache import STALE_US
 from server.clock import DAY_US
-from server.enums import Scope
+from server.enums import TokenScope
 from server.store import audit, teams, tokens
 from server.web.visitor import COOKIE
 
@@ -25,7 +25,7 @@ def server(tmp_path: Path) -> Server:
 def test_names_of_strangers_are_text(server: Server) -> None:
     with server.store.write() as session:
         hostile = teams.create(session, HOSTILE, NOON)
-        server.tokens["hostile"] = tokens.issue(session, hostile, Scope.SUBMIT, NOON)
+        server.tokens["hostile"] = tokens.issue(session, hostile, TokenScope.SUBMIT, NOON)
     driven(server, "hostile", 41.0, name='"><img src=x onerror=alert(1)>')
     for path in ("/?phase=dev", f"/teams/{hostile.id}", f"/?phase=dev&sort={HOSTILE}", f"/{HOSTILE}"):
         answer = Visit(server, "hostile").client.get(path)
@@ -55,7 +55,7 @@ def test_teams_see_their_own_and_others_what_is_shown(server: Server) -> None:
 def test_a_hidden_team_is_hidden(server: Server) -> None:
     driven(server, "red", 41.0)
     with server.store.write() as session:
-        teams.hide(session, server.red, True, NOON)
+        teams.set_hidden(session, server.red, True, NOON)
     for who in ("", "blue"):
         Visit(server, who).get("/teams/red", 404)
     assert "hidden" in Visit(server, "red").get("/teams/red").words
@@ -90,9 +90,9 @@ def test_a_team_chooses_what_is_shown(server: Server) -> None:
 
 def test_a_team_revokes_its_tokens(server: Server) -> None:
     with server.store.write() as session:
-        spare = tokens.issue(session, teams.get(session, "red"), Scope.SUBMIT, NOON)
+        spare = tokens.issue(session, teams.get(session, "red"), TokenScope.SUBMIT, NOON)
         ids = {scope: found.id for scope, text in (("spare", spare), *server.tokens.items())
-               if (found := tokens.holder(session, text))}  # fmt: skip
+               if (found := tokens.find_token(session, text))}  # fmt: skip
     red = Visit(server, "red")
     for token in (ids["blue"], ids["admin"], "0" * 32):
         red.post(f"/teams/{server.red}/revoke", 404, token=token)
@@ -103,5 +103,5 @@ def test_a_team_revokes_its_tokens(server: Server) -> None:
     assert answer.headers["location"] == "/login" and f'{COOKIE}="";' in answer.headers["set-cookie"]
     problem(server.ask("GET", "/me", "red"), 401)
     with server.store.read() as session:
-        last = session.query(audit.AuditEntry).order_by(audit.AuditEntry.id.desc()).first()
+        last = session.query(audit.AuditEntryRow).order_by(audit.AuditEntryRow.id.desc()).first()
         assert last is not None and (last.deed, last.actor) == ("token-revoked", f"submit:{server.red}")
