@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
-from mdrive_sumo.scenario.catalog import Suite, load_suite
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from server import environments
 from server.enums import MIN_HIDDEN_SCENARIOS
 from server.settings import ServerSettings

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.content import CAM, CPM
 from server.enums import ChallengeTrack
 

@@ -18,8 +18,8 @@ from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.generate.selection import selected
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.catalog import SuiteFile
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import SuiteFile
 
 ABOUT = SuiteFile(
     name="interaction",

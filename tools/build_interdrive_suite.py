@@ -18,9 +18,9 @@ from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route, find_lane_path, find_network_folder, load_road_map
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite, seal_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
 
 RECIPE_FILE = "recipe.toml"
 BUCKET = "InterDrive"

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.roads import RoadMap, build_lane_route
-from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion, ReplayMotion, StandingMotion
 
 SPACING_M = 0.5

@@ -15,7 +15,7 @@ from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.sensing.navigation import to_gnss
+from mdrive_sumo.sensing.navigation_sensors import to_gnss
 
 LABEL = "joint"
 

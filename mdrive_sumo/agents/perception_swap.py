@@ -10,7 +10,7 @@ from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.perception.fusion import Fusion, Reach
 from mdrive_sumo.planning.path import Path, make_path
 from mdrive_sumo.planning.stop_lines import Lines, lines_on
-from mdrive_sumo.v2x.awareness import AwarenessService
+from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.messages import CPM
 
 RANGE_M = 80.0

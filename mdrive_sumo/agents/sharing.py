@@ -4,7 +4,7 @@ from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.perception.fusion import Fusion
 from mdrive_sumo.planning.ego_planner import Drive, Habits
-from mdrive_sumo.v2x.awareness import AwarenessService
+from mdrive_sumo.v2x.awareness_service import AwarenessService
 
 
 class SharingAgent:

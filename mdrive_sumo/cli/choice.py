@@ -1,8 +1,8 @@
 """Which scenario a user means."""
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite
 
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:

@@ -9,7 +9,7 @@ import click
 
 from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PER, PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
 
 Command = TypeVar("Command", bound=Callable[..., Any])

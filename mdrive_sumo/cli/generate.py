@@ -22,8 +22,8 @@ from mdrive_sumo.generate.generated_suite import (
     write_generated,
 )
 from mdrive_sumo.generate.generation_search import Attempt, Order, Proposer, by_template, public_counterparts, search
-from mdrive_sumo.scenario.catalog import SuiteFile, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 LEAST_SECRET = 16

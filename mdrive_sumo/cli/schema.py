@@ -9,8 +9,8 @@ import click
 from mdrive_sumo import contract
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import NetworkFile
-from mdrive_sumo.scenario.catalog import SuiteFile
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import SuiteFile
 from mdrive_sumo.scoring import results_schema
 
 SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {

@@ -15,7 +15,7 @@ from mdrive_sumo.report.scenario_plot import save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
 from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 
 
 @click.command("show")

@@ -32,7 +32,7 @@ from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_files import StudyDescription, study_json, study_markdown, table_of
 from mdrive_sumo.study.study_runs import BEST, Study, StudyRow
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 command = click.Group("study", help="Measure what cooperation is worth: over worse channels, and message by message.")
 command.add_command(ablate_command)

@@ -7,7 +7,7 @@ import click
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.generate.validation import Examination, examine_suite, sampled, suite_notes, suite_problems
 from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.scenario.catalog import Suite, load_suite
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificateFile, save_certificates
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from mdrive_sumo.generate.pedestrian_crossing import LANE_M, WALK_MPS, Body, crossing, pose_at
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, Motion, PathMotion, StandingMotion
 
 AHEAD_M = 38.0

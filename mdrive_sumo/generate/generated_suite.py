@@ -8,7 +8,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.pipeline import Rejected, built
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.scenario.catalog import (
+from mdrive_sumo.scenario.scenario import Scenario, save_scenario
+from mdrive_sumo.scenario.suite import (
     RECIPE_FILE,
     SCENARIO_FILE,
     Suite,
@@ -19,7 +20,6 @@ from mdrive_sumo.scenario.catalog import (
     save_suite,
     seal_suite,
 )
-from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 
 
 def check_new(folder: Path) -> None:

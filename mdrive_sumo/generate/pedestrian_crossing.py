@@ -8,8 +8,8 @@ import shapely
 from mdrive_sumo.generate.proposal import ProposedActor
 from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName, PathMotion, StartMotion, Trigger
 
 WALK_MPS: Mapping[str, float] = {

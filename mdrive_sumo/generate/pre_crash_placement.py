@@ -15,9 +15,9 @@ from mdrive_sumo.generate.pre_crash_spawn_points import arrival, junction_of
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
 from mdrive_sumo.generate.spawn_points import RIM_M, Line, Spawn, ego_of, line_of
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     DistanceTrigger,

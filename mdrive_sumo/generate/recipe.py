@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.scenario.model import Identifier
 from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.weather import WeatherName
 
 GENERATOR = 1

@@ -15,8 +15,8 @@ import shapely
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.generate.lane_routes import Way
 from mdrive_sumo.roads import RoadMap, build_lane_route
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] of `constant-speed` (protocol 14.2)."""

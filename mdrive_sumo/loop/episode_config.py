@@ -10,7 +10,7 @@ from mdrive_sumo.episode import Ending, ThinkTime
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import FrictionMode
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 from mdrive_sumo.vehicle import dynamics
 
 VEHICLE = dynamics.MKZ_2017

@@ -16,7 +16,7 @@ from mdrive_sumo.scoring import criteria
 from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
 from mdrive_sumo.sensing.roadside_units import RoadsideUnits
-from mdrive_sumo.sensing.scene import SensingFrame
+from mdrive_sumo.sensing.sensing_frame import SensingFrame
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.vehicle import contact, control, dynamics
 

@@ -6,7 +6,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
 
 SIGHT_EVERY_TICKS = 4

@@ -13,9 +13,9 @@ from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig, config_text
-from mdrive_sumo.scenario.catalog import Suite, list_packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.v2x.comm import format_comm_json
+from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
+from mdrive_sumo.v2x.comm_settings import format_comm_json
 
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
 

@@ -17,12 +17,12 @@ from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, hired
 from mdrive_sumo.runs.transcript import save_transcript
-from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.v2x.comm import parse_comm
+from mdrive_sumo.v2x.comm_settings import parse_comm
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions, res
 from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig, config_hash, default_folder
-from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import RunInfo
-from mdrive_sumo.v2x.comm import describe_comm, format_comm_json
+from mdrive_sumo.v2x.comm_settings import describe_comm, format_comm_json
 
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"

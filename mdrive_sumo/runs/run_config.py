@@ -13,7 +13,7 @@ from mdrive_sumo.core.clock import IDEAL, Clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import ScoreMode
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings, format_comm_json
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
 Scalar = float | str | bool
 RUNS_FOLDER = Path("runs")

@@ -13,10 +13,10 @@ from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import Results, ScoreMode, load_results
-from mdrive_sumo.v2x.comm import parse_comm
+from mdrive_sumo.v2x.comm_settings import parse_comm
 
 
 def open_run(folder: Path, suite: str | None = None) -> tuple[PreparedRun, Results]:

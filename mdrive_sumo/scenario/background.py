@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from mdrive_sumo.scenario.model import Coordinate, Identifier, ScenarioPart, Seconds, Speed
+from mdrive_sumo.scenario.scenario_part import Coordinate, Identifier, ScenarioPart, Seconds, Speed
 
 BackgroundMode = Literal["reactive", "replay", "hybrid"]
 

@@ -10,8 +10,8 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion, PositionTrigger, ReplayMotion
 from mdrive_sumo.vehicle import dynamics
 

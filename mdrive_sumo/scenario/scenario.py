@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.background import Background
-from mdrive_sumo.scenario.model import Coordinate, Identifier, Point, Pose, ScenarioPart, Speed
+from mdrive_sumo.scenario.scenario_part import Coordinate, Identifier, Point, Pose, ScenarioPart, Speed
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.weather import WeatherName
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.scenario.model import Coordinate, Identifier, Pose, ScenarioPart, Seconds, Speed
+from mdrive_sumo.scenario.scenario_part import Coordinate, Identifier, Pose, ScenarioPart, Seconds, Speed
 
 
 class StandingMotion(ScenarioPart):

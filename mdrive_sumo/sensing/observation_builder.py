@@ -12,11 +12,11 @@ from mdrive_sumo.core.state import EgoState, Frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.sensing.cameras import describe_camera_error
-from mdrive_sumo.sensing.detection import ObjectsSensor
-from mdrive_sumo.sensing.lidar import LidarSensor
-from mdrive_sumo.sensing.navigation import GnssSensor, ImuSensor, SpeedometerSensor
-from mdrive_sumo.sensing.raster import RasterSensor
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.lidar_sensor import LidarSensor
+from mdrive_sumo.sensing.navigation_sensors import GnssSensor, ImuSensor, SpeedometerSensor
+from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
+from mdrive_sumo.sensing.raster_sensor import RasterSensor
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 
 SINGLE: Mapping[str, Callable[[SensorSpec, SensorSetup], Any]] = MappingProxyType(
     {"objects": ObjectsSensor, "gnss": GnssSensor, "imu": ImuSensor, "speedometer": SpeedometerSensor}

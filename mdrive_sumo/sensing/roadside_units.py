@@ -8,9 +8,9 @@ from mdrive_sumo.contract import Message, SensorSpec
 from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.scenario.scenario import RoadsideUnit
-from mdrive_sumo.sensing.detection import ObjectsSensor
+from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.observation_builder import SensorContext
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.v2x.messages import MAX_OBJECTS, Cpm, ReferencePose, encode
 
 EVERY_TICKS = 2

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 
 TIE = 1e-9
 """Edges whose 1/distance differs by less [1/m] are equally near: 0.01 mm at 100 m. Touching boxes do not flicker."""

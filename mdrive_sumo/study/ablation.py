@@ -19,7 +19,7 @@ from mdrive_sumo.runs.verify import find_first_difference
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
-from mdrive_sumo.v2x.comm import CommSettings, format_comm_json, parse_comm
+from mdrive_sumo.v2x.comm_settings import CommSettings, format_comm_json, parse_comm
 
 Mute = tuple[str, ...]
 """Patterns of `CommSettings.mute` that are muted together; () changes nothing."""

@@ -8,7 +8,7 @@ from itertools import product
 from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 GRIDS = ("one-at-a-time", "full")
 Level = tuple[float, ...]

@@ -19,10 +19,10 @@ from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_ove
 from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
-from mdrive_sumo.sensing.scene import SensorPose
+from mdrive_sumo.sensing.sensing_frame import SensorPose
 from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
 
 CERTIFICATE_FILE = "occlusion.json"

@@ -11,7 +11,7 @@ from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.captured_cooperation import compute_captured_cooperation
 from mdrive_sumo.study.study_runs import BEST
-from mdrive_sumo.v2x.comm import PRESETS
+from mdrive_sumo.v2x.comm_settings import PRESETS
 
 Evaluate = Callable[[PreparedRun], Results]
 

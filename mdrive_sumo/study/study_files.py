@@ -12,7 +12,7 @@ from mdrive_sumo.core.tables import TableRow, format_markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.study_summary import StudyLine
-from mdrive_sumo.v2x.comm import describe_comm
+from mdrive_sumo.v2x.comm_settings import describe_comm
 
 FORMAT = "mdrive-sumo/study/1"
 HEADER = ("agent", "condition", "DS", "SR", "DS - base", "SR - base", "void")

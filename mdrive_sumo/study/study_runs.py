@@ -13,7 +13,7 @@ from mdrive_sumo.runs.fingerprint import compute_fingerprint, resolve_locator
 from mdrive_sumo.runs.preparation import PreparedRun
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
 from mdrive_sumo.study.conditions import ChannelCondition
-from mdrive_sumo.v2x.comm import describe_comm
+from mdrive_sumo.v2x.comm_settings import describe_comm
 
 RUNS_FOLDER = "runs"
 BEST = "omniscient"

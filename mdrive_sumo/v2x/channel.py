@@ -9,7 +9,7 @@ from enum import StrEnum, auto
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
-from mdrive_sumo.v2x.comm import CommSettings, LinkSettings
+from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import displace_message, find_problem
 
 Place = tuple[float, float]

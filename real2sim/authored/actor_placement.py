@@ -7,8 +7,8 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.checks import find_start_overlaps
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     DistanceTrigger,

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from mdrive_sumo.scenario.catalog import SuiteFile
+from mdrive_sumo.scenario.suite import SuiteFile
 from real2sim.authored.suite_converter import convert_authored
 from real2sim.carla.conversion_report import ConversionReport
 from real2sim.readers.interdrive import describe_omitted_routes, read_interdrive

@@ -11,8 +11,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario_part import Pose
 from real2sim.authored.actor_placement import note_start_contacts, note_unreachable_triggers, place_actors
 from real2sim.authored.start_separation import RouteLegs, advance_start, separate_starts
 from real2sim.carla.conversion_report import DroppedWaypoint, OffLaneWaypoint, ReportedWaypoint, StartShift

@@ -17,7 +17,7 @@ from real2sim.readers.time_window import TimeWindow
 
 if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
     from mdrive_sumo.scenario.background import BackgroundMode
-    from mdrive_sumo.scenario.catalog import SuiteFile
+    from mdrive_sumo.scenario.suite import SuiteFile
     from real2sim.pipeline.batch import Batch
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -121,7 +121,7 @@ def run_conversion(ctx: click.Context, logs: Sequence[Log], ask: LogCliOptions) 
 
 def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
     """`suite.json`; raises InputError for a name that is none."""
-    from mdrive_sumo.scenario.catalog import SuiteFile
+    from mdrive_sumo.scenario.suite import SuiteFile
 
     wanted = name or re.sub(r"[^A-Za-z0-9_.+-]", "_", out.resolve().name).lstrip("_.+-") or "suite"
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}", wanted):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from mdrive_sumo.scenario.catalog import natural_sort_key
+from mdrive_sumo.scenario.suite import natural_sort_key
 from real2sim.fidelity_report.formatting import measured, share
 from real2sim.fidelity_report.html import Html, joined, page, table, tag
 from real2sim.fidelity_report.map_figures import plan_of, thumbnail

@@ -8,8 +8,8 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 from real2sim.fit.route_path import straight_on
 from real2sim.match import LaneMatch
 from real2sim.match.dense_route import build_dense_route

@@ -6,7 +6,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, KindName, Motion, ReplayMotion, StandingMotion
 from real2sim.fit.background_vehicle import Driven, poses, size_of
 from real2sim.fit.centreline_traffic import Centred, run_into

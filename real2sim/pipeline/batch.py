@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from real2sim.atomic_folder import atomic_folder
 from real2sim.fidelity_report.index_page import write_index
 from real2sim.pipeline.log_conversion import Outcome, convert_log, windows_of

@@ -9,8 +9,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, natural_sort_key
 from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fit.disposition import Became
 from real2sim.quality import Quality

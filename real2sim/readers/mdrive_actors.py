@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     HardBrake,

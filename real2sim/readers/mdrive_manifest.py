@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.model import Seconds, Speed
 from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario_part import Seconds, Speed
 
 MANIFEST = "actors_manifest.json"
 BEHAVIOR = "actors_behavior.json"

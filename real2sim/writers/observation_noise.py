@@ -15,7 +15,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import BuildingEdges, find_visible_rows
 from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory, ObserverView, RecordedTrack, Recording
 

@@ -28,7 +28,7 @@ def write_replay_page(order: ReplayRequest) -> None:
     from mdrive_sumo.report.replay_marks import find_marks
     from mdrive_sumo.report.replay_page import render_replay
     from mdrive_sumo.roads import find_network_folder, load_road_map
-    from mdrive_sumo.scenario.catalog import load_suite
+    from mdrive_sumo.scenario.suite import load_suite
     from mdrive_sumo.scoring import ScenarioResult
 
     suite = load_suite(order.suite)

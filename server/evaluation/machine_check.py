@@ -9,7 +9,7 @@ from sqlalchemy import make_url
 from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.make_executor import check_scheduler_address
-from mdrive_sumo.scenario.catalog import list_packaged_suites
+from mdrive_sumo.scenario.suite import list_packaged_suites
 from server import environments
 from server.settings import ServerSettings
 

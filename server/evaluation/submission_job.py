@@ -14,8 +14,8 @@ from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import RejectedError
 from mdrive_sumo.runs.job import EpisodeJob, run_job
-from mdrive_sumo.scenario.catalog import list_packaged_suites
-from mdrive_sumo.v2x.comm import format_comm_json
+from mdrive_sumo.scenario.suite import list_packaged_suites
+from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server.archive import ArchiveRefused
 from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive

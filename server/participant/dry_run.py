@@ -12,10 +12,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import RejectedError
 from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.summary import means
-from mdrive_sumo.v2x.comm import format_comm_json
+from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server.enums import ChallengeTrack, ScenarioVerdict, SubmissionState
 from server.environments import Environment
 from server.participant.check import ask_agent, format_declaration, format_manifest

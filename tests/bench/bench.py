@@ -31,9 +31,9 @@ from mdrive_sumo.roads import NetworkFile, RoadMap, build_lane_route, load_road_
 from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs.agent_spec import Hiring, opened
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from mdrive_sumo.sumo import SumoWorld
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -12,16 +12,16 @@ from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import EgoState, Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.briefing_builder import build_briefing
-from mdrive_sumo.sensing.detection import ObjectsSensor
-from mdrive_sumo.sensing.lidar import LidarSensor
-from mdrive_sumo.sensing.raster import RasterSensor
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.lidar_sensor import LidarSensor
+from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
+from mdrive_sumo.sensing.raster_sensor import RasterSensor
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
 from mdrive_sumo.v2x.channel import Channel
-from mdrive_sumo.v2x.comm import PRESETS
+from mdrive_sumo.v2x.comm_settings import PRESETS
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode, format_track_name
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 

@@ -20,7 +20,7 @@ from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSp
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.sumo import SumoWorld
 
 SENSORS: Mapping[str, tuple[SensorSpec, ...]] = {

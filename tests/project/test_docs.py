@@ -24,8 +24,8 @@ from mdrive_sumo.contract import (
     check_reply,
 )
 from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
-from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")})

@@ -10,7 +10,7 @@ from mdrive_sumo.actors import ActorMode, ScriptedActors
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, EgoState, Frame
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, ReplayMotion
 from testing.worlds import straight_ego, straight_road, straight_scenario
 

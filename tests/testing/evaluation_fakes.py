@@ -12,7 +12,7 @@ from typing import Any
 
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.state import End
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from server import phase_suites
 from server.clock import DAY_US, now_us

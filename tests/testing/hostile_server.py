@@ -16,7 +16,7 @@ from typing import Any
 import httpx
 from hostile.teams import MARKER
 
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from server import environments
 from server.enums import MIN_HIDDEN_SCENARIOS, TokenScope
 from server.store import Store, teams, tokens

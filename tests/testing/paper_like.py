@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile
 from mdrive_sumo.scenario.categories import FIGURES, Category, CategoryFigures
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.suite import Suite, SuiteFile
 from mdrive_sumo.scenario.weather import WeatherName
 
 ROUTE, TURN = 1.02, 0.95

@@ -12,8 +12,8 @@ from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scoring.criteria import Trial, course_of, observe, time_limit_ticks, verdict
 
 WIDTH = 3.2

@@ -7,9 +7,9 @@ from pathlib import Path
 from mdrive_sumo import cli
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.job import EpisodeJob
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScenarioResult, void_result
-from mdrive_sumo.v2x.comm import parse_comm
+from mdrive_sumo.v2x.comm_settings import parse_comm
 from testing.pool_fakes import Task, perform
 
 

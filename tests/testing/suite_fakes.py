@@ -8,9 +8,9 @@ from mdrive_sumo import cli
 from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.job import EpisodeJob
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scoring import ScenarioResult, void_result
 from testing.pool_fakes import Task, perform
 

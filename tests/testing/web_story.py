@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from server import environments
 from server.participant.packaging import write_archive
 from testing.processes import wait_for

@@ -10,8 +10,8 @@ from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSp
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Actors, EgoState, WorldState
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 
 
 def straight_road(length: float = 300.0) -> RoadMap:

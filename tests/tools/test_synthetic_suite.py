@@ -11,10 +11,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import Examination
 from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, Schedule
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, load_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import save_scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, load_suite
 from tools.synthetic_recordings.build_suite import COUNT, SHARES, build_suite, split_count, write_selection
 from tools.synthetic_recordings.candidate_selection import (
     PAPER_MEANS,

@@ -19,8 +19,8 @@ from typing import TypeVar
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import FULL_SCORE
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, load_suite, save_suite, seal_suite
 from mdrive_sumo.scenario.scenario import load_scenario
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite, save_suite, seal_suite
 from tools.synthetic_recordings.candidate_selection import (
     SelectionCandidate,
     build_candidate,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import Examination, Question, examine
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.cav_selection import motions

@@ -20,7 +20,7 @@ from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.v2x.comm import PRESETS
+from mdrive_sumo.v2x.comm_settings import PRESETS
 from real2sim.writers.episode_recording import record_episode
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp

@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, ReplayMotion, StandingMotion, TimeTrigger
 from tools.synthetic_recordings.roadside_poses import (
     RoadsidePose,

@@ -8,8 +8,8 @@ import numpy as np
 
 from mdrive_sumo.roads import Lane, RoadMap, build_lane_route, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
 
 TURN_DEG = 45.0
 TURNING_SHARE = 0.75

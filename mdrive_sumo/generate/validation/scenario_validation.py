@@ -11,9 +11,9 @@ from mdrive_sumo.generate.validation.spawn_overlaps import crowded
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.study.occlusion_certificate import (
     DRIVES,

@@ -15,8 +15,8 @@ from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.checks import TOUCHING_M2, compute_first_pose
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, StandingMotion, StartMotion
 
 SLACK_M = 0.1

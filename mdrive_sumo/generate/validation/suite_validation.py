@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from mdrive_sumo.generate.validation.scenario_validation import Examination
-from mdrive_sumo.scenario.catalog import RECIPE_FILE, Suite, list_packaged_suites
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
+from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite, list_packaged_suites
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, read_certificates
 
 TOLERANCE, CATEGORY_TOLERANCE = 0.05, 0.10

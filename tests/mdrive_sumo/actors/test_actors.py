@@ -11,7 +11,7 @@ from testing.worlds import straight_road
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.state import Actors, EgoState, Kind
-from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import LaneMotion
 
 AHEAD = [(0.0, 0.0), (100.0, 0.0)]

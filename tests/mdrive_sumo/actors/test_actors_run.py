@@ -13,12 +13,12 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.roads import load_road_map
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, LaneMotion, PathMotion
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from mdrive_sumo.scoring import Results, load_results
 
 assert NET

@@ -20,7 +20,7 @@ from mdrive_sumo.agent_process.carla_stubs import (
 )
 from mdrive_sumo.contract import Briefing, Control, Imu, Observation, OwnState, PointCloud, VehicleFacts
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.sensing.navigation import to_compass, to_gnss, to_xy
+from mdrive_sumo.sensing.navigation_sensors import to_compass, to_gnss, to_xy
 
 FACTS = VehicleFacts(*(1.0,) * 9)
 

@@ -23,7 +23,7 @@ from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, box_plan, box_text, declaration, hired
 from mdrive_sumo.runs.job import EpisodeJob, run_job
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 
 SITE = Path(np.__file__).parents[1]
 OWN = OwnState(0, 0, 0, 0, 0, 0, 0)

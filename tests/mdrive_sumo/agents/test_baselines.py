@@ -24,10 +24,10 @@ from mdrive_sumo.perception.fusion import Fusion
 from mdrive_sumo.planning.space_time_planner import Barrier, Planner
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
-from mdrive_sumo.scenario.catalog import list_packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import list_packaged_suites
 from mdrive_sumo.scoring import ScoreMode, score_episode
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings, format_comm_json
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings, format_comm_json
 from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, ReferencePose, decode, encode
 
 TOWN, MINOR_ROAD = "i07_ins_ss_town", "i13_ins_sl_minor_road"

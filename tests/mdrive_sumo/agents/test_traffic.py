@@ -11,8 +11,8 @@ from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import build_lane_route, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.sumo import SumoWorld
 

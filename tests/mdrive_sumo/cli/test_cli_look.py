@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 
 
 def call(*arguments: object) -> Result:

@@ -14,8 +14,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.recording import ObjectCategory
 from real2sim.writers.episode_map import build_hd_map

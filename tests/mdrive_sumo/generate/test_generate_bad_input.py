@@ -18,7 +18,7 @@ from mdrive_sumo.generate.pipeline import built
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe, save_recipe
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.scenario.catalog import SuiteFile
+from mdrive_sumo.scenario.suite import SuiteFile
 from tests.mdrive_sumo.generate.test_generate_rules import BROKEN, actor, deadlock, ego, other, relation
 
 Fields = dict[str, Any]

@@ -18,8 +18,8 @@ from mdrive_sumo.generate.generated_suite import packaged_generated
 from mdrive_sumo.generate.generation_search import Order, public_counterparts
 from mdrive_sumo.generate.recipe import load_recipe
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import load_suite
 
 FAST = Category.PRE_CRASH
 SECRET, OTHER = "correct horse battery staple", "staple battery horse correct"

@@ -19,9 +19,9 @@ from mdrive_sumo.generate.selection import selected
 from mdrive_sumo.generate.spawn_points import blind_distance, blind_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 
 TOPOLOGIES = {
     "avenue": Topology.CORRIDOR,

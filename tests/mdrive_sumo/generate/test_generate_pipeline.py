@@ -22,8 +22,8 @@ from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import problems
 from mdrive_sumo.generate.screening import Screened
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from tests.mdrive_sumo.generate.test_generate_rules import deadlock, ego, other, relation
 
 GOOD = Screened(0.3, 100.0)
@@ -191,8 +191,8 @@ def test_what_is_packaged_is_not_made_again(monkeypatch: pytest.MonkeyPatch, tmp
     write_generated(SuiteFile(name="own", title="Generated"), [(first.recipe, first.scenario)], tmp_path / "own")
     save_suite(Suite(SuiteFile(name="foreign", title="Not"), tmp_path / "foreign", (made(deadlock()),)))
     folders = {name: tmp_path / name for name in ("own", "foreign")}
-    for module in ("scenario.catalog", "generate.suite"):
-        monkeypatch.setattr(f"mdrive_sumo.{module}.packaged_suites", lambda: folders)
+    for module in ("scenario.suite", "generate.generated_suite"):
+        monkeypatch.setattr(f"mdrive_sumo.{module}.list_packaged_suites", lambda: folders)
     assert [scenario.id for scenario in packaged_generated()] == [first.scenario.id]
     assert explained(tmp_path / "new")[0] == twin_of(first.scenario.id)
 

@@ -15,10 +15,10 @@ from mdrive_sumo.generate.validation.requirements import unmet
 from mdrive_sumo.generate.validation.spawn_overlaps import crowded
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundMode, BackgroundVehicle
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scoring import ScenarioResult, void_result
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, load_certificates
 

@@ -9,8 +9,8 @@ import pytest
 from testing import paper_like
 
 from mdrive_sumo.generate.validation import Examination, sampled, suite_notes, suite_problems, suite_validation
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
 from mdrive_sumo.study.occlusion_certificate import (
     OccludedInterval,
     OcclusionCertificate,

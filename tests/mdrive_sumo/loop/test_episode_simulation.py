@@ -11,7 +11,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
-from mdrive_sumo.v2x.comm import PRESETS
+from mdrive_sumo.v2x.comm_settings import PRESETS
 
 SCENARIO = straight_scenario(straight_ego("0", x=60), straight_ego("1", x=10, length=80))
 SENSORS = {"0": (SensorSpec("objects", range_m=100.0),), "1": (SensorSpec("privileged"),)}

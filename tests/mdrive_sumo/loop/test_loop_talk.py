@@ -15,7 +15,7 @@ from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.v2x.channel import DeliveryStatus
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import Cpm, decode
 
 TWO = straight_scenario(straight_ego("0", x=50, length=30), straight_ego("1", x=10, length=30))

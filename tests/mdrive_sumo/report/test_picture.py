@@ -12,8 +12,8 @@ from mdrive_sumo.report.actor_plot import COLOURS as KIND_COLOURS
 from mdrive_sumo.report.scenario_plot import BUILDING, COLOURS, save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import load_suite
 
 
 def scenario(start: str) -> Scenario:

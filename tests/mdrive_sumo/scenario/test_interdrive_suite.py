@@ -11,10 +11,10 @@ import pytest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate import validation
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
 from tools.build_interdrive_suite import RECIPE_FILE, build_route, parse_steps, write_suite
 

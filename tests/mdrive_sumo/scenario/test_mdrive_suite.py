@@ -8,7 +8,7 @@ import pytest
 from mdrive_sumo.generate.generated_suite import changed_by_rebuild, recipes_of
 from mdrive_sumo.generate.validation import suite_problems
 from mdrive_sumo.roads import list_packaged_networks
-from mdrive_sumo.scenario.catalog import list_packaged_suites, load_suite
+from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from mdrive_sumo.study.occlusion_certificate import load_certificates
 
 PACKED_LIMIT = 25 * 2**20

@@ -9,9 +9,9 @@ from testing.worlds import straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario, save_scenario
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 
 GOOD = straight_scenario(straight_ego("0"), straight_ego("1", x=100))
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length, compute_suite_statistics
 
 

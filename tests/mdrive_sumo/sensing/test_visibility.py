@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import TAU, Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import (
     BuildingEdges,
     compute_free_sight,

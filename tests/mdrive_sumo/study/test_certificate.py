@@ -12,8 +12,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.job import EpisodeJob, reexecute
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
 from mdrive_sumo.study import occlusion_certificate
 from mdrive_sumo.study.occlusion_certificate import (
     OccludedInterval,

@@ -46,7 +46,7 @@ from mdrive_sumo.study.study_summary import (
     summarise_rows,
 )
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings, LinkSettings, format_comm_json
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings, format_comm_json
 
 FAKE_MAIN = [sys.executable, "-c", "import study_fakes; study_fakes.main()"]
 TALKER = str(TESTS / "testing" / "study_talker.py") + ":Talker"

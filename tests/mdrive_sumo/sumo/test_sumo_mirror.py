@@ -7,7 +7,7 @@ from testing.sumo_crossing import SIZE, car, compiled, scenario
 from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Actors, EgoState, Kind
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.model import Pose
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, KindName
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.sumo.ghost_placement import Body, ghosts_of

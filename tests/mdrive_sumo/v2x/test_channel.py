@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, Place, SentMessage, count_deliveries
-from mdrive_sumo.v2x.comm import CommSettings, LinkSettings
+from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, ReferencePose, decode, encode
 
 NEAR: Mapping[str, Place] = {"a": (0.0, 0.0), "b": (30.0, 40.0), "c": (0.0, 200.0)}

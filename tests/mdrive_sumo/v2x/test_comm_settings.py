@@ -17,7 +17,15 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.cli.comm import channel_of, comm_of, comm_options
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.v2x.comm import PER, PRESETS, CommSettings, LinkSettings, describe_comm, format_comm_json, parse_comm
+from mdrive_sumo.v2x.comm_settings import (
+    PER,
+    PRESETS,
+    CommSettings,
+    LinkSettings,
+    describe_comm,
+    format_comm_json,
+    parse_comm,
+)
 from mdrive_sumo.v2x.messages import TYPES
 
 

@@ -16,11 +16,11 @@ from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, save_suite
-from mdrive_sumo.scenario.model import Pose
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from mdrive_sumo.scenario.weather import WEATHERS, FrictionMode, WeatherName
 from mdrive_sumo.scoring import Results, load_results
 from mdrive_sumo.sumo import SumoWorld

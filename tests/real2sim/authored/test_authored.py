@@ -16,7 +16,6 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.catalog import Suite, SuiteFile, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
@@ -26,6 +25,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     PositionTrigger,
     ReplayMotion,
 )
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite
 from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.suite_converter import convert_authored
 from real2sim.readers.carla_frame import UCLA_FRAME

@@ -14,9 +14,9 @@ from testing.small_log import FRAMES, STATION, recording, road, track, write_sma
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.scenario.catalog import load_suite
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import load_suite
 from real2sim.atomic_folder import atomic_folder
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange

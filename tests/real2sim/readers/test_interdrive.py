@@ -16,9 +16,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
-from mdrive_sumo.scenario.catalog import Suite, load_suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from real2sim.authored.interdrive import convert_interdrive
 from real2sim.authored.start_separation import advance_start
 from real2sim.cli import convert

@@ -14,7 +14,7 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.job import EpisodeJob, reexecute
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from real2sim.pipeline.scenario_builder import Wish, build_log
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording

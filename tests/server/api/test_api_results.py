@@ -18,7 +18,7 @@ from testing.store_samples import LEASE, S, summary
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.job import EpisodeJob, run_job
-from mdrive_sumo.scenario.catalog import list_packaged_suites, load_suite
+from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from server import paths
 from server.api import replay_page
 from server.api.app import MAX_REPLAYS

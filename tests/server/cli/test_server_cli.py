@@ -20,7 +20,7 @@ from testing.api_app import with_environment
 
 from mdrive_sumo.cli import _plug_ins, main  # pyright: ignore[reportPrivateUsage]
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from server import COMMANDS, environments
 from server.cli import admin, serve, serve_command
 from server.enums import TokenScope

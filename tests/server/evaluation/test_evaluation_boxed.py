@@ -20,7 +20,7 @@ from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.v2x.channel import DeliveryStatus
-from mdrive_sumo.v2x.comm import format_comm_json
+from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server import environments
 from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
 from server.evaluation.job_task import AgentRejection, JobTask

@@ -16,9 +16,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.agent_spec import Declaration, box_plan
 from mdrive_sumo.runs.job import EpisodeJob
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
-from mdrive_sumo.v2x.comm import format_comm_json
+from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server import environments
 from server.archive import ArchiveLimits, check_archive
 from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict

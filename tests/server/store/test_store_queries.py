@@ -6,7 +6,7 @@ import pytest
 from testing import databases
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, sent, with_teams
 
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store import NotFound, Store, jobs, phases, published_results, queries, submissions, teams
 from server.store.tables import StandingRow

@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import Float, box_corners, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons, polygon_edges
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 
 LAYERS = ("drivable", "lane_lines", "route", "vehicles", "walkers", "static", "self")

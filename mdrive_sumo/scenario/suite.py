@@ -20,8 +20,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.model import Identifier
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
+from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
 if TYPE_CHECKING:

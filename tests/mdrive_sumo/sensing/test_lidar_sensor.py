@@ -17,9 +17,9 @@ from mdrive_sumo.core.state import Actors, EgoState, Frame, Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS
-from mdrive_sumo.sensing.lidar import LidarSensor
+from mdrive_sumo.sensing.lidar_sensor import LidarSensor
 from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 
 CAR = VehicleFacts(4.9, 2.1, 2.85, 1.4, 1700.0, 1.2, 50.0, 3.0, 8.0)
 ELEVATION = np.radians(np.linspace(-30.0, 10.0, 64))

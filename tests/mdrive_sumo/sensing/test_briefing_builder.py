@@ -5,7 +5,7 @@ import pytest
 
 from mdrive_sumo.contract import Briefing
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.scenario.catalog import load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 

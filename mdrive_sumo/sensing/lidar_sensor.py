@@ -24,7 +24,7 @@ from mdrive_sumo.sensing.lidar_world import (
     select_boxes,
     select_walls,
 )
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 
 CHANNELS = 64

@@ -17,10 +17,10 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS, WeatherName
-from mdrive_sumo.sensing.detection import ObjectsSensor
 from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS
 from mdrive_sumo.sensing.detector_calibration import HIDDEN_FROM_ONE, fit_profile, measure_average_precision
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 
 HERE = SensorPose(0.0, 0.0, 0.0, 0)
 Place = tuple[float, float]
@@ -142,7 +142,7 @@ def seen_at(device: ObjectsSensor, tick: int, places: tuple[Place, ...] = RING) 
 def instant(profile: str, monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
     """The profile without latency, for tests that ask in any order."""
     changed = {**PROFILES, profile: replace(PROFILES[profile], latency_ticks=0, **changes)}  # type: ignore[arg-type]
-    monkeypatch.setattr("mdrive_sumo.sensing.detection.PROFILES", changed)
+    monkeypatch.setattr("mdrive_sumo.sensing.objects_sensor.PROFILES", changed)
 
 
 class TestFlaws:

@@ -10,7 +10,7 @@ import math
 from mdrive_sumo.contract import Gnss, Imu, SensorSpec
 from mdrive_sumo.core.geometry import TAU
 from mdrive_sumo.core.seeding import draw_normals
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_number
 
 EARTH_RADIUS_M = 6_378_137.0

@@ -17,8 +17,8 @@ from mdrive_sumo.core.state import EgoState, Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons, polygon_edges
-from mdrive_sumo.sensing.raster import LAYERS, RasterSensor
-from mdrive_sumo.sensing.scene import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.raster_sensor import LAYERS, RasterSensor
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 
 CAR = VehicleFacts(4.9, 2.1, 2.85, 1.4, 1700.0, 1.2, 50.0, 3.0, 8.0)
 

@@ -5,7 +5,7 @@ import pytest
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
 
 from mdrive_sumo.contract import Message, Objects
-from mdrive_sumo.v2x.awareness import AwarenessService
+from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, REACH_M, Cam, Cpm, decode
 
 
