@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
-from real2sim.fit.disposition import Role
+from real2sim.fit.disposition import TrackRole
 from real2sim.network import NetworkReport
-from real2sim.quality import Quality
+from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.targets import FidelityTarget
-from real2sim.traffic_fidelity import Closeness
+from real2sim.traffic_fidelity import TrafficFidelity
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ class ConversionFindings:
     cleaned: CleanedRecording
     tracks: tuple[RecordedTrack, ...]
     """Reconstructed, with the ids of `cleaned.tracks`."""
-    quality: Quality
+    quality: ReconstructionQuality
     network: NetworkReport
     roads: RoadMap
-    roles: Mapping[str, Role] = field(default_factory=dict[str, Role])
+    roles: Mapping[str, TrackRole] = field(default_factory=dict[str, TrackRole])
     """`Fitted.roles`, by track id."""
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """`Fitted.names`: track id -> id in the scenario."""
-    closeness: Closeness | None = None
+    closeness: TrafficFidelity | None = None
     targets: tuple[FidelityTarget, ...] = ()
     """All of them; () where no pipeline has set any: then those of quality and closeness are shown."""
     misses: tuple[str, ...] = ()

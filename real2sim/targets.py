@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from pydantic import BaseModel, ConfigDict, computed_field
 
 from real2sim.clean import CleanedRecording
-from real2sim.fit.disposition import Became, Role
+from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.network import NetworkReport
-from real2sim.quality import SCRIPTED, Quality
+from real2sim.quality import SCRIPTED, ReconstructionQuality
 from real2sim.recording import Recording
-from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, Closeness
+from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, TrafficFidelity
 
 
 class FidelityTarget(BaseModel):
@@ -42,7 +42,7 @@ class FidelityTarget(BaseModel):
         return f"{100 * value:.1f} %" if self.unit == "share" else f"{value:.3g} {self.unit}".strip()
 
 
-def build_reconstruction_targets(quality: Quality) -> tuple[FidelityTarget, ...]:
+def build_reconstruction_targets(quality: ReconstructionQuality) -> tuple[FidelityTarget, ...]:
     """Reconstruction against the log."""
     share = quality.moving_passed_share if quality.moving_vehicles else None
     return (
@@ -67,28 +67,32 @@ def build_network_targets(network: NetworkReport, unroutable: Sequence[str]) -> 
     )
 
 
-def find_silently_lost(recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, Role]) -> tuple[str, ...]:
+def find_silently_lost(
+    recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, TrackRole]
+) -> tuple[str, ...]:
     """Tracks of the source of which nothing is in the scenario, and nobody says why."""
-    silent = Role(Became.LEFT_OUT)
+    silent = TrackRole(Disposition.LEFT_OUT)
     told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.lost)
     source = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
     return tuple(sorted(id_ for id_ in source if not told & {id_, *cleaned.successors.get(id_, ())}))
 
 
-def build_lost_target(recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, Role]) -> FidelityTarget:
+def build_lost_target(
+    recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, TrackRole]
+) -> FidelityTarget:
     """All tracks of the source are in the scenario, or it is told why not."""
     lost = find_silently_lost(recording, cleaned, roles)
     return FidelityTarget(name="tracks lost without a reason", value=len(lost), limit=0)
 
 
-def count_sumo_driven(quality: Quality, roles: Mapping[str, Role], mode: str) -> int:
+def count_sumo_driven(quality: ReconstructionQuality, roles: Mapping[str, TrackRole], mode: str) -> int:
     """How many of the moving vehicles SUMO drives; the others are CAVs, or scripted on their path of the log."""
     moving = [actor.id for actor in quality.actors if actor.moving and actor.category not in SCRIPTED]
-    driven = (id_ for id_ in moving if id_ in roles and roles[id_].became is Became.BACKGROUND)
+    driven = (id_ for id_ in moving if id_ in roles and roles[id_].disposition is Disposition.BACKGROUND)
     return 0 if mode == "replay" else sum(1 for _ in driven)
 
 
-def build_traffic_targets(close: Closeness) -> tuple[FidelityTarget, ...]:
+def build_traffic_targets(close: TrafficFidelity) -> tuple[FidelityTarget, ...]:
     """Reactive traffic against the log."""
     return (
         FidelityTarget(

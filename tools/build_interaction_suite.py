@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
-from mdrive_sumo.generate.generated_suite import check_new, write_generated
-from mdrive_sumo.generate.generation_search import WEATHER, Order, search
-from mdrive_sumo.generate.pipeline import built
+from mdrive_sumo.generate.generated_suite import check_output_folder, write_generated_suite
+from mdrive_sumo.generate.generation_search import WEATHER, GenerationRequest, search_scenarios
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
-from mdrive_sumo.generate.selection import selected
+from mdrive_sumo.generate.selection import select_scenarios
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile
@@ -58,19 +58,19 @@ def select_recipes(task: CategoryTask) -> list[Recipe]:
         route_m=figures.route_m * TOWARDS_BUCKET[0],
         heading_change_deg=figures.heading_change_deg * TOWARDS_BUCKET[1],
     )
-    kept = selected([scenario for _, scenario in pool], wanted, task.count, random.Random(task.category))
+    kept = select_scenarios([scenario for _, scenario in pool], wanted, task.count, random.Random(task.category))
     recipes = {scenario.id: recipe for recipe, scenario in pool}
     return [_number_recipe(recipes[scenario.id], k) for k, scenario in enumerate(kept)]
 
 
 def _search_pool(task: CategoryTask) -> Iterator[BuiltScenario]:
-    order = Order(
+    order = GenerationRequest(
         task.category, round(task.count * POOL_FACTOR * (1.4 if task.category in OCCLUSION_CATEGORIES else 1.0))
     )
-    for attempt in search(order):
-        if attempt.scenario is None or attempt.recipe is None or attempt.screened is None:
+    for attempt in search_scenarios(order):
+        if attempt.scenario is None or attempt.recipe is None or attempt.screening is None:
             continue
-        if task.category not in OCCLUSION_CATEGORIES or attempt.screened.occluded:
+        if task.category not in OCCLUSION_CATEGORIES or attempt.screening.is_occluded:
             yield attempt.recipe, attempt.scenario
 
 
@@ -82,7 +82,7 @@ def _number_recipe(recipe: Recipe, k: int) -> Recipe:
 
 def build_interaction_suite(folder: Path) -> None:
     """Searches and writes the whole suite; raises RuntimeError where a category fails, InputError."""
-    check_new(folder)
+    check_output_folder(folder)
     work = folder.with_name(f"{folder.name}.work")
     tasks = [CategoryTask(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]
     with ProcessPool[CategoryTask, list[Recipe]](select_recipes, WORKERS, LIMIT_S) as pool:
@@ -94,7 +94,7 @@ def build_interaction_suite(folder: Path) -> None:
             sys.stdout.write(f"{task.category}: {len(found)}\n")
             sys.stdout.flush()
     recipes = [load_recipe(path) for task in tasks for path in sorted((work / task.category).iterdir())]
-    write_generated(ABOUT, [(recipe, built(recipe)) for recipe in recipes], folder)
+    write_generated_suite(ABOUT, [(recipe, build_scenario(recipe)) for recipe in recipes], folder)
 
 
 def main(folders: list[str]) -> None:

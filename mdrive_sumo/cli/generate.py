@@ -14,14 +14,21 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate import llm_proposer
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import (
-    changed_by_rebuild,
-    check_new,
-    packaged_generated,
-    rebuilt,
-    recipes_of,
-    write_generated,
+    check_output_folder,
+    find_rebuild_differences,
+    load_packaged_generated,
+    load_recipes,
+    rebuild_scenario,
+    write_generated_suite,
 )
-from mdrive_sumo.generate.generation_search import Attempt, Order, Proposer, by_template, public_counterparts, search
+from mdrive_sumo.generate.generation_search import (
+    GenerationAttempt,
+    GenerationRequest,
+    Proposer,
+    build_public_counterparts,
+    propose_from_template,
+    search_scenarios,
+)
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 
@@ -68,7 +75,7 @@ def command(ctx: click.Context, rebuild: str | None, category: str | None, out: 
         ctx.exit(_rebuild(rebuild, out))
     if category is None or out is None:
         raise click.UsageError("expected --category and --out (or --rebuild), found none")
-    order = Order(Category(category), options["count"], options["seed"], options["split"], _secret(options))
+    order = GenerationRequest(Category(category), options["count"], options["seed"], options["split"], _secret(options))
     ctx.exit(_generate(order, _proposer(options), out, options["explain"]))
 
 
@@ -91,7 +98,7 @@ def _secret(options: dict[str, Any]) -> str:
 
 def _proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
     if options["proposer"] == "template":
-        return by_template, "template"
+        return propose_from_template, "template"
     settings = llm_proposer.LlmSettings(
         **{field.name: options[field.name] for field in fields(llm_proposer.LlmSettings)}
     )
@@ -111,7 +118,7 @@ def _recorded_model(folder: Path) -> str:
         raise InputError(f"--replay {folder}: expected transcripts of an earlier run, found none") from None
 
 
-def _about(order: Order, proposer: str, out: Path) -> SuiteFile:
+def _about(order: GenerationRequest, proposer: str, out: Path) -> SuiteFile:
     title = f"{CATEGORIES[order.category].title}, generated"
     about = f"{order.split} split, {proposer}, seed {order.seed}"
     try:
@@ -122,52 +129,54 @@ def _about(order: Order, proposer: str, out: Path) -> SuiteFile:
         ) from None
 
 
-def _generate(order: Order, proposer: tuple[Proposer, str], out: Path, explain: bool) -> int:
-    check_new(out)
+def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Path, explain: bool) -> int:
+    check_output_folder(out)
     about = _about(order, proposer[1], out)
-    attempts: list[Attempt] = []
-    for attempt in search(order, proposer[0], _known(order), proposer[1]):
+    attempts: list[GenerationAttempt] = []
+    for attempt in search_scenarios(order, proposer[0], _known(order), proposer[1]):
         attempts.append(attempt)
         if explain:
             click.echo(_explained(attempt))
     made = [(one.recipe, one.scenario) for one in attempts if one.recipe and one.scenario]
-    refused = Counter(one.rejected[0] for one in attempts if one.rejected)
+    refused = Counter(one.rejection[0] for one in attempts if one.rejection)
     summary = ", ".join(f"{count} at {stage}" for stage, count in refused.most_common())
     if not made:
-        last = attempts[-1].rejected or ("", "")
+        last = attempts[-1].rejection or ("", "")
         raise InputError(
             f"{order.category}: expected a scenario from {len(attempts)} proposals, found none ({summary});"
             f" the last one: {last[1]}"
         )
-    write_generated(about, made, out)
+    write_generated_suite(about, made, out)
     if refused and (explain or len(made) < order.count):
         click.echo(f"refused of {len(attempts)} proposals: {summary}")
     click.echo(f"{len(made)} of {order.count} scenarios: {out}")
     return 0 if len(made) == order.count else 1
 
 
-def _known(order: Order) -> list[Scenario]:
+def _known(order: GenerationRequest) -> list[Scenario]:
     """Public scenarios: what is generated shall not be like them."""
-    known = [scenario for scenario in packaged_generated() if scenario.category == order.category]
-    return known + list(public_counterparts(order)) if order.split == "hidden" else known
+    known = [scenario for scenario in load_packaged_generated() if scenario.category == order.category]
+    return known + list(build_public_counterparts(order)) if order.split == "hidden" else known
 
 
-def _explained(attempt: Attempt) -> str:
-    if attempt.scenario is not None and attempt.screened is not None:
-        ttc = attempt.screened.blind_ttc_s
+def _explained(attempt: GenerationAttempt) -> str:
+    if attempt.scenario is not None and attempt.screening is not None:
+        ttc = attempt.screening.blind_ttc_s
         return f"proposal {attempt.number}: {attempt.scenario.id} on {attempt.scenario.network}, blind TTC {ttc:.2f} s"
-    stage, reason = attempt.rejected or ("", "")
+    stage, reason = attempt.rejection or ("", "")
     return f"proposal {attempt.number}: refused at {stage}: {reason}"
 
 
 def _rebuild(name: str, out: Path | None) -> int:
-    recipes = recipes_of(name)
+    recipes = load_recipes(name)
     if out is not None:
-        write_generated(load_suite(name).about, [(recipe, rebuilt(recipe)) for recipe in recipes.values()], out)
+        write_generated_suite(
+            load_suite(name).about, [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()], out
+        )
         click.echo(f"{len(recipes)} scenarios: {out}")
         return 0
     changed = 0
-    for scenario in changed_by_rebuild(recipes):
+    for scenario in find_rebuild_differences(recipes):
         changed += 1
         click.echo(f"{scenario}: the recipe makes another file")
     click.echo(f"{len(recipes) - changed} of {len(recipes)} scenarios are as their recipes make them")

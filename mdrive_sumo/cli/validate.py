@@ -5,7 +5,13 @@ from collections.abc import Sequence
 import click
 
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.generate.validation import Examination, examine_suite, sampled, suite_notes, suite_problems
+from mdrive_sumo.generate.validation import (
+    ScenarioValidation,
+    describe_suite,
+    find_suite_problems,
+    sample_scenarios,
+    validate_scenarios,
+)
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificateFile, save_certificates
@@ -40,28 +46,28 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
     if write and sample:
         raise click.UsageError("--write needs all scenarios, so it does not go with --sample")
     loaded = load_suite(suite)
-    found: list[Examination] = []
-    for one in examine_suite(loaded, sampled(loaded, sample), workers):
+    found: list[ScenarioValidation] = []
+    for one in validate_scenarios(loaded, sample_scenarios(loaded, sample), workers):
         found.append(one)
         click.echo(_line(one))
     if write:
         for part in loaded.parts or (loaded,):
             _write(part, found)
-    whole = suite_problems(loaded, found)
-    for sentence in (*whole, *suite_notes(loaded)):
+    whole = find_suite_problems(loaded, found)
+    for sentence in (*whole, *describe_suite(loaded)):
         click.echo(sentence)
     failed = sum(bool(one.problems) for one in found)
-    difficult, hidden = sum(one.difficult for one in found), sum(one.hidden for one in found)
+    difficult, hidden = sum(one.is_difficult for one in found), sum(one.is_occluded for one in found)
     click.echo(f"{len(found) - failed} of {len(found)} pass; {difficult} difficult, {hidden} hidden until late")
     ctx.exit(1 if failed or whole else 0)
 
 
-def _line(one: Examination) -> str:
-    said = "; ".join(one.problems) or ("ok" if one.difficult else "ok, blind driving has no near miss")
-    return f"{one.scenario}: {said}{', hidden until late' if one.hidden else ''}"
+def _line(one: ScenarioValidation) -> str:
+    said = "; ".join(one.problems) or ("ok" if one.is_difficult else "ok, blind driving has no near miss")
+    return f"{one.scenario}: {said}{', hidden until late' if one.is_occluded else ''}"
 
 
-def _write(suite: Suite, found: Sequence[Examination]) -> None:
+def _write(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
     """Certificates in the order of the suite, of all its scenarios that could be driven."""
     by_name = {one.scenario: one.certificate for one in found}
     kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)

@@ -6,7 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from mdrive_sumo.generate.pedestrian_crossing import LANE_M, WALK_MPS, Body, crossing, pose_at
+from mdrive_sumo.generate.pedestrian_crossing import (
+    LANE_M,
+    WALK_MPS,
+    ActorBody,
+    compute_route_pose,
+    place_crossing_actors,
+)
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.props import PROPS
@@ -56,7 +62,7 @@ passed in the own lane with part of the car in the oncoming one: a car 2 m wide 
 its centre nearer to its own lane."""
 
 
-def actors_of(
+def place_actors(
     proposed: Sequence[ProposedActor], egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random
 ) -> tuple[Actor, ...]:
     """Actors of the scenario; `egos` are by the proposal's vehicle ids."""
@@ -67,16 +73,16 @@ def actors_of(
         ego = egos[actor.affects_vehicle]
         if actor.motion == "cross_perpendicular":
             station = _station(actor, ego, roads, 0.0)
-            found += crossing(actor, (ego, station), roads, body, found)
+            found += place_crossing_actors(actor, (ego, station), roads, body, found)
             continue
         begin = filled.get(_spot(actor)) or _station(actor, ego, roads, _depth(actor, proposed, bodies))
         found += _along(actor, ego, roads, body, begin + body[2][0] / 2)
         if actor.motion == "static":
-            filled[_spot(actor)] = begin + _length(actor, body[2]) + APART_M
+            filled[_spot(actor)] = begin + group_length(actor, body[2]) + APART_M
     return tuple(found)
 
 
-def _length(actor: ProposedActor, size: tuple[float, float]) -> float:
+def group_length(actor: ProposedActor, size: tuple[float, float]) -> float:
     """How much of the road [m] a group takes up."""
     return size[0] + (actor.quantity - 1) * _pitch(actor, size)
 
@@ -86,10 +92,10 @@ def _pitch(actor: ProposedActor, size: tuple[float, float]) -> float:
     return 0.0 if actor.group_pattern == "across_lane" else max(size[0] + 0.4, LEAST_PITCH_M)
 
 
-def _depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[Body]) -> float:
+def _depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[ActorBody]) -> float:
     """How much of the road [m] all take up that stand where this one does."""
     return sum(
-        _length(other, body[2]) + APART_M
+        group_length(other, body[2]) + APART_M
         for other, body in zip(proposed, bodies, strict=True)
         if _spot(other) == _spot(actor) and other.motion == "static"
     )
@@ -117,7 +123,7 @@ def _station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> fl
     return max(inside[-1] + BEHIND_M, LEAST_AHEAD_M) if depth else max(before, NEAREST_M)
 
 
-def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, body: Body, base: float) -> Iterator[Actor]:
+def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, body: ActorBody, base: float) -> Iterator[Actor]:
     model, kind, size = body
     free = _beside(ego, roads, base)
     offsets = _offsets(actor, size[1])
@@ -126,10 +132,10 @@ def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, body: Body, base: flo
         least = CLEAR_M + size[1] / 2 if near else 0.0
         offsets = [min(offset, -least) - LANE_M * free[1] for offset in offsets]
     elif actor.motion == "static":
-        offsets = passable(offsets, size[1], free)
+        offsets = shift_to_passable(offsets, size[1], free)
     for n, offset in enumerate(offsets):
         station = base + n * _pitch(actor, size)
-        x, y, yaw = pose_at(ego, station, offset)
+        x, y, yaw = compute_route_pose(ego, station, offset)
         yield Actor(
             id=actor.actor_id if actor.quantity == 1 else f"{actor.actor_id}.{n}",
             kind=kind,
@@ -160,7 +166,7 @@ def _offsets(actor: ProposedActor, width: float) -> list[float]:
     return [first] * actor.quantity
 
 
-def passable(offsets: Sequence[float], width: float, free: tuple[bool, bool]) -> list[float]:
+def shift_to_passable(offsets: Sequence[float], width: float, free: tuple[bool, bool]) -> list[float]:
     """The offsets [m] of things of that width on the lane, so that they can be passed without driving in a lane of
     opposite direction (protocol 7.3): all moved off the side where a lane of the same direction lies, left and right;
     where there is none, off the left half of the lane. What belongs on the right is mirrored where only that is free.
@@ -169,14 +175,14 @@ def passable(offsets: Sequence[float], width: float, free: tuple[bool, bool]) ->
     if max(map(abs, offsets)) > LANE_M / 2 + width / 2:
         return list(offsets)
     if right and not left:
-        return [-offset for offset in passable(offsets, width, (True, False))]
+        return [-offset for offset in shift_to_passable(offsets, width, (True, False))]
     least = min((CLOSED_M if left else PASSABLE_M) - width / 2 - max(offsets), 0.0)
     return [offset + least for offset in offsets]
 
 
 def _beside(ego: Ego, roads: RoadMap, station: float) -> tuple[bool, bool]:
     """Whether a lane of the same direction lies to the left and to the right of the route around there."""
-    poses = [pose_at(ego, station + ahead, 0.0) for ahead in (-AROUND_M, 0.0, AROUND_M)]
+    poses = [compute_route_pose(ego, station + ahead, 0.0) for ahead in (-AROUND_M, 0.0, AROUND_M)]
     return _all_beside(poses, roads, LANE_M), _all_beside(poses, roads, -LANE_M)
 
 
@@ -188,7 +194,7 @@ def _all_beside(poses: Sequence[tuple[float, float, float]], roads: RoadMap, off
     return bool(((near.distance < LANE_M / 3) & (turned > 0))[outside].all()) and bool(outside.any())
 
 
-def _body(actor: ProposedActor, rng: random.Random) -> Body:
+def _body(actor: ProposedActor, rng: random.Random) -> ActorBody:
     if actor.kind == "walker":
         return "adult", "pedestrian", WALKER_SIZE
     if actor.kind == "cyclist":
@@ -211,7 +217,7 @@ def _motion(actor: ProposedActor, ego: Ego, station: float, offset: float) -> Mo
         return StandingMotion()
     forth = -1.0 if actor.direction_relative_to == "opposite" else 1.0
     reach = max(len(ego.route) - 1 - station, 20.0) if forth > 0 else station
-    points = [pose_at(ego, station + forth * d, offset)[:2] for d in np.arange(0.0, reach, 2.0)]
+    points = [compute_route_pose(ego, station + forth * d, offset)[:2] for d in np.arange(0.0, reach, 2.0)]
     speeds = WALK_MPS if actor.kind == "walker" else DRIVE_MPS
     path = tuple((round(x, 3), round(y, 3)) for x, y in points)
     return PathMotion(points=path, speed=speeds[actor.speed])

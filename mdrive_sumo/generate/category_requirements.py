@@ -18,7 +18,7 @@ class Topology(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Needs:
+class RoadRequirements:
     """What a category asks of topology and script (protocol 14.1, "Requirements per category")."""
 
     topologies: tuple[Topology, ...]
@@ -29,95 +29,95 @@ class Needs:
 
 
 @dataclass(frozen=True, slots=True)
-class CategoryFacts:
+class CategoryRequirements:
     """Everything that is fixed about a category."""
 
     title: str
-    needs: Needs
-    egos: tuple[int, int]
+    road: RoadRequirements
+    cav_range: tuple[int, int]
     """Least and most CAVs (protocol 14.1: 2 to 6 by category)."""
     paper: CategoryFigures | None
     """None: the paper lists no scenarios of it."""
-    crops: tuple[str, ...] = ()
+    networks: tuple[str, ...] = ()
     """Networks on which templates stage it; any other that offers what it needs serves too."""
 
 
 _ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)
-CATEGORIES: dict[Category, CategoryFacts] = {
-    Category.PRE_CRASH: CategoryFacts("Pre-crash", Needs(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]),
-    Category.BLOCKED_LANE: CategoryFacts(
+CATEGORIES: dict[Category, CategoryRequirements] = {
+    Category.PRE_CRASH: CategoryRequirements("Pre-crash", RoadRequirements(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]),
+    Category.BLOCKED_LANE: CategoryRequirements(
         "Blocked Lane Obstacle",
-        Needs((Topology.CORRIDOR,), multi_lane=True),
+        RoadRequirements((Topology.CORRIDOR,), multi_lane=True),
         (3, 6),
         FIGURES[Category.BLOCKED_LANE],
         ("avenue", "crescent"),
     ),
-    Category.CONSTRUCTION: CategoryFacts(
+    Category.CONSTRUCTION: CategoryRequirements(
         "Construction Zone",
-        Needs((Topology.INTERSECTION,), multi_lane=True),
+        RoadRequirements((Topology.INTERSECTION,), multi_lane=True),
         (3, 6),
         FIGURES[Category.CONSTRUCTION],
         ("market_crossing", "wide_crossing"),
     ),
-    Category.HIGHWAY_MERGE: CategoryFacts(
+    Category.HIGHWAY_MERGE: CategoryRequirements(
         "Highway On-Ramp Merge",
-        Needs((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
+        RoadRequirements((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
         (3, 6),
         FIGURES[Category.HIGHWAY_MERGE],
         ("expressway", "freeway"),
     ),
-    Category.LANE_CHANGE: CategoryFacts(
+    Category.LANE_CHANGE: CategoryRequirements(
         "Interactive Lane Change",
-        Needs((Topology.HIGHWAY,), multi_lane=True),
+        RoadRequirements((Topology.HIGHWAY,), multi_lane=True),
         (3, 6),
         FIGURES[Category.LANE_CHANGE],
         ("expressway", "lane_drop", "motorway", "ramp_merge"),
     ),
-    Category.DEADLOCK: CategoryFacts(
+    Category.DEADLOCK: CategoryRequirements(
         "Intersection Deadlock Resolution",
-        Needs((Topology.INTERSECTION,)),
+        RoadRequirements((Topology.INTERSECTION,)),
         (4, 6),
         FIGURES[Category.DEADLOCK],
         ("old_town", "quiet_crossing", "school_crossing", "town_crossing"),
     ),
-    Category.MAJOR_MINOR: CategoryFacts(
+    Category.MAJOR_MINOR: CategoryRequirements(
         "Major / Minor Unsignalized Entry",
-        Needs((Topology.T_JUNCTION,)),
+        RoadRequirements((Topology.T_JUNCTION,)),
         (3, 5),
         FIGURES[Category.MAJOR_MINOR],
         ("factory_gate", "minor_road", "side_street"),
     ),
-    Category.OVERTAKING: CategoryFacts(
+    Category.OVERTAKING: CategoryRequirements(
         "Overtaking on Two-Lane Road",
-        Needs((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
+        RoadRequirements((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
         (2, 5),
         FIGURES[Category.OVERTAKING],
         ("country_road", "village_street"),
     ),
-    Category.CROSSWALK: CategoryFacts(
+    Category.CROSSWALK: CategoryRequirements(
         "Pedestrian Crosswalk",
-        Needs((Topology.INTERSECTION,)),
+        RoadRequirements((Topology.INTERSECTION,)),
         (3, 5),
         FIGURES[Category.CROSSWALK],
         ("market_crossing", "school_crossing"),
     ),
-    Category.ROUNDABOUT: CategoryFacts(
+    Category.ROUNDABOUT: CategoryRequirements(
         "Roundabout Navigation",
-        Needs((Topology.ROUNDABOUT,)),
+        RoadRequirements((Topology.ROUNDABOUT,)),
         (3, 5),
         FIGURES[Category.ROUNDABOUT],
         ("large_roundabout", "roundabout"),
     ),
-    Category.UNPROTECTED_LEFT: CategoryFacts(
+    Category.UNPROTECTED_LEFT: CategoryRequirements(
         "Unprotected Left Turn",
-        Needs((Topology.INTERSECTION,), oncoming=True),
+        RoadRequirements((Topology.INTERSECTION,), oncoming=True),
         (4, 6),
         FIGURES[Category.UNPROTECTED_LEFT],
         ("market_crossing", "quiet_crossing", "wide_crossing"),
     ),
-    Category.LANE_DROP: CategoryFacts(
+    Category.LANE_DROP: CategoryRequirements(
         "Lane Drop / Alternating Merge",
-        Needs((Topology.HIGHWAY,), multi_lane=True, merge=True),
+        RoadRequirements((Topology.HIGHWAY,), multi_lane=True, merge=True),
         (3, 6),
         None,
         ("lane_drop",),

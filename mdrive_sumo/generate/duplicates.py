@@ -20,7 +20,7 @@ DUPLICATE = 0.12
 FAR_M = 10.0
 
 
-def distance(one: Scenario, other: Scenario) -> float:
+def scenario_distance(one: Scenario, other: Scenario) -> float:
     """In [0, 1]: 0 for the same scenario, whatever its id."""
     maps = float(one.network != other.network)
     ways = _jaccard(map(_way, one.egos), map(_way, other.egos))
@@ -28,10 +28,10 @@ def distance(one: Scenario, other: Scenario) -> float:
     return 0.3 * maps + 0.3 * ways + 0.2 * _timing(one, other) + 0.2 * actors
 
 
-def duplicate_of(scenario: Scenario, accepted: Iterable[Scenario]) -> Scenario | None:
+def find_duplicate(scenario: Scenario, accepted: Iterable[Scenario]) -> Scenario | None:
     """The nearest of the accepted scenarios if it is a duplicate of this one."""
-    nearest = min(accepted, key=lambda other: distance(scenario, other), default=None)
-    return nearest if nearest is not None and distance(scenario, nearest) < DUPLICATE else None
+    nearest = min(accepted, key=lambda other: scenario_distance(scenario, other), default=None)
+    return nearest if nearest is not None and scenario_distance(scenario, nearest) < DUPLICATE else None
 
 
 def _way(ego: Ego) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.pipeline import Rejected, built
+from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
@@ -22,7 +22,7 @@ from mdrive_sumo.scenario.suite import (
 )
 
 
-def check_new(folder: Path) -> None:
+def check_output_folder(folder: Path) -> None:
     """Raises InputError unless the folder is new or empty, and can be written beside its neighbours."""
     with report_write_errors(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -32,9 +32,9 @@ def check_new(folder: Path) -> None:
             return
 
 
-def write_generated(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], folder: Path) -> Suite:
+def write_generated_suite(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], folder: Path) -> Suite:
     """Writes a sealed suite and its recipes; the folder appears when everything is written. Raises InputError."""
-    check_new(folder)
+    check_output_folder(folder)
     pairs = list(made)
     with (
         report_write_errors(folder),
@@ -51,7 +51,7 @@ def write_generated(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], f
     return load_suite(str(folder))
 
 
-def recipes_of(name_or_folder: str) -> dict[Path, Recipe]:
+def load_recipes(name_or_folder: str) -> dict[Path, Recipe]:
     """By scenario folder, the recipes of a packaged suite or one on disk; raises InputError where one is missing.
 
     The scenarios are not read: a suite that was changed since, which could not be loaded, can be made again.
@@ -65,26 +65,26 @@ def recipes_of(name_or_folder: str) -> dict[Path, Recipe]:
     }
 
 
-def rebuilt(recipe: Recipe) -> Scenario:
+def rebuild_scenario(recipe: Recipe) -> Scenario:
     """The scenario of a recipe; raises InputError where this generator refuses it."""
     try:
-        return built(recipe)
-    except Rejected as refused:
+        return build_scenario(recipe)
+    except ProposalRejected as refused:
         raise InputError(f"recipe {recipe.id}: refused at stage {refused.stage}: {refused.reason}") from None
 
 
-def changed_by_rebuild(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
+def find_rebuild_differences(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
     """Names of scenario folders whose file differs from what the recipe makes, byte for byte, or is missing."""
     with tempfile.TemporaryDirectory() as scratch:
         again = Path(scratch) / SCENARIO_FILE
         for home, recipe in recipes.items():
-            save_scenario(rebuilt(recipe), again)
+            save_scenario(rebuild_scenario(recipe), again)
             found = home / SCENARIO_FILE
             if not found.is_file() or again.read_bytes() != found.read_bytes():
                 yield home.name
 
 
-def packaged_generated() -> tuple[Scenario, ...]:
+def load_packaged_generated() -> tuple[Scenario, ...]:
     """Scenarios of all packaged suites that were generated: they have recipes."""
     names = [name for name, folder in list_packaged_suites().items() if any(folder.glob(f"*/{RECIPE_FILE}"))]
     return tuple(scenario for name in names for scenario in load_suite(name).scenarios)

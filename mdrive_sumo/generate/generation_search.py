@@ -8,10 +8,10 @@ from typing import Literal
 
 from mdrive_sumo.generate import template_proposer
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.pipeline import Rejected, built, screened
+from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario, screen_candidate
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe
-from mdrive_sumo.generate.screening import Screened
+from mdrive_sumo.generate.screening import ScreeningResult
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import WeatherName
 
@@ -26,7 +26,7 @@ Proposer = Callable[[Category, str], Proposal]
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class GenerationRequest:
     """What is to be generated."""
 
     category: Category
@@ -36,36 +36,39 @@ class Order:
     secret: str = ""
     """What only the organiser of a hidden split knows; mixed into every seed."""
 
-    def seed_of(self, number: int) -> str:
+    def attempt_seed(self, number: int) -> str:
         """Seed of the attempt with that number; it tells nothing about the secret."""
         text = "/".join((str(GENERATOR), self.split, self.secret, self.category, str(self.seed), str(number)))
         return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
-    def id_of(self, number: int) -> str:
+    def scenario_id(self, number: int) -> str:
         """Id of the scenario that attempt makes; no hidden one has the id of a public one."""
-        return f"{self.category}_{'h' if self.split == 'hidden' else ''}{self.seed_of(number)[:8]}"
+        return f"{self.category}_{'h' if self.split == 'hidden' else ''}{self.attempt_seed(number)[:8]}"
 
 
 @dataclass(frozen=True, slots=True)
-class Attempt:
+class GenerationAttempt:
     """What became of one proposal: a scenario, or the stage that refused it and why."""
 
     number: int
     recipe: Recipe | None
     scenario: Scenario | None
-    screened: Screened | None
-    rejected: tuple[str, str] | None = None
+    screening: ScreeningResult | None
+    rejection: tuple[str, str] | None = None
     """Stage and reason."""
 
 
-def by_template(category: Category, seed: str) -> Proposal:
+def propose_from_template(category: Category, seed: str) -> Proposal:
     """The proposer that needs nothing."""
     return template_proposer.propose(category, random.Random(f"{seed}/proposal"))
 
 
-def search(
-    order: Order, proposer: Proposer = by_template, known: Sequence[Scenario] = (), name: str = "template"
-) -> Iterator[Attempt]:
+def search_scenarios(
+    order: GenerationRequest,
+    proposer: Proposer = propose_from_template,
+    known: Sequence[Scenario] = (),
+    name: str = "template",
+) -> Iterator[GenerationAttempt]:
     """Attempts until `count` scenarios are found, none like those `known`; gives up after `TRIES` for each."""
     accepted: list[Scenario] = []
     for number in range(order.count * TRIES):
@@ -78,28 +81,34 @@ def search(
 
 
 def _attempt(
-    order: Order, number: int, by: tuple[Proposer, str], accepted: Sequence[Scenario], known: Sequence[Scenario]
-) -> Attempt:
+    order: GenerationRequest,
+    number: int,
+    by: tuple[Proposer, str],
+    accepted: Sequence[Scenario],
+    known: Sequence[Scenario],
+) -> GenerationAttempt:
     recipe: Recipe | None = None
     try:
         recipe = _recipe(order, number, by, WEATHER[len(accepted) % len(WEATHER)])
-        scenario = built(recipe)
-        return Attempt(number, recipe, scenario, screened(scenario, [*known, *accepted]))
-    except Rejected as refused:
-        return Attempt(number, recipe, None, None, (refused.stage, refused.reason))
+        scenario = build_scenario(recipe)
+        return GenerationAttempt(number, recipe, scenario, screen_candidate(scenario, [*known, *accepted]))
+    except ProposalRejected as refused:
+        return GenerationAttempt(number, recipe, None, None, (refused.stage, refused.reason))
 
 
-def _recipe(order: Order, number: int, by: tuple[Proposer, str], weather: WeatherName = "default") -> Recipe:
-    seed = order.seed_of(number)
+def _recipe(
+    order: GenerationRequest, number: int, by: tuple[Proposer, str], weather: WeatherName = "default"
+) -> Recipe:
+    seed = order.attempt_seed(number)
     proposal = by[0](order.category, seed)
-    return Recipe(id=order.id_of(number), seed=seed, proposer=by[1], weather=weather, proposal=proposal)
+    return Recipe(id=order.scenario_id(number), seed=seed, proposer=by[1], weather=weather, proposal=proposal)
 
 
-def public_counterparts(order: Order) -> Iterator[Scenario]:
+def build_public_counterparts(order: GenerationRequest) -> Iterator[Scenario]:
     """All scenarios of which the public split with the same seed is made by templates; none is driven."""
     public = replace(order, split="public", secret="")
     for number in range(order.count * TRIES):
         try:
-            yield built(_recipe(public, number, (by_template, "template")))
-        except Rejected:
+            yield build_scenario(_recipe(public, number, (propose_from_template, "template")))
+        except ProposalRejected:
             continue

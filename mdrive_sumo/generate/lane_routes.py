@@ -11,8 +11,8 @@ import numpy as np
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap
 
-Turn = Literal["straight", "left", "right", "u_turn"]
-Side = Literal["left", "right", ""]
+TurnDirection = Literal["straight", "left", "right", "u_turn"]
+LaneChangeSide = Literal["left", "right", ""]
 STRAIGHT_RAD = math.radians(35)
 U_TURN_RAD = math.radians(145)
 MOST_LANES = 40
@@ -20,7 +20,7 @@ MOST_LANES = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class LaneRoute:
     """A drive on connected lanes, in the notation of `Ego.lanes`. Lane ranks count driving lanes from the right."""
 
     lanes: tuple[str, ...]
@@ -32,23 +32,23 @@ class Way:
     entry_yaw: float
     """Direction [rad] of the first lane as a whole; arms of roundabouts bend before the ring."""
     exit_yaw: float
-    turn: Turn
-    change: Side = ""
+    turn: TurnDirection
+    change_side: LaneChangeSide = ""
     """To which side it changes lanes."""
-    change_at: int = -1
+    change_index: int = -1
     """Index in `lanes` of the lane that it leaves for its neighbour; -1: it changes none."""
     changes_late: bool = False
     """Whether it changes lanes behind a junction."""
 
 
 @lru_cache(maxsize=32)
-def ways_of(roads: RoadMap) -> tuple[Way, ...]:
+def find_lane_routes(roads: RoadMap) -> tuple[LaneRoute, ...]:
     """All ways without a lane change, sorted by their lanes. They end where the network ends, not where a lane does."""
     return tuple(_way(roads, chain) for chain in sorted(_complete_chains(roads)))
 
 
 @lru_cache(maxsize=32)
-def changing_ways(roads: RoadMap) -> tuple[Way, ...]:
+def find_lane_change_routes(roads: RoadMap) -> tuple[LaneRoute, ...]:
     """All ways with exactly one lane change; those of an acceleration lane among them."""
     found: set[tuple[tuple[str, ...], int]] = set()
     for start in _starts(roads):
@@ -91,28 +91,28 @@ def _chains(roads: RoadMap, chain: tuple[str, ...]) -> Iterator[tuple[str, ...]]
             yield from _chains(roads, (*chain, after))
 
 
-def _way(roads: RoadMap, chain: tuple[str, ...], change_at: int = -1) -> Way:
+def _way(roads: RoadMap, chain: tuple[str, ...], change_at: int = -1) -> LaneRoute:
     first, last = roads.lanes[chain[0]], roads.lanes[chain[-1]]
     changes = change_at >= 0
-    side: Side = (
+    side: LaneChangeSide = (
         "" if not changes else "left" if roads.lanes[chain[change_at]].left == chain[change_at + 1] else "right"
     )
-    return Way(
+    return LaneRoute(
         lanes=chain,
         entry=first.edge,
         exit=last.edge,
-        entry_rank=rank_of(roads, first),
-        exit_rank=rank_of(roads, last),
+        entry_rank=compute_lane_rank(roads, first),
+        exit_rank=compute_lane_rank(roads, last),
         entry_yaw=_yaw_over_all(first),
         exit_yaw=_yaw_over_all(last),
         turn=_turn(roads, chain),
-        change=side,
-        change_at=change_at,
+        change_side=side,
+        change_index=change_at,
         changes_late=changes and any(roads.lanes[id_].junction for id_ in chain[:change_at]),
     )
 
 
-def rank_of(roads: RoadMap, lane: Lane) -> int:
+def compute_lane_rank(roads: RoadMap, lane: Lane) -> int:
     """How many driving lanes lie to the right of a lane: SUMO's index counts pavements too."""
     rank = 0
     while lane.right:
@@ -125,7 +125,7 @@ def _yaw_over_all(lane: Lane) -> float:
     return math.atan2(y, x)
 
 
-def _turn(roads: RoadMap, chain: Sequence[str]) -> Turn:
+def _turn(roads: RoadMap, chain: Sequence[str]) -> TurnDirection:
     net = wrap_angle(_yaw_over_all(roads.lanes[chain[-1]]) - _yaw_over_all(roads.lanes[chain[0]]))
     steps = np.concatenate([np.diff(roads.lanes[id_].centre.xy, axis=0) for id_ in chain])
     steps = steps[np.hypot(*steps.T) > 1e-6]

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.generate.rules import problems
+from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.scenario.scenario import shorten_value
 
 END_OF_THOUGHT = "</think>"
@@ -16,7 +16,7 @@ MOST_TOLD = 12
 """Problems that a model is told at once."""
 
 
-def proposal_in(text: str, category: Category) -> Proposal:
+def parse_proposal(text: str, category: Category) -> Proposal:
     """The valid proposal of that category in an answer; raises ValueError with all that is wrong, in one line.
 
     Code fences and words around the JSON object are forgiven.
@@ -31,12 +31,12 @@ def proposal_in(text: str, category: Category) -> Proposal:
         raise ValueError(_listed(_sentences(error))) from None
     if proposal.category is not category:
         raise ValueError(f"category: expected {category}, found {proposal.category}")
-    if wrong := problems(proposal):
+    if wrong := find_rule_violations(proposal):
         raise ValueError(_listed(list(wrong)))
     return proposal
 
 
-def demonstrations(folder: Path, category: Category) -> tuple[Proposal, ...]:
+def load_demonstrations(folder: Path, category: Category) -> tuple[Proposal, ...]:
     """Proposals of that category in the folder's .json files, by name; raises InputError for a file that is none."""
     if not folder.is_dir():
         raise InputError(f"examples {folder}: expected a folder of proposals, found none")
@@ -52,7 +52,7 @@ def _demonstration(path: Path) -> Proposal:
         raise InputError(f"example {path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"example {path}: {_sentences(error)[0]}") from None
-    if wrong := problems(proposal):
+    if wrong := find_rule_violations(proposal):
         raise InputError(f"example {path}: {wrong[0]}")
     return proposal
 

@@ -4,7 +4,7 @@ import json
 import random
 from collections.abc import Sequence
 
-from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, CategoryFacts, Needs
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, CategoryRequirements, RoadRequirements
 from mdrive_sumo.generate.llm_prompt_texts import ABOUT, ROLE, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.template_proposer import TEMPLATES
@@ -18,7 +18,7 @@ _FORM = (
 )
 
 
-def conversation(category: Category, number: int, shown: Sequence[Proposal] = ()) -> list[dict[str, str]]:
+def build_prompt(category: Category, number: int, shown: Sequence[Proposal] = ()) -> list[dict[str, str]]:
     """Asks for a proposal; `number` draws what is wished for, and templates for the examples that `shown` lacks."""
     rng = random.Random(f"{category}/{number}")
     lines = [
@@ -39,16 +39,16 @@ def _system() -> str:
 
 def _facts(category: Category) -> list[str]:
     facts = CATEGORIES[category]
-    least, most = facts.egos
+    least, most = facts.cav_range
     return [
         f"Category: {category} ({facts.title}), interactivity level {LEVELS[category]}.",
         ABOUT[category],
-        f"topology: {' or '.join(facts.needs.topologies)}. {_needed(category, facts.needs)}",
+        f"topology: {' or '.join(facts.road.topologies)}. {_needed(category, facts.road)}",
         f"ego_vehicles: {least} to {most}.",
     ]
 
 
-def _needed(category: Category, needs: Needs) -> str:
+def _needed(category: Category, needs: RoadRequirements) -> str:
     if category is Category.PRE_CRASH:
         return "needs_*: as the typology asks."
     flags = {name: getattr(needs, name) for name in ("oncoming", "multi_lane", "on_ramp", "merge")}
@@ -58,13 +58,13 @@ def _needed(category: Category, needs: Needs) -> str:
 def _wish(category: Category, rng: random.Random) -> str:
     """Numbers of CAVs and actors around the means of the paper's table, so that a set comes out like it."""
     facts = CATEGORIES[category]
-    egos = min(max(_drawn(_mean_cavs(facts), rng), facts.egos[0]), facts.egos[1])
+    egos = min(max(_drawn(_mean_cavs(facts), rng), facts.cav_range[0]), facts.cav_range[1])
     wish = f"{egos} ego_vehicles"
     return wish if facts.paper is None else f"{wish} and {_drawn(facts.paper.actors, rng)} actors, quantities counted"
 
 
-def _mean_cavs(facts: CategoryFacts) -> float:
-    return facts.paper.cavs if facts.paper else sum(facts.egos) / 2
+def _mean_cavs(facts: CategoryRequirements) -> float:
+    return facts.paper.cavs if facts.paper else sum(facts.cav_range) / 2
 
 
 def _drawn(mean: float, rng: random.Random) -> int:

@@ -14,9 +14,9 @@ from mdrive_sumo.contract import Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.llm_answer import demonstrations, proposal_in
-from mdrive_sumo.generate.llm_prompt import conversation
-from mdrive_sumo.generate.pipeline import Rejected, Stage
+from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
+from mdrive_sumo.generate.llm_prompt import build_prompt
+from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.negotiation.language_model import EXCHANGE, Model, ModelSettings, check_settings
 from mdrive_sumo.negotiation.llm_endpoint import Answer
@@ -60,31 +60,33 @@ def propose(category: Category, seed: str, settings: LlmSettings) -> Proposal:
     if settings.replay is not None:
         return _replayed(category, seed, settings.replay)
     number = _number(category, seed)
-    examples = demonstrations(settings.examples, category) if settings.examples else ()
+    examples = load_demonstrations(settings.examples, category) if settings.examples else ()
     model = Model(_model_settings(settings), number)
-    proposal = model.ask(conversation(category, number, examples), MAX_TOKENS, lambda text: proposal_in(text, category))
+    proposal = model.ask(
+        build_prompt(category, number, examples), MAX_TOKENS, lambda text: parse_proposal(text, category)
+    )
     if settings.transcripts is not None:
-        _keep(model.notes, category, transcript_file(settings.transcripts, category, seed))
+        _keep(model.notes, category, transcript_path(settings.transcripts, category, seed))
     if proposal is None:
         raise _failure(category, model.notes[-1].text)
     return proposal
 
 
-def transcript_file(folder: Path, category: Category, seed: str) -> Path:
+def transcript_path(folder: Path, category: Category, seed: str) -> Path:
     """Where the exchanges of one proposal lie."""
     return folder / (re.sub(r"[^\w.-]+", "_", f"{category}_{seed}") + ".jsonl")
 
 
 def _replayed(category: Category, seed: str, folder: Path) -> Proposal:
     """The proposal that a recorded model came to, by today's rules; raises as it did."""
-    path = transcript_file(folder, category, seed)
+    path = transcript_path(folder, category, seed)
     reason = "the transcript has no exchange for this category and seed"
     for outcome in outcomes(path, _number(category, seed)):
         if not isinstance(outcome, Answer):
             reason = str(outcome)
             continue
         try:
-            return proposal_in(outcome.text, category)
+            return parse_proposal(outcome.text, category)
         except ValueError as error:
             reason = f"{INVALID}{error}"
     raise _failure(category, reason)
@@ -117,10 +119,12 @@ def _model_settings(settings: LlmSettings) -> ModelSettings:
     )
 
 
-def _failure(category: Category, reason: str) -> Rejected | InputError:
+def _failure(category: Category, reason: str) -> ProposalRejected | InputError:
     if reason.startswith(INVALID):
         wrong = textwrap.shorten(reason.removeprefix(INVALID), 300)
-        return Rejected(Stage.RULES, f"the language model never proposed a valid {category}; the last time: {wrong}")
+        return ProposalRejected(
+            PipelineStage.RULES, f"the language model never proposed a valid {category}; the last time: {wrong}"
+        )
     return InputError(f"language model: expected a proposal for {category}, found no answer: {reason}")
 
 
@@ -136,7 +140,7 @@ def _line(exchange: str, category: Category) -> str:
     entry = json.loads(exchange)
     if "answer" in entry:
         try:
-            proposal_in(entry["answer"], category)
+            parse_proposal(entry["answer"], category)
         except ValueError as error:
             entry["problems"] = str(error)
     return json.dumps(entry, sort_keys=True, separators=(",", ":")) + "\n"

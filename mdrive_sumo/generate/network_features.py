@@ -9,7 +9,7 @@ from itertools import combinations
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.generate.category_requirements import Topology
-from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
+from mdrive_sumo.generate.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 
@@ -19,7 +19,7 @@ OPPOSITE_RAD = math.radians(135)
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class NetworkFeatures:
     """What a network has to offer."""
 
     network: str
@@ -31,20 +31,20 @@ class Offer:
 
 
 @lru_cache(maxsize=64)
-def offer_of(roads: RoadMap) -> Offer:
+def extract_features(roads: RoadMap) -> NetworkFeatures:
     """Topology and features of a network, found from its ways."""
-    ways = ways_of(roads)
-    entries = {way.entry: way for way in (*ways, *changing_ways(roads))}
-    oncoming = any(opposite(one, other) for one, other in combinations(entries.values(), 2))
+    ways = find_lane_routes(roads)
+    entries = {way.entry: way for way in (*ways, *find_lane_change_routes(roads))}
+    oncoming = any(are_opposite(one, other) for one, other in combinations(entries.values(), 2))
     merge = any(_merge(one, other) for one, other in combinations(ways, 2))
     multi_lane = any(way.entry_rank > 0 for way in ways)
     fast = not oncoming and max(lane.speed_limit for lane in roads.driving) > HIGHWAY_MPS
     topology = _topology(ways, len(entries), fast)
     on_ramp = topology is Topology.HIGHWAY and len(entries) > 1
-    return Offer(roads.name, topology, oncoming, multi_lane, on_ramp, merge or on_ramp)
+    return NetworkFeatures(roads.name, topology, oncoming, multi_lane, on_ramp, merge or on_ramp)
 
 
-def _topology(ways: Iterable[Way], entries: int, fast: bool) -> Topology:
+def _topology(ways: Iterable[LaneRoute], entries: int, fast: bool) -> Topology:
     if fast:
         return Topology.HIGHWAY
     if any(way.turn == "u_turn" for way in ways):
@@ -54,21 +54,21 @@ def _topology(ways: Iterable[Way], entries: int, fast: bool) -> Topology:
     return Topology.CORRIDOR if any(way.entry_rank > 0 for way in ways) else Topology.TWO_LANE_CORRIDOR
 
 
-def opposite(one: Way, other: Way) -> bool:
+def are_opposite(one: LaneRoute, other: LaneRoute) -> bool:
     """Whether two ways come from opposite directions."""
     return abs(wrap_angle(one.entry_yaw - other.entry_yaw)) > OPPOSITE_RAD
 
 
-def _merge(one: Way, other: Way) -> bool:
+def _merge(one: LaneRoute, other: LaneRoute) -> bool:
     differs = one.lanes[0] != other.lanes[0]
     return differs and one.lanes[-1] == other.lanes[-1]
 
 
-def crops_for(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
+def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
     """Networks (of the packaged ones, or those named) that offer what the proposal asks for; raises InputError."""
     folders = list_packaged_networks()
     maps = [load_road_map(folders[name]) for name in sorted(names or folders)]
-    fitting = tuple(roads for roads in maps if _fits(offer_of(roads), proposal))
+    fitting = tuple(roads for roads in maps if _fits(extract_features(roads), proposal))
     if not fitting:
         needs = [name for name in ("oncoming", "multi_lane", "on_ramp", "merge") if getattr(proposal, f"needs_{name}")]
         asked = " with ".join((proposal.topology, *(", ".join(needs),) * bool(needs)))
@@ -76,7 +76,7 @@ def crops_for(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, .
     return fitting
 
 
-def _fits(offer: Offer, proposal: Proposal) -> bool:
+def _fits(offer: NetworkFeatures, proposal: Proposal) -> bool:
     asked = ((proposal.needs_oncoming, offer.oncoming), (proposal.needs_multi_lane, offer.multi_lane))
     ramps = ((proposal.needs_on_ramp, offer.on_ramp), (proposal.needs_merge, offer.merge))
     return offer.topology is proposal.topology and all(has or not need for need, has in (*asked, *ramps))

@@ -27,11 +27,11 @@ KERB_M = 1.5
 QUEUE_M = 2.5
 """Who waits where others do stands behind them."""
 LANE_M = 3.5
-Body = tuple[str, KindName, tuple[float, float]]
+ActorBody = tuple[str, KindName, tuple[float, float]]
 """Model, kind, and length and width [m]."""
 
 
-def pose_at(ego: Ego, station: float, offset: float) -> tuple[float, float, float]:
+def compute_route_pose(ego: Ego, station: float, offset: float) -> tuple[float, float, float]:
     """Pose [m, m, rad] beside the route, `offset` to its left."""
     k = min(max(round(station), 0), len(ego.route) - 1)
     x, y, yaw = ego.route[k]
@@ -40,8 +40,8 @@ def pose_at(ego: Ego, station: float, offset: float) -> tuple[float, float, floa
     return x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw
 
 
-def crossing(
-    actor: ProposedActor, way: tuple[Ego, float], roads: RoadMap, body: Body, others: Sequence[Actor]
+def place_crossing_actors(
+    actor: ProposedActor, way: tuple[Ego, float], roads: RoadMap, body: ActorBody, others: Sequence[Actor]
 ) -> Iterator[Actor]:
     """Walks across the CAV's way, on the zebra crossing if there is one, set off so that blind driving meets it."""
     model, kind, size = body
@@ -69,7 +69,7 @@ Spot = tuple[float, float]
 
 
 def _kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) -> tuple[Spot, Spot]:
-    x, y, yaw = pose_at(ego, station, 0.0)
+    x, y, yaw = compute_route_pose(ego, station, 0.0)
     near = [
         line for line, _ in roads.crossings if shapely.LineString(line).distance(shapely.Point(x, y)) < CROSSING_REACH_M
     ]

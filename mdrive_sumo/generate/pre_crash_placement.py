@@ -9,11 +9,11 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
-from mdrive_sumo.generate.actor_placement import CAR_SIZE, CYCLIST_SIZE, DRIVE_MPS, WALK_MPS, WALKER_SIZE, actors_of
-from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
-from mdrive_sumo.generate.pre_crash_spawn_points import arrival, junction_of
+from mdrive_sumo.generate.actor_placement import CAR_SIZE, CYCLIST_SIZE, DRIVE_MPS, WALK_MPS, WALKER_SIZE, place_actors
+from mdrive_sumo.generate.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes
+from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s, locate_junction
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
-from mdrive_sumo.generate.spawn_points import RIM_M, Line, Spawn, ego_of, line_of
+from mdrive_sumo.generate.spawn_points import RIM_M, RouteLine, SpawnPoint, build_ego, build_route_line
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
@@ -59,15 +59,17 @@ PULL_OUT_M = 8.0
 """Length of the way from a parking place to the lane."""
 
 
-class _Drive:
+class _CavRoute:
     """A CAV's way with the places of the drive on it, stations in metres."""
 
     def __init__(self, ego: Ego, roads: RoadMap) -> None:
         self.ego, self.roads = ego, roads
-        self.way = next(w for w in (*ways_of(roads), *changing_ways(roads)) if set(ego.lanes) <= set(w.lanes))
-        self.line: Line = line_of(roads, self.way, 0.5)
+        self.way = next(
+            w for w in (*find_lane_routes(roads), *find_lane_change_routes(roads)) if set(ego.lanes) <= set(w.lanes)
+        )
+        self.line: RouteLine = build_route_line(roads, self.way, 0.5)
         self.start = self.project(ego.start.x, ego.start.y)
-        self.edge, self.exit = junction_of(roads, self.way)
+        self.edge, self.exit = locate_junction(roads, self.way)
 
     def project(self, x: float, y: float) -> float:
         return float(shapely.line_locate_point(shapely.LineString(self.line.xy), shapely.Point(x, y)))
@@ -98,14 +100,14 @@ class _Drive:
         return (self.edge + self.exit) / 2 if actor.timing_phase == "in_intersection" else self.exit + EXIT_M
 
 
-def pre_crash_actors(
+def place_pre_crash_actors(
     proposed: Sequence[ProposedActor], egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random
 ) -> tuple[Actor, ...]:
     """Actors of the scenario; `egos` are by the proposal's vehicle ids. Raises InputError where one has no room.
 
     What the typologies' templates propose is staged here; anything else that a proposal names is placed as always.
     """
-    drives = {name: _Drive(ego, roads) for name, ego in egos.items()}
+    drives = {name: _CavRoute(ego, roads) for name, ego in egos.items()}
     vans = [actor for actor in proposed if actor.kind == "parked_vehicle" and _alone(actor, "offroad_right")]
     movers = [actor for actor in proposed if _sets_off(actor)]
     made = {actor.actor_id: _moving(actor, drives[actor.affects_vehicle], egos) for actor in movers}
@@ -114,7 +116,7 @@ def pre_crash_actors(
         hidden = [made[a.actor_id] for a in movers if (a.affects_vehicle, a.timing_phase) == there]
         made[actor.actor_id] = _van(actor, drives[actor.affects_vehicle], hidden[0] if hidden else None, egos)
     others = [actor for actor in proposed if actor.actor_id not in made]
-    return (*made.values(), *actors_of(others, egos, roads, rng))
+    return (*made.values(), *place_actors(others, egos, roads, rng))
 
 
 def _alone(actor: ProposedActor, *laterals: Lateral) -> bool:
@@ -129,11 +131,11 @@ def _sets_off(actor: ProposedActor) -> bool:
     return actor.motion == "cross_perpendicular" and actor.quantity == 1
 
 
-def _moving(actor: ProposedActor, drive: _Drive, egos: Mapping[str, Ego]) -> Actor:
+def _moving(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
     return _car(actor, drive, egos) if actor.kind == "npc_vehicle" else _crosser(actor, drive)
 
 
-def _van(actor: ProposedActor, drive: _Drive, hidden: Actor | None, egos: Mapping[str, Ego]) -> Actor:
+def _van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, egos: Mapping[str, Ego]) -> Actor:
     """At the kerb, directly before whom it hides if there is somebody, else wherever there is room."""
     if hidden is not None:
         stations = drive.project(hidden.start.x, hidden.start.y) - HIDING_M
@@ -166,14 +168,14 @@ def _free(box: shapely.Polygon, roads: RoadMap, egos: Mapping[str, Ego]) -> bool
     return not inside and all(box.distance(shapely.LineString(ego.xy)) > BESIDE_M for ego in egos.values())
 
 
-def _setting_off(actor: ProposedActor, drive: _Drive) -> float:
+def _setting_off(actor: ProposedActor, drive: _CavRoute) -> float:
     """Station of somebody who is hidden: behind a junction there must be room for the van, too."""
     if actor.kind == "npc_vehicle":
         return drive.exit + VAN.length + CAR_SIZE[0] / 2 + HIDES_M
     return drive.station(actor) + (0.0 if actor.timing_phase == "on_approach" else HIDES_M)
 
 
-def _crosser(actor: ProposedActor, drive: _Drive) -> Actor:
+def _crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
     """Crosses from the kerb, set off so that blind driving meets it."""
     walker = actor.kind == "walker"
     speed = WALK_MPS[actor.speed] if walker else CYCLE_MPS
@@ -204,17 +206,17 @@ def _crossing_s(distance: float, speed: float, acceleration: float) -> float:
     return math.sqrt(2 * gaining / acceleration) + (distance - gaining) / speed + HALF_CAR_S
 
 
-def _when_near(drive: _Drive, place: Pose, station: float, needed_s: float) -> DistanceTrigger:
+def _when_near(drive: _CavRoute, place: Pose, station: float, needed_s: float) -> DistanceTrigger:
     """Fires when blind driving needs `needed_s` to the station."""
-    due = arrival(drive.line, drive.start, station) - needed_s
+    due = compute_arrival_s(drive.line, drive.start, station) - needed_s
     stations = np.arange(drive.start, station, 0.5)
-    at = next((s for s in stations if arrival(drive.line, drive.start, s) >= due), station - 0.5)
+    at = next((s for s in stations if compute_arrival_s(drive.line, drive.start, s) >= due), station - 0.5)
     here = drive.at(float(at))
     away = math.hypot(here.x - place.x, here.y - place.y)
     return DistanceTrigger(vehicle=drive.ego.id, distance_m=round(min(max(away, 3.0), 50.0), 2))
 
 
-def _car(actor: ProposedActor, drive: _Drive, egos: Mapping[str, Ego]) -> Actor:
+def _car(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
     if actor.lateral_position == "left_edge":
         return _waiting_beside(actor, drive, egos)
     if actor.lateral_position == "half_right":
@@ -232,7 +234,7 @@ def _made(actor: ProposedActor, **more: object) -> Actor:
     )
 
 
-def _waiting_beside(actor: ProposedActor, drive: _Drive, egos: Mapping[str, Ego]) -> Actor:
+def _waiting_beside(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
     """Stands in the junction ahead of the next lane to the left, where one waits to turn left."""
     lane = drive.roads.lanes[drive.ego.lanes[0]]
     if not lane.left:
@@ -246,24 +248,24 @@ def _waiting_beside(actor: ProposedActor, drive: _Drive, egos: Mapping[str, Ego]
     raise InputError(f"actor {actor.actor_id}: expected room to wait in the junction, found none")
 
 
-def _along(roads: RoadMap, way: Way, start: float) -> Ego:
+def _along(roads: RoadMap, way: LaneRoute, start: float) -> Ego:
     """The drive from there to the end of the way, lanes and start."""
-    return ego_of(roads, "car", way, Spawn(start, len(line_of(roads, way, 0.5).xy) - 1 - RIM_M), 0.5)
+    return build_ego(roads, "car", way, SpawnPoint(start, len(build_route_line(roads, way, 0.5).xy) - 1 - RIM_M), 0.5)
 
 
-def _leading(actor: ProposedActor, drive: _Drive) -> Actor:
+def _leading(actor: ProposedActor, drive: _CavRoute) -> Actor:
     """Drives ahead on the CAV's way and, if erratic, brakes hard in the junction."""
     start = drive.start + LEAD_M
     ahead = _along(drive.roads, drive.way, start)
     if actor.speed != "erratic":
         return _made(actor, start=ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed]))
-    at_s = round(arrival(drive.line, start, drive.exit - 4.0), 2)
+    at_s = round(compute_arrival_s(drive.line, start, drive.exit - 4.0), 2)
     motion = LaneMotion(lanes=ahead.lanes, speed=6.0)
     action = HardBrake(hold_s=HOLD_S, pacing=False, least_driven_s=1.0, resume_speed=DRIVE_MPS["normal"])
     return _made(actor, start=ahead.start, motion=motion, trigger=TimeTrigger(at_s=at_s), action=action)
 
 
-def _pulling_out(actor: ProposedActor, drive: _Drive) -> Actor:
+def _pulling_out(actor: ProposedActor, drive: _CavRoute) -> Actor:
     """Stands at the kerb and pulls out when a CAV is near, then drives on before it."""
     station = _setting_off(actor, drive)
     last = len(drive.line.xy) - 1 - RIM_M

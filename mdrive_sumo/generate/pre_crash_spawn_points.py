@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.agents.constant_speed import BRAKING, LATERAL
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.generate.lane_routes import Way
+from mdrive_sumo.generate.lane_routes import LaneRoute
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.spawn_points import (
     BLIND_ACCELERATION,
@@ -16,12 +16,12 @@ from mdrive_sumo.generate.spawn_points import (
     GAP_M,
     RIM_M,
     RUN_OUT_M,
-    Line,
-    Lines,
-    Spawn,
-    Starts,
-    Ways,
-    meeting,
+    LaneRoutes,
+    RouteLine,
+    RouteLines,
+    SpawnPoint,
+    StartStations,
+    find_conflict_stations,
 )
 from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.planning.path import SPACING_M, curve_speeds, make_path
@@ -42,45 +42,49 @@ APART_S = 0.25
 STEP_M = 0.5
 
 
-def spawns(
-    proposal: Proposal, lines: Lines, ways: Ways, roads: RoadMap, route_m: float, rng: random.Random
-) -> dict[str, Spawn] | str:
+def choose_pre_crash_spawn_points(
+    proposal: Proposal, lines: RouteLines, ways: LaneRoutes, roads: RoadMap, route_m: float, rng: random.Random
+) -> dict[str, SpawnPoint] | str:
     """Start and goal of every CAV; or the reason why there is no room."""
     behind = {actor.affects_vehicle for actor in proposal.actors if actor.timing_phase in ("after_exit", "after_turn")}
-    starts: Starts = {}
+    starts: StartStations = {}
     for name, way in ways.items():
-        starts[name] = _start(name, starts, lines, ways, junction_of(roads, way)[0], rng)
+        starts[name] = _start(name, starts, lines, ways, locate_junction(roads, way)[0], rng)
         if starts[name] < RIM_M:
             return f"{name}: expected room for its start before the junction, found {starts[name]:.0f} m"
-    spawned: dict[str, Spawn] = {}
+    spawned: dict[str, SpawnPoint] = {}
     for name, start in starts.items():
         past = EVENT_PAST_M if name in behind else PAST_M
-        least = max(_last(name, start, lines) + RUN_OUT_M, junction_of(roads, ways[name])[1] + past)
+        least = max(_last(name, start, lines) + RUN_OUT_M, locate_junction(roads, ways[name])[1] + past)
         rim = len(lines[name].xy) - 1 - RIM_M
-        spawned[name] = Spawn(start, min(max(start + SHORT * route_m * rng.uniform(0.9, 1.1), least), rim))
+        spawned[name] = SpawnPoint(start, min(max(start + SHORT * route_m * rng.uniform(0.9, 1.1), least), rim))
     return spawned
 
 
-def _last(name: str, start: float, lines: Lines) -> float:
+def _last(name: str, start: float, lines: RouteLines) -> float:
     """Station of the last conflict [m]."""
-    met = [found[0] for other in lines if other != name and (found := meeting(lines[name], lines[other]))]
+    met = [
+        found[0] for other in lines if other != name and (found := find_conflict_stations(lines[name], lines[other]))
+    ]
     return max((station for station in met if station > start), default=0.0)
 
 
-def _start(name: str, starts: Mapping[str, float], lines: Lines, ways: Ways, edge: float, rng: random.Random) -> float:
+def _start(
+    name: str, starts: Mapping[str, float], lines: RouteLines, ways: LaneRoutes, edge: float, rng: random.Random
+) -> float:
     ahead = [start for other, start in starts.items() if ways[other].lanes[0] == ways[name].lanes[0]]
     if ahead:
         return min(ahead) - rng.uniform(*GAP_M)
     for other, start in starts.items():
-        met = meeting(lines[name], lines[other])
+        met = find_conflict_stations(lines[name], lines[other])
         if met is not None and met[1] > start:
-            due = arrival(lines[other], start, met[1]) + rng.uniform(-APART_S, APART_S)
+            due = compute_arrival_s(lines[other], start, met[1]) + rng.uniform(-APART_S, APART_S)
             choices = edge - np.arange(*REACH_M, STEP_M)
-            return float(min(choices, key=lambda choice: abs(arrival(lines[name], choice, met[0]) - due)))
+            return float(min(choices, key=lambda choice: abs(compute_arrival_s(lines[name], choice, met[0]) - due)))
     return edge - rng.uniform(*(WITNESS_M if starts else RUN_UP_M))
 
 
-def junction_of(roads: RoadMap, way: Way) -> tuple[float, float]:
+def locate_junction(roads: RoadMap, way: LaneRoute) -> tuple[float, float]:
     """Stations [m] on a way of the beginning and the end of its first junction; where it has none, of its middle."""
     begin, found = 0.0, None
     for id_ in way.lanes:
@@ -93,7 +97,7 @@ def junction_of(roads: RoadMap, way: Way) -> tuple[float, float]:
     return found or (begin / 2, begin / 2)
 
 
-def arrival(line: Line, start: float, station: float) -> float:
+def compute_arrival_s(line: RouteLine, start: float, station: float) -> float:
     """Time [s] in which blind driving comes from rest at `start` to `station` [m], slower in bends."""
     away = np.arange(0.0, max(station - start, STEP_M) + STEP_M / 2, STEP_M)
     rising = np.diff(np.sqrt(2 * away / BLIND_ACCELERATION))
@@ -102,7 +106,7 @@ def arrival(line: Line, start: float, station: float) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _bends(line: Line) -> Float:
+def _bends(line: RouteLine) -> Float:
     """Speed of blind driving [m/s] at the points of a line, but for the start."""
     path = make_path(line.xy, VEHICLE.rear_to_centre)
     speeds = curve_speeds(path, BLIND_SPEED, LATERAL, BRAKING)

@@ -29,34 +29,34 @@ STRAIGHT = ("quiet_crossing", "school_crossing", "town_crossing", "town_crossing
 
 
 @dataclass(frozen=True, slots=True)
-class Typology:
+class PreCrashTypology:
     """One line of the list, as it is staged here."""
 
     name: str
-    who: str
+    participants: str
     """Who conflicts."""
     draft: Callable[[random.Random], Draft]
-    crops: tuple[str, ...]
+    networks: tuple[str, ...]
     """Networks on which it is staged."""
 
 
-def draft(rng: random.Random) -> Draft:
+def draft_pre_crash(rng: random.Random) -> Draft:
     """Fields of a pre-crash proposal of some typology."""
     number = rng.choice(sorted(TYPOLOGIES))
-    return draft_of(number, rng)
+    return draft_typology(number, rng)
 
 
-def draft_of(number: int, rng: random.Random) -> Draft:
+def draft_typology(number: int, rng: random.Random) -> Draft:
     """Fields of a proposal of this typology."""
     typology = TYPOLOGIES[number]
-    said = f"NHTSA pre-crash typology {number}, {typology.name}: {typology.who}."
+    said = f"NHTSA pre-crash typology {number}, {typology.name}: {typology.participants}."
     return {"topology": Topology.INTERSECTION, "pre_crash": number, "description": said} | typology.draft(rng)
 
 
-def crops_of(proposal: Proposal) -> tuple[str, ...]:
+def find_typology_networks(proposal: Proposal) -> tuple[str, ...]:
     """Networks for the proposal's typology; none if it is not one that we stage ourselves."""
     typology = TYPOLOGIES.get(proposal.pre_crash or 0)
-    return tuple(typology.crops) if typology else ()
+    return tuple(typology.networks) if typology else ()
 
 
 def _egos(*turns: str) -> list[Draft]:
@@ -226,45 +226,53 @@ def _pulls_out(rng: random.Random) -> Draft:
     return _turn_and_witness(rng) | {"actors": [leaving, _van(1, "after_turn")]}
 
 
-TYPOLOGIES: Mapping[int, Typology] = {
-    5: Typology("running a stop sign", "a van leaves the minor road without stopping", _runs_sign, ("minor_road",)),
-    11: Typology("pedestrian, vehicle manoeuvring", "a CAV that turns and a walker", _crossing("walker", True), HOUSES),
-    12: Typology("pedestrian, vehicle going on", "a CAV and a walker", _crossing("walker", False), BENDS),
-    13: Typology("cyclist, vehicle manoeuvring", "a CAV that turns and a cyclist", _crossing("cyclist", True), HOUSES),
-    14: Typology("cyclist, vehicle going on", "a CAV and a cyclist", _crossing("cyclist", False), BENDS),
-    17: Typology(
+TYPOLOGIES: Mapping[int, PreCrashTypology] = {
+    5: PreCrashTypology(
+        "running a stop sign", "a van leaves the minor road without stopping", _runs_sign, ("minor_road",)
+    ),
+    11: PreCrashTypology(
+        "pedestrian, vehicle manoeuvring", "a CAV that turns and a walker", _crossing("walker", True), HOUSES
+    ),
+    12: PreCrashTypology("pedestrian, vehicle going on", "a CAV and a walker", _crossing("walker", False), BENDS),
+    13: PreCrashTypology(
+        "cyclist, vehicle manoeuvring", "a CAV that turns and a cyclist", _crossing("cyclist", True), HOUSES
+    ),
+    14: PreCrashTypology("cyclist, vehicle going on", "a CAV and a cyclist", _crossing("cyclist", False), BENDS),
+    17: PreCrashTypology(
         "vehicle parking, same direction", "a CAV and a car that leaves its parking place", _pulls_out, HOUSES
     ),
-    25: Typology(
+    25: PreCrashTypology(
         "lead vehicle decelerating",
         "CAVs in a queue and a car that brakes hard",
         _lead_braking,
         STRAIGHT,
     ),
-    26: Typology("lead vehicle stopped", "a CAV and a car that stands behind the corner", _lead_stopped, STRAIGHT),
-    27: Typology(
+    26: PreCrashTypology(
+        "lead vehicle stopped", "a CAV and a car that stands behind the corner", _lead_stopped, STRAIGHT
+    ),
+    27: PreCrashTypology(
         "left turn across path, opposite directions, signals",
         "a CAV that turns left and an oncoming one",
         _left_across_signals,
         ("boulevard", "main_street"),
     ),
-    28: Typology(
+    28: PreCrashTypology(
         "right turn at signals",
         "a CAV that turns right and one in the same exit",
         _right_turn,
         ("main_street",),
     ),
-    29: Typology(
+    29: PreCrashTypology(
         "left turn across path, opposite directions, no signals",
         "a CAV that turns left and an oncoming one",
         _left_across,
         ("old_town", "old_town", "quiet_crossing", "school_crossing"),
     ),
-    30: Typology(
+    30: PreCrashTypology(
         "straight crossing paths, no signals",
         "CAVs from two roads, both straight on",
         _straight_paths,
         ("town_crossing", "school_crossing"),
     ),
-    31: Typology("turning, no signals", "a CAV that turns and one on the other road", _turning, HOUSES),
+    31: PreCrashTypology("turning, no signals", "a CAV that turns and one on the other road", _turning, HOUSES),
 }

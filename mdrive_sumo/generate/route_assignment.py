@@ -5,8 +5,8 @@ import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.generate.lane_routes import Way, changing_ways, ways_of
-from mdrive_sumo.generate.network_features import opposite
+from mdrive_sumo.generate.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes
+from mdrive_sumo.generate.network_features import are_opposite
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.roads import RoadMap
 
@@ -15,11 +15,11 @@ PERPENDICULAR_RAD = math.radians(40)
 MOST_TRIES = 20000
 
 
-Ways = Mapping[str, Way]
+LaneRoutes = Mapping[str, LaneRoute]
 """By vehicle id."""
 
 
-def assign(proposal: Proposal, roads: RoadMap, rng: random.Random) -> dict[str, Way] | None:
+def assign_routes(proposal: Proposal, roads: RoadMap, rng: random.Random) -> dict[str, LaneRoute] | None:
     """Ways by vehicle id that satisfy all constraints; None if the crop has none. Which one is up to `rng`."""
     domains = {ego.vehicle_id: _domain(ego, roads) for ego in proposal.ego_vehicles}
     for ways in domains.values():
@@ -29,8 +29,8 @@ def assign(proposal: Proposal, roads: RoadMap, rng: random.Random) -> dict[str, 
 
 
 def _search(
-    proposal: Proposal, domains: Mapping[str, Sequence[Way]], chosen: dict[str, Way], tries: Iterator[int]
-) -> Iterator[dict[str, Way]]:
+    proposal: Proposal, domains: Mapping[str, Sequence[LaneRoute]], chosen: dict[str, LaneRoute], tries: Iterator[int]
+) -> Iterator[dict[str, LaneRoute]]:
     open_ = [name for name in domains if name not in chosen]
     if not open_:
         yield dict(chosen)
@@ -45,7 +45,7 @@ def _search(
         del chosen[name]
 
 
-def _consistent(proposal: Proposal, chosen: Ways, last: str) -> bool:
+def _consistent(proposal: Proposal, chosen: LaneRoutes, last: str) -> bool:
     return all(
         RELATIONS[constraint.type](chosen[constraint.a], chosen[constraint.b])
         for constraint in proposal.vehicle_constraints
@@ -53,28 +53,28 @@ def _consistent(proposal: Proposal, chosen: Ways, last: str) -> bool:
     )
 
 
-def _domain(ego: EgoVehicle, roads: RoadMap) -> list[Way]:
+def _domain(ego: EgoVehicle, roads: RoadMap) -> list[LaneRoute]:
     """Ways that do what the proposal says of one vehicle, whatever the others do."""
-    plain, changing = ways_of(roads), changing_ways(roads)
+    plain, changing = find_lane_routes(roads), find_lane_change_routes(roads)
     sides = _side_entries((*plain, *changing))
     ramps = {way.entry for way in changing} - {way.entry for way in plain}
     pool = changing if ego.maneuver == "lane_change" else (*plain, *(way for way in changing if way.entry in ramps))
     return [way for way in pool if _does(ego, way) and _enters(ego, way, sides)]
 
 
-def _does(ego: EgoVehicle, way: Way) -> bool:
+def _does(ego: EgoVehicle, way: LaneRoute) -> bool:
     if ego.maneuver == "lane_change":
         late = ego.lane_change_phase == "after_intersection"
         return ego.lane_change_phase == "unknown" or way.changes_late == late
     turns = ("unknown", way.turn, "left" if way.turn == "u_turn" else way.turn)
-    return ego.maneuver in turns or bool(way.change)
+    return ego.maneuver in turns or bool(way.change_side)
 
 
-def _enters(ego: EgoVehicle, way: Way, sides: set[str]) -> bool:
+def _enters(ego: EgoVehicle, way: LaneRoute, sides: set[str]) -> bool:
     return ego.entry_road == "unknown" or (way.entry in sides) == (ego.entry_road == "side")
 
 
-def _side_entries(ways: Sequence[Way]) -> set[str]:
+def _side_entries(ways: Sequence[LaneRoute]) -> set[str]:
     """Minor roads: those without a way straight on, and all but the widest of those that lead to one exit."""
     entries = {way.entry for way in ways}
     width = {entry: max(way.entry_rank for way in ways if way.entry == entry) for entry in entries}
@@ -83,16 +83,16 @@ def _side_entries(ways: Sequence[Way]) -> set[str]:
     return entries - {way.entry for way in ways if way.turn == "straight"}
 
 
-def _same_approach(a: Way, b: Way) -> bool:
+def _same_approach(a: LaneRoute, b: LaneRoute) -> bool:
     return a.entry == b.entry
 
 
-def _opposite(a: Way, b: Way) -> bool:
-    return opposite(a, b)
+def _opposite(a: LaneRoute, b: LaneRoute) -> bool:
+    return are_opposite(a, b)
 
 
-def _perpendicular(side: int) -> Callable[[Way, Way], bool]:
-    def holds(a: Way, b: Way) -> bool:
+def _perpendicular(side: int) -> Callable[[LaneRoute, LaneRoute], bool]:
+    def holds(a: LaneRoute, b: LaneRoute) -> bool:
         """Who comes from b's right drives to b's left: a quarter turn counter-clockwise from b's direction."""
         away = wrap_angle(a.entry_yaw - b.entry_yaw) - side * math.pi / 2
         return abs(wrap_angle(away)) < PERPENDICULAR_RAD
@@ -100,31 +100,31 @@ def _perpendicular(side: int) -> Callable[[Way, Way], bool]:
     return holds
 
 
-def _same_exit(a: Way, b: Way) -> bool:
+def _same_exit(a: LaneRoute, b: LaneRoute) -> bool:
     return a.exit == b.exit
 
 
-def _follows(a: Way, b: Way) -> bool:
+def _follows(a: LaneRoute, b: LaneRoute) -> bool:
     return a == b
 
 
-def _beside(step: int) -> Callable[[Way, Way], bool]:
-    def holds(a: Way, b: Way) -> bool:
+def _beside(step: int) -> Callable[[LaneRoute, LaneRoute], bool]:
+    def holds(a: LaneRoute, b: LaneRoute) -> bool:
         return _same_approach(a, b) and a.entry_rank == b.entry_rank + step
 
     return holds
 
 
-def _merges(a: Way, b: Way) -> bool:
+def _merges(a: LaneRoute, b: LaneRoute) -> bool:
     differs = a.lanes[0] != b.lanes[0]
     return differs and _same_exit(a, b) and a.exit_rank == b.exit_rank
 
 
-def _same_lane(a: Way, b: Way) -> bool:
+def _same_lane(a: LaneRoute, b: LaneRoute) -> bool:
     return _same_approach(a, b) and a.entry_rank == b.entry_rank
 
 
-RELATIONS: Mapping[str, Callable[[Way, Way], bool]] = {
+RELATIONS: Mapping[str, Callable[[LaneRoute, LaneRoute], bool]] = {
     "same_approach_as": _same_approach,
     "same_road_as": _same_approach,
     "opposite_approach_of": _opposite,

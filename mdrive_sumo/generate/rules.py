@@ -45,13 +45,13 @@ MIRRORED = {
 """`a` relation `b` is the same as `b` MIRRORED[relation] `a`; relations that are not named are symmetric."""
 
 
-def problems(proposal: Proposal) -> tuple[str, ...]:
+def find_rule_violations(proposal: Proposal) -> tuple[str, ...]:
     """Everything that is wrong with a proposal, one sentence each; empty if it is valid."""
     return tuple(problem for rule in RULES for problem in rule(proposal))
 
 
 def _topology(proposal: Proposal) -> Iterator[str]:
-    wanted = CATEGORIES[proposal.category].needs.topologies
+    wanted = CATEGORIES[proposal.category].road.topologies
     if proposal.topology not in wanted:
         yield f"topology: expected {' or '.join(wanted)} for {proposal.category}, found {proposal.topology}"
 
@@ -59,7 +59,7 @@ def _topology(proposal: Proposal) -> Iterator[str]:
 def _needs(proposal: Proposal) -> Iterator[str]:
     if proposal.category is Category.PRE_CRASH:
         return  # the typology decides, see pre_crash.py
-    needs = CATEGORIES[proposal.category].needs
+    needs = CATEGORIES[proposal.category].road
     for name in ("oncoming", "multi_lane", "on_ramp", "merge"):
         wanted, found = getattr(needs, name), getattr(proposal, f"needs_{name}")
         if wanted != found:
@@ -67,7 +67,7 @@ def _needs(proposal: Proposal) -> Iterator[str]:
 
 
 def _ego_count(proposal: Proposal) -> Iterator[str]:
-    least, most = CATEGORIES[proposal.category].egos
+    least, most = CATEGORIES[proposal.category].cav_range
     found = len(proposal.ego_vehicles)
     if not least <= found <= most:
         yield f"ego_vehicles: expected {least} to {most} for {proposal.category}, found {found}"

@@ -18,27 +18,27 @@ SEED = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Screened:
+class ScreeningResult:
     """Figures of both drives."""
 
     blind_ttc_s: float | None
     """Least time to collision of blind driving; None: never dangerous."""
     omniscient_ds: float
-    occluded: bool = False
+    is_occluded: bool = False
     """Whether the scenario has an occlusion certificate (certificate.py)."""
 
     @property
-    def difficult(self) -> bool:
+    def is_difficult(self) -> bool:
         """Whether blind driving has a near miss (TTC < 0.9 s at closing speeds over 1 m/s)."""
         return self.blind_ttc_s is not None and self.blind_ttc_s < NEAR_MISS_TTC_S
 
     @property
-    def feasible(self) -> bool:
+    def is_feasible(self) -> bool:
         """Whether every CAV can complete its route without an infraction."""
         return self.omniscient_ds >= FULL_SCORE
 
 
-def driven(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
+def drive_episode(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
     """An episode with a built-in agent; raises WorldError."""
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
@@ -46,18 +46,18 @@ def driven(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
         return run_episode(EpisodeConfig(scenario, roads, SEED), world, drivers)
 
 
-def screen(scenario: Scenario, roads: RoadMap) -> Screened:
+def screen_scenario(scenario: Scenario, roads: RoadMap) -> ScreeningResult:
     """Drives a scenario blindly and, if that is dangerous, with `omniscient`."""
-    blind = driven(scenario, roads, "constant-speed")
+    blind = drive_episode(scenario, roads, "constant-speed")
     ttc = _scored(blind, scenario, roads).min_ttc
     if ttc is None or ttc >= NEAR_MISS_TTC_S:
-        return Screened(ttc, 0.0)
-    solved = driven(scenario, roads, "omniscient")
+        return ScreeningResult(ttc, 0.0)
+    solved = drive_episode(scenario, roads, "omniscient")
     drives: dict[ReferenceDrive, EpisodeRecord] = {"constant-speed": blind, "omniscient": solved}
     hidden = [
         found for drive, episode in drives.items() for found in find_occluded_intervals(drive, episode, scenario, roads)
     ]
-    return Screened(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
+    return ScreeningResult(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
 
 
 def _scored(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> ScenarioResult:

@@ -12,7 +12,7 @@ CROWDED, ALIKE = 0.02, 0.3
 """Cost of every scenario on the same network as another one, or with the same description: variety."""
 
 
-def selected(
+def select_scenarios(
     pool: Sequence[Scenario], figures: CategoryFigures, count: int, rng: random.Random
 ) -> tuple[Scenario, ...]:
     """`count` scenarios of the pool, in its order, that come closest to the figures: random swaps that never worsen."""

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.generate.lane_routes import Way
+from mdrive_sumo.generate.lane_routes import LaneRoute
 from mdrive_sumo.roads import RoadMap, build_lane_route
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
@@ -43,7 +43,7 @@ MEETING_M = 1.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class RouteLine:
     """A way as a line: points every metre (N, 2) [m], and where it begins on its first lane [m]."""
 
     xy: Float
@@ -51,21 +51,21 @@ class Line:
 
 
 @lru_cache(maxsize=4096)
-def line_of(roads: RoadMap, way: Way, change_share: float) -> Line:
+def build_route_line(roads: RoadMap, way: LaneRoute, change_share: float) -> RouteLine:
     """The whole way; a lane change begins at that share of the lane that it leaves."""
     goal_s = roads.lanes[way.lanes[-1]].centre.length
     route = build_lane_route(roads, way.lanes, 0.0, goal_s, _changes(roads, way, change_share))
-    return Line(route.xy, 0.0)
+    return RouteLine(route.xy, 0.0)
 
 
-def _changes(roads: RoadMap, way: Way, share: float) -> dict[int, float]:
+def _changes(roads: RoadMap, way: LaneRoute, share: float) -> dict[int, float]:
     if way.change_at < 0:
         return {}
     return {way.change_at: share * roads.lanes[way.lanes[way.change_at]].centre.length}
 
 
 @lru_cache(maxsize=4096)
-def meeting(one: Line, other: Line) -> tuple[float, float] | None:
+def find_conflict_stations(one: RouteLine, other: RouteLine) -> tuple[float, float] | None:
     """Stations [m] at which two ways first come together after having been apart; None: they never do."""
     near = np.asarray(shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M)
     if near[0]:
@@ -76,7 +76,7 @@ def meeting(one: Line, other: Line) -> tuple[float, float] | None:
     return float(i), float(shapely.line_locate_point(shapely.LineString(other.xy), shapely.Point(one.xy[i])))
 
 
-def blind_time(distance: float) -> float:
+def blind_travel_time(distance: float) -> float:
     """Time [s] in which blind driving covers a distance [m] from rest."""
     speeding = BLIND_SPEED**2 / 2 / BLIND_ACCELERATION
     if distance < speeding:
@@ -93,20 +93,22 @@ def blind_distance(time: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Spawn:
+class SpawnPoint:
     """Stations [m] of start and goal on a line."""
 
     start: float
     goal: float
 
 
-Lines = Mapping[str, Line]
-Ways = Mapping[str, Way]
-Starts = dict[str, float]
+RouteLines = Mapping[str, RouteLine]
+LaneRoutes = Mapping[str, LaneRoute]
+StartStations = dict[str, float]
 """Station of the start [m] by vehicle id."""
 
 
-def spawns(lines: Lines, ways: Ways, route_m: float, rng: random.Random) -> dict[str, Spawn] | str:
+def choose_spawn_points(
+    lines: RouteLines, ways: LaneRoutes, route_m: float, rng: random.Random
+) -> dict[str, SpawnPoint] | str:
     """Start and goal of every CAV, routes about `route_m` long; or the reason why there is no room.
 
     The best of some draws: the one in which most pairs of CAVs meet.
@@ -122,11 +124,11 @@ def spawns(lines: Lines, ways: Ways, route_m: float, rng: random.Random) -> dict
         name: min(max(start + route_m * rng.uniform(0.9, 1.1), last[name] + RUN_OUT_M), rims[name])
         for name, start in starts.items()
     }
-    return {name: Spawn(start, goals[name]) for name, start in starts.items()}
+    return {name: SpawnPoint(start, goals[name]) for name, start in starts.items()}
 
 
-def _starts(lines: Lines, ways: Ways, rng: random.Random) -> Starts | str:
-    starts: Starts = {}
+def _starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | str:
+    starts: StartStations = {}
     for name in ways:
         start, length = _start(name, starts, lines, ways, rng), len(lines[name].xy) - 1
         if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
@@ -135,23 +137,23 @@ def _starts(lines: Lines, ways: Ways, rng: random.Random) -> Starts | str:
     return starts
 
 
-def _met(name: str, lines: Lines) -> Iterator[tuple[str, tuple[float, float]]]:
+def _met(name: str, lines: RouteLines) -> Iterator[tuple[str, tuple[float, float]]]:
     for other in lines:
-        if other != name and (met := meeting(lines[name], lines[other])) is not None:
+        if other != name and (met := find_conflict_stations(lines[name], lines[other])) is not None:
             yield other, met
 
 
-def _encounters(starts: Starts, lines: Lines) -> int:
+def _encounters(starts: StartStations, lines: RouteLines) -> int:
     """Pairs of CAVs that blind driving brings together."""
     return sum(
         min(met[0] - starts[name], met[1] - starts[other]) > 0
-        and abs(blind_time(met[0] - starts[name]) - blind_time(met[1] - starts[other])) < TOGETHER_S
+        and abs(blind_travel_time(met[0] - starts[name]) - blind_travel_time(met[1] - starts[other])) < TOGETHER_S
         for name in starts
         for other, met in _met(name, lines)
     )
 
 
-def _start(name: str, starts: Starts, lines: Lines, ways: Ways, rng: random.Random) -> float:
+def _start(name: str, starts: StartStations, lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> float:
     """Behind who starts on the same lane, beside who starts on the same road, else so as to meet somebody."""
     ahead = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
     if ahead:
@@ -165,14 +167,14 @@ def _start(name: str, starts: Starts, lines: Lines, ways: Ways, rng: random.Rand
     first = min(found[0] for found in met.values())
     for other, start in starts.items():
         if other in met and met[other][1] > start:
-            time = blind_time(met[other][1] - start) + rng.uniform(-APART_S, APART_S)
+            time = blind_travel_time(met[other][1] - start) + rng.uniform(-APART_S, APART_S)
             found = met[other][0] - blind_distance(time)
             if RIM_M <= found <= first - LEAST_RUN_UP_M:
                 return found
     return max(first - rng.uniform(*RUN_UP_M), RIM_M)
 
 
-def ego_of(roads: RoadMap, name: str, way: Way, spawn: Spawn, change_share: float) -> Ego:
+def build_ego(roads: RoadMap, name: str, way: LaneRoute, spawn: SpawnPoint, change_share: float) -> Ego:
     """The CAV that drives a way from start to goal, at rest on the first point of its dense route."""
     lanes, start_s, goal_s, dropped = _trimmed(roads, way, spawn)
     changes = {i - dropped: s for i, s in _changes(roads, way, change_share).items() if i >= dropped}
@@ -183,7 +185,7 @@ def ego_of(roads: RoadMap, name: str, way: Way, spawn: Spawn, change_share: floa
     return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), lanes=route.lanes, route=points)
 
 
-def _trimmed(roads: RoadMap, way: Way, spawn: Spawn) -> tuple[Sequence[str], float, float, int]:
+def _trimmed(roads: RoadMap, way: LaneRoute, spawn: SpawnPoint) -> tuple[Sequence[str], float, float, int]:
     """Lanes between start and goal, arc lengths on the first and the last, and how many lanes were cut in front."""
     begins = [0.0]
     for i, id_ in enumerate(way.lanes[:-1]):

@@ -17,7 +17,7 @@ SIDE_RELATIONS = ("perpendicular_right_of", "perpendicular_left_of", "opposite_a
 
 def propose(category: Category, rng: random.Random) -> Proposal:
     """A proposal of the category, drawn by `rng`."""
-    needs = CATEGORIES[category].needs
+    needs = CATEGORIES[category].road
     draft: Draft = {
         "category": category,
         "topology": needs.topologies[0],
@@ -269,7 +269,7 @@ def _roundabout(rng: random.Random) -> Draft:
 
 
 TEMPLATES: Mapping[Category, Callable[[random.Random], Draft]] = {
-    Category.PRE_CRASH: pre_crash_typologies.draft,
+    Category.PRE_CRASH: pre_crash_typologies.draft_pre_crash,
     Category.BLOCKED_LANE: _blocked_lane,
     Category.CONSTRUCTION: _construction,
     Category.HIGHWAY_MERGE: _highway_merge,

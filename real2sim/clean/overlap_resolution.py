@@ -9,9 +9,9 @@ from mdrive_sumo.core.geometry import Bool, boxes_overlap
 from real2sim.clean.cleaning_report import ChangeReason, TrackChange
 from real2sim.recording import RecordedTrack
 from real2sim.tracks.kinematics import WINDOW
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.tracks.stationary import rested
-from real2sim.tracks.track_contacts import Boxes, contacts
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.tracks.stationary import hold_still
+from real2sim.tracks.track_contacts import TrackBoxes, find_contacts
 
 SLACK_M = 0.05
 """Boxes are hand-made: they count so much smaller on each side. Fidelity allows 0.1 m."""
@@ -30,7 +30,7 @@ def resolve_overlaps(
     kept, changes = list(tracks), list[TrackChange]()
     for _ in range(3 * len(tracks)):
         there = _reconstructed(kept, dt_s)
-        pairs = contacts(there, SLACK_M).spawn_overlaps
+        pairs = find_contacts(there, SLACK_M).spawn_overlaps
         pair = next(((i, j) for i, j in pairs if not {kept[i].id, kept[j].id} <= set(cavs)), None)
         if pair is None:
             break
@@ -40,9 +40,9 @@ def resolve_overlaps(
 
 def _reconstructed(tracks: Sequence[RecordedTrack], dt_s: float) -> list[RecordedTrack]:
     """As they will be: those that appear near another one as reconstruction has them, the others do not matter."""
-    there = [rested(track) if track.parked else track for track in tracks]
-    near = sorted({i for pair in contacts(there, -NEAR_M).spawn_overlaps for i in pair if not there[i].parked})
-    for i, track in zip(near, reconstruct([there[i] for i in near], dt_s), strict=True):
+    there = [hold_still(track) if track.parked else track for track in tracks]
+    near = sorted({i for pair in find_contacts(there, -NEAR_M).spawn_overlaps for i in pair if not there[i].parked})
+    for i, track in zip(near, reconstruct_tracks([there[i] for i in near], dt_s), strict=True):
         there[i] = track
     return there
 
@@ -85,7 +85,7 @@ def _drop_frames_before(track: RecordedTrack, frame: int) -> RecordedTrack:
 
 def _compute_overlap_mask(first: RecordedTrack, second: RecordedTrack, share: float) -> Bool:
     """(T,) whether the boxes overlap, both taken as `share` of their size."""
-    boxes = Boxes.of(
+    boxes = TrackBoxes.from_tracks(
         [replace(track, length=share * track.length, width=share * track.width) for track in (first, second)]
     )
     frames = np.flatnonzero(first.valid & second.valid)

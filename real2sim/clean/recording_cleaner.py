@@ -18,7 +18,7 @@ from real2sim.clean.track_names import assign_names, report_id_changes
 from real2sim.clean.track_segments import TrackSegments, collect_segments, split_at_jumps
 from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 from real2sim.tracks.kinematics import WINDOW
-from real2sim.tracks.stationary import moves
+from real2sim.tracks.stationary import has_moved
 
 MIN_FRAMES = WINDOW
 """Shorter tracks have neither acceleration nor jerk (`tracks.motion`): no check could say anything about them."""
@@ -125,7 +125,7 @@ def _build_track(work: _CleaningState, thing: TrackedObject, name: str, seen: Fu
     length, width, told = vote_size(work.pieces, members, category)
     full = np.where(valid, 1.0, np.nan)
     track = RecordedTrack(name, category, valid, x, y, seen.axis, length * full, width * full)
-    moving = moves(track, dt_s)
+    moving = has_moved(track, dt_s)
     if category is ObjectCategory.STATIC and (moving or length > 3.0):
         category = (
             ObjectCategory.CAR if length > 2.5 else ObjectCategory.BICYCLE if moving and length > 1.3 else category

@@ -4,7 +4,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from real2sim.clean.track_segments import BREAK_M, compute_unexplained_steps
-from real2sim.tracks.kinematics import runs
+from real2sim.tracks.kinematics import find_runs
 
 SPREAD_S = 1.5
 """A step that no other observer corrects is spread over so much time on both sides."""
@@ -89,7 +89,7 @@ def remove_excursions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Flo
     if out.sum() > valid.sum() / 2:
         return x, y, 0
     x, y, held_frames, frames = x.copy(), y.copy(), 0, np.flatnonzero(valid)
-    for run in runs(out):
+    for run in find_runs(out):
         before, after, time = run.start - 1, run.stop, (run.stop - run.start + 1) * dt_s
         returns = before >= frames[0] and after <= frames[-1] and bool(valid[before] and valid[after])
         if returns and 16 * off[run].max() / time**2 > EXCURSION_ACCELERATION:

@@ -16,7 +16,7 @@ from real2sim.cli.log_options import (
     match_folder,
     run_conversion,
 )
-from real2sim.pipeline.log_source import Log
+from real2sim.pipeline.log_source import LogSource
 
 map_option = click.option(
     "--map",
@@ -56,9 +56,9 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     if ctx.invoked_subcommand is not None:
         raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
     from real2sim.pipeline.quality_file import load_qualities
-    from real2sim.pipeline.suite_summary import format_summary, summary
+    from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 
-    found = summary(load_qualities(suite))
+    found = summarize_suite(load_qualities(suite))
     click.echo(found.model_dump_json(indent=1) if as_json else format_summary(found))
     ctx.exit(0 if found.all.passed else 1)
 
@@ -80,7 +80,7 @@ def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opt
         raise InputError("v2xpnp: expected the vector map, found no --map")
     names = tuple(agents.split(",")) if agents else None
     paths = find_logs(ask.paths, is_v2xpnp_folder, "numbered agent folders")
-    run_conversion(ctx, [Log("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
+    run_conversion(ctx, [LogSource("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -90,7 +90,7 @@ def scenarionet(ctx: click.Context, **options: Any) -> None:
     """Convert ScenarioNet descriptions (nuScenes, Waymo, nuPlan): pickles, or folders of them."""
     ask = LogCliOptions(**options)
     paths = find_logs(ask.paths, match_file("*.pkl"), "*.pkl")
-    run_conversion(ctx, [Log("scenarionet", path, window=ask.window) for path in paths], ask)
+    run_conversion(ctx, [LogSource("scenarionet", path, window=ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -100,7 +100,7 @@ def commonroad(ctx: click.Context, **options: Any) -> None:
     """Convert CommonRoad scenarios: XML files, or folders of them."""
     ask = LogCliOptions(**options)
     paths = find_logs(ask.paths, match_file("*.xml"), "*.xml")
-    run_conversion(ctx, [Log("commonroad", path, window=ask.window) for path in paths], ask)
+    run_conversion(ctx, [LogSource("commonroad", path, window=ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -110,7 +110,7 @@ def argoverse2(ctx: click.Context, **options: Any) -> None:
     """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
     ask = LogCliOptions(**options)
     paths = find_logs(ask.paths, match_folder("*.parquet", "*.feather"), "*.parquet or *.feather")
-    run_conversion(ctx, [Log("argoverse2", path, window=ask.window) for path in paths], ask)
+    run_conversion(ctx, [LogSource("argoverse2", path, window=ask.window) for path in paths], ask)
 
 
 @convert.command()
@@ -125,4 +125,4 @@ def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
     ask = LogCliOptions(**options)
     maps = (osm,) if osm else ()
     paths = find_logs(ask.paths, match_file("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
-    run_conversion(ctx, [Log("interaction", path, maps, window=ask.window) for path in paths], ask)
+    run_conversion(ctx, [LogSource("interaction", path, maps, window=ask.window) for path in paths], ask)

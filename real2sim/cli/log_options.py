@@ -12,13 +12,13 @@ import click
 
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
-from real2sim.pipeline.log_source import Log
+from real2sim.pipeline.log_source import LogSource
 from real2sim.readers.time_window import TimeWindow
 
 if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
     from mdrive_sumo.scenario.background import BackgroundMode
     from mdrive_sumo.scenario.suite import SuiteFile
-    from real2sim.pipeline.batch import Batch
+    from real2sim.pipeline.batch import BatchResult
 
 F = TypeVar("F", bound=Callable[..., Any])
 TRAFFIC_MODES = ("reactive", "replay", "hybrid")
@@ -106,17 +106,17 @@ class LogCliOptions:
     workers: int
 
 
-def run_conversion(ctx: click.Context, logs: Sequence[Log], ask: LogCliOptions) -> None:
+def run_conversion(ctx: click.Context, logs: Sequence[LogSource], ask: LogCliOptions) -> None:
     """Converts, tells, and ends with the exit code."""
-    from real2sim.pipeline.batch import Order, convert_logs
-    from real2sim.pipeline.scenario_builder import Wish
+    from real2sim.pipeline.batch import BatchOptions, convert_logs
+    from real2sim.pipeline.scenario_builder import ConversionOptions
 
-    order = Order(Wish(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, show_progress)
+    order = BatchOptions(ConversionOptions(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, show_progress)
     batch = convert_logs(logs, ask.out, build_suite_file(ask.out, ask.name), order)
     click.echo(format_batch(batch, ask))
     for sentence in batch.refused:
         click.echo(f"Error: {sentence}", err=True)
-    ctx.exit(2 if batch.refused else 1 if batch.missing else 0)
+    ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
 
 
 def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
@@ -132,8 +132,8 @@ def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
 def format_batch(batch: "Batch", ask: LogCliOptions) -> str:
     """What was written, and what misses its target."""
 
-    lines = [f"{outcome.id}: {miss}" for outcome in batch.missing for miss in outcome.misses]
-    passed, converted = len(batch.outcomes) - len(batch.missing), len(batch.outcomes)
+    lines = [f"{outcome.id}: {miss}" for outcome in batch.below_target for miss in outcome.misses]
+    passed, converted = len(batch.outcomes) - len(batch.below_target), len(batch.outcomes)
     lines.append(
         f"{passed} of {converted} scenarios meet every target"
         + f"; {len(batch.refused)} {'log' if len(batch.refused) == 1 else 'logs'} unusable" * bool(batch.refused)

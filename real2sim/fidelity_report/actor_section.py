@@ -7,11 +7,11 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.clean.cleaning_report import TrackChange
-from real2sim.fidelity_report.formatting import changes_of, failures, frames, measured
+from real2sim.fidelity_report.formatting import describe_changes, describe_failures, format_figure, format_frames
 from real2sim.fidelity_report.html import Html, joined, table, tag
-from real2sim.fidelity_report.line_chart import Chart, Series, draw
-from real2sim.fidelity_report.map_figures import Plan, small_map
-from real2sim.fidelity_report.report_entry import Thing
+from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
+from real2sim.fidelity_report.map_figures import MapFrame, draw_actor_map
+from real2sim.fidelity_report.report_entry import ReportEntry
 from real2sim.findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.recording import RecordedTrack
@@ -32,30 +32,30 @@ ERRORS_SHOWN_M = 2.0
 
 
 @dataclass(frozen=True)
-class Shown:
+class ActorSection:
     """What the actors' pictures and words are made of."""
 
-    things: Sequence[Thing]
-    plan: Plan
+    things: Sequence[ReportEntry]
+    plan: MapFrame
     dt_s: float
     changes: Mapping[str, Sequence[TrackChange]]
     """By track."""
 
 
-def shown(findings: ConversionFindings, things: Sequence[Thing], plan: Plan) -> Shown:
+def gather_actors(findings: ConversionFindings, things: Sequence[ReportEntry], plan: MapFrame) -> ActorSection:
     """Gathers what cleaning did by track."""
     changes: dict[str, list[TrackChange]] = {}
     for change in findings.cleaned.report.changes:
         changes.setdefault(change.track, []).append(change)
-    return Shown(things, plan, findings.cleaned.dt_s, changes)
+    return ActorSection(things, plan, findings.cleaned.dt_s, changes)
 
 
-def actor_table(page: Shown) -> Html:
+def render_actor_table(page: ActorSection) -> Html:
     """All actors, failing ones first."""
     return table(HEAD, (_row(page, thing) for thing in page.things), "All actors", words=5)
 
 
-def _row(page: Shown, thing: Thing) -> tuple[Html | str, ...]:
+def _row(page: ActorSection, thing: ReportEntry) -> tuple[Html | str, ...]:
     actor = thing.actor
     count = len(page.changes.get(actor.id, ()))
     return (
@@ -65,38 +65,38 @@ def _row(page: Shown, thing: Thing) -> tuple[Html | str, ...]:
         _role(thing),
         f"{count} change{'' if count == 1 else 's'}" if count else "",
         str(actor.frames),
-        measured(actor.error_median),
-        measured(actor.error_p95),
-        measured(actor.jerk_p95, decimals=1) if actor.moving else "–",
+        format_figure(actor.error_median),
+        format_figure(actor.error_p95),
+        format_figure(actor.jerk_p95, decimals=1) if actor.moving else "–",
     )
 
 
-def _what(thing: Thing) -> Html:
+def _what(thing: ReportEntry) -> Html:
     actor = thing.actor
     badge = tag("span", "CAV", class_="badge cav") if thing.cav else None
     return tag("span", actor.category, "" if actor.moving else ", stands", " ", badge)
 
 
-def _verdict(thing: Thing) -> Html:
+def _verdict(thing: ReportEntry) -> Html:
     if not thing.actor.failed:
         return tag("span", "passes", class_="badge pass")
-    return joined((tag("span", "fails", class_="badge fail"), _list(failures(thing.actor))))
+    return joined((tag("span", "fails", class_="badge fail"), _list(describe_failures(thing.actor))))
 
 
-def _role(thing: Thing) -> Html | str:
+def _role(thing: ReportEntry) -> Html | str:
     role = thing.role
     if role is None:
         return "–"
-    return joined((role.became.value, tag("small", role.reason) if role.reason else None), " ")
+    return joined((role.disposition.value, tag("small", role.reason) if role.reason else None), " ")
 
 
 def _list(items: Sequence[str]) -> Html:
     return tag("ul", *(tag("li", item) for item in items))
 
 
-def actor_cards(page: Shown) -> Html:
+def render_actor_cards(page: ActorSection) -> Html:
     """The actors one by one, to be opened; those that fail are open, those that just stand are put away."""
-    groups: dict[str, list[Thing]] = {}
+    groups: dict[str, list[ReportEntry]] = {}
     for thing in page.things:
         groups.setdefault(GROUPS["fail" if thing.actor.failed else "cav" if thing.cav else thing.look], []).append(
             thing
@@ -104,7 +104,7 @@ def actor_cards(page: Shown) -> Html:
     return joined((_group(page, name, things) for name, things in groups.items()), "\n")
 
 
-def _group(page: Shown, name: str, things: Sequence[Thing]) -> Html:
+def _group(page: ActorSection, name: str, things: Sequence[ReportEntry]) -> Html:
     cards = joined((_card(page, thing) for thing in things), "\n")
     title = f"{name} ({len(things)})"
     if name == GROUPS["rest"]:
@@ -112,7 +112,7 @@ def _group(page: Shown, name: str, things: Sequence[Thing]) -> Html:
     return tag("div", tag("h3", title), cards, class_="group")
 
 
-def _card(page: Shown, thing: Thing) -> Html:
+def _card(page: ActorSection, thing: ReportEntry) -> Html:
     actor = thing.actor
     failed = f"fails {len(actor.failed)}" if actor.failed else "passes"
     title = (
@@ -123,35 +123,35 @@ def _card(page: Shown, thing: Thing) -> Html:
     )
     facts = tag("div", _facts(page, thing), class_="facts")
     charts = tag("div", *_charts(page, thing), class_="charts")
-    content = tag("div", facts, small_map(page.plan, thing), charts, class_="card-body")
+    content = tag("div", facts, draw_actor_map(page.plan, thing), charts, class_="card-body")
     return tag(
         "details", tag("summary", joined(title, " ")), content, class_="card", open=Html("") if actor.failed else None
     )
 
 
-def _facts(page: Shown, thing: Thing) -> Html:
+def _facts(page: ActorSection, thing: ReportEntry) -> Html:
     actor = thing.actor
-    cleaned = changes_of(page.changes.get(actor.id, ()), actor.id)
+    cleaned = describe_changes(page.changes.get(actor.id, ()), actor.id)
     facts: list[tuple[str, Html | str]] = [
-        ("Seen", f"{frames(actor.frames)}{_seconds(page, thing)}{f', {actor.gaps} gaps' if actor.gaps else ''}"),
+        ("Seen", f"{format_frames(actor.frames)}{_seconds(page, thing)}{f', {actor.gaps} gaps' if actor.gaps else ''}"),
         ("Became", _role(thing)),
-        ("Fails", _list(failures(actor)) if actor.failed else "nothing"),
+        ("Fails", _list(describe_failures(actor)) if actor.failed else "nothing"),
         ("Cleaning", _list(cleaned) if cleaned else "changed nothing"),
     ]
     if actor.error_median is not None:
-        distance = f"median {measured(actor.error_median, 'm')}, p95 {measured(actor.error_p95, 'm')}"
-        facts.append(("To the log", f"{distance}, at most {measured(actor.error_max, 'm')}"))
+        distance = f"median {format_figure(actor.error_median, 'm')}, p95 {format_figure(actor.error_p95, 'm')}"
+        facts.append(("To the log", f"{distance}, at most {format_figure(actor.error_max, 'm')}"))
     return tag("dl", *(joined((tag("dt", name), tag("dd", fact))) for name, fact in facts))
 
 
-def _seconds(page: Shown, thing: Thing) -> str:
+def _seconds(page: ActorSection, thing: ReportEntry) -> str:
     known = thing.known
     if known is None or not known.valid.any():
         return ""
     return f" from {known.frames[0] * page.dt_s:.1f} s to {known.frames[-1] * page.dt_s:.1f} s"
 
 
-def _charts(page: Shown, thing: Thing) -> list[Html]:
+def _charts(page: ActorSection, thing: ReportEntry) -> list[Html]:
     """Speed, distance to the log and jerk over time; of things that stand none."""
     raw, track = thing.raw, thing.track
     if track is None or not thing.actor.moving or track.valid.sum() < 2:
@@ -162,48 +162,48 @@ def _charts(page: Shown, thing: Thing) -> list[Html]:
     if raw is not None:
         charts.append(_error_chart(raw, track, (span, page.dt_s, name)))
     charts.append(_jerk_chart(track, (span, page.dt_s, name)))
-    return [draw(chart) for chart in charts]
+    return [draw_chart(chart) for chart in charts]
 
 
 Axis = tuple[tuple[float, float], float, str]
 """First and last second, seconds a frame, and of whom."""
 
 
-def _speed_chart(raw: RecordedTrack | None, track: RecordedTrack, axis: Axis) -> Chart:
+def _speed_chart(raw: RecordedTrack | None, track: RecordedTrack, axis: Axis) -> LineChart:
     span, dt_s, name = axis
     times, speed = speeds(track, dt_s)
     fastest = float(np.nanmax(speed, initial=0.0, where=np.isfinite(speed)))
-    series = [Series("line", times, speed)]
+    series = [ChartSeries("line", times, speed)]
     if raw is not None:
-        series.insert(0, Series("raw-line", *speeds(raw, dt_s)))
+        series.insert(0, ChartSeries("raw-line", *speeds(raw, dt_s)))
     label = f"Speed {name}: up to {fastest:.1f} m/s reconstructed; the log's own differences are drawn behind it"
-    return Chart(label, "speed [m/s]", series, span, 1.4 * fastest + 1.0)
+    return LineChart(label, "speed [m/s]", series, span, 1.4 * fastest + 1.0)
 
 
-def _error_chart(raw: RecordedTrack, track: RecordedTrack, axis: Axis) -> Chart:
+def _error_chart(raw: RecordedTrack, track: RecordedTrack, axis: Axis) -> LineChart:
     span, dt_s, name = axis
     error = np.where(track.valid & raw.valid, kinematics.magnitude(track.xy - raw.xy), np.nan)
     most = float(np.nanmax(error, initial=0.0, where=np.isfinite(error)))
     limits = (LIMITS["error_median"], LIMITS["error_p95"])
-    series = (Series("line", _times(len(error), dt_s), error),)
+    series = (ChartSeries("line", _times(len(error), dt_s), error),)
     label = f"Distance {name} to the log: at most {most:.2f} m; {limits[0]:g} m is allowed in the median"
-    return Chart(
+    return LineChart(
         label, "distance to the log [m]", series, span, float(np.clip(1.2 * most, 0.4, ERRORS_SHOWN_M)), limits
     )
 
 
-def _jerk_chart(track: RecordedTrack, axis: Axis) -> Chart:
+def _jerk_chart(track: RecordedTrack, axis: Axis) -> LineChart:
     span, dt_s, name = axis
     jerk = np.full(len(track.valid), np.nan)
     half = kinematics.WINDOW // 2
-    for run in kinematics.runs(track.valid):
-        values = kinematics.jerks(track.xy[run], dt_s)
+    for run in kinematics.find_runs(track.valid):
+        values = kinematics.jerk_magnitudes(track.xy[run], dt_s)
         jerk[run.start + half : run.start + half + len(values)] = values
     most = float(np.nanmax(jerk, initial=0.0, where=np.isfinite(jerk)))
     limit = LIMITS["jerk_p95"]
-    series = (Series("line", _times(len(jerk), dt_s), jerk),)
+    series = (ChartSeries("line", _times(len(jerk), dt_s), jerk),)
     label = f"Jerk {name}: at most {most:.1f} m/s³; 95 % of it may not exceed {limit:g} m/s³"
-    return Chart(label, "jerk [m/s³]", series, span, float(np.clip(1.2 * most, 1.3 * limit, 4 * limit)), (limit,))
+    return LineChart(label, "jerk [m/s³]", series, span, float(np.clip(1.2 * most, 1.3 * limit, 4 * limit)), (limit,))
 
 
 def speeds(track: RecordedTrack, dt_s: float) -> tuple[Float, Float]:

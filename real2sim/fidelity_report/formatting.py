@@ -44,7 +44,7 @@ CLEANED: dict[ChangeReason, str] = {
 """What was found and what was done about it."""
 
 
-def measured(value: float | None, unit: str = "", decimals: int = 2) -> str:
+def format_figure(value: float | None, unit: str = "", decimals: int = 2) -> str:
     """A figure with its unit; a dash where there is none."""
     if value is None:
         return "–"
@@ -54,39 +54,39 @@ def measured(value: float | None, unit: str = "", decimals: int = 2) -> str:
     return f"{value:.{decimals}f}{'' if unit in ('', '°', '%') else ' '}{unit}"
 
 
-def share(value: float | None) -> str:
+def format_share(value: float | None) -> str:
     """A share as percent."""
     return "–" if value is None else f"{100 * value:.1f} %"
 
 
-def words_of(figure: str) -> tuple[str, str, int]:
+def describe_figure(figure: str) -> tuple[str, str, int]:
     """Words, unit and decimals of a figure."""
     return FIGURES.get(figure, (figure, "", 2))
 
 
-def failures(actor: ActorQuality) -> list[str]:
+def describe_failures(actor: ActorQuality) -> list[str]:
     """What the actor fails, with figure and limit, a phrase each."""
     limits = {check.figure: check.limit for check in CHECKS}
     return [_failure(name, getattr(actor, name, None), limits.get(name)) for name in actor.failed]
 
 
 def _failure(name: str, value: float | None, limit: float | None) -> str:
-    words, unit, decimals = words_of(name)
+    words, unit, decimals = describe_figure(name)
     while decimals < 4 and limit is not None and value is not None and round(value, decimals) <= limit < value:
         decimals += 1  # a figure just over its limit must not read as if it were met
     allowed = "" if limit is None else f" (at most {limit:g}{'' if unit in ('', '°') else ' '}{unit})"
-    return f"{words}: {measured(value, unit, decimals)}{allowed}"
+    return f"{words}: {format_figure(value, unit, decimals)}{allowed}"
 
 
-def changes_of(changes: Iterable[TrackChange], track: str) -> list[str]:
+def describe_changes(changes: Iterable[TrackChange], track: str) -> list[str]:
     """What cleaning did about one track, a phrase each."""
     return [
-        f"{change.reason.value}, {frames(change.frames)}{': ' if change.detail else ''}{change.detail}"
+        f"{change.reason.value}, {format_frames(change.frames)}{': ' if change.detail else ''}{change.detail}"
         for change in changes
         if change.track == track
     ]
 
 
-def frames(count: int) -> str:
+def format_frames(count: int) -> str:
     """A number of frames."""
     return f"{count} frame{'' if count == 1 else 's'}"

@@ -6,12 +6,12 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mdrive_sumo.scenario.suite import natural_sort_key
-from real2sim.fidelity_report.formatting import measured, share
+from real2sim.fidelity_report.formatting import format_figure, format_share
 from real2sim.fidelity_report.html import Html, joined, page, table, tag
-from real2sim.fidelity_report.map_figures import plan_of, thumbnail
-from real2sim.fidelity_report.report_entry import things_of
+from real2sim.fidelity_report.map_figures import draw_thumbnail, fit_map_frame
+from real2sim.fidelity_report.report_entry import build_entries
 from real2sim.fidelity_report.report_page import PAGE
-from real2sim.fidelity_report.target_tiles import missed
+from real2sim.fidelity_report.target_tiles import find_missed_targets
 from real2sim.findings import ConversionFindings
 from real2sim.targets import count_sumo_driven
 
@@ -31,7 +31,7 @@ HEAD = (
 
 
 @dataclass(frozen=True, slots=True)
-class IndexLine:
+class IndexRow:
     """What the index tells of one scenario; small enough to come back from a worker."""
 
     id: str
@@ -49,14 +49,14 @@ class IndexLine:
     """A small map."""
 
 
-def index_line(findings: ConversionFindings) -> IndexLine:
+def build_index_row(findings: ConversionFindings) -> IndexRow:
     """The line of one scenario."""
     quality, closeness = findings.quality, findings.closeness
-    things = things_of(findings)
-    return IndexLine(
+    things = build_entries(findings)
+    return IndexRow(
         findings.id,
         findings.recording.source,
-        missed(findings),
+        find_missed_targets(findings),
         quality.moving_passed,
         quality.moving_vehicles,
         count_sumo_driven(quality, findings.roles, findings.mode),
@@ -65,25 +65,25 @@ def index_line(findings: ConversionFindings) -> IndexLine:
         quality.jerk_p95,
         closeness.median_at_5s if closeness else None,
         closeness.order_share if closeness else None,
-        thumbnail(plan_of(things), findings.roads, things),
+        draw_thumbnail(fit_map_frame(things), findings.roads, things),
     )
 
 
-def write_index(suite: Path, name: str, lines: Sequence[IndexLine]) -> Path:
+def write_index(suite: Path, name: str, lines: Sequence[IndexRow]) -> Path:
     """Writes `conversion.html` into the suite's folder."""
     path = suite / PAGE
-    path.write_text(index_html(name, lines), encoding="utf-8")
+    path.write_text(render_index(name, lines), encoding="utf-8")
     return path
 
 
-def index_html(name: str, lines: Sequence[IndexLine]) -> str:
+def render_index(name: str, lines: Sequence[IndexRow]) -> str:
     """The index as text."""
     ordered = sorted(lines, key=lambda line: (not line.misses, natural_sort_key(line.id)))
     faithful = sum(not line.misses for line in lines)
     passed, moving = sum(line.passed for line in lines), sum(line.moving for line in lines)
     words = (
         f"{faithful} of {len(lines)} scenarios meet every target."
-        f" {passed} of {moving} moving vehicles ({share(passed / moving if moving else None)}) pass every check."
+        f" {passed} of {moving} moving vehicles ({format_share(passed / moving if moving else None)}) pass every check."
     )
     title = f"{name} · conversion"
     state = "met" if faithful == len(lines) else "missed"
@@ -94,7 +94,7 @@ def index_html(name: str, lines: Sequence[IndexLine]) -> str:
     )
 
 
-def _row(line: IndexLine) -> tuple[Html | str | None, ...]:
+def _row(line: IndexRow) -> tuple[Html | str | None, ...]:
     return (
         line.picture,
         tag("a", line.id, href=f"{quote(line.id, safe='')}/{PAGE}"),
@@ -102,15 +102,15 @@ def _row(line: IndexLine) -> tuple[Html | str | None, ...]:
         line.source,
         f"{line.passed} of {line.moving}",
         f"{line.by_sumo} of {line.moving}",
-        measured(line.error_median),
-        measured(line.error_p95),
-        measured(line.jerk_p95, decimals=1),
-        measured(line.median_at_5s),
-        share(line.order_share),
+        format_figure(line.error_median),
+        format_figure(line.error_p95),
+        format_figure(line.jerk_p95, decimals=1),
+        format_figure(line.median_at_5s),
+        format_share(line.order_share),
     )
 
 
-def _verdict(line: IndexLine) -> Html:
+def _verdict(line: IndexRow) -> Html:
     if not line.misses:
         return tag("span", "faithful", class_="badge pass")
     misses = tag("ul", *(tag("li", miss) for miss in line.misses))

@@ -8,7 +8,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float, Int
 from real2sim.fidelity_report.html import Html, joined, tag
 from real2sim.fidelity_report.svg import picture
-from real2sim.tracks.kinematics import runs
+from real2sim.tracks.kinematics import find_runs
 
 WIDTH, HEIGHT = 3600, 1700
 LEFT, RIGHT, TOP, LOW = 400, 3500, 200, 1400
@@ -17,7 +17,7 @@ TICKS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class ChartSeries:
     """One line: x and y (N,), NaN where it is broken. `upper` makes it the band from y to there."""
 
     class_: str
@@ -27,14 +27,14 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Chart:
+class LineChart:
     """A chart with its axes; y begins at 0. Values over `top` are cut off."""
 
     label: str
     """Read out instead of the picture."""
     title: str
     """With the unit of y."""
-    series: Sequence[Series]
+    series: Sequence[ChartSeries]
     x_range: tuple[float, float]
     top: float
     limits: Sequence[float] = ()
@@ -42,7 +42,7 @@ class Chart:
     x_title: str = "time [s]"
 
 
-def draw(chart: Chart) -> Html:
+def draw_chart(chart: LineChart) -> Html:
     """The chart as SVG."""
     top = max(chart.top, 1e-6)
     x_ticks, y_ticks = _ticks(*chart.x_range), _ticks(0.0, top)
@@ -62,13 +62,13 @@ def draw(chart: Chart) -> Html:
     )
 
 
-def _drawn(series: Series, x_range: tuple[float, float], top: float) -> Html:
+def _drawn(series: ChartSeries, x_range: tuple[float, float], top: float) -> Html:
     upper = series.upper
     known = np.isfinite(series.x) & np.isfinite(series.y)
     if upper is not None:
         known &= np.isfinite(upper)
     d = ""
-    for run in runs(known):
+    for run in find_runs(known):
         x, y = series.x[run], series.y[run]
         if upper is not None:
             x, y = np.concatenate((x, x[::-1])), np.concatenate((y, upper[run][::-1]))

@@ -9,8 +9,8 @@ import shapely
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
 from real2sim.fidelity_report.html import Html, Piece, joined, tag
-from real2sim.fidelity_report.report_entry import Thing
-from real2sim.fidelity_report.svg import CM, Canvas, View, path, picture, scale_bar, use, view_of
+from real2sim.fidelity_report.report_entry import ReportEntry
+from real2sim.fidelity_report.svg import CM, SvgFrame, ViewBox, fit_view_box, path, picture, scale_bar, use
 from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
 
 MARGIN_M = 12.0
@@ -24,27 +24,27 @@ THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MapFrame:
     """The overview and where it lies on the page."""
 
-    canvas: Canvas
-    view: View
+    canvas: SvgFrame
+    view: ViewBox
 
 
-def plan_of(things: Sequence[Thing]) -> Plan:
+def fit_map_frame(things: Sequence[ReportEntry]) -> MapFrame:
     """A view of everything that the log shows."""
     places = [thing.xy for thing in things]
-    view = view_of(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M)
-    return Plan(Canvas(view.left, view.high), view)
+    view = fit_view_box(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M)
+    return MapFrame(SvgFrame(view.left, view.high), view)
 
 
-def definitions(plan: Plan, roads: RoadMap, things: Sequence[Thing]) -> Html:
+def draw_definitions(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Html:
     """Roads and tracks by name, for all pictures of the page; shows nothing itself."""
     drawn = joined((_tracks_of(plan.canvas, thing) for thing in things), "\n")
     return tag("svg", tag("defs", _roads(plan, roads), "\n", drawn), class_="definitions", aria_hidden="true")
 
 
-def _roads(plan: Plan, roads: RoadMap) -> Html:
+def _roads(plan: MapFrame, roads: RoadMap) -> Html:
     canvas, view = plan.canvas, plan.view
     widths: dict[int, list[str]] = {}
     middles: list[str] = []
@@ -71,7 +71,7 @@ def _roads(plan: Plan, roads: RoadMap) -> Html:
     )
 
 
-def _arrows(canvas: Canvas, line: Polyline) -> str:
+def _arrows(canvas: SvgFrame, line: Polyline) -> str:
     """Small angles that point along a lane."""
     found = ""
     for s in np.arange(ARROWS_M / 2, line.length, ARROWS_M):
@@ -86,7 +86,7 @@ def _asphalt(d: str, width: float) -> Html:
     return tag("path", d=d, class_="asphalt", stroke_width=f"{width * CM:.0f}")
 
 
-def _tracks_of(canvas: Canvas, thing: Thing) -> Html:
+def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Html:
     raw, track, known = thing.raw, thing.track, thing.known
     return joined(
         (
@@ -97,7 +97,7 @@ def _tracks_of(canvas: Canvas, thing: Thing) -> Html:
     )
 
 
-def _box(canvas: Canvas, track: RecordedTrack, number: int) -> Html:
+def _box(canvas: SvgFrame, track: RecordedTrack, number: int) -> Html:
     """The thing where it is last seen."""
     last = int(track.frames[-1])
     length, width = _size(track, last)
@@ -112,7 +112,7 @@ def _size(track: RecordedTrack, frame: int) -> tuple[float, float]:
     return (length if length > 0 else usual[0], width if width > 0 else usual[1])
 
 
-def overview(plan: Plan, things: Sequence[Thing]) -> Html:
+def draw_overview(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
     """Everything at once: still things below, failures on top, CAVs marked."""
     moving = sorted((thing for thing in reversed(things) if thing.look != "rest"), key=lambda thing: thing.cav)
     still = [thing for thing in things if thing.look == "rest"]
@@ -135,7 +135,7 @@ def _layer(name: str, content: Iterable[Piece]) -> Html:
     return tag("g", *content, class_=f"layer-{name}")
 
 
-def _shown(thing: Thing, boxes: bool) -> Html | None:
+def _shown(thing: ReportEntry, boxes: bool) -> Html | None:
     """Its way, or its box, which leads to its own pictures. The mouse alone uses that; the table has links for all."""
     there = thing.known is not None and thing.known.valid.any() if boxes else thing.track is not None
     if not there:
@@ -147,7 +147,7 @@ def _shown(thing: Thing, boxes: bool) -> Html | None:
     return tag("a", words, shape, href=f"#thing-{thing.number}", tabindex="-1")
 
 
-def _name(canvas: Canvas, thing: Thing, size: float) -> Html | None:
+def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Html | None:
     known = thing.known
     if known is None or not known.valid.any():
         return None
@@ -158,11 +158,11 @@ def _name(canvas: Canvas, thing: Thing, size: float) -> Html | None:
     return tag("text", name, x=f"{x + size:.0f}", y=f"{y - size:.0f}", font_size=f"{size:.0f}", class_=f"name {look}")
 
 
-def small_map(plan: Plan, thing: Thing) -> Html | None:
+def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Html | None:
     """The path of one thing, raw and reconstructed, with the roads around it."""
     if not len(thing.xy):
         return None
-    view = view_of(thing.xy, 4.0, LEAST_THING_M, 0.7)
+    view = fit_view_box(thing.xy, 4.0, LEAST_THING_M, 0.7)
     n = thing.number
     return picture(
         f"Path of No. {n}: dots are the log, the line is reconstructed",
@@ -176,7 +176,7 @@ def small_map(plan: Plan, thing: Thing) -> Html | None:
     )
 
 
-def thumbnail(plan: Plan, roads: RoadMap, things: Sequence[Thing]) -> Html:
+def draw_thumbnail(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Html:
     """The overview in few strokes, complete in itself."""
     lanes = (lane.centre.xy for lane in roads.driving if plan.view.near(lane.centre.xy))
     ways: dict[str, str] = {}
@@ -201,6 +201,6 @@ def _thinned(xy: Float) -> Float:
     return shapely.get_coordinates(shapely.simplify(shapely.LineString(xy), THUMBNAIL_STEP_M))
 
 
-def far_points(canvas: Canvas, xy: Float) -> Html:
+def draw_far_points(canvas: SvgFrame, xy: Float) -> Html:
     """Places where the network is off its source."""
     return path(canvas.dots(xy), class_="far")

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
-from real2sim.fidelity_report.formatting import measured
+from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Html, joined, table, tag
-from real2sim.fidelity_report.map_figures import AROUND_M, Plan, far_points
+from real2sim.fidelity_report.map_figures import AROUND_M, MapFrame, draw_far_points
 from real2sim.fidelity_report.svg import path, picture, scale_bar, use
 from real2sim.findings import ConversionFindings
 from real2sim.hd_map import HdMap, LaneKind
@@ -23,7 +23,7 @@ MEAN_M, P95_M = 0.2, 0.5
 
 
 @dataclass(frozen=True)
-class Deviation:
+class CentreLineDeviation:
     """Points every metre on the source's centre lines, and how far they lie off the network."""
 
     lines: tuple[Float, ...]
@@ -31,13 +31,13 @@ class Deviation:
     distance: Float
 
 
-def deviation(findings: ConversionFindings) -> Deviation:
+def compute_deviation(findings: ConversionFindings) -> CentreLineDeviation:
     """As `network.measure` measures it, but with the places."""
     lines = _kept(findings.recording.map, findings.network)
     if not lines:
-        return Deviation((), np.zeros((0, 2)), np.zeros(0))
+        return CentreLineDeviation((), np.zeros((0, 2)), np.zeros(0))
     distance = measure_line_distances(lines, [lane.centre for lane in findings.roads.driving])
-    return Deviation(tuple(line.xy for line in lines), sample_polylines(lines, SPACING_M).xy, distance)
+    return CentreLineDeviation(tuple(line.xy for line in lines), sample_polylines(lines, SPACING_M).xy, distance)
 
 
 def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
@@ -47,10 +47,10 @@ def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
     return [build_polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
 
 
-def network_part(findings: ConversionFindings, plan: Plan) -> Html:
+def render_network_section(findings: ConversionFindings, plan: MapFrame) -> Html:
     """Figures, a picture and lists."""
     network = findings.network
-    found = deviation(findings)
+    found = compute_deviation(findings)
     return joined((_sizes(network), _fit_table(network), _picture(found, plan), _lists(network)))
 
 
@@ -67,14 +67,17 @@ def _sizes(network: NetworkReport) -> Html:
 def _fit_table(network: NetworkReport) -> Html:
     fit = network.fit
     rows = (
-        ("source to network", *(measured(value, decimals=3) for value in (fit.mean, fit.p95, fit.max))),
-        ("network to source", *(measured(value, decimals=3) for value in (fit.back_mean, fit.back_p95, fit.back_max))),
+        ("source to network", *(format_figure(value, decimals=3) for value in (fit.mean, fit.p95, fit.max))),
+        (
+            "network to source",
+            *(format_figure(value, decimals=3) for value in (fit.back_mean, fit.back_p95, fit.back_max)),
+        ),
         ("allowed", f"{MEAN_M:.3f}", f"{P95_M:.3f}", "–"),
     )
     return table(("distance of centre lines", "mean [m]", "p95 [m]", "max [m]"), rows, "Network against its source")
 
 
-def _picture(found: Deviation, plan: Plan) -> Html:
+def _picture(found: CentreLineDeviation, plan: MapFrame) -> Html:
     near = [line for line in found.lines if plan.view.near(line, AROUND_M)]
     far = found.xy[found.distance > FAR_M]
     label = f"Centre lines of the source over the network: {len(far)} of {len(found.xy)} m are off by over {FAR_M:g} m"
@@ -83,7 +86,7 @@ def _picture(found: Deviation, plan: Plan) -> Html:
         plan.canvas.box(plan.view),
         use("roads", "roads"),
         path("".join(plan.canvas.line(line) for line in near), class_="source"),
-        far_points(plan.canvas, far),
+        draw_far_points(plan.canvas, far),
         scale_bar(plan.canvas, plan.view),
         class_="map",
     )

@@ -7,13 +7,13 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from real2sim.findings import ConversionFindings
-from real2sim.fit.disposition import Became, Role
+from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.quality.actor_quality import ActorQuality
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 
 @dataclass(frozen=True)
-class Thing:
+class ReportEntry:
     """One road user or thing. Its number is its name on the page: ids of logs are long."""
 
     number: int
@@ -22,7 +22,7 @@ class Thing:
     """Cleaned track of the log."""
     track: RecordedTrack | None
     """Reconstructed."""
-    role: Role | None
+    role: TrackRole | None
     cav: bool
 
     @property
@@ -46,23 +46,23 @@ class Thing:
         return np.concatenate(both) if both else np.zeros((0, 2))
 
 
-def things_of(findings: ConversionFindings) -> tuple[Thing, ...]:
+def build_entries(findings: ConversionFindings) -> tuple[ReportEntry, ...]:
     """All things: first what fails; of both what moves first, CAVs and other vehicles before walkers."""
     raw = {track.id: track for track in findings.cleaned.tracks}
     tracks = {track.id: track for track in findings.tracks}
     cavs = set(findings.cleaned.cavs.values())
-    cavs = {id_ for id_, role in findings.roles.items() if role.became is Became.CAV} or cavs
+    cavs = {id_ for id_, role in findings.roles.items() if role.disposition is Disposition.CAV} or cavs
 
     def order(actor: ActorQuality) -> tuple[bool, bool, bool, bool, int]:
         scripted = ObjectCategory(actor.category).kind in (Kind.PEDESTRIAN, Kind.CYCLIST)
         return not actor.failed, not actor.moving, actor.id not in cavs, scripted, -len(actor.failed)
 
     return tuple(
-        Thing(k, actor, raw.get(actor.id), tracks.get(actor.id), findings.roles.get(actor.id), actor.id in cavs)
+        ReportEntry(k, actor, raw.get(actor.id), tracks.get(actor.id), findings.roles.get(actor.id), actor.id in cavs)
         for k, actor in enumerate(sorted(findings.quality.actors, key=order), 1)
     )
 
 
-def numbers_of(things: tuple[Thing, ...]) -> dict[str, int]:
+def number_by_id(things: tuple[ReportEntry, ...]) -> dict[str, int]:
     """Number on the page by id."""
     return {thing.actor.id: thing.number for thing in things}

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from real2sim.clean.cleaning_report import ChangeReason
-from real2sim.fidelity_report.actor_section import Shown, actor_cards, actor_table, shown
-from real2sim.fidelity_report.formatting import CLEANED, frames, measured, words_of
+from real2sim.fidelity_report.actor_section import ActorSection, gather_actors, render_actor_cards, render_actor_table
+from real2sim.fidelity_report.formatting import CLEANED, describe_figure, format_figure, format_frames
 from real2sim.fidelity_report.html import Html, joined, page, table, tag
 from real2sim.fidelity_report.lists import link, named
-from real2sim.fidelity_report.map_figures import Plan, definitions, overview, plan_of
-from real2sim.fidelity_report.network_section import network_part
-from real2sim.fidelity_report.report_entry import Thing, numbers_of, things_of
-from real2sim.fidelity_report.target_tiles import figure_tiles, missed
-from real2sim.fidelity_report.traffic_section import traffic_part
+from real2sim.fidelity_report.map_figures import MapFrame, draw_definitions, draw_overview, fit_map_frame
+from real2sim.fidelity_report.network_section import render_network_section
+from real2sim.fidelity_report.report_entry import ReportEntry, build_entries, number_by_id
+from real2sim.fidelity_report.target_tiles import find_missed_targets, render_tiles
+from real2sim.fidelity_report.traffic_section import render_traffic_section
 from real2sim.findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.targets import count_sumo_driven
@@ -21,29 +21,29 @@ PAGE = "conversion.html"
 LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "what stands"), ("names", "numbers"))
 
 
-def write_page(folder: Path, findings: ConversionFindings) -> Path:
+def write_report(folder: Path, findings: ConversionFindings) -> Path:
     """Writes `conversion.html` into the scenario's folder. The same findings give the same bytes."""
     path = folder / PAGE
-    path.write_text(page_html(findings), encoding="utf-8")
+    path.write_text(render_report(findings), encoding="utf-8")
     return path
 
 
-def page_html(findings: ConversionFindings) -> str:
+def render_report(findings: ConversionFindings) -> str:
     """The page as text."""
-    things = things_of(findings)
-    plan = plan_of(things)
-    actors = shown(findings, things, plan)
+    things = build_entries(findings)
+    plan = fit_map_frame(things)
+    actors = gather_actors(findings, things, plan)
     return page(
         f"{findings.id} · conversion",
-        definitions(plan, findings.roads, things),
-        tag("header", _heading(findings), _verdict(missed(findings)), figure_tiles(findings)),
+        draw_definitions(plan, findings.roads, things),
+        tag("header", _heading(findings), _verdict(find_missed_targets(findings)), render_tiles(findings)),
         tag(
             "main",
             _section("map", "Log and reconstruction", _map_part(plan, things)),
-            _section("actors", "Actors", _actors_intro(findings), actor_table(actors)),
-            _section("pictures", "Actor by actor", _filters(), actor_cards(actors)),
-            _section("traffic", "Reactive traffic against the log", traffic_part(findings, things)),
-            _section("network", "Network against the map of the log", network_part(findings, plan)),
+            _section("actors", "Actors", _actors_intro(findings), render_actor_table(actors)),
+            _section("pictures", "Actor by actor", _filters(), render_actor_cards(actors)),
+            _section("traffic", "Reactive traffic against the log", render_traffic_section(findings, things)),
+            _section("network", "Network against the map of the log", render_network_section(findings, plan)),
             _section("cleaning", "What cleaning changed", _cleaning_part(findings, actors)),
             _section("scene", "Between actors", _scene_part(findings, things)),
             _section("reading", "How to read this", _reading_part()),
@@ -58,7 +58,7 @@ def _section(id_: str, title: str, *content: Html | None) -> Html:
 def _heading(findings: ConversionFindings) -> Html:
     recording, quality = findings.recording, findings.quality
     seconds = quality.frames * recording.dt_s
-    facts = [f"read as {recording.source}", f"{frames(quality.frames)}, {seconds:.1f} s"]
+    facts = [f"read as {recording.source}", f"{format_frames(quality.frames)}, {seconds:.1f} s"]
     if findings.window_s:
         facts.append(f"window {findings.window_s[0]:g} s to {findings.window_s[1]:g} s of the log")
     facts += [f"{len(quality.actors)} actors", f"network {findings.roads.name}", f"traffic {findings.mode}"]
@@ -76,7 +76,7 @@ def _verdict(misses: Sequence[str]) -> Html:
     return tag("div", tag("strong", words), tag("ul", *(tag("li", miss) for miss in misses)), class_="verdict missed")
 
 
-def _map_part(plan: Plan, things: Sequence[Thing]) -> Html:
+def _map_part(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
     switches = [
         tag("label", tag("input", type="checkbox", id=f"show-{name}", checked=""), f" {words}")
         for name, words in LAYERS
@@ -95,7 +95,7 @@ def _map_part(plan: Plan, things: Sequence[Thing]) -> Html:
             tag("div", keys, tag("fieldset", tag("legend", "Show"), *switches), class_="controls"),
             tag(
                 "figure",
-                tag("div", overview(plan, things), class_="wide", tabindex="0", role="region", aria_label="Map"),
+                tag("div", draw_overview(plan, things), class_="wide", tabindex="0", role="region", aria_label="Map"),
                 tag(
                     "figcaption",
                     "Boxes stand where things are last seen, their points ahead. A click on one leads to its pictures.",
@@ -126,7 +126,7 @@ def _filters() -> Html:
     )
 
 
-def _cleaning_part(findings: ConversionFindings, actors: Shown) -> Html:
+def _cleaning_part(findings: ConversionFindings, actors: ActorSection) -> Html:
     report = findings.cleaned.report
     counts = report.counts()
     touched = {reason: sum(change.frames for change in report.of(reason)) for reason in ChangeReason}
@@ -136,7 +136,7 @@ def _cleaning_part(findings: ConversionFindings, actors: Shown) -> Html:
         if reason.value in counts
     ]
     notes = [*findings.recording.notes, *findings.notes]
-    numbers = numbers_of(tuple(actors.things))
+    numbers = number_by_id(tuple(actors.things))
     gone = [change for change in report.changes if change.track not in numbers]
     return joined(
         (
@@ -150,13 +150,13 @@ def _cleaning_part(findings: ConversionFindings, actors: Shown) -> Html:
     )
 
 
-def _scene_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Html:
-    quality, numbers = findings.quality, numbers_of(things)
+def _scene_part(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Html:
+    quality, numbers = findings.quality, number_by_id(things)
 
     def pair(a: str, b: str, more: str = "") -> Html:
         return joined((link(a, numbers), " and ", link(b, numbers), more))
 
-    least = measured(quality.least_distance, "m")
+    least = format_figure(quality.least_distance, "m")
     return joined(
         (
             tag(
@@ -165,7 +165,7 @@ def _scene_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Html
                 " overlap are forgiven.",
             ),
             named("Overlap when first seen", [pair(a, b) for a, b in quality.spawn_overlaps]),
-            named("Overlap later", [pair(a, b, f", {frames(n)}") for a, b, n in quality.collisions]),
+            named("Overlap later", [pair(a, b, f", {format_frames(n)}") for a, b, n in quality.collisions]),
             named("Twice the same thing", [pair(a, b) for a, b in quality.duplicates]),
         )
     )
@@ -173,7 +173,8 @@ def _scene_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Html
 
 def _reading_part() -> Html:
     rows = [
-        (words_of(check.figure)[0], f"{check.limit:g} {words_of(check.figure)[1]}", check.source) for check in CHECKS
+        (describe_figure(check.figure)[0], f"{check.limit:g} {describe_figure(check.figure)[1]}", check.source)
+        for check in CHECKS
     ]
     words = tag(
         "p",

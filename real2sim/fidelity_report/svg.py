@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from real2sim.fidelity_report.html import Html, Piece, tag
-from real2sim.tracks.kinematics import runs
+from real2sim.tracks.kinematics import find_runs
 
 CM = 100.0
 NOSE = 0.35
@@ -15,7 +15,7 @@ NOSE = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class ViewBox:
     """What a picture shows [m]."""
 
     left: float
@@ -34,7 +34,7 @@ class View:
         return bool(x1 >= self.left and x0 <= self.right and y1 >= self.low and y0 <= self.high)
 
 
-def view_of(xy: Float, margin: float, least: float, flattest: float = 0.5) -> View:
+def fit_view_box(xy: Float, margin: float, least: float, flattest: float = 0.5) -> ViewBox:
     """The view around points (N, 2), at least `least` [m] wide and high, its sides no less even than `flattest`."""
     known = xy[np.isfinite(xy).all(1)]
     known = known if len(known) else np.zeros((1, 2))
@@ -42,11 +42,11 @@ def view_of(xy: Float, margin: float, least: float, flattest: float = 0.5) -> Vi
     half = np.maximum((known.max(0) - known.min(0)) / 2 + margin, least / 2)
     half = np.maximum(half, half.max() * flattest)
     (left, low), (right, high) = centre - half, centre + half
-    return View(float(left), float(low), float(right), float(high))
+    return ViewBox(float(left), float(low), float(right), float(high))
 
 
 @dataclass(frozen=True, slots=True)
-class Canvas:
+class SvgFrame:
     """Places on the page; `left` and `high` [m] are its corner."""
 
     left: float
@@ -59,7 +59,7 @@ class Canvas:
     def line(self, xy: Float, valid: Bool | None = None) -> str:
         """Path of a line (N, 2), broken where rows are not valid."""
         there = np.asarray(np.isfinite(xy).all(axis=1)) if valid is None else valid
-        return "".join(_stroke(self.at(xy[run])) for run in runs(there))
+        return "".join(_stroke(self.at(xy[run])) for run in find_runs(there))
 
     def dots(self, xy: Float) -> str:
         """Path of points (N, 2): strokes of no length, which round caps make dots."""
@@ -82,7 +82,7 @@ class Canvas:
         cos, sin = np.cos(yaw), np.sin(yaw)
         return self.area(np.column_stack((x + ahead * cos - left * sin, y + ahead * sin + left * cos)))
 
-    def box(self, view: View) -> str:
+    def box(self, view: ViewBox) -> str:
         """viewBox of a view."""
         x, y = self.at(np.array([[view.left, view.high]]))[0]
         width, height = view.size
@@ -115,7 +115,7 @@ def picture(label: str, box: str, *content: Piece, class_: str) -> Html:
     return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
 
 
-def scale_bar(canvas: Canvas, view: View, words: float = 0.017) -> Html:
+def scale_bar(canvas: SvgFrame, view: ViewBox, words: float = 0.017) -> Html:
     """A bar of round length at the lower right; `words` is the height of its letters as a share of the picture."""
     width, height = view.size
     length = next((m for m in (100.0, 50.0, 20.0, 10.0, 5.0) if m <= width / 5), 2.0)

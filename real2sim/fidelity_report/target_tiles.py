@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from real2sim.fidelity_report.formatting import measured
+from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Html, joined, tag
 from real2sim.findings import ConversionFindings
 from real2sim.targets import FidelityTarget, build_reconstruction_targets, build_traffic_targets
@@ -13,12 +13,12 @@ SHARES = ("moving vehicles passing all checks", "order kept at conflicts")
 """Targets that are told by counts."""
 
 
-def missed(findings: ConversionFindings) -> tuple[str, ...]:
+def find_missed_targets(findings: ConversionFindings) -> tuple[str, ...]:
     """What misses its target, a sentence each."""
     return findings.misses or tuple(target.sentence() for target in _targets(findings) if target.met is False)
 
 
-def figure_tiles(findings: ConversionFindings) -> Html:
+def render_tiles(findings: ConversionFindings) -> Html:
     """The figures as tiles; what misses its target says so in words, too."""
     quality, closeness = findings.quality, findings.closeness
     passed = f"{quality.moving_passed} of {quality.moving_vehicles}"
@@ -44,7 +44,7 @@ def _value(target: FidelityTarget, counts: Mapping[str, str]) -> str:
     """Shares are told by their counts: 95 % of 8 is a matter of one."""
     if target.value is not None and target.name in counts:
         return counts[target.name]
-    return measured(target.value, _unit(target), 2 if target.unit else 0)
+    return format_figure(target.value, _unit(target), 2 if target.unit else 0)
 
 
 def _unit(target: FidelityTarget) -> str:

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.fidelity_report.formatting import frames, measured, share
+from real2sim.fidelity_report.formatting import format_figure, format_frames, format_share
 from real2sim.fidelity_report.html import Html, joined, table, tag
-from real2sim.fidelity_report.line_chart import Chart, Series, draw
+from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.lists import link, named
-from real2sim.fidelity_report.report_entry import Thing, numbers_of
+from real2sim.fidelity_report.report_entry import ReportEntry, number_by_id
 from real2sim.findings import ConversionFindings
-from real2sim.traffic_fidelity import MEDIAN_5S_M, Closeness, ErrorAt
+from real2sim.traffic_fidelity import MEDIAN_5S_M, PositionErrors, TrafficFidelity
 
 HEAD = ("after departure [s]", "vehicles", "lower quartile [m]", "median [m]", "upper quartile [m]", "worst [m]")
 CAPTION = "Measured at the times of the table, over the vehicles that the log still has then."
@@ -19,12 +19,12 @@ SHOWN_M = 20.0
 """The curve ends there at the latest: a vehicle that is not there counts 100 m, which would flatten all others."""
 
 
-def traffic_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Html:
+def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Html:
     """Words, curve, table and lists; scenarios know things by other names than their tracks."""
     closeness = findings.closeness
     if closeness is None:
         return tag("p", "Not measured.", class_="none")
-    by_id = numbers_of(things)
+    by_id = number_by_id(things)
     numbers = by_id | {name: by_id[id_] for id_, name in findings.names.items() if id_ in by_id}
 
     def pair(a: str, b: str, more: str = "") -> Html:
@@ -38,16 +38,16 @@ def traffic_part(findings: ConversionFindings, things: tuple[Thing, ...]) -> Htm
             named("Pass in another order than in the log", [pair(a, b) for a, b in closeness.order_changed]),
             named("Could not depart", [link(name, numbers) for name in closeness.not_departed]),
             named("Left before the log's vehicle", [link(name, numbers) for name in closeness.left_early]),
-            named("Touch, but not in the log", [pair(a, b, f", {frames(n)}") for a, b, n in closeness.contacts]),
+            named("Touch, but not in the log", [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts]),
         )
     )
 
 
-def _words(closeness: Closeness) -> str:
-    drift = measured(closeness.median_at_5s, "m")
+def _words(closeness: TrafficFidelity) -> str:
+    drift = format_figure(closeness.median_at_5s, "m")
     order = (
-        f"{closeness.order_kept} of {closeness.order_pairs} pairs ({share(closeness.order_share)}) pass their conflict"
-        " point in the log's order."
+        f"{closeness.order_kept} of {closeness.order_pairs} pairs ({format_share(closeness.order_share)}) pass their"
+        " conflict point in the log's order."
         if closeness.order_pairs
         else "No two of them share a conflict point."
     )
@@ -58,27 +58,34 @@ def _words(closeness: Closeness) -> str:
     )
 
 
-def _drift_chart(errors: Sequence[ErrorAt]) -> Html:
+def _drift_chart(errors: Sequence[PositionErrors]) -> Html:
     lower, median, upper = (_values(errors, name) for name in ("lower", "median", "upper"))
     times = np.array([error.after_s for error in errors], dtype=np.float64)
     known = times[np.isfinite(median)]
     span = (float(known[0]), float(known[-1])) if len(known) > 1 else (0.0, 1.0)
     most = float(np.nanmax(upper, initial=0.0, where=np.isfinite(upper)))
     top = float(np.clip(1.15 * most, 1.2 * MEDIAN_5S_M, SHOWN_M))
-    series = (Series("band", times, lower, upper), Series("line", times, median))
+    series = (ChartSeries("band", times, lower, upper), ChartSeries("line", times, median))
     label = "Distance between simulated and logged vehicles over time since departure: median, and quartiles as a band"
     title = "distance to the log [m]: median and quartiles"
-    return draw(Chart(label, title, series, span, top, (MEDIAN_5S_M,), "time since departure [s]"))
+    return draw_chart(LineChart(label, title, series, span, top, (MEDIAN_5S_M,), "time since departure [s]"))
 
 
-def _values(errors: Sequence[ErrorAt], name: str) -> Float:
+def _values(errors: Sequence[PositionErrors], name: str) -> Float:
     values = [getattr(error, name) for error in errors]
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _table(errors: Sequence[ErrorAt]) -> Html:
+def _table(errors: Sequence[PositionErrors]) -> Html:
     rows = [
-        (f"{e.after_s:g}", f"{e.vehicles}", measured(e.lower), measured(e.median), measured(e.upper), measured(e.worst))
+        (
+            f"{e.after_s:g}",
+            f"{e.vehicles}",
+            format_figure(e.lower),
+            format_figure(e.median),
+            format_figure(e.upper),
+            format_figure(e.worst),
+        )
         for e in errors
     ]
     return table(HEAD, rows, "Distance to the log over time")

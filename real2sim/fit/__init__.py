@@ -1,6 +1,13 @@
 """Reconstructed tracks of a log become the traffic of a scenario."""
 
-from real2sim.fit.cavs import choose_cavs, passed_over, unfit
-from real2sim.fit.traffic_fit import Fitted, fit, scenario_names
+from real2sim.fit.cavs import choose_cavs, explain_unusable, explain_unused_cavs
+from real2sim.fit.traffic_fit import FittedTraffic, fit_traffic, make_scenario_names
 
-__all__ = ["Fitted", "choose_cavs", "fit", "passed_over", "scenario_names", "unfit"]
+__all__ = [
+    "FittedTraffic",
+    "choose_cavs",
+    "fit_traffic",
+    "explain_unused_cavs",
+    "make_scenario_names",
+    "explain_unusable",
+]

@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing, Schedule
 from real2sim.clean.object_attributes import clamp_size
-from real2sim.fit.route_path import RoutePath, path_of, progress_of, straight_on
+from real2sim.fit.route_path import RoutePath, build_route_path, compute_progress, find_straight_continuation
 from real2sim.match import LaneMatch
 from real2sim.recording import RecordedTrack
 
@@ -29,7 +29,7 @@ SHORTEST_M = 1.0
 
 
 @dataclass(frozen=True)
-class Driven:
+class RoutedTrack:
     """A track on its route."""
 
     track: RecordedTrack
@@ -43,12 +43,12 @@ class Driven:
     """[m]"""
 
     @property
-    def front(self) -> Float:
+    def front_progress(self) -> Float:
         """(T,) distance of the front bumper along the path [m]."""
         return np.minimum(self.progress + self.length / 2, self.path.length - SHORTEST_M / 10)
 
     @property
-    def said(self) -> str:
+    def omitted_part(self) -> str:
         """What of the track is not driven."""
         seen, kept = self.track.frames, np.flatnonzero(np.isfinite(self.progress))
         late, early = kept[0] - seen[0], seen[-1] - kept[-1]
@@ -57,13 +57,13 @@ class Driven:
         return "; ".join(part for part in (comes, goes) if part)
 
 
-def size_of(track: RecordedTrack) -> tuple[float, float]:
+def median_size(track: RecordedTrack) -> tuple[float, float]:
     """Length and width [m] of a cleaned track, within what a scenario can have."""
     size = float(np.median(track.length[track.valid])), float(np.median(track.width[track.valid]))
     return clamp_size(*size, track.category.kind)
 
 
-def driven(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Driven | str:
+def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> RoutedTrack | str:
     """The track on its route, or why it has no usable one."""
     if match.off_road:
         return match.reason
@@ -73,19 +73,19 @@ def driven(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Driven | s
     if why := _off_ends(track, match, on, roads):
         return why
     lanes = (*_entry(roads, match.route[0]), *match.route)
-    lanes = (*lanes, *straight_on(roads, lanes[-1], BEYOND_M))
-    path = path_of(roads, lanes)
+    lanes = (*lanes, *find_straight_continuation(roads, lanes[-1], BEYOND_M))
+    path = build_route_path(roads, lanes)
     if not path.edges:
         return "no edge outside a junction on its route"
-    length, width = size_of(track)
-    progress = progress_of(path, track, match)
+    length, width = median_size(track)
+    progress = compute_progress(path, track, match)
     for off in _off_rows(track, on):
         progress[off] = np.nan
     front = progress + length / 2
     progress[(front < 0.0) | (front > path.length + OVER_M)] = np.nan
     if np.isfinite(progress).sum() < 2:
         return "it is on the roads of the map for one frame only"
-    return Driven(track, match, path, progress, length, width)
+    return RoutedTrack(track, match, path, progress, length, width)
 
 
 def _off_rows(track: RecordedTrack, on: np.ndarray) -> list[slice]:
@@ -126,11 +126,13 @@ def _entry(roads: RoadMap, lane: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def background_vehicle(one: Driven, name: str, driving: CarFollowing, dt_s: float, log: bool) -> BackgroundVehicle:
+def build_background_vehicle(
+    one: RoutedTrack, name: str, driving: CarFollowing, dt_s: float, log: bool
+) -> BackgroundVehicle:
     """The vehicle from its first frame on. `progress` of its schedule begins above 0 where it begins in a junction."""
     frames = np.flatnonzero(np.isfinite(one.progress))
-    first, front = int(frames[0]), one.front
-    edge = next(stage for stage in one.path.stages if not stage.junction)
+    first, front = int(frames[0]), one.front_progress
+    edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
     depart = min(max(float(front[first]) - edge.begin, 0.0), max(edge.length - SHORTEST_M, 0.0))
     start = edge.begin + depart
     return BackgroundVehicle(
@@ -148,14 +150,14 @@ def background_vehicle(one: Driven, name: str, driving: CarFollowing, dt_s: floa
             lanes=_changes(one, start),
             leaves=int(frames[-1]) < len(front) - 1,
         ),
-        log=poses(one.track, dt_s) if log else (),
+        log=timed_poses(one.track, dt_s) if log else (),
     )
 
 
-def _lane_index(one: Driven) -> int:
+def _lane_index(one: RoutedTrack) -> int:
     """Index of the lane on which it departs: that of its first frame, else of the edge before the junction."""
     first = int(np.flatnonzero(np.isfinite(one.progress))[0])
-    edge = next(stage for stage in one.path.stages if not stage.junction)
+    edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
     on = [lane for lane in edge.lanes if lane.id == one.match.lane[first]]
     return (on or list(edge.lanes))[0].index
 
@@ -175,7 +177,7 @@ def _progress(frames: np.ndarray, front: Float, dt_s: float) -> tuple[tuple[floa
     return tuple((round(float(frames[k]) * dt_s, 3), float(s)) for k, s in zip(kept, rounded, strict=True))
 
 
-def _changes(one: Driven, start: float) -> tuple[tuple[float, int], ...]:
+def _changes(one: RoutedTrack, start: float) -> tuple[tuple[float, int], ...]:
     """Where its centre crosses over to the next lane of its route, front bumper's place; on the edge of that lane.
 
     What the route needs but no frame shows (a lane that ends) comes where the log shows it last on the lane before.
@@ -183,7 +185,7 @@ def _changes(one: Driven, start: float) -> tuple[tuple[float, int], ...]:
     seen = _seen_on(one)
     found: list[tuple[float, int]] = []
     index = _lane_index(one)
-    for k, stage in enumerate(one.path.stages):
+    for k, stage in enumerate(one.path.edges_in_order):
         if stage.junction:
             continue
         for before, lane in pairwise([None, *stage.lanes]):
@@ -205,20 +207,20 @@ def _crossing(seen: dict[tuple[int, str], tuple[float, float]], stage: int, befo
     return seen.get((stage, before.id), (0.0, 0.0))[1]
 
 
-def _seen_on(one: Driven) -> dict[tuple[int, str], tuple[float, float]]:
+def _seen_on(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
     """First and last place of the front bumper [m] by stage and lane."""
     found: dict[tuple[int, str], tuple[float, float]] = {}
-    least, front = 0, one.front
+    least, front = 0, one.front_progress
     for frame in np.flatnonzero(np.isfinite(one.progress)).tolist():
         lane = one.match.lane[frame]
-        k = one.path.stage_of(lane, least) if lane else None
+        k = one.path.find_edge_index(lane, least) if lane else None
         if k is not None:
             least, at = max(k, least), float(front[frame])
             found[k, lane] = (found.get((k, lane), (at, at))[0], at)
     return found
 
 
-def poses(track: RecordedTrack, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
+def timed_poses(track: RecordedTrack, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
     """Timed poses of the log, rounded to ms, cm and 0.1 mrad."""
     frames: Sequence[int] = track.frames.tolist()
     return tuple(

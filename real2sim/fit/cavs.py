@@ -10,7 +10,7 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
-from real2sim.fit.route_path import straight_on
+from real2sim.fit.route_path import find_straight_continuation
 from real2sim.match import LaneMatch
 from real2sim.match.dense_route import build_dense_route
 from real2sim.match.waypoint_matcher import RouteLeg
@@ -31,7 +31,9 @@ def choose_cavs(
 
     `wanted` are the ids of the source's CAVs (`Cleaned.cavs`). Raises InputError if no vehicle will do.
     """
-    fit = {track.id: track for track in tracks if not track.parked and not unfit(track, matches.get(track.id))}
+    fit = {
+        track.id: track for track in tracks if not track.parked and not explain_unusable(track, matches.get(track.id))
+    }
     if told := tuple(name for name in wanted if name in fit):
         return told
     if not fit:
@@ -42,7 +44,7 @@ def choose_cavs(
     return (max(fit.values(), key=lambda track: (int(track.valid.sum()), _driven_m(track), track.id)).id,)
 
 
-def passed_over(
+def explain_unused_cavs(
     wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> dict[str, str]:
     """The CAVs of the source that are none in the scenario, with the reason."""
@@ -53,14 +55,14 @@ def passed_over(
 def _why(track: RecordedTrack | None, match: LaneMatch | None) -> str:
     if track is None:
         return "it is not in the cleaned log"
-    return "it never moves" if track.parked else unfit(track, match)
+    return "it never moves" if track.parked else explain_unusable(track, match)
 
 
 def _driven_m(track: RecordedTrack) -> float:
     return float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum())
 
 
-def unfit(track: RecordedTrack, match: LaneMatch | None) -> str:
+def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
     """Why a track cannot be a CAV; "" if it can."""
     if track.category.kind is not Kind.VEHICLE:
         return f"a {track.category.value} is no vehicle"
@@ -77,9 +79,9 @@ def unfit(track: RecordedTrack, match: LaneMatch | None) -> str:
     return ""
 
 
-def ego_of(track: RecordedTrack, match: LaneMatch, roads: RoadMap, name: str, dt_s: float) -> tuple[Ego, str]:
+def build_ego(track: RecordedTrack, match: LaneMatch, roads: RoadMap, name: str, dt_s: float) -> tuple[Ego, str]:
     """The CAV, and what is to be said about its route; raises InputError where it cannot be one."""
-    if why := unfit(track, match):
+    if why := explain_unusable(track, match):
         raise InputError(f"CAV {track.id}: expected a vehicle with a way through the network, found: {why}")
     route, said = _route(match, roads)
     xy, yaw = route.xy, np.unwrap(route.yaw)
@@ -123,7 +125,7 @@ def _route(match: LaneMatch, roads: RoadMap) -> tuple[Route, str]:
 def _prolonged(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float) -> tuple[list[str], float]:
     """The lanes and the arc length [m] on the last of them that much further ahead, or to the end of the network."""
     found = list(lanes)
-    for lane in ("", *straight_on(roads, lanes[-1], missing)):
+    for lane in ("", *find_straight_continuation(roads, lanes[-1], missing)):
         if lane:
             found, goal = [*found, lane], 0.0
         rest = roads.lanes[found[-1]].centre.length - goal

@@ -11,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
-from real2sim.fit.background_vehicle import Driven
+from real2sim.fit.background_vehicle import RoutedTrack
 
 MARGIN_M = 0.3
 """Free space on both sides of a box that SUMO's traffic passes."""
@@ -22,10 +22,10 @@ NEAR_M = 30.0
 
 
 @dataclass(frozen=True)
-class Centred:
+class CentrelineTraffic:
     """Drivers put on the centre lines of their lanes: (K, T, 3) x, y [m], yaw [rad], NaN where they have no lane."""
 
-    drivers: Sequence[Driven]
+    drivers: Sequence[RoutedTrack]
     poses: Float
 
     def corners(self, k: int, frames: np.ndarray, grown: float) -> Float:
@@ -35,7 +35,7 @@ class Centred:
         return boxes_corners(at[:, 0], at[:, 1], at[:, 2], np.array(length), np.array(width))
 
 
-def centred(drivers: Sequence[Driven], roads: RoadMap) -> Centred:
+def place_on_centrelines(drivers: Sequence[RoutedTrack], roads: RoadMap) -> CentrelineTraffic:
     """Puts every driver where its match has it along its lane."""
     frames = len(drivers[0].match.lane) if drivers else 0
     poses = np.full((len(drivers), frames, 3), np.nan)
@@ -43,10 +43,10 @@ def centred(drivers: Sequence[Driven], roads: RoadMap) -> Centred:
         for frame in np.flatnonzero(np.isfinite(one.progress) & np.isfinite(one.match.s)).tolist():
             line, s = roads.lanes[one.match.lane[frame]].centre, float(one.match.s[frame])
             poses[k, frame] = (*line.at(s), line.yaw_at(s))
-    return Centred(drivers, poses)
+    return CentrelineTraffic(drivers, poses)
 
 
-def abreast(all_of_them: Centred, dt_s: float) -> dict[str, str]:
+def find_abreast(all_of_them: CentrelineTraffic, dt_s: float) -> dict[str, str]:
     """By track id, why it cannot be in a lane: beside another one there, and further from the centre line."""
     found: dict[str, str] = {}
     drivers = all_of_them.drivers
@@ -64,7 +64,7 @@ def abreast(all_of_them: Centred, dt_s: float) -> dict[str, str]:
     return found
 
 
-def _side_by_side(all_of_them: Centred, k: int, n: int) -> np.ndarray:
+def _side_by_side(all_of_them: CentrelineTraffic, k: int, n: int) -> np.ndarray:
     one, other = (all_of_them.drivers[i].match.lane for i in (k, n))
     same = np.array([a == b != "" for a, b in zip(one, other, strict=True)], dtype=np.bool_)
     frames = _near(all_of_them, k, same, all_of_them.poses[n, :, :2])
@@ -74,7 +74,7 @@ def _side_by_side(all_of_them: Centred, k: int, n: int) -> np.ndarray:
     return frames[boxes_overlap(*boxes)]
 
 
-def run_into(all_of_them: Centred, there: Bool, corners: Float) -> list[str]:
+def find_vehicles_through(all_of_them: CentrelineTraffic, there: Bool, corners: Float) -> list[str]:
     """Ids of the drivers who pass through the boxes of a thing: corners (T, 4, 2) in the frames when it is `there`."""
     found: list[str] = []
     for k, one in enumerate(all_of_them.drivers):
@@ -84,7 +84,7 @@ def run_into(all_of_them: Centred, there: Bool, corners: Float) -> list[str]:
     return found
 
 
-def _near(all_of_them: Centred, k: int, rows: Bool, xy: Float) -> np.ndarray:
+def _near(all_of_them: CentrelineTraffic, k: int, rows: Bool, xy: Float) -> np.ndarray:
     """Frames among `rows` (T,) in which a driver is near points (T, 2) [m]."""
     apart = np.hypot(*(all_of_them.poses[k, :, :2] - xy).T)
     return np.flatnonzero(rows & (np.nan_to_num(apart, nan=np.inf) < NEAR_M))

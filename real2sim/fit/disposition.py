@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Became(StrEnum):
+class Disposition(StrEnum):
     """What a thing of the log is in the scenario."""
 
     CAV = "CAV"
@@ -18,8 +18,8 @@ class Became(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Role:
+class TrackRole:
     """What became of one thing, and why; "" where the reason is plain."""
 
-    became: Became
+    disposition: Disposition
     reason: str = ""

@@ -6,8 +6,8 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.scenario.background import CarFollowing
-from real2sim.fit.background_vehicle import Driven
-from real2sim.tracks.kinematics import derivative
+from real2sim.fit.background_vehicle import RoutedTrack
+from real2sim.tracks.kinematics import compute_derivative
 
 REACH_M = 60.0
 """Leaders further ahead are not followed."""
@@ -21,13 +21,13 @@ SHARE = 5.0
 """Percentile of gaps that counts as the shortest a driver keeps."""
 
 
-def fitted(drivers: Sequence[Driven], dt_s: float) -> list[CarFollowing]:
+def estimate_driving(drivers: Sequence[RoutedTrack], dt_s: float) -> list[CarFollowing]:
     """Parameters of every driver, so that its model never asks for more room than it took in the log."""
     lanes, s = _places(drivers)
     return [_driving(drivers, k, lanes, s, dt_s) for k in range(len(drivers))]
 
 
-def _places(drivers: Sequence[Driven]) -> tuple[Int, Float]:
+def _places(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
     """Lane number (K, T), -1 where none, and arc length (K, T) [m] in all lanes that occur."""
     numbers = {"": -1}
     for one in drivers:
@@ -37,7 +37,7 @@ def _places(drivers: Sequence[Driven]) -> tuple[Int, Float]:
     return lanes, np.array([one.match.s for one in drivers])
 
 
-def _driving(drivers: Sequence[Driven], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
+def _driving(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
     one = drivers[k]
     speed = np.gradient(one.progress, dt_s) if len(one.progress) > 1 else np.zeros_like(one.progress)
     gaps = _gaps(drivers, k, lanes, s)
@@ -47,7 +47,7 @@ def _driving(drivers: Sequence[Driven], k: int, lanes: Int, s: Float, dt_s: floa
     follows = (speed > MOVING) & np.isfinite(gaps)
     tau = float(np.clip(_low((gaps[follows] - min_gap) / speed[follows], 1.0), *TAU_S))
     seen = one.progress[np.isfinite(one.progress)]
-    force = derivative(seen, dt_s, 2)
+    force = compute_derivative(seen, dt_s, 2)
     up, down = (float(np.percentile(a, 98)) if len(a) else 0.0 for a in (force, -force))
     return CarFollowing(
         tau_s=round(tau, 2),
@@ -58,13 +58,13 @@ def _driving(drivers: Sequence[Driven], k: int, lanes: Int, s: Float, dt_s: floa
     )
 
 
-def _gaps(drivers: Sequence[Driven], k: int, lanes: Int, s: Float) -> Float:
+def _gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float:
     """Bumper to bumper distance (T,) [m] to the next vehicle on the lanes of one's route; NaN without any."""
     one = drivers[k]
     begins = np.full((int(lanes.max()) + 2,), np.nan)
     by_name = {lane: number for row, other in zip(lanes, drivers, strict=True)
                for number, lane in zip(row.tolist(), other.match.lane, strict=True)}  # fmt: skip
-    for stage in one.path.stages:
+    for stage in one.path.edges_in_order:
         for lane in stage.lanes:
             if lane.id in by_name:
                 begins[by_name[lane.id]] = stage.begin

@@ -19,7 +19,7 @@ CLAMPED_M = 0.05
 
 
 @dataclass(frozen=True)
-class Stage:
+class RouteEdge:
     """One edge of a route: the lanes of it that are used, in order, and where along the route it begins [m]."""
 
     edge: str
@@ -42,34 +42,34 @@ class Stage:
 class RoutePath:
     """Edges one after another."""
 
-    stages: tuple[Stage, ...]
+    edges_in_order: tuple[RouteEdge, ...]
 
     @property
     def length(self) -> float:
         """[m]"""
-        return self.stages[-1].end
+        return self.edges_in_order[-1].end
 
     @property
     def edges(self) -> tuple[str, ...]:
         """Edges outside junctions, as SUMO's routes name them."""
-        return tuple(stage.edge for stage in self.stages if not stage.junction)
+        return tuple(stage.edge for stage in self.edges_in_order if not stage.junction)
 
     @cached_property
     def _by_lane(self) -> dict[str, list[int]]:
         found: dict[str, list[int]] = {}
-        for i, stage in enumerate(self.stages):
+        for i, stage in enumerate(self.edges_in_order):
             for lane in stage.lanes:
                 if i not in found.setdefault(lane.id, []):
                     found[lane.id].append(i)
         return found
 
-    def stage_of(self, lane: str, least: int) -> int | None:
+    def find_edge_index(self, lane: str, least: int) -> int | None:
         """Index of the stage with that lane: the first from `least` on, else the last before; None if it has none."""
         at = self._by_lane.get(lane, [])
         return next((i for i in at if i >= least), at[-1] if at else None)
 
 
-def path_of(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
+def build_route_path(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
     """The path along lanes that are successors or neighbours of one another."""
     groups: list[list[Lane]] = []
     joints = [0.0]
@@ -83,14 +83,14 @@ def path_of(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
         if before:
             joints.append(0.0 if lane.junction or roads.lanes[before].junction else JOINT_M)
         groups.append([lane])
-    stages: list[Stage] = []
+    stages: list[RouteEdge] = []
     for group, joint in zip(groups, joints, strict=True):
         begin = (stages[-1].end if stages else 0.0) + joint
-        stages.append(Stage(group[0].edge, tuple(group), begin, edge_length(roads, group[0])))
+        stages.append(RouteEdge(group[0].edge, tuple(group), begin, compute_edge_length(roads, group[0])))
     return RoutePath(tuple(stages))
 
 
-def edge_length(roads: RoadMap, lane: Lane) -> float:
+def compute_edge_length(roads: RoadMap, lane: Lane) -> float:
     """SUMO's length [m] of the edge of a lane: the mean of its lanes (`network.shapes`); a junction lane has one."""
     if lane.junction:
         return lane.centre.length
@@ -105,7 +105,7 @@ def edge_length(roads: RoadMap, lane: Lane) -> float:
     return float(np.mean([one.centre.length for one in beside]))
 
 
-def progress_of(path: RoutePath, track: RecordedTrack, match: LaneMatch) -> Float:
+def compute_progress(path: RoutePath, track: RecordedTrack, match: LaneMatch) -> Float:
     """Distance (T,) [m] of the box centre along the path, growing; NaN before the first and after the last frame.
 
     Where no lane is known, or it is before or behind the path, that of the frames around it and the distance driven.
@@ -128,18 +128,18 @@ def _known(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.nda
     ahead: list[float] = []
     stage = 0
     for frame in whole.tolist():
-        found = path.stage_of(match.lane[frame], stage) if match.lane[frame] else None
+        found = path.find_edge_index(match.lane[frame], stage) if match.lane[frame] else None
         if found is None:
             continue
         stage = max(stage, found)
-        here = path.stages[found]
+        here = path.edges_in_order[found]
         lane = next(one for one in here.lanes if one.id == match.lane[frame])
         at.append(frame)
         ahead.append(here.begin + float(match.s[frame]) * here.length / lane.centre.length)
     return np.array(at, dtype=np.intp), np.array(ahead)
 
 
-def straight_on(roads: RoadMap, lane: str, least_m: float) -> tuple[str, ...]:
+def find_straight_continuation(roads: RoadMap, lane: str, least_m: float) -> tuple[str, ...]:
     """Lanes after this one that turn least, until they are `least_m` long together or the network ends."""
     found: list[str] = []
     so_far = 0.0

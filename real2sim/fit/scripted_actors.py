@@ -8,23 +8,23 @@ from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, KindName, Motion, ReplayMotion, StandingMotion
-from real2sim.fit.background_vehicle import Driven, poses, size_of
-from real2sim.fit.centreline_traffic import Centred, run_into
+from real2sim.fit.background_vehicle import RoutedTrack, median_size, timed_poses
+from real2sim.fit.centreline_traffic import CentrelineTraffic, find_vehicles_through
 from real2sim.recording import RecordedTrack
 
 NAMES: dict[Kind, KindName] = {kind: name for name, kind in KIND_BY_NAME.items()}
 
 
-def replayed(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+def build_replay_actor(track: RecordedTrack, name: str, traffic: CentrelineTraffic, dt_s: float) -> tuple[Actor, str]:
     """An actor that repeats the track and stops for what is in its way, and what is to be said about it.
 
     It stays where it is if the log ends before it does.
     """
-    timed = poses(track, dt_s)
+    timed = timed_poses(track, dt_s)
     x, y, yaw = timed[0][1:]
-    length, width = size_of(track)
+    length, width = median_size(track)
     corners = boxes_corners(track.x, track.y, np.nan_to_num(track.yaw), np.array(length), np.array(width))
-    around = run_into(traffic, track.valid, corners)
+    around = find_vehicles_through(traffic, track.valid, corners)
     actor = Actor(
         id=name,
         kind=NAMES[track.category.kind],
@@ -50,7 +50,7 @@ def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tupl
     return tuple((t, x, y, float(a)) for (t, x, y, _), a in zip(timed, yaw, strict=True))
 
 
-def standing(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> tuple[Actor, str]:
+def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTraffic, dt_s: float) -> tuple[Actor, str]:
     """A thing that never moves, and what is to be said about it.
 
     Where a vehicle of the log drives later through the place where it stood, or before it came there, it is there only
@@ -59,7 +59,7 @@ def standing(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> 
     x, y = (round(float(np.median(values[track.valid])), 3) for values in (track.x, track.y))
     yaw = track.yaw[track.valid]
     heading = round(float(np.arctan2(np.nan_to_num(np.sin(yaw)).sum(), np.nan_to_num(np.cos(yaw)).sum())), 4)
-    length, width = size_of(track)
+    length, width = median_size(track)
     box = box_corners(x, y, heading, length, width)
     motion: Motion = StandingMotion()
     said: list[str] = []
@@ -69,7 +69,9 @@ def standing(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> 
             poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
         )
         said.append("there only while the log shows it: a vehicle drives through its place at another time")
-    around = run_into(traffic, np.ones(len(track.valid), dtype=np.bool_), np.tile(box, (len(track.valid), 1, 1)))
+    around = find_vehicles_through(
+        traffic, np.ones(len(track.valid), dtype=np.bool_), np.tile(box, (len(track.valid), 1, 1))
+    )
     said.append(_said(around))
     actor = Actor(
         id=name,
@@ -84,7 +86,7 @@ def standing(track: RecordedTrack, name: str, traffic: Centred, dt_s: float) -> 
     return actor, "; ".join(part for part in said if part)
 
 
-def _drives_through(box: np.ndarray, one: Driven, track: RecordedTrack) -> bool:
+def _drives_through(box: np.ndarray, one: RoutedTrack, track: RecordedTrack) -> bool:
     """Whether the boxes meet in a frame in which the thing is not seen."""
     rows = one.track.valid & ~track.valid
     if not rows.any():

@@ -20,12 +20,12 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundMode
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
-from real2sim.fit.background_vehicle import Driven, background_vehicle, driven
-from real2sim.fit.cavs import ego_of
-from real2sim.fit.centreline_traffic import Centred, abreast, centred
-from real2sim.fit.disposition import Became, Role
-from real2sim.fit.driver_parameters import fitted
-from real2sim.fit.scripted_actors import replayed, standing
+from real2sim.fit.background_vehicle import RoutedTrack, build_background_vehicle, route_track
+from real2sim.fit.cavs import build_ego
+from real2sim.fit.centreline_traffic import CentrelineTraffic, find_abreast, place_on_centrelines
+from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.fit.driver_parameters import estimate_driving
+from real2sim.fit.scripted_actors import build_replay_actor, build_standing_actor
 from real2sim.match import LaneMatch
 from real2sim.recording import ObjectCategory, RecordedTrack
 
@@ -40,13 +40,13 @@ DRIVEN_KINDS = frozenset(
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedTraffic:
     """The traffic of a scenario."""
 
     egos: tuple[Ego, ...]
     background: Background
     actors: tuple[Actor, ...]
-    roles: Mapping[str, Role]
+    roles: Mapping[str, TrackRole]
     """By track id: what it became and why; everything that could not be kept is LEFT_OUT with a reason."""
     names: Mapping[str, str]
     """Track id -> id in the scenario."""
@@ -60,17 +60,17 @@ class _Work:
     roads: RoadMap
     dt_s: float
     names: dict[str, str]
-    roles: dict[str, Role]
+    roles: dict[str, TrackRole]
 
 
-def fit(
+def fit_traffic(
     tracks: Sequence[RecordedTrack],
     matches: Mapping[str, LaneMatch],
     roads: RoadMap,
     cavs: Sequence[str],
     mode: BackgroundMode,
     dt_s: float,
-) -> Fitted:
+) -> FittedTraffic:
     """Traffic from reconstructed tracks, their matches by track id (vehicles only) and the ids of the CAVs' tracks.
 
     Raises InputError for a CAV that is not there in the first frame or has no way through the network.
@@ -79,22 +79,22 @@ def fit(
     for name in cavs:
         if name not in known:
             raise InputError(f"CAV {name}: expected one of the tracks {_some(sorted(known))}, found none of that name")
-    work = _Work(matches, roads, dt_s, scenario_names(tracks), {})
+    work = _Work(matches, roads, dt_s, make_scenario_names(tracks), {})
     egos = tuple(_ego(work, known[name]) for name in cavs)
     rest = [track for track in tracks if track.id not in cavs]
     drivers = _drivers(work, rest)
-    following = fitted(drivers, dt_s) if drivers else []
+    following = estimate_driving(drivers, dt_s) if drivers else []
     vehicles = [
-        background_vehicle(one, work.names[one.track.id], driving, dt_s, mode != "reactive")
+        build_background_vehicle(one, work.names[one.track.id], driving, dt_s, mode != "reactive")
         for one, driving in zip(drivers, following, strict=True)
     ]
-    on_road, traffic = {one.track.id for one in drivers}, centred(drivers, roads)
+    on_road, traffic = {one.track.id for one in drivers}, place_on_centrelines(drivers, roads)
     actors = [actor for track in rest if track.id not in on_road for actor in _actor(work, track, traffic)]
     background = Background(vehicles=tuple(vehicles), action_step_s=ACTION_STEP_S, mode=mode)
-    return Fitted(egos, background, tuple(actors), work.roles, work.names)
+    return FittedTraffic(egos, background, tuple(actors), work.roles, work.names)
 
 
-def scenario_names(tracks: Sequence[RecordedTrack]) -> dict[str, str]:
+def make_scenario_names(tracks: Sequence[RecordedTrack]) -> dict[str, str]:
     """Ids as scenario files allow them, long ones cut to what tells them apart; equal ones get a number added."""
     plain = {track.id: re.sub(r"[^A-Za-z0-9_.+-]", "-", track.id) for track in tracks}
     plain = {id_: text if re.match(r"[A-Za-z0-9]", text) else f"t{text}" for id_, text in plain.items()}
@@ -126,42 +126,46 @@ def _ego(work: _Work, track: RecordedTrack) -> Ego:
     match = work.matches.get(track.id)
     if match is None:
         raise InputError(f"CAV {track.id}: expected a vehicle, found a {track.category.value}")
-    ego, said = ego_of(track, match, work.roads, work.names[track.id], work.dt_s)
-    work.roles[track.id] = Role(Became.CAV, said)
+    ego, said = build_ego(track, match, work.roads, work.names[track.id], work.dt_s)
+    work.roles[track.id] = TrackRole(Disposition.CAV, said)
     return ego
 
 
-def _drivers(work: _Work, tracks: Sequence[RecordedTrack]) -> list[Driven]:
+def _drivers(work: _Work, tracks: Sequence[RecordedTrack]) -> list[RoutedTrack]:
     """Moving vehicles that SUMO can drive; the others get their reason."""
-    found: list[Driven] = []
+    found: list[RoutedTrack] = []
     for track in tracks:
         if track.parked or track.category not in DRIVEN_KINDS or track.valid.sum() < LEAST_FRAMES:
             continue
         match = work.matches.get(track.id)
-        one = driven(track, match, work.roads) if match is not None else "it was not matched to lanes"
+        one = route_track(track, match, work.roads) if match is not None else "it was not matched to lanes"
         if isinstance(one, str):
-            work.roles[track.id] = Role(Became.ACTOR, one)
+            work.roles[track.id] = TrackRole(Disposition.ACTOR, one)
             continue
         found.append(one)
-    beside = abreast(centred(found, work.roads), work.dt_s)
+    beside = find_abreast(place_on_centrelines(found, work.roads), work.dt_s)
     for one in found:
         out = one.track.id in beside
-        role = Role(Became.ACTOR, beside[one.track.id]) if out else Role(Became.BACKGROUND, one.said)
+        role = (
+            TrackRole(Disposition.ACTOR, beside[one.track.id])
+            if out
+            else TrackRole(Disposition.BACKGROUND, one.omitted_part)
+        )
         work.roles[one.track.id] = role
     return [one for one in found if one.track.id not in beside]
 
 
-def _actor(work: _Work, track: RecordedTrack, traffic: Centred) -> list[Actor]:
+def _actor(work: _Work, track: RecordedTrack, traffic: CentrelineTraffic) -> list[Actor]:
     name = work.names[track.id]
     frames = int(track.valid.sum())
     if frames < LEAST_FRAMES and not (track.parked and frames):
-        work.roles[track.id] = Role(Became.LEFT_OUT, f"seen in {frames} frames only")
+        work.roles[track.id] = TrackRole(Disposition.LEFT_OUT, f"seen in {frames} frames only")
         return []
     if track.parked or track.category.kind is Kind.STATIC:
-        actor, said = standing(track, name, traffic, work.dt_s)
-        work.roles[track.id] = Role(Became.STANDING, said)
+        actor, said = build_standing_actor(track, name, traffic, work.dt_s)
+        work.roles[track.id] = TrackRole(Disposition.STANDING, said)
         return [actor]
-    actor, said = replayed(track, name, traffic, work.dt_s)
+    actor, said = build_replay_actor(track, name, traffic, work.dt_s)
     before = work.roles[track.id].reason if track.id in work.roles else ""
-    work.roles[track.id] = Role(Became.ACTOR, "; ".join(part for part in (before, said) if part))
+    work.roles[track.id] = TrackRole(Disposition.ACTOR, "; ".join(part for part in (before, said) if part))
     return [actor]

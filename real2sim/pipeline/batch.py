@@ -11,9 +11,9 @@ from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailur
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from real2sim.atomic_folder import atomic_folder
 from real2sim.fidelity_report.index_page import write_index
-from real2sim.pipeline.log_conversion import Outcome, convert_log, windows_of
-from real2sim.pipeline.log_source import Log, named, part
-from real2sim.pipeline.scenario_builder import NETWORKS, Wish
+from real2sim.pipeline.log_conversion import ConvertedScenario, convert_log, split_into_windows
+from real2sim.pipeline.log_source import LogSource, describe_window, prefix_with_log
+from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions
 from real2sim.readers.time_window import TimeWindow
 
 LIMIT_S = 900.0
@@ -23,27 +23,27 @@ Windows = tuple[TimeWindow, ...]
 
 
 @dataclass(frozen=True)
-class Task:
+class ConversionTask:
     """What a worker does with one log: convert it into a folder, or cut it into windows of `every_s`."""
 
     number: int
-    log: Log
-    wish: Wish
-    page: bool
+    log: LogSource
+    options: ConversionOptions
+    report: bool
     folder: Path
     every_s: float | None = None
 
 
 @dataclass(frozen=True)
-class Batch:
+class BatchResult:
     """What became of all logs, in the order in which they were given."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[ConvertedScenario, ...]
     refused: tuple[str, ...]
     """One sentence for each log that could not be converted."""
 
     @property
-    def missing(self) -> tuple[Outcome, ...]:
+    def below_target(self) -> tuple[ConvertedScenario, ...]:
         """Scenarios that miss a target."""
         return tuple(outcome for outcome in self.outcomes if outcome.misses)
 
@@ -53,11 +53,11 @@ def _silent(_done: int, _total: int, _text: str) -> None:
 
 
 @dataclass(frozen=True)
-class Order:
+class BatchOptions:
     """How a batch is to be done."""
 
-    wish: Wish = field(default_factory=Wish)
-    page: bool = False
+    conversion: ConversionOptions = field(default_factory=ConversionOptions)
+    report: bool = False
     every_s: float | None = None
     """Cuts every log into scenarios of this length [s]."""
     workers: int = 1
@@ -65,7 +65,7 @@ class Order:
     """Called with how many of how many logs are done, and what became of the last one."""
 
 
-def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order) -> Batch:
+def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, order: BatchOptions) -> BatchResult:
     """Writes the suite of all logs that can be converted; raises InputError if none can, or `out` cannot be written.
 
     `out`, which must be new or empty, appears only at the end, whole.
@@ -75,12 +75,12 @@ def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order)
         tasks, refused = _tasks(logs, parts, order)
         with ProcessPool(_converted, min(order.workers, max(len(tasks), 1)), LIMIT_S) as pool:
             answers = dict(_answers(pool.run(tasks), len(tasks), order))
-        outcomes: list[Outcome] = []
+        outcomes: list[ConvertedScenario] = []
         for task in tasks:
             answer = answers[task.number]
-            if isinstance(answer, Outcome):
+            if isinstance(answer, ConvertedScenario):
                 answer = _taken(answer, task, draft, outcomes)
-            if isinstance(answer, Outcome):
+            if isinstance(answer, ConvertedScenario):
                 outcomes.append(answer)
             else:
                 refused.append(answer)
@@ -88,15 +88,15 @@ def convert_logs(logs: Sequence[Log], out: Path, about: SuiteFile, order: Order)
             raise InputError("\n".join(refused) or "expected at least one log, found none")
         shutil.rmtree(parts)
         save_suite(Suite(about, draft, ()))
-        if order.page:
-            write_index(draft, about.name, [outcome.line for outcome in outcomes if outcome.line])
-    return Batch(tuple(outcomes), tuple(refused))
+        if order.report:
+            write_index(draft, about.name, [outcome.index_row for outcome in outcomes if outcome.index_row])
+    return BatchResult(tuple(outcomes), tuple(refused))
 
 
-def _tasks(logs: Sequence[Log], parts: Path, order: Order) -> tuple[list[Task], list[str]]:
+def _tasks(logs: Sequence[LogSource], parts: Path, order: BatchOptions) -> tuple[list[ConversionTask], list[str]]:
     """A task for every log, or for every window of every log; and the logs that cannot be cut, a sentence each."""
     once, refused = _once(logs)
-    tasks = [Task(i, log, order.wish, order.page, parts / str(i)) for i, log in enumerate(once)]
+    tasks = [ConversionTask(i, log, order.conversion, order.report, parts / str(i)) for i, log in enumerate(once)]
     if order.every_s is None:
         return tasks, refused
     whole = [replace(task, every_s=order.every_s) for task in tasks]
@@ -107,13 +107,13 @@ def _tasks(logs: Sequence[Log], parts: Path, order: Order) -> tuple[list[Task], 
     return _tasks(cut, parts, replace(order, every_s=None))[0], refused
 
 
-def _once(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+def _once(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
     """The logs without those given before, which are refused."""
-    once: dict[tuple[Path, TimeWindow | None], Log] = {}
+    once: dict[tuple[Path, TimeWindow | None], LogSource] = {}
     refused: list[str] = []
     for log in logs:
         if once.setdefault((log.path.resolve(), log.window), log) is not log:
-            refused.append(named(log, "expected every log once, found it twice"))
+            refused.append(prefix_with_log(log, "expected every log once, found it twice"))
     return list(once.values()), refused
 
 
@@ -135,23 +135,23 @@ def _failed(failure: WorkerFailure) -> str:
 
 
 def _answers(
-    done: Iterable[tuple[Task, Outcome | str | WorkerFailure]], total: int, order: Order
-) -> Iterator[tuple[int, Outcome | str]]:
+    done: Iterable[tuple[ConversionTask, ConvertedScenario | str | WorkerFailure]], total: int, order: BatchOptions
+) -> Iterator[tuple[int, ConvertedScenario | str]]:
     ids: set[str] = set()
     for i, (task, answer) in enumerate(done, 1):
         if isinstance(answer, WorkerFailure):
-            answer = named(task.log, _failed(answer))
+            answer = prefix_with_log(task.log, _failed(answer))
         order.progress(i, total, f"{_title(task.log)}: {_verdict(answer, ids)}")
-        ids |= {answer.id} if isinstance(answer, Outcome) else set()
+        ids |= {answer.id} if isinstance(answer, ConvertedScenario) else set()
         yield task.number, answer
 
 
-def _title(log: Log) -> str:
+def _title(log: LogSource) -> str:
     """The log in progress lines: the name of its file and its window."""
-    return f"{log.path.name}, {part(log)}" if log.window else log.path.name
+    return f"{log.path.name}, {describe_window(log)}" if log.window else log.path.name
 
 
-def _verdict(answer: Outcome | str, before: Collection[str]) -> str:
+def _verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:
     """`before`: ids of the logs that were done earlier; a suite has room for one of each."""
     if isinstance(answer, str):
         return "unusable"
@@ -161,31 +161,33 @@ def _verdict(answer: Outcome | str, before: Collection[str]) -> str:
     return f"misses {count} target{'' if count == 1 else 's'}" if count else "passed"
 
 
-def _taken(outcome: Outcome, task: Task, draft: Path, before: Sequence[Outcome]) -> Outcome | str:
+def _taken(
+    outcome: ConvertedScenario, task: ConversionTask, draft: Path, before: Sequence[ConvertedScenario]
+) -> ConvertedScenario | str:
     """Moves a finished scenario and its network into the suite; a sentence if there is one of that name."""
     if any(outcome.id == other.id for other in before):
-        return named(task.log, f"expected logs of different names, found {outcome.id} twice")
+        return prefix_with_log(task.log, f"expected logs of different names, found {outcome.id} twice")
     (draft / NETWORKS).mkdir(exist_ok=True)
     (task.folder / outcome.id).rename(draft / outcome.id)
     (task.folder / NETWORKS / outcome.id).rename(draft / NETWORKS / outcome.id)
     return outcome
 
 
-def _converted(task: Task) -> Outcome | str:
+def _converted(task: ConversionTask) -> ConvertedScenario | str:
     """In a worker: the scenario, or why there is none."""
     _quiet()
     try:
-        return convert_log(task.log, task.folder, task.wish, task.page)
+        return convert_log(task.log, task.folder, task.options, task.report)
     except InputError as error:
         return str(error)
 
 
-def _windows(task: Task) -> Windows | str:
+def _windows(task: ConversionTask) -> Windows | str:
     """In a worker: the windows of a log, or why there are none."""
     _quiet()
     assert task.every_s is not None
     try:
-        return windows_of(task.log, task.every_s)
+        return split_into_windows(task.log, task.every_s)
     except InputError as error:
         return str(error)
 

@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from real2sim.clean import CleanedRecording
-from real2sim.fit import choose_cavs, passed_over, scenario_names, unfit
+from real2sim.fit import choose_cavs, explain_unusable, explain_unused_cavs, make_scenario_names
 from real2sim.hd_map import HdMap, LaneKind
 from real2sim.match import LaneMatch
 from real2sim.recording import ObserverView, RecordedTrack, Recording
@@ -51,13 +51,13 @@ def _gaps(map_: HdMap, xy: Float) -> Float:
     return gaps
 
 
-def motions(tracks: Sequence[RecordedTrack]) -> dict[str, Float]:
+def vehicle_trajectories(tracks: Sequence[RecordedTrack]) -> dict[str, Float]:
     """x, y, yaw (T, 3) of all vehicles by id."""
     vehicles = [track for track in tracks if track.category.kind is Kind.VEHICLE]
     return {track.id: np.column_stack((track.x, track.y, track.yaw)) for track in vehicles}
 
 
-def cav_tracks(
+def select_cav_tracks(
     names: Sequence[str], cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> tuple[str, ...]:
     """Tracks of the named observers or tracks; without names those of the source, else the one there longest.
@@ -73,20 +73,22 @@ def _track_of(
     name: str, cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> str:
     """The id of the track of that name; raises InputError, naming what can be a CAV."""
-    shown = scenario_names(tracks)
+    shown = make_scenario_names(tracks)
     exact = [cleaned.cavs[name]] if name in cleaned.cavs else [name] if name in shown else []
     exact = exact or [id_ for id_, text in shown.items() if text == name]
     found = exact or [id_ for id_, text in shown.items() if id_.startswith(name) or text.startswith(name)]
     if len(found) == 1:
         return found[0]
-    usable = sorted(shown[one.id] for one in tracks if not one.parked and not unfit(one, matches.get(one.id)))
+    usable = sorted(
+        shown[one.id] for one in tracks if not one.parked and not explain_unusable(one, matches.get(one.id))
+    )
     what = f"{len(found)} whose names begin so" if found else "none of that name"
     raise InputError(
         f"CAV {name}: expected one of the vehicles {', '.join(usable) or '(none is usable)'}, found {what}"
     )
 
 
-def cav_notes(
+def describe_unused_cavs(
     names: Sequence[str],
     chosen: Sequence[str],
     cleaned: CleanedRecording,
@@ -96,15 +98,15 @@ def cav_notes(
     """A sentence for every CAV of the source that is none here although nobody named others."""
     if names:
         return ()
-    shown = scenario_names(tracks)
+    shown = make_scenario_names(tracks)
     others = ", ".join(shown[id_] for id_ in chosen)
-    over = passed_over(tuple(cleaned.cavs.values()), chosen, tracks, matches)
+    over = explain_unused_cavs(tuple(cleaned.cavs.values()), chosen, tracks, matches)
     return tuple(
         f"{id_}, a CAV of the source, is none here: {why}; driven instead: {others}" for id_, why in over.items()
     )
 
 
-def stations(views: Sequence[ObserverView]) -> tuple[RoadsideUnit, ...]:
+def build_roadside_units(views: Sequence[ObserverView]) -> tuple[RoadsideUnit, ...]:
     """Observers that are infrastructure, where their sensor is."""
     found: list[RoadsideUnit] = []
     for view in views:

@@ -7,12 +7,12 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
 from real2sim.clean.cleaning_report import CleaningReport
 from real2sim.findings import ConversionFindings
-from real2sim.fit import Fitted
-from real2sim.fit.disposition import Became, Role
+from real2sim.fit import FittedTraffic
+from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.match import LaneMatch
 from real2sim.network import NetworkReport
-from real2sim.pipeline.quality_file import Cleaning, CleaningChange, FitRole, Network, QualityFile
-from real2sim.quality import Quality
+from real2sim.pipeline.quality_file import CleaningChange, CleaningFigures, NetworkFigures, QualityFile, TrackRoleEntry
+from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.targets import (
     FidelityTarget,
@@ -22,11 +22,11 @@ from real2sim.targets import (
     build_traffic_targets,
     count_sumo_driven,
 )
-from real2sim.traffic_fidelity import Closeness
+from real2sim.traffic_fidelity import TrafficFidelity
 
 
 @dataclass(frozen=True)
-class Steps:
+class ConversionResults:
     """What every step of one conversion gave."""
 
     id: str
@@ -38,9 +38,9 @@ class Steps:
     network: NetworkReport
     roads: RoadMap
     matches: Mapping[str, LaneMatch]
-    quality: Quality
-    fitted: Fitted
-    closeness: Closeness
+    quality: ReconstructionQuality
+    fitted: FittedTraffic
+    closeness: TrafficFidelity
     """Of reactive traffic, whatever the mode."""
     notes: tuple[str, ...]
     """What was passed over on the way; those of the reader stand in `recording`."""
@@ -66,7 +66,7 @@ def _broken(match: LaneMatch | None) -> bool:
     return match is not None and not match.off_road and bool(match.breaks)
 
 
-def quality_file(steps: Steps) -> QualityFile:
+def build_quality_file(steps: ConversionResults) -> QualityFile:
     """The content of quality.json."""
     return QualityFile(
         scenario=steps.id,
@@ -88,7 +88,7 @@ def quality_file(steps: Steps) -> QualityFile:
     )
 
 
-def findings_of(steps: Steps) -> ConversionFindings:
+def build_findings(steps: ConversionResults) -> ConversionFindings:
     """The same for the report page."""
     return ConversionFindings(
         id=steps.id,
@@ -109,17 +109,17 @@ def findings_of(steps: Steps) -> ConversionFindings:
     )
 
 
-def _cleaning(report: CleaningReport) -> Cleaning:
+def _cleaning(report: CleaningReport) -> CleaningFigures:
     changes = (
         CleaningChange(reason=change.reason, track=change.track, frames=change.frames, detail=change.detail)
         for change in report.changes
     )
-    return Cleaning(counts=report.counts(), changes=tuple(changes))
+    return CleaningFigures(counts=report.counts(), changes=tuple(changes))
 
 
-def _network(report: NetworkReport) -> Network:
+def _network(report: NetworkReport) -> NetworkFigures:
     fit = report.fit
-    return Network(
+    return NetworkFigures(
         name=report.name,
         checksum=report.checksum,
         lanes=report.lanes,
@@ -141,7 +141,7 @@ def _network(report: NetworkReport) -> Network:
     )
 
 
-def _fit(fitted: Fitted) -> tuple[FitRole, ...]:
-    plain = Role(Became.LEFT_OUT, "the fit says nothing about it")
+def _fit(fitted: FittedTraffic) -> tuple[TrackRoleEntry, ...]:
+    plain = TrackRole(Disposition.LEFT_OUT, "the fit says nothing about it")
     roles = ((track, name, fitted.roles.get(track, plain)) for track, name in fitted.names.items())
-    return tuple(FitRole(track=t, name=n, became=role.became, reason=role.reason) for t, n, role in roles)
+    return tuple(TrackRoleEntry(track=t, name=n, became=role.disposition, reason=role.reason) for t, n, role in roles)

@@ -8,11 +8,11 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import save_scenario
 from real2sim.clean import MIN_FRAMES
-from real2sim.fidelity_report.index_page import IndexLine, index_line
-from real2sim.fidelity_report.report_page import write_page
-from real2sim.pipeline.log_source import Log, named, read
+from real2sim.fidelity_report.index_page import IndexRow, build_index_row
+from real2sim.fidelity_report.report_page import write_report
+from real2sim.pipeline.log_source import LogSource, prefix_with_log, read_log
 from real2sim.pipeline.quality_file import save_quality
-from real2sim.pipeline.scenario_builder import Wish, build_log
+from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import Recording
 from real2sim.scene import SourceScene
@@ -28,37 +28,37 @@ PROPOSED_S = 20.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ConvertedScenario:
     """A scenario of the draft, and what is told about it at the end."""
 
     id: str
     misses: tuple[str, ...]
-    line: IndexLine | None
+    index_row: IndexRow | None
     """Of the index of pages, if there are any."""
 
 
-def convert_log(log: Log, draft: Path, wish: Wish, page: bool) -> Outcome:
+def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool) -> ConvertedScenario:
     """Writes DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError, one sentence that names the log."""
     try:
-        recording = crop_recording(str(log.path), read(log), log.window)
+        recording = crop_recording(str(log.path), read_log(log), log.window)
         _check_length(recording)
-        built = build_log(_scene(recording, log.window), draft, replace(wish, window_s=log.window))
+        built = build_scenario(_scene(recording, log.window), draft, replace(wish, window_s=log.window))
     except InputError as error:
-        raise InputError(named(log, str(error))) from None
+        raise InputError(prefix_with_log(log, str(error))) from None
     folder = draft / built.scenario.id
     save_scenario(built.scenario, folder / "scenario.json")
     save_quality(built.quality, folder)
     if page:
-        write_page(folder, built.findings)
-    return Outcome(built.scenario.id, built.quality.misses, index_line(built.findings) if page else None)
+        write_report(folder, built.findings)
+    return ConvertedScenario(built.scenario.id, built.quality.misses, build_index_row(built.findings) if page else None)
 
 
-def windows_of(log: Log, every_s: float) -> tuple[TimeWindow, ...]:
+def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]:
     """Windows of that length [s], one after another; a rest shorter than half of it or `LEAST_S` belongs to none."""
     try:
-        recording = crop_recording(str(log.path), read(log), log.window)
+        recording = crop_recording(str(log.path), read_log(log), log.window)
     except InputError as error:
-        raise InputError(named(log, str(error))) from None
+        raise InputError(prefix_with_log(log, str(error))) from None
     first = log.window[0] if log.window else 0.0
     end = first + (recording.frames - 1) * recording.dt_s
     starts = [first + k * every_s for k in range(math.ceil((end - first) / every_s - 1e-6))]
@@ -82,7 +82,7 @@ def _check_length(recording: Recording) -> None:
 def _scene(recording: Recording, window: TimeWindow | None) -> SourceScene:
     part = f", {window[0]:g} s to {window[1]:g} s" if window else ""
     return SourceScene(
-        id=scenario_id(recording.id, window),
+        id=make_scenario_id(recording.id, window),
         source=recording.source,
         bucket=BUCKETS.get(recording.source, "Real2Sim"),
         category=CATEGORY,
@@ -93,7 +93,7 @@ def _scene(recording: Recording, window: TimeWindow | None) -> SourceScene:
     )
 
 
-def scenario_id(log: str, window: TimeWindow | None) -> str:
+def make_scenario_id(log: str, window: TimeWindow | None) -> str:
     """The id of the log in the characters of an identifier, with its window."""
     part = f"_{window[0]:g}-{window[1]:g}s" if window else ""
     plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", log).lstrip("_.+-") or "log"

@@ -10,7 +10,7 @@ from real2sim.recording import Recording
 
 
 @dataclass(frozen=True)
-class Log:
+class LogSource:
     """One log: where it is, and how it is to be read."""
 
     source: str
@@ -21,7 +21,7 @@ class Log:
     window: TimeWindow | None = None
 
 
-def read(log: Log) -> Recording:
+def read_log(log: LogSource) -> Recording:
     """Reads the whole log; raises InputError, also where a package of the extra `convert` is missing."""
     try:
         return READERS[log.source](log)
@@ -32,31 +32,31 @@ def read(log: Log) -> Recording:
         ) from None
 
 
-def _v2xpnp(log: Log) -> Recording:
+def _v2xpnp(log: LogSource) -> Recording:
     from real2sim.readers.v2xpnp import read_v2xpnp
 
     return read_v2xpnp(log.path, log.maps, log.agents)
 
 
-def _scenarionet(log: Log) -> Recording:
+def _scenarionet(log: LogSource) -> Recording:
     from real2sim.readers.scenarionet import read_scenarionet
 
     return read_scenarionet(log.path)
 
 
-def _commonroad(log: Log) -> Recording:
+def _commonroad(log: LogSource) -> Recording:
     from real2sim.readers.commonroad import read_commonroad
 
     return read_commonroad(log.path)
 
 
-def _argoverse2(log: Log) -> Recording:
+def _argoverse2(log: LogSource) -> Recording:
     from real2sim.readers.argoverse2 import read_argoverse2
 
     return read_argoverse2(log.path)
 
 
-def _interaction(log: Log) -> Recording:
+def _interaction(log: LogSource) -> Recording:
     from real2sim.readers.interaction import read_interaction
 
     folder = log.path if log.path.is_dir() else log.path.parent
@@ -66,7 +66,7 @@ def _interaction(log: Log) -> Recording:
     return read_interaction(log.path, maps[0])
 
 
-READERS: dict[str, Callable[[Log], Recording]] = {
+READERS: dict[str, Callable[[LogSource], Recording]] = {
     "v2xpnp": _v2xpnp,
     "scenarionet": _scenarionet,
     "commonroad": _commonroad,
@@ -76,12 +76,12 @@ READERS: dict[str, Callable[[Log], Recording]] = {
 """By the name of the source. Each needs packages of the extra `convert`: that is why they are imported so late."""
 
 
-def named(log: Log, sentence: str) -> str:
+def prefix_with_log(log: LogSource, sentence: str) -> str:
     """A sentence about a log, with its path and window."""
     text = sentence if str(log.path) in sentence else f"{log.path}: {sentence}"
-    return f"{text} ({part(log)})" if log.window else text
+    return f"{text} ({describe_window(log)})" if log.window else text
 
 
-def part(log: Log) -> str:
+def describe_window(log: LogSource) -> str:
     """Which window of the log, in words; "" for all of it."""
     return f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""

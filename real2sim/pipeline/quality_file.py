@@ -12,10 +12,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
-from real2sim.fit.disposition import Became
-from real2sim.quality import Quality
+from real2sim.fit.disposition import Disposition
+from real2sim.quality import ReconstructionQuality
 from real2sim.targets import FidelityTarget
-from real2sim.traffic_fidelity import Closeness
+from real2sim.traffic_fidelity import TrafficFidelity
 
 QUALITY_FILE = "quality.json"
 
@@ -33,7 +33,7 @@ class CleaningChange(_Part):
     detail: str
 
 
-class Cleaning(_Part):
+class CleaningFigures(_Part):
     """What cleaning changed."""
 
     counts: dict[str, int]
@@ -41,7 +41,7 @@ class Cleaning(_Part):
     changes: tuple[CleaningChange, ...]
 
 
-class Network(_Part):
+class NetworkFigures(_Part):
     """What became of the map."""
 
     name: str
@@ -68,13 +68,13 @@ class Network(_Part):
     signalled: tuple[str, ...]
 
 
-class FitRole(_Part):
+class TrackRoleEntry(_Part):
     """What one track became."""
 
     track: str
     name: str
     """Id in the scenario."""
-    became: Became
+    became: Disposition
     reason: str
 
 
@@ -89,13 +89,13 @@ class QualityFile(_Part):
     window_s: tuple[float, float] | None
     mode: str
     dt_s: float
-    cleaning: Cleaning
-    network: Network
-    fidelity: Quality
+    cleaning: CleaningFigures
+    network: NetworkFigures
+    fidelity: ReconstructionQuality
     by_sumo: int
     """Of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
-    fit: tuple[FitRole, ...]
-    closeness: Closeness
+    fit: tuple[TrackRoleEntry, ...]
+    closeness: TrafficFidelity
     targets: tuple[FidelityTarget, ...]
     misses: tuple[str, ...]
     """Targets that are not met, a sentence each."""

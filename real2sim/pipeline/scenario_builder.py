@@ -12,24 +12,30 @@ from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.findings import ConversionFindings
-from real2sim.fit import Fitted, fit
+from real2sim.fit import FittedTraffic, fit_traffic
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.cav_selection import cav_notes, cav_tracks, check_on_map, motions, stations
-from real2sim.pipeline.conversion_results import Steps, findings_of, quality_file
+from real2sim.pipeline.cav_selection import (
+    build_roadside_units,
+    check_on_map,
+    describe_unused_cavs,
+    select_cav_tracks,
+    vehicle_trajectories,
+)
+from real2sim.pipeline.conversion_results import ConversionResults, build_findings, build_quality_file
 from real2sim.pipeline.quality_file import QualityFile
-from real2sim.quality import Converted, Quality, assess
-from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
+from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.scene import SourceScene
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.traffic_fidelity import closeness
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.traffic_fidelity import measure_traffic_fidelity
 
 NETWORKS = "networks"
 
 
 @dataclass(frozen=True)
-class Wish:
+class ConversionOptions:
     """What the user wants of the traffic."""
 
     mode: BackgroundMode = "reactive"
@@ -40,7 +46,7 @@ class Wish:
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltScenario:
     """A scenario and what there is to say about it."""
 
     scenario: Scenario
@@ -48,7 +54,9 @@ class Built:
     findings: ConversionFindings
 
 
-def build_log(scene: SourceScene, suite: Path, wish: Wish, network: NetworkReport | None = None) -> Built:
+def build_scenario(
+    scene: SourceScene, suite: Path, wish: ConversionOptions, network: NetworkReport | None = None
+) -> BuiltScenario:
     """Builds the network SUITE/networks/<scene id>, unless one is given, and the scenario on it; raises InputError.
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
@@ -60,21 +68,21 @@ def build_log(scene: SourceScene, suite: Path, wish: Wish, network: NetworkRepor
     cleaned, dt_s = clean_recording(recording), recording.dt_s
     if not cleaned.tracks:
         raise InputError(f"expected tracks of at least half a second, found none in {recording.frames} frames")
-    seen = motions(cleaned.tracks)
+    seen = vehicle_trajectories(cleaned.tracks)
     if network is None:
         network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load_road_map(network.folder)
-    tracks = reconstruct(cleaned.tracks, dt_s)
-    matches = {id_: match_track(motion, roads) for id_, motion in motions(tracks).items()}
-    cavs = cav_tracks(wish.cavs, cleaned, tracks, matches)
+    tracks = reconstruct_tracks(cleaned.tracks, dt_s)
+    matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
+    cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
     try:
-        fitted = fit(tracks, matches, roads, cavs, wish.mode, dt_s)
+        fitted = fit_traffic(tracks, matches, roads, cavs, wish.mode, dt_s)
     except ValidationError as error:
         raise InputError(describe_first_error(error)) from None
-    notes = cav_notes(wish.cavs, cavs, cleaned, tracks, matches)
+    notes = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
     scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
     check_scenario(scenario, roads)
-    steps = Steps(
+    steps = ConversionResults(
         id=scene.id,
         recording=recording,
         window_s=wish.window_s,
@@ -86,19 +94,21 @@ def build_log(scene: SourceScene, suite: Path, wish: Wish, network: NetworkRepor
         quality=_assessed(recording, cleaned, tracks, roads),
         fitted=fitted,
         notes=notes,
-        closeness=closeness(_reactive(scenario), roads, tracks, fitted.names, dt_s),
+        closeness=measure_traffic_fidelity(_reactive(scenario), roads, tracks, fitted.names, dt_s),
     )
-    return Built(scenario, quality_file(steps), findings_of(steps))
+    return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps))
 
 
 def _assessed(
     recording: Recording, cleaned: CleanedRecording, tracks: tuple[RecordedTrack, ...], roads: RoadMap
-) -> Quality:
-    lanes = LaneIndex.of_lines(
+) -> ReconstructionQuality:
+    lanes = LaneSegmentIndex.from_centre_lines(
         [lane.centre.xy for lane in roads.driving], [True] * len(roads.driving), roads.lane_width.tolist()
     )
     raw = {track.id: track for track in cleaned.tracks}
-    return assess(Converted(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.lost))
+    return assess_reconstruction(
+        ReconstructedLog(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.lost)
+    )
 
 
 def _reactive(scenario: Scenario) -> Scenario:
@@ -107,7 +117,7 @@ def _reactive(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"background": background})
 
 
-def _scenario(scene: SourceScene, recording: Recording, fitted: Fitted, network: str) -> Scenario:
+def _scenario(scene: SourceScene, recording: Recording, fitted: FittedTraffic, network: str) -> Scenario:
     try:
         return Scenario(
             id=scene.id,
@@ -119,7 +129,7 @@ def _scenario(scene: SourceScene, recording: Recording, fitted: Fitted, network:
             background=fitted.background,
             actors=(*fitted.actors, *scene.actors),
             weather=scene.weather,
-            rsus=stations(recording.views),
+            rsus=build_roadside_units(recording.views),
             notes=scene.notes,
         )
     except ValidationError as error:

@@ -22,7 +22,7 @@ LEGEND = (
 )
 
 
-class Line(BaseModel):
+class FidelityRow(BaseModel):
     """The figures of one scenario, or of all together."""
 
     model_config = ConfigDict(frozen=True)
@@ -49,19 +49,19 @@ class Line(BaseModel):
     passed: bool
 
 
-class Summary(BaseModel):
+class FidelitySummary(BaseModel):
     """A suite in figures."""
 
     model_config = ConfigDict(frozen=True)
 
-    scenarios: tuple[Line, ...]
-    all: Line
+    scenarios: tuple[FidelityRow, ...]
+    all: FidelityRow
     """Sums of counts; of errors, jerk and `worst_at_5s` the worst scenario, of `median_at_5s` the median scenario."""
     misses: dict[str, dict[str, str]]
     """Name of the figure -> scenario -> sentence."""
 
 
-def summary(qualities: Sequence[QualityFile]) -> Summary:
+def summarize_suite(qualities: Sequence[QualityFile]) -> FidelitySummary:
     """Aggregates at least one quality.json."""
     lines = tuple(map(_line, qualities))
     misses: dict[str, dict[str, str]] = {}
@@ -69,12 +69,12 @@ def summary(qualities: Sequence[QualityFile]) -> Summary:
         for target in quality.targets:
             if target.met is False:
                 misses.setdefault(target.name, {})[quality.scenario] = target.sentence()
-    return Summary(scenarios=lines, all=_all(lines), misses=misses)
+    return FidelitySummary(scenarios=lines, all=_all(lines), misses=misses)
 
 
-def _line(quality: QualityFile) -> Line:
+def _line(quality: QualityFile) -> FidelityRow:
     fidelity, close = quality.fidelity, quality.closeness
-    return Line(
+    return FidelityRow(
         scenario=quality.scenario,
         moving_passed=fidelity.moving_passed,
         moving_vehicles=fidelity.moving_vehicles,
@@ -96,7 +96,7 @@ def _line(quality: QualityFile) -> Line:
     )
 
 
-def _all(lines: Sequence[Line]) -> Line:
+def _all(lines: Sequence[FidelityRow]) -> FidelityRow:
     def known(name: str, of: Callable[[Sequence[float]], float]) -> float | None:
         values = [value for line in lines if (value := getattr(line, name)) is not None]
         return of(values) if values else None
@@ -114,7 +114,7 @@ def _all(lines: Sequence[Line]) -> Line:
         "order_kept",
         "order_pairs",
     )
-    return Line(
+    return FidelityRow(
         scenario=f"all {len(lines)}",
         error_median=known("error_median", max),
         error_p95=known("error_p95", max),
@@ -126,7 +126,7 @@ def _all(lines: Sequence[Line]) -> Line:
     )
 
 
-def format_summary(found: Summary) -> str:
+def format_summary(found: FidelitySummary) -> str:
     """For a terminal: a line for each scenario, all together, then what misses its target."""
     rows = [HEAD, *map(_cells, (*found.scenarios, found.all))]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
@@ -141,13 +141,13 @@ def _padded(cell: str, width: int, column: int) -> str:
     return cell.ljust(width) if column in (0, len(HEAD) - 1) else cell.rjust(width)
 
 
-def _missed(found: Summary) -> list[str]:
+def _missed(found: FidelitySummary) -> list[str]:
     if not found.misses:
         return ["Every figure meets its target."]
     return [f"{scenario}: {sentence}" for missed in found.misses.values() for scenario, sentence in missed.items()]
 
 
-def _cells(line: Line) -> tuple[str, ...]:
+def _cells(line: FidelityRow) -> tuple[str, ...]:
     return (
         line.scenario,
         f"{line.moving_passed}/{line.moving_vehicles}",

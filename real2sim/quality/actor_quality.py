@@ -7,10 +7,10 @@ from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
-from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics
-from real2sim.tracks.stationary import moves
+from real2sim.tracks.stationary import has_moved
 
 OFF_ROUTE_M = 3.0
 LEEWAY_M = 0.3
@@ -76,8 +76,8 @@ class ActorQuality(BaseModel):
     failed: tuple[str, ...] = ()
 
 
-def actor_quality(
-    track: RecordedTrack, dt_s: float, raw: RecordedTrack | None = None, lanes: LaneIndex | None = None
+def compute_actor_quality(
+    track: RecordedTrack, dt_s: float, raw: RecordedTrack | None = None, lanes: LaneSegmentIndex | None = None
 ) -> ActorQuality:
     """All figures of one track; against `raw` where both are there, against the lanes if it is a vehicle."""
     figures = _motion_figures(track, dt_s)
@@ -88,24 +88,24 @@ def actor_quality(
     return ActorQuality(
         id=track.id,
         category=track.category.value,
-        moving=moves(track if raw is None else raw, dt_s),
+        moving=has_moved(track if raw is None else raw, dt_s),
         frames=int(track.valid.sum()),
-        gaps=max(len(kinematics.runs(track.valid)) - 1, 0),
+        gaps=max(len(kinematics.find_runs(track.valid)) - 1, 0),
         **figures,  # pyright: ignore[reportArgumentType]  # one dictionary for fields of several types
     )
 
 
 def _motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, float | int | None]:
     """Over all stretches without a gap, together."""
-    xy, yaw, stretches = track.xy, track.yaw, kinematics.runs(track.valid)
+    xy, yaw, stretches = track.xy, track.yaw, kinematics.find_runs(track.valid)
 
     def every(of: Callable[[slice], Float]) -> Float:
         return np.concatenate([of(run) for run in stretches] or [np.zeros(0)])
 
-    jump = every(lambda run: kinematics.jumps(xy[run]))
-    jerk = every(lambda run: kinematics.jerks(xy[run], dt_s))
-    acceleration = every(lambda run: kinematics.accelerations(xy[run], dt_s))
-    speed = every(lambda run: kinematics.steps(xy[run]) / dt_s)
+    jump = every(lambda run: kinematics.jump_distances(xy[run]))
+    jerk = every(lambda run: kinematics.jerk_magnitudes(xy[run], dt_s))
+    acceleration = every(lambda run: kinematics.acceleration_magnitudes(xy[run], dt_s))
+    speed = every(lambda run: kinematics.step_lengths(xy[run]) / dt_s)
     turned = every(lambda run: np.degrees(kinematics.yaw_steps(yaw[run])))
     bends = every(lambda run: kinematics.curvature_changes(xy[run], dt_s))
     second = max(round(1.0 / dt_s), 1)
@@ -127,10 +127,10 @@ def _motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, float | int 
         "frames_over_speed": int((speed > 30.0).sum()),
         "yaw_step_max_deg": _most(turned),
         "yaw_second_max_deg": float(
-            np.degrees(max((kinematics.yaw_in_window(yaw[run], second) for run in stretches), default=0.0))
+            np.degrees(max((kinematics.max_yaw_change(yaw[run], second) for run in stretches), default=0.0))
         ),
         "curvature_spread": float(bends.std()) if len(bends) else None,
-        "backward_max": _most(every(lambda run: kinematics.backward(xy[run], yaw[run]))),
+        "backward_max": _most(every(lambda run: kinematics.backward_distances(xy[run], yaw[run]))),
     }
 
 
@@ -138,29 +138,29 @@ def _error_figures(track: RecordedTrack, raw: RecordedTrack) -> dict[str, float 
     both = track.valid & raw.valid
     if not both.any():
         return {}
-    error = errors(track, raw)
+    error = position_errors(track, raw)
     off = (track.xy - raw.xy)[both]
     yaw = track.yaw[both]
     lateral = np.abs(off[:, 1] * np.cos(yaw) - off[:, 0] * np.sin(yaw))
-    turned = kinematics.turn(track.xy[both]) - kinematics.turn(raw.xy[both])
-    moving = kinematics.steps(track.xy[both]).sum() > 5.0
+    turned = kinematics.compute_turn(track.xy[both]) - kinematics.compute_turn(raw.xy[both])
+    moving = kinematics.step_lengths(track.xy[both]).sum() > 5.0
     return {
         "error_median": float(np.median(error)),
         "error_p95": float(np.percentile(error, 95)),
         "error_max": float(error.max()),
         "lateral_shift_max": float(lateral.max()),
-        "dtw_mean": dtw(track.xy[both], raw.xy[both]) / int(both.sum()),
+        "dtw_mean": compute_dtw_distance(track.xy[both], raw.xy[both]) / int(both.sum()),
         "turn_change_deg": float(np.degrees(abs(np.remainder(turned + np.pi, 2 * np.pi) - np.pi))) if moving else None,
     }
 
 
-def errors(track: RecordedTrack, raw: RecordedTrack) -> Float:
+def position_errors(track: RecordedTrack, raw: RecordedTrack) -> Float:
     """Distance [m] between reconstructed and raw at every frame that both have."""
     both = track.valid & raw.valid
     return kinematics.magnitude((track.xy - raw.xy)[both])
 
 
-def dtw(first: Float, second: Float, band: int = 5) -> float:
+def compute_dtw_distance(first: Float, second: Float, band: int = 5) -> float:
     """Dynamic-time-warping distance [m] of two paths (N, 2) of equal length, within `band` frames of the diagonal."""
     n = len(first)
     width = 2 * band + 1
@@ -182,19 +182,21 @@ def dtw(first: Float, second: Float, band: int = 5) -> float:
     return float(best[band]) if n else 0.0
 
 
-def _lane_figures(track: RecordedTrack, raw: RecordedTrack | None, lanes: LaneIndex) -> dict[str, float | int | None]:
+def _lane_figures(
+    track: RecordedTrack, raw: RecordedTrack | None, lanes: LaneSegmentIndex
+) -> dict[str, float | int | None]:
     """Of the frames in which the log is on the map; the mean offset of those in which it is in a lane."""
     there = track.valid
     xy, yaw = track.xy[there], track.yaw[there]
     log = xy if raw is None else np.where(raw.valid[there, None], raw.xy[there], xy)
     shown = lanes.offsets(log)
-    covered = ~lanes.outside(log) & ((raw is None) | (shown <= OFF_ROUTE_M - LEEWAY_M))
+    covered = ~lanes.is_outside(log) & ((raw is None) | (shown <= OFF_ROUTE_M - LEEWAY_M))
     beyond = int((~covered).sum())
     if not covered.any():
         return {"outside_frames": beyond}
     xy, yaw, shown = xy[covered], yaw[covered], shown[covered]
     offset = lanes.offsets(xy)
-    away = lanes.turned_away(xy, yaw, offset)
+    away = lanes.heading_deviations(xy, yaw, offset)
     inside = (shown <= HALF_LANE_M) | (raw is None)
     return {
         "outside_frames": beyond,
@@ -219,10 +221,10 @@ def _most(values: Float) -> float:
 
 def _wrong_way(against: Bool, xy: Float, away: Float) -> int:
     """Frames in which it drives against the lanes, crossings left out."""
-    step = np.append(kinematics.steps(xy), 0.0)
+    step = np.append(kinematics.step_lengths(xy), 0.0)
     back, across = -step * np.cos(away), step * np.sin(away)
     frames = 0
-    for run in kinematics.runs(against):
+    for run in kinematics.find_runs(against):
         along = back[run].sum()
         crosses = along < CROSSING_M or across[run].sum() > along * np.tan(CROSSING_RAD)
         frames += 0 if crosses else run.stop - run.start

@@ -19,7 +19,7 @@ OUTSIDE_M = 10.0
 
 
 @dataclass(frozen=True)
-class LaneIndex:
+class LaneSegmentIndex:
     """Segments of all lanes in a spatial index. `lane` numbers the lines as they were given."""
 
     starts: Float
@@ -33,9 +33,9 @@ class LaneIndex:
     tree: shapely.STRtree
 
     @classmethod
-    def of_lines(
+    def from_centre_lines(
         cls, lines: Iterable[Float], directed: Iterable[bool], widths: Iterable[float] | None = None
-    ) -> "LaneIndex":
+    ) -> "LaneSegmentIndex":
         """Index of centre lines (N, 2) [m] and lane widths [m]; a `directed` line runs in the direction of travel."""
         lines, flags = [np.asarray(line, dtype=np.float64)[:, :2] for line in lines], list(directed)
         starts = np.concatenate([line[:-1] for line in lines] or [np.zeros((0, 2))])
@@ -47,7 +47,7 @@ class LaneIndex:
         wider = np.repeat(np.maximum(np.nan_to_num(width, nan=USUAL_WIDTH_M) - USUAL_WIDTH_M, 0.0) / 2, counts)
         return cls(starts, ends - starts, lane, np.repeat(np.array(flags, dtype=np.bool_), counts), wider, tree)
 
-    def outside(self, xy: Float) -> Bool:
+    def is_outside(self, xy: Float) -> Bool:
         """Which points (N, 2) the map does not cover: far from all lanes, or beyond the open end of the nearest one."""
         if not len(self.starts) or not len(xy):
             return np.ones(len(xy), dtype=np.bool_)
@@ -71,7 +71,7 @@ class LaneIndex:
             distance[found[0]] = np.maximum(reach - self.wider[found[1]], 0.0)
         return distance
 
-    def turned_away(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:
+    def heading_deviations(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:
         """Angle (N,) [rad] between a heading and the best aligned directed lane near each point; 0 without one.
 
         Near are all lanes within `SAME_LANE_M`, and the nearest one with those `ALMOST_M` behind it.

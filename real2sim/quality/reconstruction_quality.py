@@ -13,51 +13,56 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.quality.actor_quality import ActorQuality, actor_quality, errors
-from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality.actor_quality import ActorQuality, compute_actor_quality, position_errors
+from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import ObjectCategory, RecordedTrack
 from real2sim.tracks import kinematics
-from real2sim.tracks.track_contacts import Contacts, contacts
+from real2sim.tracks.track_contacts import TrackContacts, find_contacts
 
 COLLISION_SLACK_M = 0.1
 """Boxes of logs are annotated by hand: they count this much smaller on each side when two are said to collide."""
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class QualityCheck:
     """A figure must not exceed its limit; a figure that was not assessed passes."""
 
     figure: str
     limit: float
     source: str
-    kinematic: bool = True
+    applies_when_stationary: bool = True
     """Whether it applies to what stands as well; the others ask for a path, or for lanes."""
 
-    def failed(self, actor: ActorQuality) -> bool:
+    def is_failed_by(self, actor: ActorQuality) -> bool:
         """Whether the actor exceeds the limit."""
         value = getattr(actor, self.figure)
         return value is not None and not value <= self.limit
 
 
-CHECKS: tuple[Check, ...] = (
-    Check("jumps_1m", 0, "issue C: teleports over 1 m 0"),
-    Check("jerk_p95", 5.0, "MDrive 5 m/s³, issue C: 95th percentile"),
-    Check("acceleration_max", 6.0, "MDrive 6 m/s²"),
-    Check("speed_max", 30.0, "MDrive 30 m/s"),
-    Check("yaw_step_max_deg", 10.0, "ours: 100 deg/s is a 4 m turning circle at 25 km/h"),
-    Check("yaw_second_max_deg", 75.0, "ours: a tight right turn at 5 m radius and 24 km/h"),
-    Check("curvature_spread", 0.05, "ours: a whole steering wheel turn in 0.4 s"),
-    Check("backward_max", 0.05, "ours: half the position noise of a log"),
-    Check("error_median", 0.3, "issue C"),
-    Check("error_p95", 1.0, "issue C"),
-    Check("lateral_shift_max", 2.0, "ours: half a lane and a bit; more is another lane"),
-    Check(
-        "dtw_mean", 0.3, "ours: a path that may be late, on average as near as positions in the median", kinematic=False
+CHECKS: tuple[QualityCheck, ...] = (
+    QualityCheck("jumps_1m", 0, "issue C: teleports over 1 m 0"),
+    QualityCheck("jerk_p95", 5.0, "MDrive 5 m/s³, issue C: 95th percentile"),
+    QualityCheck("acceleration_max", 6.0, "MDrive 6 m/s²"),
+    QualityCheck("speed_max", 30.0, "MDrive 30 m/s"),
+    QualityCheck("yaw_step_max_deg", 10.0, "ours: 100 deg/s is a 4 m turning circle at 25 km/h"),
+    QualityCheck("yaw_second_max_deg", 75.0, "ours: a tight right turn at 5 m radius and 24 km/h"),
+    QualityCheck("curvature_spread", 0.05, "ours: a whole steering wheel turn in 0.4 s"),
+    QualityCheck("backward_max", 0.05, "ours: half the position noise of a log"),
+    QualityCheck("error_median", 0.3, "issue C"),
+    QualityCheck("error_p95", 1.0, "issue C"),
+    QualityCheck("lateral_shift_max", 2.0, "ours: half a lane and a bit; more is another lane"),
+    QualityCheck(
+        "dtw_mean",
+        0.3,
+        "ours: a path that may be late, on average as near as positions in the median",
+        applies_when_stationary=False,
     ),
-    Check("turn_change_deg", 30.0, "ours: the tolerance of MDrive's lane direction vote"),
-    Check("lateral_mean", 1.75, "ours: half a lane, so that its centre is in the lane", kinematic=False),
-    Check("off_route_frames", 0, "MDrive: over 3 m from any lane", kinematic=False),
-    Check("wrong_way_frames", 0, "issue C; MDrive: over 90 deg", kinematic=False),
+    QualityCheck("turn_change_deg", 30.0, "ours: the tolerance of MDrive's lane direction vote"),
+    QualityCheck(
+        "lateral_mean", 1.75, "ours: half a lane, so that its centre is in the lane", applies_when_stationary=False
+    ),
+    QualityCheck("off_route_frames", 0, "MDrive: over 3 m from any lane", applies_when_stationary=False),
+    QualityCheck("wrong_way_frames", 0, "issue C; MDrive: over 90 deg", applies_when_stationary=False),
 )
 """Every threshold there is, with where it comes from."""
 WALKING = frozenset(("jumps_1m", "jerk_p95", "acceleration_max", "speed_max", "error_median", "error_p95", "dtw_mean"))
@@ -68,7 +73,7 @@ SCRIPTED = frozenset((ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE))
 """Walkers and cyclists: scripted actors, not bound to lanes."""
 
 
-class Quality(BaseModel):
+class ReconstructionQuality(BaseModel):
     """Figures of one converted log: quality.json. Moving vehicles, static things and walkers are told apart."""
 
     model_config = ConfigDict(frozen=True)
@@ -105,42 +110,53 @@ class Quality(BaseModel):
     """Moving vehicles that the log shows off all lanes for a while: there lanes were not asked for."""
 
 
-def verdict(actor: ActorQuality) -> tuple[str, ...]:
+def find_failed_checks(actor: ActorQuality) -> tuple[str, ...]:
     """Names of the checks that the actor fails. Lanes bind only what moves: parked cars stand where they stand."""
     walking = actor.category == ObjectCategory.PEDESTRIAN
     bound = [check for check in CHECKS if not walking or check.figure in WALKING]
-    return tuple(check.figure for check in bound if (check.kinematic or actor.moving) and check.failed(actor))
+    return tuple(
+        check.figure for check in bound if (check.applies_when_stationary or actor.moving) and check.is_failed_by(actor)
+    )
 
 
-def judged(actor: ActorQuality) -> ActorQuality:
+def with_failed_checks(actor: ActorQuality) -> ActorQuality:
     """The actor with its verdict."""
-    return actor.model_copy(update={"failed": verdict(actor)})
+    return actor.model_copy(update={"failed": find_failed_checks(actor)})
 
 
 @dataclass(frozen=True, slots=True)
-class Converted:
+class ReconstructedLog:
     """What there is to judge: reconstructed tracks and, by the same ids, the cleaned raw ones."""
 
     log: str
     dt_s: float
     tracks: Sequence[RecordedTrack]
     raw: Mapping[str, RecordedTrack]
-    lanes: LaneIndex | None = None
+    lanes: LaneSegmentIndex | None = None
     lost: Mapping[str, str] | None = None
 
 
-def assess(converted: Converted) -> Quality:
+def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
     """Judges every actor and the scene."""
     dt_s, raw = converted.dt_s, converted.raw
-    actors = tuple(judged(actor_quality(track, dt_s, raw.get(track.id), converted.lanes)) for track in converted.tracks)
+    actors = tuple(
+        with_failed_checks(compute_actor_quality(track, dt_s, raw.get(track.id), converted.lanes))
+        for track in converted.tracks
+    )
     walkers = [actor for actor in actors if actor.category in SCRIPTED]
     others = [actor for actor in actors if actor.category not in SCRIPTED]
     moving = [actor for actor in others if actor.moving]
     static = [actor for actor in others if not actor.moving]
     movers = [track for track, actor in zip(converted.tracks, actors, strict=True) if actor in moving]
-    error = _joined([errors(track, raw[track.id]) for track in movers if track.id in raw])
-    jerk = _joined([kinematics.jerks(track.xy[run], dt_s) for track in movers for run in kinematics.runs(track.valid)])
-    return Quality(
+    error = _joined([position_errors(track, raw[track.id]) for track in movers if track.id in raw])
+    jerk = _joined(
+        [
+            kinematics.jerk_magnitudes(track.xy[run], dt_s)
+            for track in movers
+            for run in kinematics.find_runs(track.valid)
+        ]
+    )
+    return ReconstructionQuality(
         log=converted.log,
         frames=len(converted.tracks[0].valid) if converted.tracks else 0,
         actors=actors,
@@ -159,11 +175,11 @@ def assess(converted: Converted) -> Quality:
         wrong_way_frames=sum(actor.wrong_way_frames or 0 for actor in moving),
         lost=dict(converted.lost or {}),
         off_map={actor.id: _off_map(actor) for actor in moving if actor.outside_frames},
-        **_named(contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
+        **_named(find_contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
     )
 
 
-def _named(found: Contacts, ids: Sequence[str]) -> dict[str, Any]:
+def _named(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
     return {
         "collisions": tuple((ids[i], ids[j], n) for i, j, n in found.collisions),
         "spawn_overlaps": tuple((ids[i], ids[j]) for i, j in found.spawn_overlaps),

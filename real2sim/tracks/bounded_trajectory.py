@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float
-from real2sim.tracks.kinematics import WINDOW, derivative
+from real2sim.tracks.kinematics import WINDOW, compute_derivative
 
 ITERATIONS, CHECKED = 400, 10
 """At most so many steps; after every `CHECKED` it is seen whether the bounds hold."""
@@ -28,7 +28,7 @@ SOFT = 0.3
 
 
 @dataclass(frozen=True)
-class Bounds:
+class TrajectoryBounds:
     """What a trajectory of T frames may do."""
 
     jerk: float
@@ -41,7 +41,7 @@ class Bounds:
     """(T-1,) [rad] steps do not go against it; None: they may go anywhere."""
 
 
-def bounded(xy: Float, bounds: Bounds, dt_s: float) -> Float:
+def fit_bounded_trajectory(xy: Float, bounds: TrajectoryBounds, dt_s: float) -> Float:
     """Positions (T, 2) [m] nearest to xy (T, 2) [m] within the bounds; T > 7, else as they are."""
     frames = len(xy)
     if frames <= WINDOW:
@@ -66,7 +66,7 @@ def bounded(xy: Float, bounds: Bounds, dt_s: float) -> Float:
 def _matrices(frames: int, jerk: float, acceleration: float, dt_s: float) -> tuple[Float, Float, Float]:
     """What is bounded (N, T), in units of its bounds: jerk, acceleration, steps; and what one step solves with."""
     unit = np.eye(frames)
-    blocks = [derivative(unit, dt_s, order) / limit for order, limit in ((3, jerk), (2, acceleration))]
+    blocks = [compute_derivative(unit, dt_s, order) / limit for order, limit in ((3, jerk), (2, acceleration))]
     blocks.append(np.diff(unit, axis=0) / STEP_M)
     most = [float(np.abs(block).sum(axis=1).max()) ** 2 for block in blocks]
     rows = np.concatenate(blocks)
@@ -83,7 +83,7 @@ def _product(matrix: Float, vectors: Float) -> Float:
     return np.einsum("ij,kj->ki", matrix, np.ascontiguousarray(vectors))
 
 
-def _allowed(values: Float, steps: int, bounds: Bounds) -> Float:
+def _allowed(values: Float, steps: int, bounds: TrajectoryBounds) -> Float:
     """Columns (2, N) moved to the nearest that is allowed: lengths up to 1, but from column `steps` on no way back."""
     size = np.hypot(values[0], values[1])
     size[steps:] = 1.0

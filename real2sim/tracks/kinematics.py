@@ -20,13 +20,13 @@ TURN_SPEED = 2.0
 """[m/s] Below this the curvature of a path cannot be told from 10 Hz positions."""
 
 
-def runs(valid: np.ndarray) -> list[slice]:
+def find_runs(valid: np.ndarray) -> list[slice]:
     """Stretches of consecutive frames that are there: slices of the rows of `valid` (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate(((0,), np.asarray(valid, dtype=np.int8), (0,)))))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def derivative(values: Float, dt_s: float, order: int) -> Float:
+def compute_derivative(values: Float, dt_s: float, order: int) -> Float:
     """Derivative of values (N,) or (N, D) [unit/s^order], order 1 to 3: (max(N - 6, 0), ...), one row a full window."""
     if len(values) < WINDOW:
         return np.zeros((0, *values.shape[1:]))
@@ -40,12 +40,12 @@ def magnitude(values: Float) -> Float:
     return np.hypot(values[:, 0], values[:, 1])
 
 
-def steps(xy: Float) -> Float:
+def step_lengths(xy: Float) -> Float:
     """Distance [m] between consecutive rows of xy (N, 2): (N-1,)."""
     return magnitude(np.diff(xy, axis=0))
 
 
-def jumps(xy: Float) -> Float:
+def jump_distances(xy: Float) -> Float:
     """How far each step (N-1,) [m] lies off the median step around it: what motion does not explain.
 
     A car at 30 m/s moves 3 m a frame without jumping; braking with 8 m/s² it is off the median by at most 0.4 m.
@@ -59,14 +59,14 @@ def jumps(xy: Float) -> Float:
     return magnitude(moved - usual)
 
 
-def accelerations(xy: Float, dt_s: float) -> Float:
+def acceleration_magnitudes(xy: Float, dt_s: float) -> Float:
     """Length of the acceleration vector [m/s²], along and across."""
-    return magnitude(derivative(xy, dt_s, 2))
+    return magnitude(compute_derivative(xy, dt_s, 2))
 
 
-def jerks(xy: Float, dt_s: float) -> Float:
+def jerk_magnitudes(xy: Float, dt_s: float) -> Float:
     """Length of the jerk vector [m/s³], along and across."""
-    return magnitude(derivative(xy, dt_s, 3))
+    return magnitude(compute_derivative(xy, dt_s, 3))
 
 
 def yaw_steps(yaw: Float) -> Float:
@@ -74,7 +74,7 @@ def yaw_steps(yaw: Float) -> Float:
     return np.abs(wrap_angles(np.diff(yaw)))
 
 
-def yaw_in_window(yaw: Float, frames: int) -> float:
+def max_yaw_change(yaw: Float, frames: int) -> float:
     """Largest absolute change of yaw [rad] over `frames` frames, turned ones included (more than pi is possible)."""
     turned = np.unwrap(yaw)
     if len(turned) < 2:
@@ -83,7 +83,7 @@ def yaw_in_window(yaw: Float, frames: int) -> float:
     return float((windows.max(-1) - windows.min(-1)).max())
 
 
-def backward(xy: Float, yaw: Float) -> Float:
+def backward_distances(xy: Float, yaw: Float) -> Float:
     """How far each step (N-1,) [m] goes against the heading of the box; 0 where it goes forward."""
     moved = np.diff(xy, axis=0)
     return np.maximum(-(moved[:, 0] * np.cos(yaw[:-1]) + moved[:, 1] * np.sin(yaw[:-1])), 0.0)
@@ -91,7 +91,7 @@ def backward(xy: Float, yaw: Float) -> Float:
 
 def curvature_changes(xy: Float, dt_s: float) -> Float:
     """Change of the path's curvature from frame to frame [1/m] where it is faster than `TURN_SPEED`."""
-    velocity, acceleration = derivative(xy, dt_s, 1), derivative(xy, dt_s, 2)
+    velocity, acceleration = compute_derivative(xy, dt_s, 1), compute_derivative(xy, dt_s, 2)
     speed = magnitude(velocity)
     cross = velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]
     curvature = np.where(speed > TURN_SPEED, cross / np.maximum(speed, TURN_SPEED) ** 3, np.nan)
@@ -99,7 +99,7 @@ def curvature_changes(xy: Float, dt_s: float) -> Float:
     return changes[np.isfinite(changes)]
 
 
-def turn(xy: Float, least_m: float = 2.0) -> float:
+def compute_turn(xy: Float, least_m: float = 2.0) -> float:
     """Change of direction [rad] from leaving the first place by `least_m` to coming that near to the last; else 0."""
     away, left = magnitude(xy - xy[0]) >= least_m, magnitude(xy - xy[-1]) >= least_m
     if not away.any() or not left.any():

@@ -14,10 +14,10 @@ import numpy as np
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
 from real2sim.recording import RecordedTrack
-from real2sim.tracks.bounded_trajectory import Bounds, bounded
-from real2sim.tracks.kinematics import WINDOW, accelerations, jerks, runs
-from real2sim.tracks.smoothing import smoothed
-from real2sim.tracks.stationary import rested
+from real2sim.tracks.bounded_trajectory import TrajectoryBounds, fit_bounded_trajectory
+from real2sim.tracks.kinematics import WINDOW, acceleration_magnitudes, find_runs, jerk_magnitudes
+from real2sim.tracks.smoothing import smooth_positions
+from real2sim.tracks.stationary import hold_still
 
 SOFT = 0.3
 """Penalty of jerk: it cuts motion faster than 2 Hz, which no road user has."""
@@ -60,11 +60,11 @@ class _Batch:
     """(K,)"""
 
 
-def reconstruct(tracks: Sequence[RecordedTrack], dt_s: float) -> tuple[RecordedTrack, ...]:
+def reconstruct_tracks(tracks: Sequence[RecordedTrack], dt_s: float) -> tuple[RecordedTrack, ...]:
     """Smooth trajectories for cleaned tracks, frame by frame in the same places; things that never move stand still."""
-    moving = [(n, run) for n, track in enumerate(tracks) if not track.parked for run in runs(track.valid)]
+    moving = [(n, run) for n, track in enumerate(tracks) if not track.parked for run in find_runs(track.valid)]
     long = [(n, run) for n, run in moving if run.stop - run.start >= SHORTEST_FRAMES]
-    results = [rested(track) if track.parked else track for track in tracks]
+    results = [hold_still(track) if track.parked else track for track in tracks]
     if long:
         batch = _stacked(tracks, long)
         xy, yaw = _trajectories(batch, dt_s)
@@ -95,7 +95,7 @@ def _replaced(track: RecordedTrack, run: slice, xy: Float, yaw: Float) -> Record
 def _trajectories(batch: _Batch, dt_s: float) -> tuple[Float, Float]:
     """Positions (K, T, 2) and headings (K, T): smoothed where it has to be, and no more than that."""
     weights = _robust_weights(batch)
-    calm = smoothed(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM))
+    calm = smooth_positions(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM))
     batch = replace(batch, yaw=_trusted(batch.yaw, _headings(batch, calm)))
     standing = _standing(batch, calm, dt_s)
     tracks, frames = weights.shape
@@ -114,7 +114,9 @@ def _bounded(batch: _Batch, row: int, start: tuple[Float, Bool, Float], dt_s: fl
     raw, heading = batch.xy[row, :size], batch.yaw[row, : size - 1] if batch.vehicle[row] else None
     for still in (standing[: size - 1], _shortened(standing[: size - 1], round(BRAKING_S / dt_s))):
         for wanted in (course[:size], raw):
-            result = bounded(wanted, Bounds(JERK_BOUND, ACCELERATION_BOUND, still, heading), dt_s)
+            result = fit_bounded_trajectory(
+                wanted, TrajectoryBounds(JERK_BOUND, ACCELERATION_BOUND, still, heading), dt_s
+            )
             result = _exact(result, still, heading)
             if _near(result, raw) and not _rough(result, dt_s):
                 return np.concatenate((result, xy[size:]))
@@ -152,9 +154,11 @@ def _rough(xy: Float, dt_s: float) -> bool:
     """Whether a trajectory is too jerky. One shorter than the window of the derivatives cannot be told."""
     if len(xy) < WINDOW:
         return False
-    jerk = jerks(xy, dt_s)
+    jerk = jerk_magnitudes(xy, dt_s)
     return bool(
-        np.percentile(jerk, 95) > JERK_P95 or jerk.max() > JERK_MAX or accelerations(xy, dt_s).max() > ACCELERATION_MAX
+        np.percentile(jerk, 95) > JERK_P95
+        or jerk.max() > JERK_MAX
+        or acceleration_magnitudes(xy, dt_s).max() > ACCELERATION_MAX
     )
 
 
@@ -162,7 +166,7 @@ def _robust_weights(batch: _Batch) -> Float:
     """Weights (K, T): 1, less where a position lies off the smooth course of its neighbours."""
     weights = batch.valid.astype(np.float64)
     for _ in range(2):
-        course = smoothed(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM / 10))
+        course = smooth_positions(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM / 10))
         off = np.hypot(*np.moveaxis(batch.xy - course, -1, 0))
         weights = batch.valid / (1 + (off / OUTLIER_M) ** 2)
     return weights
@@ -186,7 +190,7 @@ def _lasting(slow: Bool, calm: Float, least: int) -> Bool:
     """Runs of at least `least` slow frames: shorter ones are a slow moment, and those that lead away are creeping."""
     result = np.zeros_like(slow)
     for n, row in enumerate(slow):
-        for run in runs(row):
+        for run in find_runs(row):
             around = calm[n, run.start : run.stop + 1]
             if run.stop - run.start >= least and np.hypot(*np.ptp(around, axis=0)) < CREEP_M:
                 result[n, run] = True
@@ -198,7 +202,7 @@ def _plausible(batch: _Batch, weights: Float, standing: Bool, stiff: Float) -> F
     tied = standing.copy()
     xy = batch.xy
     for _ in range(ROUNDS):
-        xy = smoothed(batch.xy, weights, stiff, np.where(tied, TIE, 0.0))
+        xy = smooth_positions(batch.xy, weights, stiff, np.where(tied, TIE, 0.0))
         back = _rolls_back(batch, xy) & ~tied
         if not back.any():
             break

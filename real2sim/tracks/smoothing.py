@@ -21,7 +21,7 @@ SECOND = np.array((1.0, -2.0, 1.0))
 FIRST = np.array((-1.0, 1.0))
 
 
-def smoothed(values: Float, weights: Float, *penalties: Float) -> Float:
+def smooth_positions(values: Float, weights: Float, *penalties: Float) -> Float:
     """Positions (K, T, D) that minimise the sum above; T >= 4.
 
     values (K, T, D), weights (K, T) >= 0 with at least three positive ones a track; penalties in any order: of third

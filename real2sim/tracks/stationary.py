@@ -19,7 +19,7 @@ JITTER_FRAMES = 5
 """Frames of the moving average before the path of a track is measured: noise is not distance."""
 
 
-def moves(track: RecordedTrack, dt_s: float) -> bool:
+def has_moved(track: RecordedTrack, dt_s: float) -> bool:
     """Whether a track ever moves: not one of MDrive's static rules holds (spec section 3 step 6)."""
     xy = track.xy[track.valid]
     if len(xy) < 2:
@@ -46,7 +46,7 @@ def _calm(xy: Float, frames: int = JITTER_FRAMES) -> Float:
     return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
 
 
-def rested(track: RecordedTrack) -> RecordedTrack:
+def hold_still(track: RecordedTrack) -> RecordedTrack:
     """A thing that never moves: one place and one heading, the medians."""
     if not track.valid.any():
         return track

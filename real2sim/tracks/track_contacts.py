@@ -17,7 +17,7 @@ SAME_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Boxes:
+class TrackBoxes:
     """All boxes of some tracks: arrays (K, T), NaN where a track is not there."""
 
     x: Float
@@ -27,7 +27,7 @@ class Boxes:
     width: Float
 
     @classmethod
-    def of(cls, tracks: Sequence[RecordedTrack]) -> "Boxes":
+    def from_tracks(cls, tracks: Sequence[RecordedTrack]) -> "TrackBoxes":
         """Boxes of tracks with the same number of frames and known sizes; an unknown yaw is 0."""
         valid = np.array([track.valid for track in tracks], dtype=np.bool_)
         x, y, yaw, length, width = (
@@ -42,7 +42,7 @@ class Boxes:
         sides = (np.maximum(size[at] - 2 * shrink, 0.05) for size in (self.length, self.width))
         return boxes_corners(self.x[at], self.y[at], self.yaw[at], *sides)
 
-    def near_pairs(self, margin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def find_near_pairs(self, margin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """First, second and frame (N,) of every pair whose circumscribed circles are less than `margin` [m] apart."""
         first, second = np.triu_indices(len(self.x), 1)
         reach = np.nanmax(np.hypot(self.length, self.width), axis=1) / 2 if len(self.x) else np.zeros(0)
@@ -52,7 +52,7 @@ class Boxes:
 
 
 @dataclass(frozen=True)
-class Contacts:
+class TrackContacts:
     """What happens between tracks. Indices count the tracks as they were given."""
 
     collisions: tuple[tuple[int, int, int], ...]
@@ -67,12 +67,12 @@ class Contacts:
     """Pairs of boxes and frames less than 1 m apart."""
 
 
-def contacts(tracks: Sequence[RecordedTrack], slack_m: float = 0.0) -> Contacts:
+def find_contacts(tracks: Sequence[RecordedTrack], slack_m: float = 0.0) -> TrackContacts:
     """Looks at all pairs and frames; boxes count `slack_m` [m] smaller on each side for collisions and spawns."""
-    boxes = Boxes.of(tracks)
-    first, second, frame = boxes.near_pairs(1.0)
+    boxes = TrackBoxes.from_tracks(tracks)
+    first, second, frame = boxes.find_near_pairs(1.0)
     if len(first) == 0:
-        return Contacts((), (), (), _least_centres(boxes), 0)
+        return TrackContacts((), (), (), _least_centres(boxes), 0)
     hit = boxes_overlap(boxes.corners(first, frame, slack_m), boxes.corners(second, frame, slack_m))
     a, b = (np.asarray(shapely.polygons(boxes.corners(side, frame))) for side in (first, second))
     distance = shapely.distance(a, b)
@@ -81,7 +81,7 @@ def contacts(tracks: Sequence[RecordedTrack], slack_m: float = 0.0) -> Contacts:
     walker = np.array([track.category.kind is Kind.PEDESTRIAN for track in tracks], dtype=np.bool_)
     alike = walker[first] == walker[second]
     counted = _per_pair(first[hit], second[hit])
-    return Contacts(
+    return TrackContacts(
         tuple((i, j, n) for (i, j), n in counted.items()),
         tuple(_per_pair(first[spawn], second[spawn])),
         _duplicates(boxes, first, second, alike & (shared > SAME_PLACE)),
@@ -94,7 +94,7 @@ def _smaller(a: np.ndarray, b: np.ndarray) -> Float:
     return np.minimum(shapely.area(a), shapely.area(b))
 
 
-def _first_frames(boxes: Boxes) -> np.ndarray:
+def _first_frames(boxes: TrackBoxes) -> np.ndarray:
     return np.isfinite(boxes.x).argmax(1)
 
 
@@ -105,7 +105,7 @@ def _per_pair(first: np.ndarray, second: np.ndarray) -> dict[tuple[int, int], in
     return {(int(i), int(j)): int(n) for (i, j), n in zip(pairs, counts, strict=True)}
 
 
-def _duplicates(boxes: Boxes, first: np.ndarray, second: np.ndarray, same: Bool) -> tuple[tuple[int, int], ...]:
+def _duplicates(boxes: TrackBoxes, first: np.ndarray, second: np.ndarray, same: Bool) -> tuple[tuple[int, int], ...]:
     there = np.isfinite(boxes.x)
     return tuple(
         pair
@@ -114,7 +114,7 @@ def _duplicates(boxes: Boxes, first: np.ndarray, second: np.ndarray, same: Bool)
     )
 
 
-def _least_centres(boxes: Boxes) -> float:
+def _least_centres(boxes: TrackBoxes) -> float:
     """Without boxes near each other the least distance of centres stands in, less both circles: never too large."""
     first, second = np.triu_indices(len(boxes.x), 1)
     apart = np.hypot(boxes.x[first] - boxes.x[second], boxes.y[first] - boxes.y[second])

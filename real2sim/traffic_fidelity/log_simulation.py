@@ -11,12 +11,12 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, ReplayMotion
 from mdrive_sumo.sumo import SumoWorld
-from real2sim.fit.background_vehicle import size_of
+from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedTraffic:
     """Background vehicles in the log's frames: x, y, yaw (T, 3) [m, rad] by name, NaN where they are not there."""
 
     poses: Mapping[str, Float]
@@ -43,14 +43,14 @@ class _Rail:
         return np.array([np.interp(time, self.times, column) for column in self.states.T])
 
 
-def simulate(
+def simulate_log(
     scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float, seed: int = 0
-) -> Simulated:
+) -> SimulatedTraffic:
     """Runs it until the log ends. `tracks`: by id in the scenario, those of the CAVs are driven."""
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: _rail_of(tracks[ego.id], dt_s) for ego in scenario.egos}
     actors = [(actor, _rail(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
-    sizes = {ego.id: size_of(tracks[ego.id]) for ego in scenario.egos}
+    sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
     with SumoWorld(scenario, roads, sizes, seed) as world:
         for tick in range(round((frames - 1) * dt_s / DT) + 1):
@@ -60,7 +60,7 @@ def simulate(
             now = around.actors
             for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
                 seen.setdefault(name, []).append((time, x, y, yaw))
-    return Simulated({name: _in_frames(np.array(rows), frames, dt_s) for name, rows in seen.items()})
+    return SimulatedTraffic({name: _in_frames(np.array(rows), frames, dt_s) for name, rows in seen.items()})
 
 
 def _rail_of(track: RecordedTrack, dt_s: float) -> _Rail:

@@ -19,7 +19,7 @@ SHORTEST_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Conflict:
+class ConflictPoint:
     """A conflict point of two vehicles: `first` passed it before `second` did in the log; x, y [m] on both paths."""
 
     first: str
@@ -37,17 +37,17 @@ class _Path:
     tree: KDTree
 
 
-def conflicts(tracks: Mapping[str, Float]) -> tuple[Conflict, ...]:
+def find_conflict_points(tracks: Mapping[str, Float]) -> tuple[ConflictPoint, ...]:
     """All pairs of vehicles, positions (T, 2) [m] by name with NaN where they are not there, whose paths meet."""
     paths = {name: path for name, xy in sorted(tracks.items()) if (path := _path(xy)) is not None}
-    found: list[Conflict] = []
+    found: list[ConflictPoint] = []
     for a, b in combinations(paths, 2):
         at = _meeting(paths[a], paths[b])
         if at is None:
             continue
         i, j = at
         first, second, k, n = (a, b, i, j) if paths[a].frame[i] <= paths[b].frame[j] else (b, a, j, i)
-        found.append(Conflict(first, second, _xy(paths[first], k), _xy(paths[second], n)))
+        found.append(ConflictPoint(first, second, _xy(paths[first], k), _xy(paths[second], n)))
     return tuple(found)
 
 
@@ -80,7 +80,7 @@ def _meeting(one: _Path, other: _Path) -> tuple[int, int] | None:
     return (i, j) if i >= apart and j >= apart else None
 
 
-def kept_in_order(conflict: Conflict, log: Mapping[str, Float], simulated: Mapping[str, Float]) -> bool:
+def is_order_kept(conflict: ConflictPoint, log: Mapping[str, Float], simulated: Mapping[str, Float]) -> bool:
     """Whether `first` passes the point before `second` in the simulation too. If neither passes it is not kept."""
     first = _passed(log[conflict.first], simulated[conflict.first], conflict.first_at)
     second = _passed(log[conflict.second], simulated[conflict.second], conflict.second_at)

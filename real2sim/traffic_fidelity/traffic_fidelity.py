@@ -14,11 +14,11 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
-from real2sim.fit.background_vehicle import size_of
+from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
-from real2sim.tracks.track_contacts import contacts
-from real2sim.traffic_fidelity.log_simulation import Simulated, simulate
-from real2sim.traffic_fidelity.passing_order import conflicts, kept_in_order
+from real2sim.tracks.track_contacts import find_contacts
+from real2sim.traffic_fidelity.log_simulation import SimulatedTraffic, simulate_log
+from real2sim.traffic_fidelity.passing_order import find_conflict_points, is_order_kept
 
 AFTER_S = (1.0, 2.0, 3.0, 5.0, 8.0)
 """Times after its departure at which a vehicle's position is compared."""
@@ -30,7 +30,7 @@ SLACK_M = 0.1
 """Boxes count this much smaller on each side when two are said to touch, as in `quality.COLLISION_SLACK_M`."""
 
 
-class ErrorAt(BaseModel):
+class PositionErrors(BaseModel):
     """Position errors of all vehicles that the log still has at a time after their departure."""
 
     model_config = ConfigDict(frozen=True)
@@ -45,7 +45,7 @@ class ErrorAt(BaseModel):
     worst: float | None
 
 
-class Closeness(BaseModel):
+class TrafficFidelity(BaseModel):
     """For quality.json. A vehicle that is not there while the log has it counts with an error of 100 m."""
 
     model_config = ConfigDict(frozen=True)
@@ -53,7 +53,7 @@ class Closeness(BaseModel):
     mode: str
     vehicles: int
     """Background vehicles."""
-    errors: tuple[ErrorAt, ...]
+    errors: tuple[PositionErrors, ...]
     median_at_5s: float | None
     """[m]; None if no vehicle is in the log for 5 s."""
     order_pairs: int
@@ -78,29 +78,29 @@ class _Vehicle:
     simulated: Float
 
 
-def closeness(
+def measure_traffic_fidelity(
     scenario: Scenario,
     roads: RoadMap,
     tracks: Sequence[RecordedTrack],
     names: Mapping[str, str],
     dt_s: float,
     seed: int = 0,
-) -> Closeness:
+) -> TrafficFidelity:
     """Runs the scenario beside its log. `names`: track id -> id in the scenario (`Fitted.names`).
 
     Needs the process's only SUMO simulation. Raises WorldError or InputError as `SumoWorld` does.
     """
     by_name = {names[track.id]: track for track in tracks}
-    run = simulate(scenario, roads, by_name, dt_s, seed)
+    run = simulate_log(scenario, roads, by_name, dt_s, seed)
     vehicles = [_vehicle(by_name[one.id], one, run, dt_s) for one in scenario.background.vehicles]
     moving = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.log for one in vehicles}
     placed = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.simulated for one in vehicles}
     background = {one.name for one in vehicles}
-    pairs = [one for one in conflicts(moving) if background & {one.first, one.second}]
-    changed = tuple((one.first, one.second) for one in pairs if not kept_in_order(one, moving, placed))
+    pairs = [one for one in find_conflict_points(moving) if background & {one.first, one.second}]
+    changed = tuple((one.first, one.second) for one in pairs if not is_order_kept(one, moving, placed))
     errors = tuple(_error_at(vehicles, after, dt_s) for after in AFTER_S)
     there = [one for one in vehicles if np.isfinite(one.simulated[:, 0]).any()]
-    return Closeness(
+    return TrafficFidelity(
         mode=scenario.background.mode,
         vehicles=len(vehicles),
         errors=errors,
@@ -115,7 +115,7 @@ def closeness(
     )
 
 
-def _vehicle(track: RecordedTrack, vehicle: BackgroundVehicle, run: Simulated, dt_s: float) -> _Vehicle:
+def _vehicle(track: RecordedTrack, vehicle: BackgroundVehicle, run: SimulatedTraffic, dt_s: float) -> _Vehicle:
     """In the frames of its schedule: before and after them the track is off the map."""
     times = np.arange(len(track.valid)) * dt_s
     ends = vehicle.schedule.progress[-1][0] if vehicle.schedule else times[-1]
@@ -123,12 +123,12 @@ def _vehicle(track: RecordedTrack, vehicle: BackgroundVehicle, run: Simulated, d
     return _Vehicle(vehicle.id, np.where(there[:, None], track.xy, np.nan), run.xy(vehicle.id, len(times)))
 
 
-def _error_at(vehicles: Sequence[_Vehicle], after_s: float, dt_s: float) -> ErrorAt:
+def _error_at(vehicles: Sequence[_Vehicle], after_s: float, dt_s: float) -> PositionErrors:
     found = [error for one in vehicles if (error := _error(one, after_s, dt_s)) is not None]
     if not found:
-        return ErrorAt(after_s=after_s, vehicles=0, median=None, lower=None, upper=None, worst=None)
+        return PositionErrors(after_s=after_s, vehicles=0, median=None, lower=None, upper=None, worst=None)
     lower, median, upper, worst = (round(float(q), 3) for q in np.percentile(found, (25, 50, 75, 100)))
-    return ErrorAt(after_s=after_s, vehicles=len(found), median=median, lower=lower, upper=upper, worst=worst)
+    return PositionErrors(after_s=after_s, vehicles=len(found), median=median, lower=lower, upper=upper, worst=worst)
 
 
 def _error(one: _Vehicle, after_s: float, dt_s: float) -> float | None:
@@ -147,14 +147,14 @@ def _left_early(one: _Vehicle, dt_s: float) -> bool:
 
 
 def _contacts(
-    vehicles: Sequence[_Vehicle], tracks: Mapping[str, RecordedTrack], run: Simulated
+    vehicles: Sequence[_Vehicle], tracks: Mapping[str, RecordedTrack], run: SimulatedTraffic
 ) -> tuple[tuple[str, str, int], ...]:
     logged = [tracks[one.name] for one in vehicles]
     placed = [_placed(tracks[one.name], run.poses[one.name]) for one in vehicles if one.name in run.poses]
     if len(placed) < 2:
         return ()
-    known = {frozenset((logged[i].id, logged[j].id)) for i, j, _ in contacts(logged, SLACK_M).collisions}
-    found = [(placed[i].id, placed[j].id, frames) for i, j, frames in contacts(placed, SLACK_M).collisions]
+    known = {frozenset((logged[i].id, logged[j].id)) for i, j, _ in find_contacts(logged, SLACK_M).collisions}
+    found = [(placed[i].id, placed[j].id, frames) for i, j, frames in find_contacts(placed, SLACK_M).collisions]
     names = {tracks[one.name].id: one.name for one in vehicles}
     return tuple((names[a], names[b], frames) for a, b, frames in found if frozenset((a, b)) not in known)
 
@@ -162,7 +162,7 @@ def _contacts(
 def _placed(track: RecordedTrack, poses: Float) -> RecordedTrack:
     """The track where the simulation had it."""
     valid = np.isfinite(poses[:, 0])
-    length, width = size_of(track)
+    length, width = median_size(track)
     full = np.where(valid, 1.0, np.nan)
     return track.with_rows(
         valid=valid, x=poses[:, 0], y=poses[:, 1], yaw=poses[:, 2], length=length * full, width=width * full

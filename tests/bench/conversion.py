@@ -18,10 +18,18 @@ from testing.busy_log import make_busy_log
 
 from real2sim.pipeline import scenario_builder
 from real2sim.pipeline.log_conversion import convert_log
-from real2sim.pipeline.log_source import Log
+from real2sim.pipeline.log_source import LogSource
 
 Row = tuple[str, float, str, str]
-STEPS = ("clean", "build_network", "reconstruct", "match", "fit", "_assessed", "closeness")
+STEPS = (
+    "clean",
+    "build_network",
+    "reconstruct_tracks",
+    "match",
+    "fit_traffic",
+    "_assessed",
+    "measure_traffic_fidelity",
+)
 
 
 def conversion_rows(folder: Path) -> Iterator[Row]:
@@ -41,15 +49,15 @@ def conversion_rows(folder: Path) -> Iterator[Row]:
     process.returncode = os.waitstatus_to_exitcode(status)
     yield "convert, log of 10 s, 84 road users, 4 agents, one core", time.perf_counter() - began, "s", "<= 6"
     yield "convert, memory of the largest process", used.ru_maxrss / 1024, "MB", "< 1000"
-    yield from _step_rows(Log("v2xpnp", log, (map_,)), folder / "steps")
+    yield from _step_rows(LogSource("v2xpnp", log, (map_,)), folder / "steps")
 
 
-def _step_rows(log: Log, draft: Path) -> Iterator[Row]:
+def _step_rows(log: LogSource, draft: Path) -> Iterator[Row]:
     spent: dict[str, float] = defaultdict(float)
     for name in STEPS:
         setattr(scenario_builder, name, _timed(name, getattr(scenario_builder, name), spent))
     began = time.perf_counter()
-    convert_log(log, draft, scenario_builder.Wish(), False)
+    convert_log(log, draft, scenario_builder.ConversionOptions(), False)
     whole = time.perf_counter() - began
     yield from ((f"convert, of these {name.strip('_')}", spent[name], "s", "-") for name in STEPS)
     yield "convert, of these reading and writing", whole - sum(spent.values()), "s", "-"

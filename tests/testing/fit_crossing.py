@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.scenario import Scenario
-from real2sim.fit import Fitted, fit
+from real2sim.fit import FittedTraffic, fit_traffic
 from real2sim.match import LaneMatch, match_track
 from real2sim.network import build_network
 from real2sim.recording import ObjectCategory, RecordedTrack
@@ -66,7 +66,7 @@ def matches_of(tracks: Sequence[RecordedTrack], roads: RoadMap) -> Mapping[str, 
 
 @dataclass(frozen=True)
 class Made:
-    fitted: Fitted
+    fitted: FittedTraffic
     scenario: Scenario
     roads: RoadMap
     tracks: tuple[RecordedTrack, ...]
@@ -77,7 +77,7 @@ def made(
 ) -> Made:
     """Fitted tracks and their scenario; a CAV far ahead of everybody is added."""
     everybody = (track("cav", 300.0 + 8.0 * seconds(), 0.0), *tracks)
-    fitted = fit(everybody, matches_of(everybody, roads), roads, cavs, mode, DT_S)
+    fitted = fit_traffic(everybody, matches_of(everybody, roads), roads, cavs, mode, DT_S)
     scenario = Scenario(
         id="crossing",
         bucket="Test",

@@ -10,12 +10,12 @@ from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.scenario import Scenario
 from real2sim.clean import clean_recording
-from real2sim.fit import Fitted, choose_cavs, fit
+from real2sim.fit import FittedTraffic, choose_cavs, fit_traffic
 from real2sim.match import match_track
 from real2sim.network import build_network
 from real2sim.readers.interaction import read_interaction
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.reconstruct import reconstruct_tracks
 from tests.real2sim.network.test_netbuild_real import LOGS, READ
 
 NAMES = (*(name for name in READ if name != "interaction"), "interaction-0", "interaction-60")
@@ -24,7 +24,7 @@ NAMES = (*(name for name in READ if name != "interaction"), "interaction-0", "in
 
 @dataclass(frozen=True)
 class FittedLog:
-    fitted: Fitted
+    fitted: FittedTraffic
     scenario: Scenario
     roads: RoadMap
     tracks: tuple[RecordedTrack, ...]
@@ -45,10 +45,10 @@ def fitted_log(name: str, folder: Path, mode: BackgroundMode = "reactive") -> Fi
     cleaned = clean_recording(source)
     poses = {one.id: np.column_stack((one.x, one.y, one.yaw)) for one in cleaned.tracks if vehicle(one)}
     build_network(source.map, list(poses.values()), folder / name, name, source.dt_s)
-    roads, tracks = load_road_map(folder / name), reconstruct(cleaned.tracks, source.dt_s)
+    roads, tracks = load_road_map(folder / name), reconstruct_tracks(cleaned.tracks, source.dt_s)
     matches = {one.id: match_track(np.column_stack((one.x, one.y, one.yaw)), roads) for one in tracks if vehicle(one)}
     cavs = choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
-    fitted = fit(tracks, matches, roads, cavs, mode, source.dt_s)
+    fitted = fit_traffic(tracks, matches, roads, cavs, mode, source.dt_s)
     scenario = Scenario(
         id=name,
         bucket="Test",

@@ -11,13 +11,13 @@ from mdrive_sumo.roads import load_road_map
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
 from real2sim.findings import ConversionFindings
-from real2sim.fit.disposition import Became, Role
+from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.network import build_network
-from real2sim.quality import Converted, assess
-from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality import ReconstructedLog, assess_reconstruction
+from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.traffic_fidelity import Closeness, ErrorAt
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.traffic_fidelity import PositionErrors, TrafficFidelity
 from testing.map_faults import lane, lanes_map
 
 DT = 0.1
@@ -62,11 +62,11 @@ def findings_of(recording: Recording, folder: Path) -> ConversionFindings:
     vehicles = [one for one in cleaned.tracks if one.category.kind is Kind.VEHICLE]
     motions = [np.column_stack((one.x, one.y, one.yaw)) for one in vehicles]
     network = build_network(recording.map, motions, folder / "network", "by-hand", DT)
-    tracks = reconstruct(cleaned.tracks, DT)
+    tracks = reconstruct_tracks(cleaned.tracks, DT)
     raw = {one.id: one for one in cleaned.tracks}
     roads = load_road_map(folder / "network")
-    lanes = LaneIndex.of_lines([lane.centre.xy for lane in roads.driving], [True] * len(roads.driving))
-    quality = assess(Converted(recording.id, DT, tracks, raw, lanes))
+    lanes = LaneSegmentIndex.from_centre_lines([lane.centre.xy for lane in roads.driving], [True] * len(roads.driving))
+    quality = assess_reconstruction(ReconstructedLog(recording.id, DT, tracks, raw, lanes))
     return ConversionFindings(recording.id, recording, cleaned, tracks, quality, network, roads)
 
 
@@ -87,9 +87,9 @@ def small_findings(folder: Path) -> ConversionFindings:
         TrackChange(ChangeReason.TELEPORT, "fast", 3, f"2.10 m to the side {HOSTILE}"),
     )
     roles = {
-        "cav": Role(Became.CAV),
-        "fast": Role(Became.ACTOR, f"it leaves the road {HOSTILE}"),
-        HOSTILE: Role(Became.BACKGROUND),
+        "cav": TrackRole(Disposition.CAV),
+        "fast": TrackRole(Disposition.ACTOR, f"it leaves the road {HOSTILE}"),
+        HOSTILE: TrackRole(Disposition.BACKGROUND),
     }
     return replace(
         found,
@@ -100,12 +100,13 @@ def small_findings(folder: Path) -> ConversionFindings:
     )
 
 
-def some_closeness() -> Closeness:
+def some_closeness() -> TrafficFidelity:
     errors = tuple(
-        ErrorAt(after_s=s, vehicles=7, median=0.2 * s, lower=0.1 * s, upper=0.4 * s, worst=6.5) for s in (1.0, 3.0, 5.0)
+        PositionErrors(after_s=s, vehicles=7, median=0.2 * s, lower=0.1 * s, upper=0.4 * s, worst=6.5)
+        for s in (1.0, 3.0, 5.0)
     )
-    unknown = ErrorAt(after_s=8.0, vehicles=0, median=None, lower=None, upper=None, worst=None)
-    return Closeness(
+    unknown = PositionErrors(after_s=8.0, vehicles=0, median=None, lower=None, upper=None, worst=None)
+    return TrafficFidelity(
         mode="reactive",
         vehicles=7,
         errors=(*errors, unknown),

@@ -12,8 +12,8 @@ from mdrive_sumo.core.state import Kind
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.tracks.stationary import moves
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.tracks.stationary import has_moved
 from real2sim.writers.observation_noise import ObservationNoise, assign_numbers, simulate_observers
 from real2sim.writers.v2xpnp import write_views
 
@@ -114,7 +114,7 @@ def there_and_back(
     read = read_v2xpnp(folder, (map_file,) if map_file else ())
     cleaned = clean_recording(read)
     seen = {thing.id: _seen(views.views, thing, carried) for thing in things}
-    return Trip(things, seen, read, cleaned, reconstruct(cleaned.tracks, read.dt_s))
+    return Trip(things, seen, read, cleaned, reconstruct_tracks(cleaned.tracks, read.dt_s))
 
 
 def _seen(views: Sequence[ObserverView], thing: RecordedTrack, carried: set[str]) -> Bool:
@@ -140,8 +140,8 @@ def windowed(recording: Recording, frames: slice) -> Recording:
 def as_truth(recording: Recording, stations: int = 2) -> Recording:
     """A log as a known scene: its cleaned, smooth tracks, two of them CAVs, and stations in its midst."""
     cleaned = clean_recording(recording)
-    tracks = reconstruct(cleaned.tracks, recording.dt_s)
-    tracks = tuple(replace(track, parked=not moves(track, recording.dt_s)) for track in tracks)
+    tracks = reconstruct_tracks(cleaned.tracks, recording.dt_s)
+    tracks = tuple(replace(track, parked=not has_moved(track, recording.dt_s)) for track in tracks)
     whole = [t for t in tracks if t.valid.all() and t.category.kind is Kind.VEHICLE and np.nanmedian(t.length) < 6.5]
     movers = sorted(whole, key=lambda t: -float(np.ptp(t.xy, axis=0).max()))[:2]
     middle = np.nanmedian(np.concatenate([t.xy for t in tracks]), axis=0)

@@ -8,7 +8,7 @@ import pytest
 from testing.worlds import straight_ego, straight_scenario
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.validation import Examination
+from mdrive_sumo.generate.validation import ScenarioValidation
 from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, Schedule
 from mdrive_sumo.scenario.scenario import save_scenario
@@ -110,7 +110,7 @@ def outcome(folder: Path, number: int, problems: tuple[str, ...], ds: float) -> 
     task = RecordingTask("crossing", number, 1, 0, folder.with_name("work"), folder)
     scenario = straight_scenario(straight_ego("0")).model_copy(update={"id": task.name})
     save_scenario(scenario, folder / task.name / SCENARIO_FILE)
-    return RecordingOutcome(task, (), Examination(task.name, problems, None, ds))
+    return RecordingOutcome(task, (), ScenarioValidation(task.name, problems, None, ds))
 
 
 def test_what_does_not_pass_is_left_out_and_what_is_solved_comes_first(

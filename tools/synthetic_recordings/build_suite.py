@@ -156,6 +156,6 @@ def _print_summary(chosen: Sequence[SelectionCandidate], outcomes: Sequence[Reco
         "not_sound_or_solvable": {one.task.name: one.examined.problems for one in outcomes if one.examined.problems},
         "below_a_target": {one.task.name: one.misses for one in kept if one.misses},
         "omniscient_without_infraction": sum(one.examined.omniscient_ds == FULL_SCORE for one in kept),
-        "hidden_until_late": sum(one.examined.hidden for one in kept),
+        "hidden_until_late": sum(one.examined.is_occluded for one in kept),
     }
     sys.stdout.write(json.dumps(about, indent=1) + "\n")

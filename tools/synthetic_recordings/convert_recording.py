@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.validation import Examination, Question, examine
+from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.cav_selection import motions
+from real2sim.pipeline.cav_selection import vehicle_trajectories
 from real2sim.pipeline.quality_file import save_quality
-from real2sim.pipeline.scenario_builder import NETWORKS, Wish, build_log
+from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.scene import SourceScene
 from real2sim.writers.episode_map import build_hd_map
@@ -72,7 +72,7 @@ class RecordingOutcome:
     task: RecordingTask
     misses: tuple[str, ...]
     """Targets of the conversion that were not met."""
-    examined: Examination
+    examined: ScenarioValidation
     """Of the scenario, as `mdrive-sumo validate` sees it."""
 
 
@@ -94,7 +94,11 @@ def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
     first = tasks[0]
     name = f"v2xpnp_{first.place}"
     recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTING_LOGS]]
-    seen = [motion for recording in recordings for motion in motions(clean_recording(recording).tracks).values()]
+    seen = [
+        motion
+        for recording in recordings
+        for motion in vehicle_trajectories(clean_recording(recording).tracks).values()
+    ]
     return build_network(recordings[0].map, seen, first.suite / NETWORKS / name, name, recordings[0].dt_s)
 
 
@@ -113,7 +117,7 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
         notes=recording.notes,
     )
     try:
-        built = build_log(scene, task.suite, Wish(), task.network)
+        built = build_scenario(scene, task.suite, ConversionOptions(), task.network)
     except InputError as error:
         return f"{task.name}: {error}"
     folder = task.suite / task.name
@@ -124,13 +128,13 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
     return RecordingOutcome(task, built.quality.misses, _examine(task))
 
 
-def _examine(task: RecordingTask) -> Examination:
+def _examine(task: RecordingTask) -> ScenarioValidation:
     """The scenario as it was written, in a suite of its own."""
     alone = task.work / "alone" / task.name
     save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
     if not (alone / NETWORKS).exists():
         (alone / NETWORKS).symlink_to((task.suite / NETWORKS).resolve())
-    return examine(Question(str(alone), task.name))
+    return validate_scenario(ValidationTask(str(alone), task.name))
 
 
 def _redirect_stdout() -> None:

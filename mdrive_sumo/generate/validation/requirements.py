@@ -18,38 +18,38 @@ FULL_SCORE = 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class Demands:
+class ScreeningRequirements:
     """What the two drives of a scenario must show."""
 
-    difficult: bool
+    near_miss_required: bool
     """Whether blind driving must have a near miss."""
-    full: Literal["ds", "rc"]
+    full_score: Literal["ds", "rc"]
     """Which score of `omniscient` must be full: driving score, or route completion alone."""
 
 
-MADE = Demands(difficult=True, full="ds")
-RECORDED = Demands(difficult=False, full="rc")
-DEMANDS: Mapping[str, Demands] = {
-    "InterDrive": MADE,
-    "Interaction": MADE,
+AUTHORED = ScreeningRequirements(near_miss_required=True, full_score="ds")
+RECORDED = ScreeningRequirements(near_miss_required=False, full_score="rc")
+REQUIREMENTS_BY_BUCKET: Mapping[str, ScreeningRequirements] = {
+    "InterDrive": AUTHORED,
+    "Interaction": AUTHORED,
     "V2XPnP": RECORDED,
     "Real2Sim": RECORDED,
 }
 """By bucket; of any other, as of what was made."""
 
 
-def is_difficult(blind_ttc_s: float | None) -> bool:
+def has_near_miss(blind_ttc_s: float | None) -> bool:
     """Whether blind driving has a near miss."""
     return blind_ttc_s is not None and blind_ttc_s < NEAR_MISS_TTC_S
 
 
-def unmet(bucket: str, blind: ScenarioResult, omniscient: ScenarioResult) -> tuple[str, ...]:
+def find_unmet_requirements(bucket: str, blind: ScenarioResult, omniscient: ScenarioResult) -> tuple[str, ...]:
     """What the drives of a scenario lack, one sentence each."""
-    demands, problems = DEMANDS.get(bucket, MADE), list[str]()
-    if demands.difficult and not is_difficult(blind.min_ttc):
+    demands, problems = REQUIREMENTS_BY_BUCKET.get(bucket, AUTHORED), list[str]()
+    if demands.near_miss_required and not has_near_miss(blind.min_ttc):
         found = "none" if blind.min_ttc is None else f"{blind.min_ttc:.2f} s"
         problems.append(f"not difficult: expected a blind TTC below {NEAR_MISS_TTC_S} s, found {found}")
-    if (score := getattr(omniscient, demands.full)) < FULL_SCORE:
-        name = demands.full.upper()
+    if (score := getattr(omniscient, demands.full_score)) < FULL_SCORE:
+        name = demands.full_score.upper()
         problems.append(f"not solvable: expected omniscient to reach {name} {FULL_SCORE:g}, found {score:.2f}")
     return tuple(problems)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.generate.validation.requirements import is_difficult, unmet
-from mdrive_sumo.generate.validation.spawn_overlaps import crowded
+from mdrive_sumo.generate.validation.requirements import find_unmet_requirements, has_near_miss
+from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
@@ -27,7 +27,7 @@ LIMIT_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class ValidationTask:
     """A scenario to examine; plain values, so that it can be sent to a worker process."""
 
     suite_folder: str
@@ -35,7 +35,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Examination:
+class ScenarioValidation:
     """What was found in a scenario; it passes if `problems` is empty."""
 
     scenario: str
@@ -47,17 +47,17 @@ class Examination:
     """Where somebody is hidden from a CAV on the way to a conflict; None if it was not driven."""
 
     @property
-    def difficult(self) -> bool:
+    def is_difficult(self) -> bool:
         """Whether blind driving has a near miss."""
-        return is_difficult(self.blind_ttc_s)
+        return has_near_miss(self.blind_ttc_s)
 
     @property
-    def hidden(self) -> bool:
+    def is_occluded(self) -> bool:
         """Whether a conflict is hidden until late, see `certificate.Hidden.matters`."""
         return self.certificate is not None and self.certificate.occluded
 
 
-def sampled(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
+def sample_scenarios(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
     """All scenarios of a suite, or `size` of them, of its parts in proportion: always the same, in its order."""
     drawn = sorted(key for part in suite.parts or (suite,) for key in _places(part))[:size]
     kept = {scenario for _, _, scenario in drawn}
@@ -71,27 +71,29 @@ def _places(part: Suite) -> Iterator[tuple[float, int, str]]:
         yield (rank + 0.5) / len(keys), seed, name
 
 
-def examine_suite(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[Examination]:
+def validate_scenarios(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[ScenarioValidation]:
     """Examines scenarios of a suite in worker processes; they come in the order in which they finish."""
-    questions = [Question(str(suite.folder.resolve()), scenario.id) for scenario in scenarios]
-    with ProcessPool[Question, Examination](examine, min(workers, len(questions)), LIMIT_S) as pool:
+    questions = [ValidationTask(str(suite.folder.resolve()), scenario.id) for scenario in scenarios]
+    with ProcessPool[ValidationTask, ScenarioValidation](
+        validate_scenario, min(workers, len(questions)), LIMIT_S
+    ) as pool:
         for question, found in pool.run(questions):
             failed = isinstance(found, WorkerFailure)
-            yield Examination(question.scenario, (found.reason,)) if failed else found
+            yield ScenarioValidation(question.scenario, (found.reason,)) if failed else found
 
 
-def examine(question: Question) -> Examination:
+def validate_scenario(question: ValidationTask) -> ScenarioValidation:
     """Drives a scenario blind and omniscient and says what is wrong with it. Raises WorldError."""
     scenario, roads = load_job_scenario(_job(question, "omniscient"))
     if unsound := tuple(_unsound(scenario, roads)):
-        return Examination(scenario.id, unsound)
+        return ScenarioValidation(scenario.id, unsound)
     drives: dict[ReferenceDrive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
     blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
-    problems = unmet(scenario.bucket, blind, solved)
-    return Examination(scenario.id, problems, blind.min_ttc, solved.ds, _certificate(scenario, roads, drives))
+    problems = find_unmet_requirements(scenario.bucket, blind, solved)
+    return ScenarioValidation(scenario.id, problems, blind.min_ttc, solved.ds, _certificate(scenario, roads, drives))
 
 
-def _job(question: Question, agent: str) -> EpisodeJob:
+def _job(question: ValidationTask, agent: str) -> EpisodeJob:
     return EpisodeJob(question.suite_folder, question.scenario, agent, {}, 0, ScoreMode.MDRIVE)
 
 
@@ -101,7 +103,7 @@ def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
     except InputError as error:
         yield str(error)
     else:
-        yield from crowded(scenario, roads)
+        yield from find_spawn_overlaps(scenario, roads)
 
 
 def _certificate(

@@ -24,7 +24,7 @@ SLACK_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Spawn:
+class SpawnBox:
     """A box that is there in frame 0."""
 
     kind: str
@@ -33,7 +33,7 @@ class Spawn:
     box: shapely.Polygon
 
 
-def crowded(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+def find_spawn_overlaps(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
     """Who starts inside whom, one sentence each."""
     spawns = tuple(_spawns(scenario, roads))
     for one, other in combinations(spawns, 2):
@@ -47,7 +47,7 @@ def crowded(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
             yield f"CAV {spawn.id} starts inside a building"
 
 
-def _spawns(scenario: Scenario, roads: RoadMap) -> Iterator[Spawn]:
+def _spawns(scenario: Scenario, roads: RoadMap) -> Iterator[SpawnBox]:
     for ego in scenario.egos:
         yield _spawn("CAV", ego.id, ego.start, (VEHICLE.length, VEHICLE.width))
     for vehicle in scenario.background.vehicles:
@@ -60,8 +60,8 @@ def _spawns(scenario: Scenario, roads: RoadMap) -> Iterator[Spawn]:
             )
 
 
-def _spawn(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> Spawn:
-    return Spawn(kind, name, shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, *size)))
+def _spawn(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> SpawnBox:
+    return SpawnBox(kind, name, shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, *size)))
 
 
 def _stands(actor: Actor) -> bool:

@@ -7,7 +7,7 @@ late. Whatever else lies in a suite's folder (checksum, recipes, certificates) m
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
-from mdrive_sumo.generate.validation.scenario_validation import Examination
+from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
@@ -29,7 +29,7 @@ GENERATED = "Interaction"
 """Bucket of generated scenarios."""
 
 
-def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[str, ...]:
+def find_suite_problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> tuple[str, ...]:
     """What is wrong with a suite as a whole, or with each of its parts; raises InputError for an unreadable file.
 
     The number of hidden conflicts is asked for if those of every scenario are known: examined, or kept with the suite.
@@ -39,12 +39,12 @@ def suite_problems(suite: Suite, examinations: Sequence[Examination]) -> tuple[s
     )
 
 
-def suite_notes(suite: Suite) -> tuple[str, ...]:
+def describe_suite(suite: Suite) -> tuple[str, ...]:
     """What is worth knowing of a suite, or of its parts."""
     return tuple(f"{part.name}: {note}" for part in suite.parts or (suite,) for note in _notes(part))
 
 
-def _problems(suite: Suite, examinations: Sequence[Examination]) -> Iterator[str]:
+def _problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> Iterator[str]:
     ours = {scenario.id for scenario in suite.scenarios}
     examined = [one for one in examinations if one.scenario in ours]
     yield from _against_paper(suite)
@@ -117,7 +117,7 @@ def _too_few_hidden(suite: Suite, known: Mapping[str, bool]) -> Iterator[str]:
             yield f"{where}expected {least} conflicts or more that are hidden until late, found {hidden}"
 
 
-def _of_certificates(suite: Suite, examined: Sequence[Examination]) -> Iterator[str]:
+def _of_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) -> Iterator[str]:
     """Whether the certificates beside a suite are its own and still true, and enough of them tell of something."""
     mend = f"`mdrive-sumo validate {suite.name if is_packaged(suite) else suite.folder} --write` makes it anew"
     file = read_certificates(suite.folder)
@@ -132,7 +132,7 @@ def _of_certificates(suite: Suite, examined: Sequence[Examination]) -> Iterator[
         )
     elif file is not None and changed:
         yield f"{CERTIFICATE_FILE}: expected what was just found, found otherwise for {changed[0]}; {mend}"
-    known = {name: one.occluded for name, one in kept.items()} | {one.scenario: one.hidden for one in examined}
+    known = {name: one.occluded for name, one in kept.items()} | {one.scenario: one.is_occluded for one in examined}
     yield from _too_few_hidden(suite, known)
 
 

@@ -12,9 +12,9 @@ from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
-from mdrive_sumo.generate.generated_suite import write_generated
+from mdrive_sumo.generate.generated_suite import write_generated_suite
 from mdrive_sumo.generate.generation_search import TRIES
-from mdrive_sumo.generate.pipeline import built
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe, save_recipe
 from mdrive_sumo.generate.template_proposer import propose
@@ -85,7 +85,7 @@ def test_a_goal_that_no_way_leads_to_is_refused(tmp_path: Path) -> None:
     )
     assert said in {
         f"recipe bad: refused at stage ways: network {name}: expected ways that keep all relations, found none"
-        for name in CATEGORIES[Category.BLOCKED_LANE].crops
+        for name in CATEGORIES[Category.BLOCKED_LANE].networks
     }
 
 
@@ -94,7 +94,7 @@ def suite(tmp_path: Path) -> Path:
     """A suite with one scenario and its recipe; nothing is driven."""
     proposal = deadlock(actors=[actor("cone", motion="static", timing_phase="on_approach")])
     recipe = Recipe(id="deadlock_1", seed="1", proposal=proposal)
-    write_generated(SuiteFile(name="suite", title="One"), [(recipe, built(recipe))], tmp_path / "suite")
+    write_generated_suite(SuiteFile(name="suite", title="One"), [(recipe, build_scenario(recipe))], tmp_path / "suite")
     return tmp_path / "suite"
 
 
@@ -197,7 +197,7 @@ def no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     def search(*_: object) -> None:
         raise AssertionError("searched")
 
-    monkeypatch.setattr("mdrive_sumo.cli.generate.search", search)
+    monkeypatch.setattr("mdrive_sumo.cli.generate.search_scenarios", search)
 
 
 @pytest.mark.usefixtures("no_search")

@@ -13,9 +13,9 @@ from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.duplicates import DUPLICATE, distance
-from mdrive_sumo.generate.generated_suite import packaged_generated
-from mdrive_sumo.generate.generation_search import Order, public_counterparts
+from mdrive_sumo.generate.duplicates import DUPLICATE, scenario_distance
+from mdrive_sumo.generate.generated_suite import load_packaged_generated
+from mdrive_sumo.generate.generation_search import GenerationRequest, build_public_counterparts
 from mdrive_sumo.generate.recipe import load_recipe
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.scenario import Scenario
@@ -97,7 +97,7 @@ def test_the_same_seed_makes_the_same_bytes(made: Made, one: str, two: str) -> N
 @pytest.mark.parametrize(("one", "two"), [("public", "public other"), ("hidden", "hidden other"), ("public", "hidden")])
 def test_another_seed_or_secret_makes_other_scenarios(made: Made, one: str, two: str) -> None:
     pairs = list(product(scenarios(made[one][0]), scenarios(made[two][0])))
-    assert all(a.id != b.id and distance(a, b) > 0 for a, b in pairs)
+    assert all(a.id != b.id and scenario_distance(a, b) > 0 for a, b in pairs)
 
 
 def test_explain_tells_every_proposal_and_how_many_each_stage_refused(made: Made) -> None:
@@ -154,20 +154,25 @@ def test_rebuild_names_the_scenario_that_was_changed(
 
 
 def test_hidden_scenarios_are_neither_public_ones_nor_like_any(made: Made) -> None:
-    order = Order(FAST, 2, SEED, "hidden", SECRET)
-    public = [*packaged_generated(), *scenarios(made["public"][0]), *public_counterparts(order)]
+    order = GenerationRequest(FAST, 2, SEED, "hidden", SECRET)
+    public = [*load_packaged_generated(), *scenarios(made["public"][0]), *build_public_counterparts(order)]
     ids = [scenario.id for scenario in public]
     assert set(ids) > {scenario.id for scenario in scenarios(made["public"][0])}
     for scenario in scenarios(made["hidden"][0]):
         assert scenario.id.startswith(f"{FAST}_h") and scenario.id not in ids
-        assert min(distance(scenario, other) for other in public) >= DUPLICATE
+        assert min(scenario_distance(scenario, other) for other in public) >= DUPLICATE
 
 
 def test_what_may_be_in_the_public_split_is_made_without_the_secret(made: Made) -> None:
-    counterparts = {scenario.id: scenario for scenario in public_counterparts(Order(FAST, 2, SEED, "hidden", SECRET))}
+    counterparts = {
+        scenario.id: scenario
+        for scenario in build_public_counterparts(GenerationRequest(FAST, 2, SEED, "hidden", SECRET))
+    }
     for scenario in scenarios(made["public"][0]):
-        assert distance(counterparts[scenario.id], scenario) == 0.0
-    assert set(counterparts) == {one.id for one in public_counterparts(Order(FAST, 2, SEED, "hidden", OTHER))}
+        assert scenario_distance(counterparts[scenario.id], scenario) == 0.0
+    assert set(counterparts) == {
+        one.id for one in build_public_counterparts(GenerationRequest(FAST, 2, SEED, "hidden", OTHER))
+    }
 
 
 def test_hidden_files_do_not_hold_the_secret(made: Made) -> None:

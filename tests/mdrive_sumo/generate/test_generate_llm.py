@@ -13,11 +13,11 @@ from testing.negotiation_fakes import Answering, completion, served
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
-from mdrive_sumo.generate.llm_answer import demonstrations, proposal_in
-from mdrive_sumo.generate.llm_prompt import conversation
+from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
+from mdrive_sumo.generate.llm_prompt import build_prompt
 from mdrive_sumo.generate.llm_prompt_texts import ABOUT, RULES_IN_WORDS, TERMS
-from mdrive_sumo.generate.llm_proposer import LlmSettings, propose, transcript_file
-from mdrive_sumo.generate.pipeline import Rejected, Stage
+from mdrive_sumo.generate.llm_proposer import LlmSettings, propose, transcript_path
+from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import ConstraintType, Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import RULES
@@ -47,7 +47,7 @@ def settings_for(url: str, **more: Any) -> LlmSettings:
 
 
 def entries(folder: Path, seed: str = "7", category: Category = CROSSWALK) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in transcript_file(folder, category, seed).read_text().splitlines()]
+    return [json.loads(line) for line in transcript_path(folder, category, seed).read_text().splitlines()]
 
 
 @pytest.mark.parametrize(
@@ -79,9 +79,9 @@ def test_what_was_wrong_is_told_and_repaired(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("attempts", [1, 3])
 def test_a_model_that_never_gets_it_right_is_asked_so_often_and_rejected(attempts: int, tmp_path: Path) -> None:
-    with served(saying(broken(needs_merge=True))) as service, pytest.raises(Rejected) as caught:
+    with served(saying(broken(needs_merge=True))) as service, pytest.raises(ProposalRejected) as caught:
         propose(CROSSWALK, "7", settings_for(service.url, attempts=attempts, transcripts=tmp_path))
-    assert caught.value.stage is Stage.RULES
+    assert caught.value.stage is PipelineStage.RULES
     assert "never proposed a valid crosswalk" in caught.value.reason
     assert "needs_merge: expected false for crosswalk, found true" in caught.value.reason
     assert len(service.requests) == attempts == len(entries(tmp_path))
@@ -89,7 +89,7 @@ def test_a_model_that_never_gets_it_right_is_asked_so_often_and_rejected(attempt
 
 def test_the_last_word_of_a_model_that_fails_is_short() -> None:
     text = broken(actors=[{"actor_id": "x" * 30 + str(n), "kind": "ufo"} for n in range(50)])
-    with served(saying(text)) as service, pytest.raises(Rejected) as caught:
+    with served(saying(text)) as service, pytest.raises(ProposalRejected) as caught:
         propose(CROSSWALK, "7", settings_for(service.url))
     assert "\n" not in caught.value.reason and len(caught.value.reason) < 400
     told = service.requests[1]["messages"][3]["content"]
@@ -150,7 +150,7 @@ def test_an_error_of_the_service_costs_an_attempt_and_no_more() -> None:
 )
 def test_unusable_answers_say_what_is_wrong(text: str, wrong: str) -> None:
     with pytest.raises(ValueError, match=wrong):
-        proposal_in(text, CROSSWALK)
+        parse_proposal(text, CROSSWALK)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_a_replay_gives_the_same_recipe_without_a_service(answers: Sequence[str]
 
 
 def failure(action: Callable[[], object]) -> tuple[type, str]:
-    with pytest.raises((InputError, Rejected)) as caught:
+    with pytest.raises((InputError, ProposalRejected)) as caught:
         action()
     return caught.type, str(caught.value)
 
@@ -189,10 +189,10 @@ def test_a_replay_of_what_was_never_recorded_says_so(tmp_path: Path) -> None:
         propose(CROSSWALK, "7", LlmSettings(replay=tmp_path))
     with served(saying(good().model_dump_json())) as service:
         propose(CROSSWALK, "7", settings_for(service.url, transcripts=tmp_path))
-    transcript_file(tmp_path, CROSSWALK, "7").rename(transcript_file(tmp_path, CROSSWALK, "8"))
+    transcript_path(tmp_path, CROSSWALK, "7").rename(transcript_path(tmp_path, CROSSWALK, "8"))
     with pytest.raises(InputError, match="no exchange for this category and seed"):
         propose(CROSSWALK, "8", LlmSettings(replay=tmp_path))
-    transcript_file(tmp_path, CROSSWALK, "8").write_text("nonsense\n")
+    transcript_path(tmp_path, CROSSWALK, "8").write_text("nonsense\n")
     with pytest.raises(InputError, match="line 1: expected an exchange"):
         propose(CROSSWALK, "8", LlmSettings(replay=tmp_path))
 
@@ -205,7 +205,7 @@ def test_the_key_comes_from_the_environment_and_is_kept_nowhere(
         propose(CROSSWALK, "7", settings_for(service.url, api_key_env="SOME_KEY", transcripts=tmp_path))
         assert service.headers["Authorization"] == "Bearer very-secret"
         assert "very-secret" not in json.dumps(service.requests)
-        assert "very-secret" not in transcript_file(tmp_path, CROSSWALK, "7").read_text()
+        assert "very-secret" not in transcript_path(tmp_path, CROSSWALK, "7").read_text()
         monkeypatch.delenv("SOME_KEY")
         with pytest.raises(InputError, match="api_key_env: expected the name of a set environment variable"):
             propose(CROSSWALK, "7", settings_for(service.url, api_key_env="SOME_KEY"))
@@ -241,18 +241,18 @@ def test_every_rule_and_relation_is_told_in_words() -> None:
 
 @pytest.mark.parametrize("category", CATEGORY_LIST)
 def test_the_prompt_has_schema_rules_and_the_facts_of_the_category(category: Category) -> None:
-    system, user = (message["content"] for message in conversation(category, 7))
+    system, user = (message["content"] for message in build_prompt(category, 7))
     assert json.loads(system.splitlines()[-1]) == Proposal.model_json_schema()
     assert all(words in system for words in (*RULES_IN_WORDS.values(), *TERMS))
     facts = CATEGORIES[category]
-    assert f"{facts.egos[0]} to {facts.egos[1]}" in user and " or ".join(facts.needs.topologies) in user
+    assert f"{facts.cav_range[0]} to {facts.cav_range[1]}" in user and " or ".join(facts.road.topologies) in user
     assert facts.title in user and LEVELS[category] in user and ABOUT[category] in user
 
 
 def test_examples_in_the_prompt_are_valid_answers() -> None:
-    user = conversation(DEADLOCK, 7)[1]["content"]
+    user = build_prompt(DEADLOCK, 7)[1]["content"]
     shown = [line for line in user.splitlines() if line.startswith("{")]
-    assert len({proposal_in(line, DEADLOCK) for line in shown}) == 2
+    assert len({parse_proposal(line, DEADLOCK) for line in shown}) == 2
 
 
 def test_seeds_ask_differently_and_the_same_seed_asks_the_same() -> None:
@@ -266,7 +266,7 @@ def test_seeds_ask_differently_and_the_same_seed_asks_the_same() -> None:
 
 
 def test_wished_numbers_have_the_means_of_the_papers_table() -> None:
-    wishes = [conversation(CROSSWALK, n)[1]["content"].split("This one is to have ")[1] for n in range(100)]
+    wishes = [build_prompt(CROSSWALK, n)[1]["content"].split("This one is to have ")[1] for n in range(100)]
     cavs = sum(int(wish.split()[0]) for wish in wishes) / 100
     actors = sum(int(wish.split(" and ")[1].split()[0]) for wish in wishes) / 100
     assert cavs == pytest.approx(3.8, rel=0.05) and actors == pytest.approx(2.7, rel=0.05)
@@ -290,4 +290,4 @@ def test_demonstrations_come_before_templates(tmp_path: Path) -> None:
 def test_a_demonstration_that_is_none_is_named(text: str, wrong: str, tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(InputError, match=rf"bad\.json: .*{wrong}"):
-        demonstrations(tmp_path, CROSSWALK)
+        load_demonstrations(tmp_path, CROSSWALK)

@@ -8,15 +8,15 @@ import pytest
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, Topology
-from mdrive_sumo.generate.duplicates import DUPLICATE, distance, duplicate_of
-from mdrive_sumo.generate.generation_search import by_template
-from mdrive_sumo.generate.lane_routes import changing_ways, ways_of
-from mdrive_sumo.generate.network_features import crops_for, offer_of
-from mdrive_sumo.generate.pipeline import built
+from mdrive_sumo.generate.duplicates import DUPLICATE, find_duplicate, scenario_distance
+from mdrive_sumo.generate.generation_search import propose_from_template
+from mdrive_sumo.generate.lane_routes import find_lane_change_routes, find_lane_routes
+from mdrive_sumo.generate.network_features import extract_features, find_networks
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe
-from mdrive_sumo.generate.route_assignment import RELATIONS, assign
-from mdrive_sumo.generate.selection import selected
-from mdrive_sumo.generate.spawn_points import blind_distance, blind_time
+from mdrive_sumo.generate.route_assignment import RELATIONS, assign_routes
+from mdrive_sumo.generate.selection import select_scenarios
+from mdrive_sumo.generate.spawn_points import blind_distance, blind_travel_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
@@ -35,18 +35,18 @@ TOPOLOGIES = {
 
 
 def made(category: Category, seed: str) -> Scenario:
-    return built(Recipe(id=f"s{seed}", seed=seed, proposal=by_template(category, seed)))
+    return build_scenario(Recipe(id=f"s{seed}", seed=seed, proposal=propose_from_template(category, seed)))
 
 
 @pytest.mark.parametrize("name", sorted(TOPOLOGIES))
 def test_topologies_are_found_from_the_network(name: str) -> None:
-    assert offer_of(load_road_map(list_packaged_networks()[name])).topology is TOPOLOGIES[name]
+    assert extract_features(load_road_map(list_packaged_networks()[name])).topology is TOPOLOGIES[name]
 
 
 @pytest.mark.parametrize("name", ["large_roundabout", "market_crossing", "expressway"])
 def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
     roads = load_road_map(list_packaged_networks()[name])
-    for way in (*ways_of(roads), *changing_ways(roads)):
+    for way in (*find_lane_routes(roads), *find_lane_change_routes(roads)):
         for i, (here, there) in enumerate(zip(way.lanes, way.lanes[1:], strict=False)):
             lane = roads.lanes[here]
             beside = there in (lane.left, lane.right)
@@ -58,7 +58,11 @@ def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
 def test_assignments_keep_every_relation() -> None:
     for category in (Category.DEADLOCK, Category.ROUNDABOUT, Category.UNPROTECTED_LEFT):
         proposal = propose(category, random.Random(3))
-        ways = next(w for roads in crops_for(proposal) if (w := assign(proposal, roads, random.Random(1))) is not None)
+        ways = next(
+            w
+            for roads in find_networks(proposal)
+            if (w := assign_routes(proposal, roads, random.Random(1))) is not None
+        )
         for constraint in proposal.vehicle_constraints:
             assert RELATIONS[constraint.type](ways[constraint.a], ways[constraint.b])
 
@@ -66,21 +70,21 @@ def test_assignments_keep_every_relation() -> None:
 def test_a_crop_without_the_topology_is_refused() -> None:
     proposal = propose(Category.ROUNDABOUT, random.Random(0))
     with pytest.raises(InputError, match="networks: expected one with the topology roundabout, found none among 1"):
-        crops_for(proposal, ["avenue"])
+        find_networks(proposal, ["avenue"])
 
 
 def test_time_and_distance_of_blind_driving_are_inverse() -> None:
     for metres in (0.5, 5.0, 12.8, 40.0, 90.0):
-        assert math.isclose(blind_distance(blind_time(metres)), metres)
+        assert math.isclose(blind_distance(blind_travel_time(metres)), metres)
 
 
 def test_a_scenario_is_its_own_duplicate_and_others_are_not() -> None:
     one, other = made(Category.DEADLOCK, "a"), made(Category.CROSSWALK, "b")
-    assert distance(one, one.model_copy(update={"id": "twin"})) == 0.0
-    assert duplicate_of(one, [other, one]) is one
-    assert distance(one, other) > DUPLICATE
-    assert distance(one, other) == distance(other, one)
-    assert duplicate_of(one, [other]) is None
+    assert scenario_distance(one, one.model_copy(update={"id": "twin"})) == 0.0
+    assert find_duplicate(one, [other, one]) is one
+    assert scenario_distance(one, other) > DUPLICATE
+    assert scenario_distance(one, other) == scenario_distance(other, one)
+    assert find_duplicate(one, [other]) is None
 
 
 def test_the_same_recipe_makes_the_same_bytes() -> None:
@@ -99,7 +103,7 @@ def test_the_selection_comes_nearer_to_the_paper_than_the_pool() -> None:
         heading = sum(map(compute_heading_change_deg, egos)) / len(egos)
         return abs(route / figures.route_m - 1) + abs(heading / figures.heading_change_deg - 1)
 
-    kept = selected(pool, figures, 5, random.Random(0))
+    kept = select_scenarios(pool, figures, 5, random.Random(0))
     assert len({scenario.id for scenario in kept}) == 5
     assert off(list(kept)) < off(pool)
 

@@ -14,35 +14,35 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.generate import generation_search, pipeline
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.generated_suite import packaged_generated, write_generated
-from mdrive_sumo.generate.generation_search import TRIES, WEATHER, Attempt, Order
-from mdrive_sumo.generate.pipeline import Rejected, Stage, built, screened
+from mdrive_sumo.generate.generated_suite import load_packaged_generated, write_generated_suite
+from mdrive_sumo.generate.generation_search import TRIES, WEATHER, GenerationAttempt, GenerationRequest
+from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario, screen_candidate
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal, ProposedActor
 from mdrive_sumo.generate.recipe import Recipe
-from mdrive_sumo.generate.rules import problems
-from mdrive_sumo.generate.screening import Screened
+from mdrive_sumo.generate.rules import find_rule_violations
+from mdrive_sumo.generate.screening import ScreeningResult
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from tests.mdrive_sumo.generate.test_generate_rules import deadlock, ego, other, relation
 
-GOOD = Screened(0.3, 100.0)
+GOOD = ScreeningResult(0.3, 100.0)
 
 
 def made(proposal: Proposal, seed: str = "1") -> Scenario:
-    return built(Recipe(id="made", seed=seed, proposal=proposal))
+    return build_scenario(Recipe(id="made", seed=seed, proposal=proposal))
 
 
-def refused(action: Callable[[], object]) -> tuple[Stage, str]:
-    with pytest.raises(Rejected) as caught:
+def refused(action: Callable[[], object]) -> tuple[PipelineStage, str]:
+    with pytest.raises(ProposalRejected) as caught:
         action()
     return caught.value.stage, caught.value.reason
 
 
-def screening(monkeypatch: pytest.MonkeyPatch, found: Screened | Exception) -> None:
+def screening(monkeypatch: pytest.MonkeyPatch, found: ScreeningResult | Exception) -> None:
     """Instead of driving, so much is found."""
 
-    def screen(*_: object) -> Screened:
+    def screen(*_: object) -> ScreeningResult:
         if isinstance(found, Exception):
             raise found
         return found
@@ -63,21 +63,29 @@ TOO_SHORT_FOR_A_CHANGE = other(
 
 def _no_place_for_a_van() -> Scenario:
     """Of the pre-crash templates, the first that finds none."""
-    order = Order(Category.PRE_CRASH, 1, 19)
-    proposal = propose(Category.PRE_CRASH, random.Random(f"{order.seed_of(0)}/proposal"))
-    return made(proposal, order.seed_of(0))
+    order = GenerationRequest(Category.PRE_CRASH, 1, 19)
+    proposal = propose(Category.PRE_CRASH, random.Random(f"{order.attempt_seed(0)}/proposal"))
+    return made(proposal, order.attempt_seed(0))
 
 
 @pytest.mark.parametrize(
     ("stage", "action", "reason"),
     [
-        (Stage.RULES, lambda: made(deadlock(topology="corridor")), "topology: expected intersection for deadlock"),
-        (Stage.SPAWNS, lambda: made(TOO_SHORT_FOR_A_CHANGE, "1092"), "expected at least 1 m to change lanes in, found"),
-        (Stage.ACTORS, _no_place_for_a_van, "actor van_1: expected room for a van at the kerb, found none"),
+        (
+            PipelineStage.RULES,
+            lambda: made(deadlock(topology="corridor")),
+            "topology: expected intersection for deadlock",
+        ),
+        (
+            PipelineStage.SPAWNS,
+            lambda: made(TOO_SHORT_FOR_A_CHANGE, "1092"),
+            "expected at least 1 m to change lanes in, found",
+        ),
+        (PipelineStage.ACTORS, _no_place_for_a_van, "actor van_1: expected room for a van at the kerb, found none"),
     ],
 )
 def test_what_cannot_be_built_is_refused_where_it_fails(
-    stage: Stage, action: Callable[[], Scenario], reason: str
+    stage: PipelineStage, action: Callable[[], Scenario], reason: str
 ) -> None:
     found, told = refused(action)
     assert found is stage
@@ -91,8 +99,8 @@ def test_cavs_that_start_inside_each_other_are_refused_before_anything_is_driven
     scenario = made(deadlock())
     first, second, *more = scenario.egos
     crowded = scenario.model_copy(update={"egos": (first, second.model_copy(update={"start": first.start}), *more)})
-    stage, reason = refused(lambda: screened(crowded, ()))
-    assert stage is Stage.SOUNDNESS
+    stage, reason = refused(lambda: screen_candidate(crowded, ()))
+    assert stage is PipelineStage.SOUNDNESS
     assert reason.startswith(
         "expected room for everybody at the start, found that CAV 0 and CAV 1 start inside each other"
     )
@@ -102,27 +110,27 @@ def test_a_twin_is_refused_before_anything_is_driven(monkeypatch: pytest.MonkeyP
     screening(monkeypatch, AssertionError("driven"))
     scenario = made(deadlock())
     twin = scenario.model_copy(update={"id": "twin"})
-    found = refused(lambda: screened(scenario, (twin,)))
-    assert found == (Stage.DUPLICATES, "expected something new, found a duplicate of twin")
+    found = refused(lambda: screen_candidate(scenario, (twin,)))
+    assert found == (PipelineStage.DUPLICATES, "expected something new, found a duplicate of twin")
 
 
 @pytest.mark.parametrize(
     ("found", "stage", "reason"),
     [
-        (Screened(None, 0.0), Stage.DIFFICULTY, "expected a blind TTC below 0.9 s, found none"),
-        (Screened(0.94, 0.0), Stage.DIFFICULTY, "expected a blind TTC below 0.9 s, found 0.94 s"),
-        (Screened(0.1, 64.0), Stage.FEASIBILITY, "expected omniscient to reach DS 100, found 64.00"),
-        (WorldError("no lane"), Stage.FEASIBILITY, "expected an episode, found none: no lane"),
+        (ScreeningResult(None, 0.0), PipelineStage.DIFFICULTY, "expected a blind TTC below 0.9 s, found none"),
+        (ScreeningResult(0.94, 0.0), PipelineStage.DIFFICULTY, "expected a blind TTC below 0.9 s, found 0.94 s"),
+        (ScreeningResult(0.1, 64.0), PipelineStage.FEASIBILITY, "expected omniscient to reach DS 100, found 64.00"),
+        (WorldError("no lane"), PipelineStage.FEASIBILITY, "expected an episode, found none: no lane"),
     ],
 )
 def test_what_is_found_by_driving_decides(
-    found: Screened | Exception, stage: Stage, reason: str, monkeypatch: pytest.MonkeyPatch
+    found: ScreeningResult | Exception, stage: PipelineStage, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screening(monkeypatch, found)
     scenario = made(deadlock())
-    assert refused(lambda: screened(scenario, ())) == (stage, reason)
+    assert refused(lambda: screen_candidate(scenario, ())) == (stage, reason)
     screening(monkeypatch, GOOD)
-    assert screened(scenario, ()) is GOOD
+    assert screen_candidate(scenario, ()) is GOOD
 
 
 @st.composite
@@ -147,8 +155,8 @@ def proposals(draw: st.DrawFn) -> Proposal:
 def test_whatever_is_proposed_becomes_a_scenario_or_is_refused_with_a_reason(proposal: Proposal, seed: int) -> None:
     try:
         scenario = made(proposal, str(seed))
-    except Rejected as rejected:
-        assert (rejected.stage is Stage.RULES) == bool(problems(proposal))
+    except ProposalRejected as rejected:
+        assert (rejected.stage is PipelineStage.RULES) == bool(find_rule_violations(proposal))
         assert "expected" in rejected.reason or "cannot be both" in rejected.reason
         assert "\n" not in rejected.reason
     else:
@@ -156,10 +164,10 @@ def test_whatever_is_proposed_becomes_a_scenario_or_is_refused_with_a_reason(pro
 
 
 def searched(
-    monkeypatch: pytest.MonkeyPatch, found: Screened | Exception, *known: Scenario, count: int = 10
-) -> Sequence[Attempt]:
+    monkeypatch: pytest.MonkeyPatch, found: ScreeningResult | Exception, *known: Scenario, count: int = 10
+) -> Sequence[GenerationAttempt]:
     screening(monkeypatch, found)
-    return list(generation_search.search(Order(Category.DEADLOCK, count), known=known))
+    return list(generation_search.search_scenarios(GenerationRequest(Category.DEADLOCK, count), known=known))
 
 
 def test_of_ten_scenarios_three_are_cloudy_three_by_night_two_clear_and_two_in_rain(
@@ -170,7 +178,7 @@ def test_of_ten_scenarios_three_are_cloudy_three_by_night_two_clear_and_two_in_r
     weather = [attempt.scenario.weather for attempt in attempts if attempt.scenario]
     assert tuple(weather) == WEATHER
     assert Counter(weather) == {"cloudy": 3, "night": 3, "default": 2, "rain": 2}
-    twins = {attempt.rejected for attempt in attempts if attempt.rejected and attempt.rejected[0] == "duplicates"}
+    twins = {attempt.rejection for attempt in attempts if attempt.rejection and attempt.rejection[0] == "duplicates"}
     assert {reason.rpartition(" ")[2] for _, reason in twins} >= {scenario.id for scenario in known}
 
 
@@ -186,25 +194,25 @@ def twin_of(name: str, number: int = 0) -> str:
 
 def test_what_is_packaged_is_not_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     screening(monkeypatch, GOOD)
-    first = next(generation_search.search(Order(Category.DEADLOCK, 1)))
+    first = next(generation_search.search_scenarios(GenerationRequest(Category.DEADLOCK, 1)))
     assert first.recipe is not None and first.scenario is not None
-    write_generated(SuiteFile(name="own", title="Generated"), [(first.recipe, first.scenario)], tmp_path / "own")
+    write_generated_suite(SuiteFile(name="own", title="Generated"), [(first.recipe, first.scenario)], tmp_path / "own")
     save_suite(Suite(SuiteFile(name="foreign", title="Not"), tmp_path / "foreign", (made(deadlock()),)))
     folders = {name: tmp_path / name for name in ("own", "foreign")}
     for module in ("scenario.suite", "generate.generated_suite"):
         monkeypatch.setattr(f"mdrive_sumo.{module}.list_packaged_suites", lambda: folders)
-    assert [scenario.id for scenario in packaged_generated()] == [first.scenario.id]
+    assert [scenario.id for scenario in load_packaged_generated()] == [first.scenario.id]
     assert explained(tmp_path / "new")[0] == twin_of(first.scenario.id)
 
 
 def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     screening(monkeypatch, GOOD)
-    order = Order(Category.DEADLOCK, 1, split="hidden", secret="0123456789abcdef")
-    first = next(attempt for attempt in generation_search.search(order) if attempt.scenario)
+    order = GenerationRequest(Category.DEADLOCK, 1, split="hidden", secret="0123456789abcdef")
+    first = next(attempt for attempt in generation_search.search_scenarios(order) if attempt.scenario)
     assert first.scenario is not None
     public = [first.scenario.model_copy(update={"id": "public"})]
 
-    def counterparts(of: Order) -> list[Scenario]:
+    def counterparts(of: GenerationRequest) -> list[Scenario]:
         assert of == order
         return public
 
@@ -215,21 +223,23 @@ def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytes
 
 
 def test_the_search_gives_up_after_so_many_proposals(monkeypatch: pytest.MonkeyPatch) -> None:
-    attempts = searched(monkeypatch, Screened(None, 0.0), count=2)
+    attempts = searched(monkeypatch, ScreeningResult(None, 0.0), count=2)
     assert len(attempts) == 2 * TRIES
-    assert all(attempt.scenario is None and attempt.rejected for attempt in attempts)
+    assert all(attempt.scenario is None and attempt.rejection for attempt in attempts)
 
 
 @pytest.mark.parametrize(
     "changed", [{"seed": 6}, {"category": Category.CROSSWALK}, {"split": "hidden", "secret": "s" * 16}]
 )
 def test_every_attempt_of_every_order_has_a_seed_of_its_own(changed: dict[str, object]) -> None:
-    order = Order(Category.DEADLOCK, 10, 5)
-    changed_order = Order(**({"category": Category.DEADLOCK, "count": 10, "seed": 5} | changed))
-    seeds = [one.seed_of(number) for one in (order, changed_order) for number in range(50)]
+    order = GenerationRequest(Category.DEADLOCK, 10, 5)
+    changed_order = GenerationRequest(**({"category": Category.DEADLOCK, "count": 10, "seed": 5} | changed))
+    seeds = [one.attempt_seed(number) for one in (order, changed_order) for number in range(50)]
     assert len(set(seeds)) == 100
-    assert len({order.id_of(0), changed_order.id_of(0)}) == 2
+    assert len({order.scenario_id(0), changed_order.scenario_id(0)}) == 2
 
 
 def test_the_count_does_not_change_what_comes_first() -> None:
-    assert Order(Category.DEADLOCK, 1).seed_of(0) == Order(Category.DEADLOCK, 9).seed_of(0)
+    assert GenerationRequest(Category.DEADLOCK, 1).attempt_seed(0) == GenerationRequest(
+        Category.DEADLOCK, 9
+    ).attempt_seed(0)

@@ -9,11 +9,11 @@ import pytest
 import shapely
 
 from mdrive_sumo.core.geometry import boxes_corners
-from mdrive_sumo.generate.actor_placement import LANE_M, NEAREST_M, PASSABLE_M, passable
+from mdrive_sumo.generate.actor_placement import LANE_M, NEAREST_M, PASSABLE_M, shift_to_passable
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.pipeline import Rejected, built
+from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe
-from mdrive_sumo.generate.screening import screen
+from mdrive_sumo.generate.screening import screen_scenario
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
@@ -31,8 +31,8 @@ def scenarios(category: Category, count: int) -> list[Scenario]:
         key = f"{category}/{seed}"
         proposal = propose(category, random.Random(key + "/p"))
         try:
-            found.append(built(Recipe(id=f"s{seed}", seed=key, proposal=proposal)))
-        except Rejected:
+            found.append(build_scenario(Recipe(id=f"s{seed}", seed=key, proposal=proposal)))
+        except ProposalRejected:
             continue
     return found
 
@@ -50,14 +50,14 @@ def test_things_leave_the_side_free_on_which_they_are_passed(
     free: tuple[bool, bool], edges: tuple[float, float]
 ) -> None:
     offsets = [-1.0, 0.0, 1.0]
-    moved = passable(offsets, 0.8, free)
+    moved = shift_to_passable(offsets, 0.8, free)
     assert min(moved) - 0.4 >= edges[0] - 1e-9
     assert max(moved) + 0.4 <= edges[1] + 1e-9
     assert sorted(abs(b - a) for a, b in pairwise(moved)) == pytest.approx([1.0, 1.0])
 
 
 def test_what_stands_beside_the_lane_stays_there() -> None:
-    assert passable([-0.85 * LANE_M], 1.8, (False, True)) == [-0.85 * LANE_M]
+    assert shift_to_passable([-0.85 * LANE_M], 1.8, (False, True)) == [-0.85 * LANE_M]
 
 
 def test_overtaking_leaves_the_left_half_of_the_lane_free_and_room_to_turn_out() -> None:
@@ -99,6 +99,7 @@ def test_groups_do_not_stand_in_each_other(category: Category) -> None:
 )
 def test_half_of_the_proposals_and_more_are_difficult_and_feasible(category: Category) -> None:
     found = [
-        screen(scenario, load_road_map(find_network_folder(scenario.network))) for scenario in scenarios(category, 4)
+        screen_scenario(scenario, load_road_map(find_network_folder(scenario.network)))
+        for scenario in scenarios(category, 4)
     ]
-    assert sum(one.difficult and one.feasible for one in found) >= 2
+    assert sum(one.is_difficult and one.is_feasible for one in found) >= 2

@@ -10,13 +10,13 @@ from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate import pre_crash_typologies
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.pipeline import Rejected, Stage, built
-from mdrive_sumo.generate.pre_crash_spawn_points import arrival
+from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario
+from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
-from mdrive_sumo.generate.rules import problems
-from mdrive_sumo.generate.screening import driven
-from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, Line, blind_time
+from mdrive_sumo.generate.rules import find_rule_violations
+from mdrive_sumo.generate.screening import drive_episode
+from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, RouteLine, blind_travel_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
@@ -34,12 +34,12 @@ SEEDS = 8
 
 
 def proposal_of(number: int, seed: int) -> Proposal:
-    fields = pre_crash_typologies.draft_of(number, random.Random(f"{number}/{seed}"))
+    fields = pre_crash_typologies.draft_typology(number, random.Random(f"{number}/{seed}"))
     return Proposal.model_validate({"category": Category.PRE_CRASH, **fields})
 
 
 def made(number: int, seed: int) -> Scenario:
-    return built(Recipe(id=f"pre_crash_{number}", seed=f"{number}/{seed}", proposal=proposal_of(number, seed)))
+    return build_scenario(Recipe(id=f"pre_crash_{number}", seed=f"{number}/{seed}", proposal=proposal_of(number, seed)))
 
 
 def first_made(number: int, network: str = "") -> Scenario:
@@ -47,7 +47,7 @@ def first_made(number: int, network: str = "") -> Scenario:
     for seed in range(40):
         try:
             scenario = made(number, seed)
-        except Rejected:
+        except ProposalRejected:
             continue
         if network in ("", scenario.network):
             return scenario
@@ -62,7 +62,7 @@ def actor(scenario: Scenario, start: str) -> Actor:
 def test_proposals_of_a_typology_keep_the_rules(number: int) -> None:
     for seed in range(SEEDS):
         proposal = proposal_of(number, seed)
-        assert problems(proposal) == ()
+        assert find_rule_violations(proposal) == ()
         assert proposal.pre_crash == number
         assert f"typology {number}," in proposal.description
 
@@ -76,12 +76,12 @@ def test_template_proposes_all_typologies() -> None:
 def test_a_typology_is_staged_on_its_networks(number: int) -> None:
     scenario = first_made(number)
     assert scenario.category == "pre-crash"
-    assert scenario.network in pre_crash_typologies.TYPOLOGIES[number].crops
+    assert scenario.network in pre_crash_typologies.TYPOLOGIES[number].networks
 
 
 def test_other_typologies_take_any_network() -> None:
     fields = proposal_of(30, 0).model_dump() | {"pre_crash": 37}
-    assert pre_crash_typologies.crops_of(Proposal.model_validate(fields)) == ()
+    assert pre_crash_typologies.find_typology_networks(Proposal.model_validate(fields)) == ()
 
 
 def test_same_recipe_same_scenario() -> None:
@@ -115,7 +115,7 @@ def test_vans_stand_beside_the_ways_and_in_no_building(number: int) -> None:
     for seed in range(SEEDS):
         try:
             scenario = made(number, seed)
-        except Rejected:
+        except ProposalRejected:
             continue
         roads = load_road_map(find_network_folder(scenario.network))
         for van in (one for one in scenario.actors if one.model == "parked-van"):
@@ -157,8 +157,8 @@ def test_no_room_to_wait_is_refused_with_a_reason() -> None:
     for seed in range(20):
         try:
             made(27, seed)
-        except Rejected as rejected:
-            if rejected.stage is Stage.ACTORS:
+        except ProposalRejected as rejected:
+            if rejected.stage is PipelineStage.ACTORS:
                 reasons.append(rejected.reason)
     assert any(reason.startswith("actor van_1: expected a lane to the left of ") for reason in reasons)
 
@@ -167,26 +167,26 @@ def test_other_actors_are_placed_as_in_other_categories() -> None:
     fields = proposal_of(30, 0).model_dump()
     crates = {"actor_id": "crate_1", "kind": "static_prop", "affects_vehicle": "Vehicle 1", "quantity": 2}
     proposal = Proposal.model_validate(fields | {"actors": [crates | {"group_pattern": "along_lane"}]})
-    scenario = built(Recipe(id="crates", seed="0", proposal=proposal))
+    scenario = build_scenario(Recipe(id="crates", seed="0", proposal=proposal))
     assert [actor.model for actor in scenario.actors] == ["crate", "crate"]
 
 
 def test_arrival_is_that_of_blind_driving_and_later_in_bends() -> None:
-    straight = Line(shapely.get_coordinates(shapely.segmentize(shapely.LineString([(0, 0), (80, 0)]), 1.0)), 0.0)
+    straight = RouteLine(shapely.get_coordinates(shapely.segmentize(shapely.LineString([(0, 0), (80, 0)]), 1.0)), 0.0)
     for away in (4.0, 20.0, 60.0):
-        assert arrival(straight, 5.0, 5.0 + away) == pytest.approx(blind_time(away), abs=0.15)
+        assert compute_arrival_s(straight, 5.0, 5.0 + away) == pytest.approx(blind_travel_time(away), abs=0.15)
     turn = shapely.LineString(
         [(0, 0), (30, 0), *((30 + 6 * math.sin(a), 6 - 6 * math.cos(a)) for a in (0.4, 0.8, 1.2, 1.57)), (36, 50)]
     )
-    bent = Line(shapely.get_coordinates(shapely.segmentize(turn, 1.0)), 0.0)
-    assert arrival(bent, 5.0, 60.0) > BLIND_SPEED / BLIND_ACCELERATION / 2 + 55.0 / BLIND_SPEED + 0.3
+    bent = RouteLine(shapely.get_coordinates(shapely.segmentize(turn, 1.0)), 0.0)
+    assert compute_arrival_s(bent, 5.0, 60.0) > BLIND_SPEED / BLIND_ACCELERATION / 2 + 55.0 / BLIND_SPEED + 0.3
 
 
 @pytest.mark.parametrize("number", [12, 25, 30])
 def test_conflicts_are_hidden_and_dangerous_but_can_be_solved(number: int) -> None:
     scenario = first_made(number, network="town_crossing" if number in (25, 30) else "")
     roads = load_road_map(find_network_folder(scenario.network))
-    drives: dict[ReferenceDrive, EpisodeRecord] = {drive: driven(scenario, roads, drive) for drive in DRIVES}
+    drives: dict[ReferenceDrive, EpisodeRecord] = {drive: drive_episode(scenario, roads, drive) for drive in DRIVES}
     scores = {drive: score_episode(episode, scenario, roads, ScoreMode.MDRIVE, 0) for drive, episode in drives.items()}
     ttc = scores["constant-speed"].min_ttc
     hidden = [

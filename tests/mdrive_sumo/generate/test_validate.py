@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.generate.validation import Examination, Question, examine
-from mdrive_sumo.generate.validation.requirements import unmet
-from mdrive_sumo.generate.validation.spawn_overlaps import crowded
+from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
+from mdrive_sumo.generate.validation.requirements import find_unmet_requirements
+from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundMode, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
@@ -44,8 +44,8 @@ def result(ds: float = 100.0, rc: float = 100.0, min_ttc: float | None = 0.5) ->
 
 @pytest.mark.parametrize("bucket", ["InterDrive", "Interaction", "of_my_own"])
 def test_what_was_made_is_difficult_and_solved_without_an_infraction(bucket: str) -> None:
-    assert unmet(bucket, result(), result()) == ()
-    assert unmet(bucket, result(min_ttc=0.9), result(ds=65.0)) == (
+    assert find_unmet_requirements(bucket, result(), result()) == ()
+    assert find_unmet_requirements(bucket, result(min_ttc=0.9), result(ds=65.0)) == (
         "not difficult: expected a blind TTC below 0.9 s, found 0.90 s",
         "not solvable: expected omniscient to reach DS 100, found 65.00",
     )
@@ -53,8 +53,8 @@ def test_what_was_made_is_difficult_and_solved_without_an_infraction(bucket: str
 
 @pytest.mark.parametrize("bucket", ["V2XPnP", "Real2Sim"])
 def test_what_was_recorded_need_only_be_driven_to_its_end(bucket: str) -> None:
-    assert unmet(bucket, result(min_ttc=None), result(ds=60.0)) == ()
-    assert unmet(bucket, result(), result(ds=50.0, rc=99.5)) == (
+    assert find_unmet_requirements(bucket, result(min_ttc=None), result(ds=60.0)) == ()
+    assert find_unmet_requirements(bucket, result(), result(ds=50.0, rc=99.5)) == (
         "not solvable: expected omniscient to reach RC 100, found 99.50",
     )
 
@@ -84,7 +84,7 @@ def complaints(
 ) -> str:
     background = Background(vehicles=tuple(vehicles), mode=mode)
     changed = ours(TOWN).model_copy(update={"actors": tuple(actors), "background": background})
-    return "; ".join(crowded(changed, town()))
+    return "; ".join(find_spawn_overlaps(changed, town()))
 
 
 def test_a_vehicle_that_departs_inside_a_cav_is_told() -> None:
@@ -126,7 +126,7 @@ def test_a_cav_that_starts_in_a_building_is_told() -> None:
     house = town().building_shapes[0].representative_point()
     ego = ours(TOWN).egos[0].model_copy(update={"start": Pose(x=house.x, y=house.y, yaw=0.0)})
     changed = ours(TOWN).model_copy(update={"egos": (ego,)})
-    assert list(crowded(changed, town())) == ["CAV 0 starts inside a building"]
+    assert list(find_spawn_overlaps(changed, town())) == ["CAV 0 starts inside a building"]
 
 
 def suite_of(folder: Path, *scenarios: Scenario, parts: tuple[str, ...] = ()) -> Suite:
@@ -134,10 +134,10 @@ def suite_of(folder: Path, *scenarios: Scenario, parts: tuple[str, ...] = ()) ->
     return load_suite(str(folder))
 
 
-def examined(folder: Path, **changes: object) -> Examination:
+def examined(folder: Path, **changes: object) -> ScenarioValidation:
     """What is found in a scenario of ours with changes."""
     suite = suite_of(folder / "changed", ours(TOWN).model_copy(update=changes))
-    return examine(Question(str(suite.folder), TOWN))
+    return validate_scenario(ValidationTask(str(suite.folder), TOWN))
 
 
 def test_a_route_that_does_not_connect_is_told(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_everybody_without_room_is_told(tmp_path: Path) -> None:
 def test_a_harmless_recording_passes_and_is_told(tmp_path: Path) -> None:
     found = examined(tmp_path, bucket="V2XPnP", egos=ours(TOWN).egos[:1])
     assert found.problems == ()
-    assert not found.difficult
+    assert not found.is_difficult
 
 
 def validate(*words: str) -> Result:

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 from testing import paper_like
 
-from mdrive_sumo.generate.validation import Examination, sampled, suite_notes, suite_problems, suite_validation
+from mdrive_sumo.generate.validation import (
+    ScenarioValidation,
+    describe_suite,
+    find_suite_problems,
+    sample_scenarios,
+    suite_validation,
+)
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
 from mdrive_sumo.study.occlusion_certificate import (
@@ -30,8 +36,8 @@ def certificate(scenario: str, hidden: bool) -> OcclusionCertificate:
     return OcclusionCertificate(scenario=scenario, hidden=(LATE,) if hidden else ())
 
 
-def examined(suite: Suite, hidden: bool = True) -> tuple[Examination, ...]:
-    return tuple(Examination(s.id, (), certificate=certificate(s.id, hidden)) for s in suite.scenarios)
+def examined(suite: Suite, hidden: bool = True) -> tuple[ScenarioValidation, ...]:
+    return tuple(ScenarioValidation(s.id, (), certificate=certificate(s.id, hidden)) for s in suite.scenarios)
 
 
 @pytest.fixture
@@ -47,26 +53,26 @@ def with_changed(suite: Suite, category: str, change: Callable[[int, Scenario], 
 
 
 def test_a_suite_like_the_papers_has_no_problem(interaction: Suite) -> None:
-    assert suite_problems(interaction, examined(interaction)) == ()
+    assert find_suite_problems(interaction, examined(interaction)) == ()
 
 
 def test_a_suite_of_another_size_is_told(interaction: Suite) -> None:
     short = replace(interaction, scenarios=interaction.scenarios[:-1])
-    problems = suite_problems(short, ())
+    problems = find_suite_problems(short, ())
     assert "interaction: expected 112 scenarios, found 111" in problems
     assert "interaction: unprotected-left: expected 10 scenarios, found 9" in problems
 
 
 def test_a_category_that_the_paper_lacks_is_told(interaction: Suite) -> None:
     odd = with_changed(interaction, "deadlock", lambda k, _: {"category": "lane-drop" if k == 0 else "deadlock"})
-    problems = suite_problems(odd, ())
+    problems = find_suite_problems(odd, ())
     assert "interaction: lane-drop: expected 0 scenarios, found 1" in problems
     assert "interaction: deadlock: expected 10 scenarios, found 9" in problems
 
 
 def test_a_category_without_scenarios_is_told(interaction: Suite) -> None:
     rest = replace(interaction, scenarios=tuple(s for s in interaction.scenarios if s.category != "crosswalk"))
-    assert "interaction: crosswalk: expected 10 scenarios, found 0" in suite_problems(rest, ())
+    assert "interaction: crosswalk: expected 10 scenarios, found 0" in find_suite_problems(rest, ())
 
 
 def fewer_cavs(scenario: Scenario) -> dict[str, object]:
@@ -94,7 +100,7 @@ def test_means_of_a_category_far_from_the_papers_are_told(
     interaction: Suite, change: Callable[[Scenario], dict[str, object]], problem: str
 ) -> None:
     changed = with_changed(interaction, problem.partition(":")[0], lambda _, scenario: change(scenario))
-    assert any(told.startswith(f"interaction: {problem}") for told in suite_problems(changed, ()))
+    assert any(told.startswith(f"interaction: {problem}") for told in find_suite_problems(changed, ()))
 
 
 def test_small_means_are_compared_as_differences(interaction: Suite) -> None:
@@ -104,7 +110,7 @@ def test_small_means_are_compared_as_differences(interaction: Suite) -> None:
     def problems(cones: int) -> tuple[str, ...]:
         actors = [(cone,) if k < cones else () for k in range(10)]
         changed = with_changed(interaction, "unprotected-left", lambda k, _: {"actors": actors[k]})
-        return suite_problems(changed, ())
+        return find_suite_problems(changed, ())
 
     assert problems(4) == ()
     assert problems(5) == ("interaction: unprotected-left: actors: expected 0.3 +- 0.1 on average, found 0.50",)
@@ -115,13 +121,13 @@ def test_means_of_a_suite_far_from_the_papers_are_told(tmp_path: Path) -> None:
     suite = interdrive()
     cone = next(s for s in paper_like.interaction(tmp_path).scenarios if s.actors).actors[0]
     crowded = tuple(s.model_copy(update={"actors": (cone,)}) for s in suite.scenarios)
-    problems = suite_problems(Suite(suite.about, tmp_path, crowded), ())
+    problems = find_suite_problems(Suite(suite.about, tmp_path, crowded), ())
     assert problems == ("interdrive: actors: expected 0 +- 0.05 on average, found 1.00",)
 
 
 def test_weather_that_is_not_the_papers_is_told(interaction: Suite) -> None:
     wet = with_changed(interaction, "overtaking", lambda k, s: {"weather": "rain" if k < 3 else s.weather})
-    assert suite_problems(wet, ()) == (
+    assert find_suite_problems(wet, ()) == (
         "interaction: overtaking: weather cloudy: expected 3 of ten scenarios, found 2 of 10",
         "interaction: overtaking: weather night: expected 3 of ten scenarios, found 2 of 10",
         "interaction: overtaking: weather default: expected 2 of ten scenarios, found 1 of 10",
@@ -133,17 +139,19 @@ def test_weather_that_is_not_the_papers_is_told(interaction: Suite) -> None:
 def test_too_few_hidden_conflicts_in_a_category_are_told(interaction: Suite, category: str, least: int) -> None:
     names = [s.id for s in interaction.scenarios if s.category == category]
     plain = names[least - 1 :]
-    found = [Examination(s.id, (), certificate=certificate(s.id, s.id not in plain)) for s in interaction.scenarios]
-    (problem,) = suite_problems(interaction, found)
+    found = [
+        ScenarioValidation(s.id, (), certificate=certificate(s.id, s.id not in plain)) for s in interaction.scenarios
+    ]
+    (problem,) = find_suite_problems(interaction, found)
     assert problem == (
         f"interaction: {category}: expected {least} conflicts or more that are hidden until late, found {least - 1}"
     )
 
 
 def test_hidden_conflicts_are_not_counted_while_some_are_unknown(interaction: Suite) -> None:
-    assert suite_problems(interaction, examined(interaction, hidden=False)[:-20]) != ()
+    assert find_suite_problems(interaction, examined(interaction, hidden=False)[:-20]) != ()
     few = [one for one in examined(interaction, hidden=False) if not one.scenario.endswith("_01")]
-    assert suite_problems(interaction, few) == ()
+    assert find_suite_problems(interaction, few) == ()
 
 
 def test_kept_certificates_count_where_only_a_sample_was_driven(interaction: Suite) -> None:
@@ -151,7 +159,7 @@ def test_kept_certificates_count_where_only_a_sample_was_driven(interaction: Sui
     save_certificates(
         interaction.folder, OcclusionCertificateFile(suite_checksum=interaction.checksum(), certificates=kept)
     )
-    assert len(suite_problems(interaction, ())) == 2
+    assert len(find_suite_problems(interaction, ())) == 2
 
 
 # Suites of two scenarios on disk from here on.
@@ -170,23 +178,23 @@ def keep(suite: Suite, hidden: bool = True) -> None:
 
 
 def test_nothing_is_asked_of_a_suite_of_ones_own(small: Suite) -> None:
-    assert suite_problems(small, examined(small)) == ()
-    assert suite_notes(small) == ()
+    assert find_suite_problems(small, examined(small)) == ()
+    assert describe_suite(small) == ()
 
 
 def test_stale_certificates_are_told(small: Suite) -> None:
     keep(small)
-    assert suite_problems(small, ()) == ()
+    assert find_suite_problems(small, ()) == ()
     save_suite(replace(small, scenarios=(small.scenarios[0].model_copy(update={"description": "new"}),)))
-    (problem,) = suite_problems(load_suite(str(small.folder)), ())
+    (problem,) = find_suite_problems(load_suite(str(small.folder)), ())
     assert problem.startswith("small: occlusion.json: expected certificates of sha256:")
     assert problem.endswith(f"; `mdrive-sumo validate {small.folder} --write` makes it anew")
 
 
 def test_certificates_that_are_no_longer_found_are_told(small: Suite) -> None:
     keep(small)
-    assert suite_problems(small, examined(small)) == ()
-    (problem,) = suite_problems(small, examined(small, hidden=False))
+    assert find_suite_problems(small, examined(small)) == ()
+    (problem,) = find_suite_problems(small, examined(small, hidden=False))
     assert f"expected what was just found, found otherwise for {small.scenarios[0].id}" in problem
 
 
@@ -198,14 +206,14 @@ def packaged(small: Suite, monkeypatch: pytest.MonkeyPatch) -> Suite:
 
 
 def test_a_packaged_suite_has_checksum_and_certificates(packaged: Suite) -> None:
-    checksum, certificates = sorted(suite_problems(packaged, ()), reverse=True)
+    checksum, certificates = sorted(find_suite_problems(packaged, ()), reverse=True)
     assert checksum == (
         "small: suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
     )
     assert certificates.startswith("small: expected occlusion.json, as in every suite that comes with mdrive-sumo,")
     save_suite(seal_suite(packaged))
     keep(packaged)
-    assert suite_problems(load_suite(str(packaged.folder)), ()) == ()
+    assert find_suite_problems(load_suite(str(packaged.folder)), ()) == ()
 
 
 def generated(suite: Suite, *recipes: Scenario) -> Suite:
@@ -221,21 +229,21 @@ def generated(suite: Suite, *recipes: Scenario) -> Suite:
 
 def test_a_packaged_generated_suite_has_every_recipe(packaged: Suite) -> None:
     first, second = packaged.scenarios
-    bare = suite_problems(generated(packaged), ())
+    bare = find_suite_problems(generated(packaged), ())
     assert bare == (f"small: expected recipe.json beside each of 2 scenarios, found 0; {first.id} has none",)
-    half = suite_problems(generated(packaged, first), ())
+    half = find_suite_problems(generated(packaged, first), ())
     assert half == (f"small: expected recipe.json beside each of 2 scenarios, found 1; {second.id} has none",)
     made = generated(packaged, first, second)
-    assert suite_problems(made, ()) == ()
-    assert suite_notes(made) == (
+    assert find_suite_problems(made, ()) == ()
+    assert describe_suite(made) == (
         "small: 2 of 2 scenarios have a recipe.json; `mdrive-sumo generate --rebuild` makes them again from it",
     )
 
 
 def test_generated_scenarios_of_ones_own_need_no_recipes(small: Suite) -> None:
     made = generated(small)
-    assert suite_problems(made, ()) == ()
-    assert suite_notes(made) == ("small: 0 of 2 scenarios have a recipe.json: they cannot be made again",)
+    assert find_suite_problems(made, ()) == ()
+    assert describe_suite(made) == ("small: 0 of 2 scenarios have a recipe.json: they cannot be made again",)
 
 
 def composite(folder: Path, *sizes: int) -> Suite:
@@ -250,22 +258,22 @@ def composite(folder: Path, *sizes: int) -> Suite:
 def test_a_sample_has_scenarios_of_every_part_in_proportion(tmp_path: Path) -> None:
     suite = composite(tmp_path, 5, 20, 10)
     for size, counts in ((3, (0, 2, 1)), (7, (1, 4, 2)), (14, (2, 8, 4))):
-        drawn = sampled(suite, size)
-        assert drawn == sampled(suite, size)
+        drawn = sample_scenarios(suite, size)
+        assert drawn == sample_scenarios(suite, size)
         assert [sum(s in part.scenarios for s in drawn) for part in suite.parts] == list(counts)
-    assert sampled(suite, None) == suite.scenarios
+    assert sample_scenarios(suite, None) == suite.scenarios
 
 
 def test_each_part_is_checked_on_its_own(tmp_path: Path) -> None:
     suite = composite(tmp_path, 1, 2)
     keep(suite.parts[0])
     keep(suite.parts[1])
-    assert suite_problems(suite, examined(suite)) == ()
+    assert find_suite_problems(suite, examined(suite)) == ()
     keep(suite.parts[1], hidden=False)
-    (problem,) = suite_problems(suite, examined(suite))
+    (problem,) = find_suite_problems(suite, examined(suite))
     assert problem.startswith("b: occlusion.json: expected what was just found")
 
 
 def test_every_packaged_suite_keeps_what_it_must() -> None:
     for name in list_packaged_suites():
-        assert suite_problems(load_suite(name), ()) == ()
+        assert find_suite_problems(load_suite(name), ()) == ()

@@ -87,8 +87,8 @@ def test_a_lane_change_begins_where_the_recipe_says(street: RoadMap) -> None:
     assert apart[-1] == pytest.approx(3.5, abs=0.1)
 
 
-def examined(suite: Suite, scenario: str) -> validation.Examination:
-    return validation.examine(validation.Question(str(suite.folder), scenario))
+def examined(suite: Suite, scenario: str) -> validation.ScenarioValidation:
+    return validation.validate_scenario(validation.ValidationTask(str(suite.folder), scenario))
 
 
 def test_a_conflict_is_found_difficult_solvable_and_hidden(suite: Suite) -> None:
@@ -97,7 +97,7 @@ def test_a_conflict_is_found_difficult_solvable_and_hidden(suite: Suite) -> None
     assert found.blind_ttc_s is not None
     assert found.blind_ttc_s < 0.9
     assert found.omniscient_ds == 100.0
-    assert found.hidden
+    assert found.is_occluded
 
 
 def changed(suite: Suite, folder: Path, **update: object) -> Suite:
@@ -128,25 +128,25 @@ def test_cavs_inside_each_other_fail(suite: Suite, tmp_path: Path) -> None:
 
 def test_a_suite_of_another_size_fails(suite: Suite) -> None:
     short = replace(suite, scenarios=suite.scenarios[:6])
-    plain = [validation.Examination(scenario.id, ()) for scenario in short.scenarios]
-    problems = " ".join(validation.suite_problems(short, plain))
+    plain = [validation.ScenarioValidation(scenario.id, ()) for scenario in short.scenarios]
+    problems = " ".join(validation.find_suite_problems(short, plain))
     assert "interdrive: CAVs: expected 3.8 +- 0.19 on average, found" in problems
     assert "interdrive: expected 46 scenarios, found 6" in problems
     assert "interdrive: expected 15 conflicts or more that are hidden until late, found 0" in problems
 
 
 def test_a_sample_is_always_the_same(suite: Suite) -> None:
-    drawn = validation.sampled(suite, 6)
+    drawn = validation.sample_scenarios(suite, 6)
     assert len(drawn) == 6
-    assert drawn == validation.sampled(suite, 6)
-    assert validation.sampled(suite, None) == suite.scenarios
+    assert drawn == validation.sample_scenarios(suite, 6)
+    assert validation.sample_scenarios(suite, None) == suite.scenarios
 
 
 @pytest.mark.full
 def test_every_scenario_is_difficult_and_solvable(suite: Suite) -> None:
-    found = tuple(validation.examine_suite(suite, suite.scenarios, workers=2))
+    found = tuple(validation.validate_scenarios(suite, suite.scenarios, workers=2))
     assert [(one.scenario, one.problems) for one in found if one.problems] == []
-    assert validation.suite_problems(suite, found) == ()
+    assert validation.find_suite_problems(suite, found) == ()
     assert sorted(one.scenario for one in found) == sorted(
         path.parent.name for path in suite.folder.glob(f"*/{SCENARIO_FILE}")
     )

@@ -5,8 +5,8 @@ from collections import Counter
 
 import pytest
 
-from mdrive_sumo.generate.generated_suite import changed_by_rebuild, recipes_of
-from mdrive_sumo.generate.validation import suite_problems
+from mdrive_sumo.generate.generated_suite import find_rebuild_differences, load_recipes
+from mdrive_sumo.generate.validation import find_suite_problems
 from mdrive_sumo.roads import list_packaged_networks
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from mdrive_sumo.study.occlusion_certificate import load_certificates
@@ -27,13 +27,13 @@ def test_the_benchmark_has_the_papers_buckets() -> None:
 
 def test_the_benchmark_is_as_the_papers_tables_say_and_as_it_was_sealed() -> None:
     """Means, categories, weather, certificates, checksums, recipes; the drives are `make validate`'s."""
-    assert suite_problems(load_suite("mdrive"), ()) == ()
+    assert find_suite_problems(load_suite("mdrive"), ()) == ()
 
 
 def test_every_recipe_makes_its_scenario_again() -> None:
-    recipes = recipes_of("interaction")
+    recipes = load_recipes("interaction")
     assert len(recipes) == 112
-    assert list(changed_by_rebuild(recipes)) == []
+    assert list(find_rebuild_differences(recipes)) == []
 
 
 def test_what_is_packaged_fits_into_the_wheel() -> None:

@@ -17,8 +17,8 @@ from real2sim.clean.track_repair import compute_vehicle_heading, remove_excursio
 from real2sim.hd_map import HdMap
 from real2sim.readers.v2xpnp import read_views
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.tracks.track_contacts import contacts
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.tracks.track_contacts import find_contacts
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -56,7 +56,7 @@ def test_views_become_one_track_a_thing_and_no_more(seed: int) -> None:
     seen = {track.id for view in log.recording.views for track in view.tracks}
     assert all(len(tracks_of(cleaned.tracks, thing)) == 1 for thing in things if thing.id in seen)
     assert len(cleaned.tracks) == len(seen)
-    assert contacts(cleaned.tracks).duplicates == ()
+    assert find_contacts(cleaned.tracks).duplicates == ()
 
 
 def test_fusion_uses_every_observer_and_not_the_longest_only() -> None:
@@ -244,7 +244,7 @@ def test_a_large_log_is_cleaned_and_reconstructed_in_seconds_of_one_core() -> No
     assert len(log.truth) == 84
     begin = time.process_time()
     cleaned = clean_recording(log.recording)
-    reconstruct(cleaned.tracks, cleaned.dt_s)
+    reconstruct_tracks(cleaned.tracks, cleaned.dt_s)
     assert time.process_time() - begin < 10.0
 
 

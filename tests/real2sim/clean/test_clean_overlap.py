@@ -11,8 +11,8 @@ from real2sim.clean.cleaning_report import ChangeReason, TrackChange
 from real2sim.clean.overlap_resolution import resolve_overlaps
 from real2sim.hd_map import HdMap
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.tracks.track_contacts import contacts
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.tracks.track_contacts import find_contacts
 
 T = np.arange(60) * DT
 HERE = np.zeros(60)
@@ -32,7 +32,7 @@ def settled(
     *tracks: RecordedTrack, cavs: tuple[str, ...] = ()
 ) -> tuple[tuple[RecordedTrack, ...], tuple[TrackChange, ...]]:
     kept, changes = resolve_overlaps(tracks, cavs, DT)
-    assert contacts(reconstruct(kept, DT), 0.1).spawn_overlaps == ()
+    assert find_contacts(reconstruct_tracks(kept, DT), 0.1).spawn_overlaps == ()
     return kept, changes
 
 

@@ -21,13 +21,13 @@ from real2sim.atomic_folder import atomic_folder
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
 from real2sim.cli.log_options import show_progress
-from real2sim.fit.background_vehicle import size_of
-from real2sim.fit.disposition import Became, Role
-from real2sim.pipeline.cav_selection import cav_tracks
-from real2sim.pipeline.log_conversion import scenario_id, windows_of
-from real2sim.pipeline.log_source import Log, read
+from real2sim.fit.background_vehicle import median_size
+from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.pipeline.cav_selection import select_cav_tracks
+from real2sim.pipeline.log_conversion import make_scenario_id, split_into_windows
+from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.quality_file import load_quality
-from real2sim.pipeline.suite_summary import format_summary, summary
+from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 from real2sim.recording import ObserverView
 from real2sim.targets import FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost
 from real2sim.writers.v2xpnp import write_v2xpnp
@@ -151,7 +151,7 @@ def test_summary_names_what_misses_its_target(suite: Path, tmp_path: Path) -> No
 def test_summary_adds_counts_and_takes_the_worst_error(suite: Path) -> None:
     one = load_quality(suite / "small" / "quality.json")
     worse = one.model_copy(update={"fidelity": one.fidelity.model_copy(update={"error_p95": 9.0, "teleports": 2})})
-    found = summary([one, worse, one]).all
+    found = summarize_suite([one, worse, one]).all
     assert (found.scenario, found.moving_vehicles, found.teleports, found.error_p95) == ("all 3", 12, 2, 9.0)
     assert found.by_sumo == 6
 
@@ -161,7 +161,7 @@ def test_summary_tells_the_worst_vehicle_and_who_touches(suite: Path) -> None:
     far = tuple(error.model_copy(update={"worst": 7.5}) for error in one.closeness.errors)
     close = one.closeness.model_copy(update={"errors": far, "contacts": (("11", "12", 3),)})
     met = one.fidelity.model_copy(update={"collisions": (("11", "12", 2),)})
-    found = summary([one, one.model_copy(update={"closeness": close, "fidelity": met})])
+    found = summarize_suite([one, one.model_copy(update={"closeness": close, "fidelity": met})])
     assert (found.all.worst_at_5s, found.all.contacts, found.scenarios[0].contacts, found.all.collisions) == (
         7.5,
         1,
@@ -226,9 +226,9 @@ def test_a_cav_is_named_by_source_scenario_or_how_it_begins() -> None:
     tracks = [track(id_, 20.0, 0.0, 8.0) for id_ in ids]
     cleaned = clean_recording(recording())
     for name in (ids[1], "36209f", "36209f00d7", "3"):
-        assert cav_tracks((name,), cleaned, tracks, {}) == (ids[1],)
+        assert select_cav_tracks((name,), cleaned, tracks, {}) == (ids[1],)
     with pytest.raises(InputError, match=r"CAV 7: expected one of the vehicles \(none is usable\), found none"):
-        cav_tracks(("7",), cleaned, tracks, {})
+        select_cav_tracks(("7",), cleaned, tracks, {})
 
 
 def test_an_odd_size_is_bounded_and_told() -> None:
@@ -243,8 +243,8 @@ def test_an_odd_size_is_bounded_and_told() -> None:
         "length 54.00 m is beyond what a scenario can have: 40, width 14.40 m is beyond what a scenario can have: 10"
     )
     (odd,) = [one for one in tracks if one.id == "11"]
-    assert size_of(odd) == (40.0, 10.0)
-    assert size_of(replace(odd, length=0.0 * odd.length)) == (0.1, 10.0)
+    assert median_size(odd) == (40.0, 10.0)
+    assert median_size(replace(odd, length=0.0 * odd.length)) == (0.1, 10.0)
 
 
 def test_a_batch_cut_into_windows_keeps_what_can_be_converted(small: tuple[Path, Path], tmp_path: Path) -> None:
@@ -288,17 +288,17 @@ def test_windows(
     every: float,
     found: tuple[tuple[float, float], ...],
 ) -> None:
-    assert windows_of(Log("v2xpnp", small[0], (small[1],), None, window), every) == found
+    assert split_into_windows(LogSource("v2xpnp", small[0], (small[1],), None, window), every) == found
 
 
 def test_windows_outside_of_the_log_are_refused(small: tuple[Path, Path]) -> None:
     with pytest.raises(InputError, match=r"small: expected a window within 0 s to 4 s, found 3 s to 9 s"):
-        windows_of(Log("v2xpnp", small[0], (small[1],), None, (3.0, 9.0)), 1.0)
+        split_into_windows(LogSource("v2xpnp", small[0], (small[1],), None, (3.0, 9.0)), 1.0)
 
 
 def test_ids_are_those_of_logs_in_plain_characters() -> None:
-    assert scenario_id("-a b/c", (0.0, 2.5)) == "a_b_c_0-2.5s"
-    assert len(scenario_id("x" * 200, (0.0, 2.5))) == 80
+    assert make_scenario_id("-a b/c", (0.0, 2.5)) == "a_b_c_0-2.5s"
+    assert len(make_scenario_id("x" * 200, (0.0, 2.5))) == 80
 
 
 @pytest.mark.parametrize(
@@ -317,12 +317,14 @@ def test_targets(target: FidelityTarget, met: bool | None) -> None:
 
 def test_a_track_of_the_source_may_be_lost_with_a_reason_only(small: tuple[Path, Path]) -> None:
     log, map_ = small
-    recording = read(Log("v2xpnp", log, (map_,)))
+    recording = read_log(LogSource("v2xpnp", log, (map_,)))
     cleaned = clean_recording(recording)
-    roles = {track.id: Role(Became.ACTOR) for track in cleaned.tracks}
+    roles = {track.id: TrackRole(Disposition.ACTOR) for track in cleaned.tracks}
     assert build_lost_target(recording, cleaned, roles).value == 0
-    assert find_silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT)}) == ("11",)
-    assert find_silently_lost(recording, cleaned, roles | {"11": Role(Became.LEFT_OUT, "it left the map")}) == ()
+    assert find_silently_lost(recording, cleaned, roles | {"11": TrackRole(Disposition.LEFT_OUT)}) == ("11",)
+    assert (
+        find_silently_lost(recording, cleaned, roles | {"11": TrackRole(Disposition.LEFT_OUT, "it left the map")}) == ()
+    )
     forgotten = replace(cleaned, successors={k: v for k, v in cleaned.successors.items() if k != "12"})
     assert find_silently_lost(recording, forgotten, {k: v for k, v in roles.items() if k != "12"}) == ("12",)
     short = TrackChange(ChangeReason.TOO_SHORT, "12", 3, "seen in 3 frames only")
@@ -339,7 +341,7 @@ def test_a_whole_track_that_is_left_out_as_a_teleport_is_lost_with_its_reason() 
 def test_cavs_and_scripted_vehicles_are_not_driven_by_sumo(suite: Path, mode: str, driven: int) -> None:
     quality = load_quality(suite / "small" / "quality.json")
     assert (quality.by_sumo, quality.fidelity.moving_vehicles) == (2, 4)
-    roles = {role.track: Role(role.became) for role in quality.fit}
+    roles = {role.track: TrackRole(role.became) for role in quality.fit}
     assert count_sumo_driven(quality.fidelity, roles, mode) == driven
     page = (suite / "small" / "conversion.html").read_text()
     assert "SUMO drives 2 of the moving vehicles (reactive)" in page

@@ -14,11 +14,11 @@ from testing.paths import ROOT
 from testing.report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
 from real2sim.clean.cleaning_report import ChangeReason
-from real2sim.fidelity_report.formatting import CLEANED, FIGURES, failures, words_of
-from real2sim.fidelity_report.index_page import index_html, index_line, write_index
-from real2sim.fidelity_report.line_chart import Chart, Series, draw
-from real2sim.fidelity_report.network_section import deviation
-from real2sim.fidelity_report.report_page import PAGE, page_html, write_page
+from real2sim.fidelity_report.formatting import CLEANED, FIGURES, describe_failures, describe_figure
+from real2sim.fidelity_report.index_page import build_index_row, render_index, write_index
+from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
+from real2sim.fidelity_report.network_section import compute_deviation
+from real2sim.fidelity_report.report_page import PAGE, render_report, write_report
 from real2sim.findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
@@ -67,7 +67,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> ConversionFindings:
 
 @pytest.fixture(scope="module")
 def html(found: ConversionFindings) -> str:
-    return page_html(found)
+    return render_report(found)
 
 
 def card(html: str, name: str) -> str:
@@ -114,22 +114,22 @@ def test_tiles_say_what_misses_its_target(found: ConversionFindings, html: str) 
     assert tile(html, "traffic off the log at 5 s, median") == ("met", "1.00 m")
     assert tile(html, "teleports over 1 m") == ("met", "0")
     unknown = replace(found, quality=found.quality.model_copy(update={"error_median": None}))
-    assert tile(page_html(unknown), "error median") == ("open", "–")
+    assert tile(render_report(unknown), "error median") == ("open", "–")
 
 
 def test_the_head_says_what_the_pipeline_says_is_missed(found: ConversionFindings, html: str) -> None:
     assert "Misses 2 targets." in html
-    told = page_html(replace(found, misses=("the only one",)))
+    told = render_report(replace(found, misses=("the only one",)))
     assert "Misses 1 target." in told
     assert "the only one" in told
     passed = found.quality.model_copy(update={"moving_passed_share": 1.0})
-    assert "Faithful." in page_html(replace(found, quality=passed, closeness=None))
+    assert "Faithful." in render_report(replace(found, quality=passed, closeness=None))
 
 
 def test_no_conflicts_are_not_a_kept_order(found: ConversionFindings) -> None:
     assert found.closeness is not None
     update = {"order_pairs": 0, "order_kept": 0, "order_share": None, "order_changed": ()}
-    html = page_html(replace(found, closeness=found.closeness.model_copy(update=update)))
+    html = render_report(replace(found, closeness=found.closeness.model_copy(update=update)))
     assert tile(html, "order kept at conflicts") == ("open", "–")
     assert "No two of them share a conflict point." in html
 
@@ -140,13 +140,13 @@ def test_traffic_is_told_by_number_whatever_the_scenario_calls_it(found: Convers
     assert number is not None
     assert f'href="#thing-{number[1]}"' in section
     assert "plain-name" not in section
-    assert "Not measured." in page_html(replace(found, closeness=None))
+    assert "Not measured." in render_report(replace(found, closeness=None))
 
 
 def test_a_scenario_without_anything_has_a_page(found: ConversionFindings) -> None:
     empty = found.quality.model_copy(update={"actors": (), "moving_vehicles": 0, "error_median": None})
     bare = replace(found, quality=empty, tracks=(), cleaned=replace(found.cleaned, tracks=(), cavs={}), closeness=None)
-    assert "–" in Page(page_html(bare)).text
+    assert "–" in Page(render_report(bare)).text
 
 
 def test_every_check_and_every_reason_has_words() -> None:
@@ -160,7 +160,7 @@ def test_a_figure_just_over_its_limit_does_not_read_as_if_it_were_met() -> None:
     actor = ActorQuality(
         id="a", category="car", moving=True, frames=9, gaps=0, error_p95=limit + 0.0004, failed=("error_p95",)
     )
-    assert f"{limit + 0.0004:.4f} m (at most {limit:g} m)" in failures(actor)[0]
+    assert f"{limit + 0.0004:.4f} m (at most {limit:g} m)" in describe_failures(actor)[0]
 
 
 # ---- what it shows
@@ -189,23 +189,23 @@ def test_tracks_are_drawn_where_they_are(found: ConversionFindings, html: str) -
 
 
 def test_the_network_off_its_source_is_marked(found: ConversionFindings) -> None:
-    assert deviation(found).distance.max() < 0.2
+    assert compute_deviation(found).distance.max() < 0.2
     hd_map = found.recording.map
     west = hd_map.lanes["west"]
     moved = replace(hd_map, lanes={**hd_map.lanes, "west": replace(west, centre=west.centre + np.array((0.0, 0.5)))})
     off = replace(found, recording=replace(found.recording, map=moved))
-    far = deviation(off)
+    far = compute_deviation(off)
     assert 150 < (far.distance > 0.2).sum() < 250  # metres of a lane of 200 m
     assert np.allclose(far.xy[far.distance > 0.2][:, 1], 0.5)
-    marks = re.search(r'<path d="([^"]*)" class="far"', page_html(off))
+    marks = re.search(r'<path d="([^"]*)" class="far"', render_report(off))
     assert marks is not None
     assert marks[1].count("h0") == (far.distance > 0.2).sum()
-    assert '<path d="" class="far"' in page_html(found)
+    assert '<path d="" class="far"' in render_report(found)
 
 
 def test_a_chart_cuts_off_what_is_too_high_and_breaks_at_gaps() -> None:
     y = np.array([0.0, 1.0, np.nan, 50.0, 1.0])
-    svg = draw(Chart("words", "title", [Series("line", np.arange(5.0), y)], (0.0, 4.0), 2.0, (1.5, 9.0)))
+    svg = draw_chart(LineChart("words", "title", [ChartSeries("line", np.arange(5.0), y)], (0.0, 4.0), 2.0, (1.5, 9.0)))
     (line,) = [part for part in svg.split("<path ") if 'class="line"' in part]
     assert line.count("M") == 2
     assert svg.count('class="limit"') == 1
@@ -249,7 +249,7 @@ def test_every_picture_has_words_and_every_input_a_label(html: str) -> None:
 
 
 def test_the_same_findings_give_the_same_bytes(found: ConversionFindings, html: str, tmp_path: Path) -> None:
-    assert write_page(tmp_path, found) == tmp_path / PAGE
+    assert write_report(tmp_path, found) == tmp_path / PAGE
     assert (tmp_path / PAGE).read_text("utf-8") == html
 
 
@@ -262,13 +262,13 @@ def test_the_page_stays_small(tmp_path: Path) -> None:
     )
     found = findings_of(log_of(tracks), tmp_path)
     assert len(found.tracks) > 60
-    assert len(page_html(found).encode()) < 2_000_000
+    assert len(render_report(found).encode()) < 2_000_000
 
 
 def test_a_real_log_has_a_page(shared_data: Path, tmp_path: Path) -> None:
     log = shared_data / "real_logs" / "scenarionet_nuscenes" / "sd_nuscenes_v1.0-mini_scene-0103.pkl"
     found = findings_of(read_scenarionet(log), tmp_path)
-    html = page_html(found)
+    html = render_report(found)
     assert html.count('<details class="card"') == len(found.quality.actors) > 100
     assert len(html.encode()) < 1_500_000
     assert Page(html).all("script") == []
@@ -278,7 +278,7 @@ def test_a_real_log_has_a_page(shared_data: Path, tmp_path: Path) -> None:
 
 
 def test_the_index_lists_what_misses_first_and_links_every_page(found: ConversionFindings, tmp_path: Path) -> None:
-    line = index_line(found)
+    line = build_index_row(found)
     assert (line.passed, line.moving, line.median_at_5s, line.order_share) == (2, 3, 1.0, 0.85)
     good = replace(line, id="aa-good", misses=())
     path = write_index(tmp_path, f"suite {HOSTILE}", [good, replace(line, id="zz-bad"), replace(line, id=HOSTILE)])
@@ -296,7 +296,7 @@ def test_the_index_lists_what_misses_first_and_links_every_page(found: Conversio
 
 
 def test_an_index_of_nothing_is_a_page() -> None:
-    assert "0 of 0 scenarios" in Page(index_html("none", [])).text
+    assert "0 of 0 scenarios" in Page(render_index("none", [])).text
 
 
 # ---- colours
@@ -340,7 +340,7 @@ def test_the_document_names_every_check_with_its_limit_and_source() -> None:
 
 def check_rows() -> list[str]:
     """Markdown rows of all checks."""
-    rows = ((words_of(check.figure), check) for check in CHECKS)
+    rows = ((describe_figure(check.figure), check) for check in CHECKS)
     return [
         f"| {words} | {check.limit:g}{f' {unit}' if unit else ''} | {check.source} |"
         for (words, unit, _), check in rows

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from testing.report_findings import HOSTILE, small_findings
 
-from real2sim.fidelity_report.index_page import index_line, write_index
-from real2sim.fidelity_report.report_page import write_page
+from real2sim.fidelity_report.index_page import build_index_row, write_index
+from real2sim.fidelity_report.report_page import write_report
 from real2sim.findings import ConversionFindings
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -52,7 +52,7 @@ def tab(browser: Any) -> Iterator[Any]:
 
 @pytest.fixture
 def page(tab: Any, found: ConversionFindings, tmp_path: Path) -> Any:
-    tab.goto(write_page(tmp_path, found).as_uri())
+    tab.goto(write_report(tmp_path, found).as_uri())
     return tab
 
 
@@ -65,7 +65,7 @@ def test_nothing_is_wider_than_the_screen(page: Any, width: int) -> None:
 
 def test_the_index_fits_a_small_screen(tab: Any, found: ConversionFindings, tmp_path: Path) -> None:
     tab.set_viewport_size({"width": 400, "height": 800})
-    tab.goto(write_index(tmp_path, f"suite {HOSTILE}", [index_line(found)]).as_uri())
+    tab.goto(write_index(tmp_path, f"suite {HOSTILE}", [build_index_row(found)]).as_uri())
     assert tab.evaluate("document.documentElement.scrollWidth") <= 400
 
 

@@ -12,9 +12,9 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scripted_actor import ReplayMotion, StandingMotion
-from real2sim.fit import choose_cavs, fit, passed_over, scenario_names, unfit
-from real2sim.fit.disposition import Became
-from real2sim.fit.route_path import path_of, progress_of
+from real2sim.fit import choose_cavs, explain_unusable, explain_unused_cavs, fit_traffic, make_scenario_names
+from real2sim.fit.disposition import Disposition
+from real2sim.fit.route_path import build_route_path, compute_progress
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 
@@ -99,7 +99,7 @@ def test_a_vehicle_off_the_road_is_an_actor_with_its_reason(roads: RoadMap) -> N
     assert fitted.background.vehicles == ()
     assert isinstance(actor.motion, ReplayMotion)
     assert actor.avoid_collision
-    assert fitted.roles["a"].became is Became.ACTOR
+    assert fitted.roles["a"].disposition is Disposition.ACTOR
     assert "off the road" in fitted.roles["a"].reason
 
 
@@ -203,11 +203,11 @@ def test_the_cavs_of_the_source_are_taken_if_they_will_do_else_who_is_there_long
     assert choose_cavs(("short",), tracks, matches) == ("short",)
     assert choose_cavs(("off",), tracks, matches) == ("long",)
     assert choose_cavs((), tracks, matches) == ("long",)
-    assert passed_over(("off", "short", "lost"), ("short",), tracks, matches) == {
-        "off": unfit(off, matches["off"]),
+    assert explain_unused_cavs(("off", "short", "lost"), ("short",), tracks, matches) == {
+        "off": explain_unusable(off, matches["off"]),
         "lost": "it is not in the cleaned log",
     }
-    assert "off the road" in unfit(off, matches["off"])
+    assert "off the road" in explain_unusable(off, matches["off"])
     with pytest.raises(InputError, match="expected a moving vehicle"):
         choose_cavs((), (off,), matches)
 
@@ -216,13 +216,13 @@ def test_the_cavs_of_the_source_are_taken_if_they_will_do_else_who_is_there_long
 
 
 def test_ids_of_logs_become_ids_of_scenarios() -> None:
-    names = scenario_names([track(id_, 0.0, 0.0) for id_ in ("a:1", "a-1", "_x", "<script>", "7")])
+    names = make_scenario_names([track(id_, 0.0, 0.0) for id_ in ("a:1", "a-1", "_x", "<script>", "7")])
     assert names == {"a:1": "a-1", "a-1": "a-1.2", "_x": "t_x", "<script>": "t-script-", "7": "7"}
 
 
 def test_long_ids_are_cut_to_what_tells_them_apart() -> None:
     ids = ("0bfc7d407d09490cbca7", "0bfc7d40aaaaaaaaaaaa", "36209f00d7442a19485f", "36209f", "ego")
-    names = scenario_names([track(id_, 0.0, 0.0) for id_ in ids])
+    names = make_scenario_names([track(id_, 0.0, 0.0) for id_ in ids])
     assert [names[id_] for id_ in ids] == ["0bfc7d407", "0bfc7d40a", "36209f0", "36209f", "ego"]
 
 
@@ -230,16 +230,16 @@ def test_progress_grows_through_junction_and_gaps(roads: RoadMap) -> None:
     hidden = (seconds() > 4.0) & (seconds() < 6.0)
     one = track("a", np.where(hidden, np.nan, 150.0 + 10.0 * seconds()), 0.0)
     matched = matches_of([one], roads)["a"]
-    progress = progress_of(path_of(roads, matched.route), one, matched)
+    progress = compute_progress(build_route_path(roads, matched.route), one, matched)
     assert progress == pytest.approx(150.0 + 10.0 * seconds(), abs=0.35)
     assert (np.diff(progress) >= 0.0).all()
 
 
 def test_fitting_nothing_but_a_cav_gives_an_empty_road(roads: RoadMap) -> None:
     cav = track("cav", 20.0 + 10.0 * seconds(), 0.0)
-    fitted = fit([cav], matches_of([cav], roads), roads, ("cav",), "reactive", DT_S)
+    fitted = fit_traffic([cav], matches_of([cav], roads), roads, ("cav",), "reactive", DT_S)
     assert (fitted.background.vehicles, fitted.actors) == ((), ())
-    assert fitted.roles["cav"].became is Became.CAV
+    assert fitted.roles["cav"].disposition is Disposition.CAV
 
 
 # --- real logs ----------------------------------------------------------------------------------------------------
@@ -249,6 +249,6 @@ def test_everything_in_a_real_log_becomes_something_with_a_reason_where_it_is_no
     shared_data: Path, tmp_path: Path
 ) -> None:
     log = fitted_log("peach", tmp_path)
-    assert {role.became for role in log.fitted.roles.values()} <= {Became.CAV, Became.BACKGROUND}
+    assert {role.disposition for role in log.fitted.roles.values()} <= {Disposition.CAV, Disposition.BACKGROUND}
     assert set(log.fitted.roles) == {one.id for one in log.tracks}
     check_scenario(log.scenario, log.roads)

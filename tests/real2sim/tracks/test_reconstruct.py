@@ -11,11 +11,11 @@ from testing.log_truth import DT, alone, along_bend, made, observed, truth
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
 from real2sim.clean import clean_recording
-from real2sim.quality import Converted, assess
-from real2sim.quality.actor_quality import actor_quality
+from real2sim.quality import ReconstructedLog, assess_reconstruction
+from real2sim.quality.actor_quality import compute_actor_quality
 from real2sim.recording import ObjectCategory, RecordedTrack
-from real2sim.tracks.reconstruct import reconstruct
-from real2sim.tracks.smoothing import smoothed
+from real2sim.tracks.reconstruct import reconstruct_tracks
+from real2sim.tracks.smoothing import smooth_positions
 
 T = np.arange(100) * DT
 
@@ -33,7 +33,7 @@ def noisy(track: RecordedTrack, sigma: float, seed: int = 0) -> RecordedTrack:
 
 
 def one(track: RecordedTrack) -> RecordedTrack:
-    (result,) = reconstruct([track], DT)
+    (result,) = reconstruct_tracks([track], DT)
     return result
 
 
@@ -52,7 +52,7 @@ def test_banded_solution_is_that_of_the_full_matrix(frames: int, tracks: int, se
     rng = np.random.default_rng(seed)
     values, weights = rng.normal(0, 10, (tracks, frames, 2)), rng.uniform(0.1, 2, (tracks, frames))
     penalties = tuple(rng.uniform(0.1, 50, (tracks, frames - order)) for order in (3, 2, 1))
-    result = smoothed(values, weights, *penalties)
+    result = smooth_positions(values, weights, *penalties)
     for k in range(tracks):
         assert np.allclose(result[k], dense(values[k], weights[k], tuple(p[k] for p in penalties)), atol=1e-6)
 
@@ -67,7 +67,7 @@ def test_what_is_smooth_already_stays() -> None:
 @given(sigma=st.floats(0.0, 0.12), seed=st.integers(0, 500), speed=st.floats(2, 20))
 def test_noise_goes_and_the_track_stays(sigma: float, seed: int, speed: float) -> None:
     raw = noisy(car(speed * T), sigma, seed)
-    actor = actor_quality(one(raw), DT, raw)
+    actor = compute_actor_quality(one(raw), DT, raw)
     assert actor.jerk_p95 <= 5.0
     assert actor.acceleration_max <= 6.0
     assert actor.jumps_1m == 0
@@ -155,13 +155,13 @@ def test_short_tracks_are_no_trouble(frames: int) -> None:
 
 
 def test_nothing_is_nothing() -> None:
-    assert reconstruct([], DT) == ()
+    assert reconstruct_tracks([], DT) == ()
 
 
 def test_a_log_that_is_no_motion_is_left_near_and_rough() -> None:
     """From 14 to 6 m/s within one frame, as NGSIM has it: nearness is kept, the verdict says what is wrong."""
     raw = car(np.where(T < 3, 14 * T, 42 + 2 * (T - 3)))
-    actor = actor_quality(one(raw), DT, raw)
+    actor = compute_actor_quality(one(raw), DT, raw)
     assert actor.error_median is not None and actor.error_median <= 0.3
     assert actor.error_p95 is not None and actor.error_p95 <= 1.0
 
@@ -174,8 +174,8 @@ def test_faulty_logs_become_faithful_scenes(seed: int, views: str) -> None:
     for number, kind in enumerate(PLANTS):
         log, _ = PLANTS[kind](log, seed + number)
     cleaned = clean_recording(log.recording)
-    tracks = reconstruct(cleaned.tracks, DT)
-    quality = assess(Converted("made", DT, tracks, {track.id: track for track in cleaned.tracks}))
+    tracks = reconstruct_tracks(cleaned.tracks, DT)
+    quality = assess_reconstruction(ReconstructedLog("made", DT, tracks, {track.id: track for track in cleaned.tracks}))
     assert quality.moving_passed_share >= 0.95, quality.failures
     assert quality.error_median is not None and quality.error_median <= 0.3
     assert quality.error_p95 is not None and quality.error_p95 <= 1.0

@@ -10,8 +10,8 @@ from testing.real_fits import NAMES, fitted_log
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from real2sim.targets import build_traffic_targets
-from real2sim.traffic_fidelity.passing_order import conflicts, kept_in_order
-from real2sim.traffic_fidelity.traffic_fidelity import GONE_M, Closeness, closeness
+from real2sim.traffic_fidelity.passing_order import find_conflict_points, is_order_kept
+from real2sim.traffic_fidelity.traffic_fidelity import GONE_M, TrafficFidelity, measure_traffic_fidelity
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +19,8 @@ def roads(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
     return crossing(tmp_path_factory.mktemp("crossing"))
 
 
-def measured(scene: Made) -> Closeness:
-    return closeness(scene.scenario, scene.roads, scene.tracks, scene.fitted.names, DT_S)
+def measured(scene: Made) -> TrafficFidelity:
+    return measure_traffic_fidelity(scene.scenario, scene.roads, scene.tracks, scene.fitted.names, DT_S)
 
 
 def changed(scene: Made, **fields: object) -> Made:
@@ -70,28 +70,28 @@ def test_a_vehicle_for_which_there_is_no_room_has_not_departed(roads: RoadMap) -
 
 def test_paths_that_cross_have_a_conflict_point_and_an_order() -> None:
     east, north = track("east", 10.0 * seconds(), 0.0), track("north", 50.0, -80.0 + 10.0 * seconds())
-    (one,) = conflicts({"east": east.xy, "north": north.xy})
+    (one,) = find_conflict_points({"east": east.xy, "north": north.xy})
     assert (one.first, one.second) == ("east", "north")
     assert one.first_at == pytest.approx((50.0, 0.0), abs=2.1)
     log = {"east": east.xy, "north": north.xy}
-    assert kept_in_order(one, log, log)
+    assert is_order_kept(one, log, log)
     late = {"east": east.xy - (40.0, 0.0), "north": north.xy}
-    assert not kept_in_order(one, log, late)
+    assert not is_order_kept(one, log, late)
     nobody = {"east": np.full((FRAMES, 2), np.nan), "north": np.full((FRAMES, 2), np.nan)}
-    assert not kept_in_order(one, log, nobody)
+    assert not is_order_kept(one, log, nobody)
 
 
 def test_paths_that_merge_have_a_conflict_point() -> None:
     x = 10.0 * seconds()
     one, other = track("a", x, 0.0), track("b", x - 15.0, np.maximum(30.0 - 0.5 * x, 0.0))
-    (found,) = conflicts({"a": one.xy, "b": other.xy})
+    (found,) = find_conflict_points({"a": one.xy, "b": other.xy})
     assert (found.first, found.second) == ("a", "b")
 
 
 @pytest.mark.parametrize("aside", [0.0, 3.5])
 def test_who_follows_or_drives_beside_has_no_conflict_point(aside: float) -> None:
     one, other = track("a", 20.0 + 10.0 * seconds(), 0.0), track("b", 10.0 * seconds(), aside)
-    assert conflicts({"a": one.xy, "b": other.xy}) == ()
+    assert find_conflict_points({"a": one.xy, "b": other.xy}) == ()
 
 
 def test_crossing_traffic_keeps_the_order_of_the_log(roads: RoadMap) -> None:
@@ -133,7 +133,7 @@ def test_contacts_that_the_log_has_not_are_told(roads: RoadMap) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log(name, tmp_path)
-    found = closeness(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
+    found = measure_traffic_fidelity(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
     assert all(target.met is not False for target in build_traffic_targets(found))
     assert found.not_departed == ()
     assert found.vehicles >= 5
@@ -143,5 +143,5 @@ def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path
 @pytest.mark.parametrize("mode", ["replay", "hybrid"])
 def test_other_modes_repeat_a_real_log_while_the_cavs_do(mode: str, shared_data: Path, tmp_path: Path) -> None:
     log = fitted_log("peach", tmp_path, mode)  # type: ignore[arg-type]
-    found = closeness(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
+    found = measure_traffic_fidelity(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
     assert max(one.worst for one in found.errors if one.worst is not None) < 0.02

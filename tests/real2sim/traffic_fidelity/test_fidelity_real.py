@@ -9,14 +9,14 @@ from testing.shared_material import SHARED_DATA
 
 from real2sim.clean import clean_recording
 from real2sim.hd_map import LaneKind
-from real2sim.quality import Converted, Quality, assess
-from real2sim.quality.lane_segment_index import LaneIndex
+from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
+from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import Recording
-from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.reconstruct import reconstruct_tracks
 
 LOGS = SHARED_DATA / "real_logs"
 SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
@@ -40,16 +40,18 @@ READ: dict[str, Callable[[], Recording]] = {
 
 
 @cache
-def converted(name: str) -> tuple[Quality, Recording]:
+def converted(name: str) -> tuple[ReconstructionQuality, Recording]:
     recording = READ[name]()
     cleaned = clean_recording(recording)
-    tracks = reconstruct(cleaned.tracks, cleaned.dt_s)
+    tracks = reconstruct_tracks(cleaned.tracks, cleaned.dt_s)
     raw = {track.id: track for track in cleaned.tracks}
     driving = [lane for lane in recording.map.lanes.values() if lane.kind is LaneKind.DRIVING]
-    lanes = LaneIndex.of_lines(
+    lanes = LaneSegmentIndex.from_centre_lines(
         [lane.centre for lane in driving], [lane.directed for lane in driving], [lane.width for lane in driving]
     )
-    return assess(Converted(name, cleaned.dt_s, tracks, raw, lanes, cleaned.report.lost)), recording
+    return assess_reconstruction(
+        ReconstructedLog(name, cleaned.dt_s, tracks, raw, lanes, cleaned.report.lost)
+    ), recording
 
 
 @pytest.mark.parametrize("name", READ)

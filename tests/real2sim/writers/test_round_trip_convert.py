@@ -15,7 +15,7 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
-from real2sim.pipeline.scenario_builder import Wish, build_log
+from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
 from real2sim.scene import SourceScene
@@ -77,10 +77,12 @@ def test_a_real_log_converts_as_well_through_the_format(name: str, shared_data: 
     """Against the conversion of the same scene as it is: sizes, headings, occlusion and the bare map cost little."""
     truth = as_truth(real(name))
     whole = replace(truth, views=(truth.views[0],))
-    direct = build_log(scene(name, whole), tmp_path / "direct", Wish()).quality
+    direct = build_scenario(scene(name, whole), tmp_path / "direct", ConversionOptions()).quality
     write_v2xpnp(truth, tmp_path / name, ObservationNoise(), 0)
     write_vector_map(truth.map, tmp_path / "map.pkl")
-    back = build_log(scene(name, read_v2xpnp(tmp_path / name, tmp_path / "map.pkl")), tmp_path / "back", Wish()).quality
+    back = build_scenario(
+        scene(name, read_v2xpnp(tmp_path / name, tmp_path / "map.pkl")), tmp_path / "back", ConversionOptions()
+    ).quality
     assert back.network.left_hand is direct.network.left_hand
     assert back.network.links_dropped == ()
     assert back.fidelity.duplicates == ()

@@ -22,7 +22,7 @@ from real2sim.network import build_network
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import ObserverView, RecordedTrack, Recording
-from real2sim.tracks.reconstruct import reconstruct
+from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.writers.observation_noise import ObservationNoise, simulate_observers
 from real2sim.writers.v2xpnp import write_views
 from real2sim.writers.v2xpnp_map import write_vector_map
@@ -65,7 +65,7 @@ def through_files(log: Log, faults: Sequence[Fault], folder: Path) -> Iterator[R
 def chain(recording: Recording, folder: Path) -> CleanedRecording:
     write_views(recording, folder)
     found = clean_recording(read_v2xpnp(folder, ()))
-    return replace(found, tracks=reconstruct(found.tracks, found.dt_s))
+    return replace(found, tracks=reconstruct_tracks(found.tracks, found.dt_s))
 
 
 @cache
