@@ -129,7 +129,7 @@ def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
     return SuiteFile(name=wanted, title=wanted, description="Converted from logs by mdrive-sumo convert.")
 
 
-def format_batch(batch: "Batch", ask: LogCliOptions) -> str:
+def format_batch(batch: "BatchResult", ask: LogCliOptions) -> str:
     """What was written, and what misses its target."""
 
     lines = [f"{outcome.id}: {miss}" for outcome in batch.below_target for miss in outcome.misses]
