@@ -87,7 +87,7 @@ def build_scenario(recipe: Recipe) -> Scenario:
 def _crop(proposal: Proposal, rng: random.Random) -> RoadMap:
     try:
         return rng.choice(
-            find_networks(proposal, find_typology_networks(proposal) or CATEGORIES[proposal.category].crops)
+            find_networks(proposal, find_typology_networks(proposal) or CATEGORIES[proposal.category].networks)
         )
     except InputError as error:
         raise ProposalRejected(PipelineStage.CROP, str(error)) from None
@@ -138,10 +138,10 @@ def screen_candidate(scenario: Scenario, accepted: Sequence[Scenario]) -> Screen
         found = screen_scenario(scenario, roads)
     except WorldError as error:
         raise ProposalRejected(PipelineStage.FEASIBILITY, f"expected an episode, found none: {error}") from None
-    if not found.difficult:
+    if not found.is_difficult:
         ttc = "none" if found.blind_ttc_s is None else f"{found.blind_ttc_s:.2f} s"
         raise ProposalRejected(PipelineStage.DIFFICULTY, f"expected a blind TTC below 0.9 s, found {ttc}")
-    if not found.feasible:
+    if not found.is_feasible:
         raise ProposalRejected(
             PipelineStage.FEASIBILITY, f"expected omniscient to reach DS 100, found {found.omniscient_ds:.2f}"
         )

@@ -59,9 +59,9 @@ def build_route_line(roads: RoadMap, way: LaneRoute, change_share: float) -> Rou
 
 
 def _changes(roads: RoadMap, way: LaneRoute, share: float) -> dict[int, float]:
-    if way.change_at < 0:
+    if way.change_index < 0:
         return {}
-    return {way.change_at: share * roads.lanes[way.lanes[way.change_at]].centre.length}
+    return {way.change_index: share * roads.lanes[way.lanes[way.change_index]].centre.length}
 
 
 @lru_cache(maxsize=4096)
@@ -189,10 +189,10 @@ def _trimmed(roads: RoadMap, way: LaneRoute, spawn: SpawnPoint) -> tuple[Sequenc
     """Lanes between start and goal, arc lengths on the first and the last, and how many lanes were cut in front."""
     begins = [0.0]
     for i, id_ in enumerate(way.lanes[:-1]):
-        begins.append(begins[-1] + (0.0 if i == way.change_at else roads.lanes[id_].centre.length))
+        begins.append(begins[-1] + (0.0 if i == way.change_index else roads.lanes[id_].centre.length))
     ends = [begin + roads.lanes[id_].centre.length for begin, id_ in zip(begins, way.lanes, strict=True)]
     first = next(i for i, end in enumerate(ends) if spawn.start < end - 1.0)
-    last = next(i for i, end in enumerate(ends) if spawn.goal <= end + 1.0 and i >= first and i != way.change_at)
+    last = next(i for i, end in enumerate(ends) if spawn.goal <= end + 1.0 and i >= first and i != way.change_index)
     length = roads.lanes[way.lanes[last]].centre.length
     goal_s = min(spawn.goal - begins[last], length)
     return way.lanes[first : last + 1], spawn.start - begins[first], goal_s, first

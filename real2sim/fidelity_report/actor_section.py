@@ -8,7 +8,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from real2sim.clean.cleaning_report import TrackChange
 from real2sim.fidelity_report.formatting import describe_changes, describe_failures, format_figure, format_frames
-from real2sim.fidelity_report.html import Html, joined, table, tag
+from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_table, tag
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.map_figures import MapFrame, draw_actor_map
 from real2sim.fidelity_report.report_entry import ReportEntry
@@ -50,17 +50,17 @@ def gather_actors(findings: ConversionFindings, things: Sequence[ReportEntry], p
     return ActorSection(things, plan, findings.cleaned.dt_s, changes)
 
 
-def render_actor_table(page: ActorSection) -> Html:
+def render_actor_table(page: ActorSection) -> Markup:
     """All actors, failing ones first."""
-    return table(HEAD, (_row(page, thing) for thing in page.things), "All actors", words=5)
+    return render_table(HEAD, (_row(page, thing) for thing in page.things), "All actors", text_columns=5)
 
 
-def _row(page: ActorSection, thing: ReportEntry) -> tuple[Html | str, ...]:
+def _row(page: ActorSection, thing: ReportEntry) -> tuple[Markup | str, ...]:
     actor = thing.actor
     count = len(page.changes.get(actor.id, ()))
     return (
         tag("a", str(thing.number), href=f"#thing-{thing.number}"),
-        joined((_what(thing), tag("code", actor.id, class_="id"))),
+        join_markup((_what(thing), tag("code", actor.id, class_="id"))),
         _verdict(thing),
         _role(thing),
         f"{count} change{'' if count == 1 else 's'}" if count else "",
@@ -71,48 +71,44 @@ def _row(page: ActorSection, thing: ReportEntry) -> tuple[Html | str, ...]:
     )
 
 
-def _what(thing: ReportEntry) -> Html:
+def _what(thing: ReportEntry) -> Markup:
     actor = thing.actor
     badge = tag("span", "CAV", class_="badge cav") if thing.cav else None
     return tag("span", actor.category, "" if actor.moving else ", stands", " ", badge)
 
 
-def _verdict(thing: ReportEntry) -> Html:
+def _verdict(thing: ReportEntry) -> Markup:
     if not thing.actor.failed:
         return tag("span", "passes", class_="badge pass")
-    return joined((tag("span", "fails", class_="badge fail"), _list(describe_failures(thing.actor))))
+    return join_markup((tag("span", "fails", class_="badge fail"), render_list(describe_failures(thing.actor))))
 
 
-def _role(thing: ReportEntry) -> Html | str:
+def _role(thing: ReportEntry) -> Markup | str:
     role = thing.role
     if role is None:
         return "–"
-    return joined((role.disposition.value, tag("small", role.reason) if role.reason else None), " ")
+    return join_markup((role.disposition.value, tag("small", role.reason) if role.reason else None), " ")
 
 
-def _list(items: Sequence[str]) -> Html:
-    return tag("ul", *(tag("li", item) for item in items))
-
-
-def render_actor_cards(page: ActorSection) -> Html:
+def render_actor_cards(page: ActorSection) -> Markup:
     """The actors one by one, to be opened; those that fail are open, those that just stand are put away."""
     groups: dict[str, list[ReportEntry]] = {}
     for thing in page.things:
         groups.setdefault(GROUPS["fail" if thing.actor.failed else "cav" if thing.cav else thing.look], []).append(
             thing
         )
-    return joined((_group(page, name, things) for name, things in groups.items()), "\n")
+    return join_markup((_group(page, name, things) for name, things in groups.items()), "\n")
 
 
-def _group(page: ActorSection, name: str, things: Sequence[ReportEntry]) -> Html:
-    cards = joined((_card(page, thing) for thing in things), "\n")
+def _group(page: ActorSection, name: str, things: Sequence[ReportEntry]) -> Markup:
+    cards = join_markup((_card(page, thing) for thing in things), "\n")
     title = f"{name} ({len(things)})"
     if name == GROUPS["rest"]:
         return tag("details", tag("summary", tag("h3", title)), cards, class_="group")
     return tag("div", tag("h3", title), cards, class_="group")
 
 
-def _card(page: ActorSection, thing: ReportEntry) -> Html:
+def _card(page: ActorSection, thing: ReportEntry) -> Markup:
     actor = thing.actor
     failed = f"fails {len(actor.failed)}" if actor.failed else "passes"
     title = (
@@ -125,23 +121,23 @@ def _card(page: ActorSection, thing: ReportEntry) -> Html:
     charts = tag("div", *_charts(page, thing), class_="charts")
     content = tag("div", facts, draw_actor_map(page.plan, thing), charts, class_="card-body")
     return tag(
-        "details", tag("summary", joined(title, " ")), content, class_="card", open=Html("") if actor.failed else None
+        "details", tag("summary", join_markup(title, " ")), content, class_="card", open="" if actor.failed else None
     )
 
 
-def _facts(page: ActorSection, thing: ReportEntry) -> Html:
+def _facts(page: ActorSection, thing: ReportEntry) -> Markup:
     actor = thing.actor
     cleaned = describe_changes(page.changes.get(actor.id, ()), actor.id)
-    facts: list[tuple[str, Html | str]] = [
+    facts: list[tuple[str, Markup | str]] = [
         ("Seen", f"{format_frames(actor.frames)}{_seconds(page, thing)}{f', {actor.gaps} gaps' if actor.gaps else ''}"),
         ("Became", _role(thing)),
-        ("Fails", _list(describe_failures(actor)) if actor.failed else "nothing"),
-        ("Cleaning", _list(cleaned) if cleaned else "changed nothing"),
+        ("Fails", render_list(describe_failures(actor)) if actor.failed else "nothing"),
+        ("Cleaning", render_list(cleaned) if cleaned else "changed nothing"),
     ]
     if actor.error_median is not None:
         distance = f"median {format_figure(actor.error_median, 'm')}, p95 {format_figure(actor.error_p95, 'm')}"
         facts.append(("To the log", f"{distance}, at most {format_figure(actor.error_max, 'm')}"))
-    return tag("dl", *(joined((tag("dt", name), tag("dd", fact))) for name, fact in facts))
+    return tag("dl", *(join_markup((tag("dt", name), tag("dd", fact))) for name, fact in facts))
 
 
 def _seconds(page: ActorSection, thing: ReportEntry) -> str:
@@ -151,7 +147,7 @@ def _seconds(page: ActorSection, thing: ReportEntry) -> str:
     return f" from {known.frames[0] * page.dt_s:.1f} s to {known.frames[-1] * page.dt_s:.1f} s"
 
 
-def _charts(page: ActorSection, thing: ReportEntry) -> list[Html]:
+def _charts(page: ActorSection, thing: ReportEntry) -> list[Markup]:
     """Speed, distance to the log and jerk over time; of things that stand none."""
     raw, track = thing.raw, thing.track
     if track is None or not thing.actor.moving or track.valid.sum() < 2:

@@ -30,7 +30,7 @@ CLEANED: dict[ChangeReason, str] = {
     ChangeReason.DUPLICATE: "one thing under several names, fused",
     ChangeReason.ID_FLIP: "a name that went over to another thing, set right",
     ChangeReason.TELEPORT: "positions that no motion explains, left out or spread",
-    ChangeReason.EGO_GHOST: "a CAV listed as somebody else, joined with it",
+    ChangeReason.EGO_GHOST: "a CAV listed as somebody else, join_markup with it",
     ChangeReason.HEADING: "headings turned round, or taken from motion",
     ChangeReason.GAP: "missing frames, filled",
     ChangeReason.LONG_GAP: "gaps too long to fill, left open",

@@ -1,79 +1,64 @@
-"""Markup that cannot be broken by text of a log: whatever is not `Html` already is escaped when it goes into a tag."""
+"""HTML of the report: text is escaped wherever it enters an element, so text of a log cannot break a page."""
 
 import base64
 import hashlib
-import html
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
-class Html(str):
-    """Finished markup; only this module and tags make it."""
-
-    __slots__ = ()
-
-
-Piece = str | int | float | None
-"""Content of a tag or value of an attribute; None is left out."""
-VOID = frozenset(("meta", "link", "input", "br"))
+MarkupValue = str | int | float | None
+"""Content of an element or value of an attribute: `Markup` is kept, other text is escaped, None is omitted."""
+_TEMPLATES = Environment(loader=PackageLoader("real2sim.fidelity_report"), autoescape=True, undefined=StrictUndefined)
+VOID_ELEMENTS = frozenset(("input",))
 
 
-def escaped(value: Piece) -> Html:
-    """Text as markup; markup as it is."""
-    if isinstance(value, Html):
-        return value
-    return Html("" if value is None else html.escape(str(value)))
+def join_markup(values: Iterable[MarkupValue], separator: str = "") -> Markup:
+    """Return the values as markup, one after another."""
+    return Markup(separator).join("" if value is None else escape(value) for value in values)
 
 
-def joined(pieces: Iterable[Piece], between: str = "") -> Html:
-    """Pieces one after another."""
-    return Html(escaped(between).join(map(escaped, pieces)))
-
-
-def tag(name: str, /, *content: Piece, **attributes: Piece) -> Html:
-    """An element. `class_` is class, `aria_label` is aria-label; an attribute that is None is left out."""
-    told = "".join(
-        f' {key.rstrip("_").replace("_", "-")}="{escaped(value)}"'
+def tag(name: str, /, *content: MarkupValue, **attributes: MarkupValue) -> Markup:
+    """Return an element. `class_` stands for class, `aria_label` for aria-label; None omits an attribute."""
+    rendered = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
         for key, value in attributes.items()
         if value is not None
     )
-    return Html(f"<{name}{told}>" if name in VOID else f"<{name}{told}>{joined(content)}</{name}>")
+    end = "" if name in VOID_ELEMENTS else f"{join_markup(content)}</{name}>"
+    return Markup(f"<{name}{rendered}>{end}")
 
 
-def table(head: Iterable[Piece], rows: Iterable[Iterable[Piece]], label: str, words: int = 1) -> Html:
-    """A table that scrolls where it is too wide or too long; columns from `words` on are flush right."""
-    head = tuple(head)
-
-    def cells(row: Iterable[Piece]) -> Html:
-        return joined(_cell(cell, k, words) for k, cell in enumerate(row))
-
-    heading = tag("tr", *(tag("th", cell, scope="col", class_=_side(k, words)) for k, cell in enumerate(head)))
-    body = joined((tag("tr", cells(row)) for row in rows), "\n")
-    whole = tag("table", tag("thead", heading), "\n", tag("tbody", body))
-    return tag("div", whole, class_="wide tall", role="region", aria_label=label, tabindex="0")
+def render_table(
+    head: Sequence[MarkupValue], rows: Iterable[Iterable[MarkupValue]], label: str, text_columns: int = 1
+) -> Markup:
+    """Return a table that scrolls where it is too wide or too long; columns after `text_columns` are right-aligned."""
+    template = _TEMPLATES.get_template("table.html")
+    return Markup(template.render(head=head, rows=rows, label=label, text_columns=text_columns))
 
 
-def _cell(cell: Piece, column: int, words: int) -> Html:
-    return tag("td", cell, class_=_side(column, words))
-
-
-def _side(column: int, words: int) -> str | None:
-    return None if column < words else "number"
-
-
-def page(title: str, *content: Piece) -> str:
-    """A whole page that may load nothing and run nothing; its style travels with it."""
+def render_page(title: str, *content: MarkupValue) -> str:
+    """Return a whole page. Its content security policy forbids scripts and requests; the style sheet is inlined."""
     style = (files("real2sim.fidelity_report") / "static" / "report.css").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
-    policy = f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; base-uri 'none'; form-action 'none'"
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", name="color-scheme", content="light dark"),
-        tag("meta", http_equiv="Content-Security-Policy", content=policy),
-        tag("link", rel="icon", href="data:,"),
-        tag("title", title),
-        tag("style", Html(style)),
-    )
-    return f"<!doctype html>\n{tag('html', head, tag('body', *content), lang='en')}\n"
+    template = _TEMPLATES.get_template("page.html")
+    return template.render(title=title, style=Markup(style), style_digest=digest, body=join_markup(content)) + "\n"
+
+
+def link_entry(id_: str, number_by_id: Mapping[str, int]) -> Markup:
+    """Return a link to the entry of an actor by its number, or the actor's id if it has no entry."""
+    number = number_by_id.get(id_)
+    return tag("a", f"No. {number}", href=f"#thing-{number}") if number else tag("code", id_, class_="id")
+
+
+def render_list(items: Iterable[MarkupValue], class_: str | None = None) -> Markup:
+    """Return a bullet list."""
+    return tag("ul", *(tag("li", item) for item in items), class_=class_)
+
+
+def render_collapsible_list(title: str, items: Sequence[str]) -> Markup:
+    """Return a list that opens with a click, or a sentence that says it is empty."""
+    if not items:
+        return tag("p", f"{title}: none.", class_="none")
+    return tag("details", tag("summary", f"{title}: {len(items)}"), render_list(items, "columns"))

@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from mdrive_sumo.scenario.suite import natural_sort_key
 from real2sim.fidelity_report.formatting import format_figure, format_share
-from real2sim.fidelity_report.html import Html, joined, page, table, tag
+from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_page, render_table, tag
 from real2sim.fidelity_report.map_figures import draw_thumbnail, fit_map_frame
 from real2sim.fidelity_report.report_entry import build_entries
 from real2sim.fidelity_report.report_page import PAGE
@@ -45,7 +45,7 @@ class IndexRow:
     jerk_p95: float
     median_at_5s: float | None = None
     order_share: float | None = None
-    picture: Html | None = None
+    picture: Markup | None = None
     """A small map."""
 
 
@@ -87,14 +87,17 @@ def render_index(name: str, lines: Sequence[IndexRow]) -> str:
     )
     title = f"{name} · conversion"
     state = "met" if faithful == len(lines) else "missed"
-    return page(
+    return render_page(
         title,
         tag("header", tag("h1", title), tag("p", tag("strong", words), class_=f"verdict {state}")),
-        tag("main", tag("section", table(HEAD, map(_row, ordered), "Scenarios", words=4), aria_label="Scenarios")),
+        tag(
+            "main",
+            tag("section", render_table(HEAD, map(_row, ordered), "Scenarios", text_columns=4), aria_label="Scenarios"),
+        ),
     )
 
 
-def _row(line: IndexRow) -> tuple[Html | str | None, ...]:
+def _row(line: IndexRow) -> tuple[Markup | str | None, ...]:
     return (
         line.picture,
         tag("a", line.id, href=f"{quote(line.id, safe='')}/{PAGE}"),
@@ -110,8 +113,8 @@ def _row(line: IndexRow) -> tuple[Html | str | None, ...]:
     )
 
 
-def _verdict(line: IndexRow) -> Html:
+def _verdict(line: IndexRow) -> Markup:
     if not line.misses:
         return tag("span", "faithful", class_="badge pass")
-    misses = tag("ul", *(tag("li", miss) for miss in line.misses))
-    return joined((tag("span", f"misses {len(line.misses)}", class_="badge fail"), misses))
+    badge = tag("span", f"misses {len(line.misses)}", class_="badge fail")
+    return join_markup((badge, render_list(line.misses)))

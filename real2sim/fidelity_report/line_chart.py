@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
-from real2sim.fidelity_report.html import Html, joined, tag
+from real2sim.fidelity_report.html import Markup, join_markup, tag
 from real2sim.fidelity_report.svg import picture
 from real2sim.tracks.kinematics import find_runs
 
@@ -42,7 +42,7 @@ class LineChart:
     x_title: str = "time [s]"
 
 
-def draw_chart(chart: LineChart) -> Html:
+def draw_chart(chart: LineChart) -> Markup:
     """The chart as SVG."""
     top = max(chart.top, 1e-6)
     x_ticks, y_ticks = _ticks(*chart.x_range), _ticks(0.0, top)
@@ -55,14 +55,14 @@ def draw_chart(chart: LineChart) -> Html:
         chart.label,
         f"0 0 {WIDTH} {HEIGHT}",
         tag("path", d=grid, class_="grid"),
-        joined(_drawn(series, chart.x_range, top) for series in chart.series),
+        join_markup(_drawn(series, chart.x_range, top) for series in chart.series),
         tag("path", d=limits, class_="limit") if limits else None,
         tag("g", *words),
         class_="chart",
     )
 
 
-def _drawn(series: ChartSeries, x_range: tuple[float, float], top: float) -> Html:
+def _drawn(series: ChartSeries, x_range: tuple[float, float], top: float) -> Markup:
     upper = series.upper
     known = np.isfinite(series.x) & np.isfinite(series.y)
     if upper is not None:
@@ -73,7 +73,7 @@ def _drawn(series: ChartSeries, x_range: tuple[float, float], top: float) -> Htm
         if upper is not None:
             x, y = np.concatenate((x, x[::-1])), np.concatenate((y, upper[run][::-1]))
         d += _stroke(_points(x, y, x_range, top)) + ("z" if upper is not None else "")
-    return tag("path", d=d, class_=series.class_) if d else Html("")
+    return tag("path", d=d, class_=series.class_) if d else Markup("")
 
 
 def _points(x: Float, y: Float, x_range: tuple[float, float], top: float) -> Int:
@@ -96,7 +96,7 @@ def _y(y: float, top: float) -> int:
     return round(LOW - y / top * (LOW - TOP))
 
 
-def _word(x: int, y: int, text: str, anchor: str, class_: str | None = None) -> Html:
+def _word(x: int, y: int, text: str, anchor: str, class_: str | None = None) -> Markup:
     return tag("text", text, x=x, y=y, text_anchor=anchor, class_=class_)
 
 

@@ -8,7 +8,7 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
-from real2sim.fidelity_report.html import Html, Piece, joined, tag
+from real2sim.fidelity_report.html import Markup, MarkupValue, join_markup, tag
 from real2sim.fidelity_report.report_entry import ReportEntry
 from real2sim.fidelity_report.svg import CM, SvgFrame, ViewBox, fit_view_box, path, picture, scale_bar, use
 from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
@@ -38,13 +38,13 @@ def fit_map_frame(things: Sequence[ReportEntry]) -> MapFrame:
     return MapFrame(SvgFrame(view.left, view.high), view)
 
 
-def draw_definitions(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Html:
+def draw_definitions(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Markup:
     """Roads and tracks by name, for all pictures of the page; shows nothing itself."""
-    drawn = joined((_tracks_of(plan.canvas, thing) for thing in things), "\n")
+    drawn = join_markup((_tracks_of(plan.canvas, thing) for thing in things), "\n")
     return tag("svg", tag("defs", _roads(plan, roads), "\n", drawn), class_="definitions", aria_hidden="true")
 
 
-def _roads(plan: MapFrame, roads: RoadMap) -> Html:
+def _roads(plan: MapFrame, roads: RoadMap) -> Markup:
     canvas, view = plan.canvas, plan.view
     widths: dict[int, list[str]] = {}
     middles: list[str] = []
@@ -82,13 +82,13 @@ def _arrows(canvas: SvgFrame, line: Polyline) -> str:
     return found
 
 
-def _asphalt(d: str, width: float) -> Html:
+def _asphalt(d: str, width: float) -> Markup:
     return tag("path", d=d, class_="asphalt", stroke_width=f"{width * CM:.0f}")
 
 
-def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Html:
+def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Markup:
     raw, track, known = thing.raw, thing.track, thing.known
-    return joined(
+    return join_markup(
         (
             path(canvas.dots(raw.xy), id=f"raw-{thing.number}") if raw else None,
             path(canvas.line(track.xy, track.valid), id=f"way-{thing.number}") if track and track.valid.any() else None,
@@ -97,7 +97,7 @@ def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Html:
     )
 
 
-def _box(canvas: SvgFrame, track: RecordedTrack, number: int) -> Html:
+def _box(canvas: SvgFrame, track: RecordedTrack, number: int) -> Markup:
     """The thing where it is last seen."""
     last = int(track.frames[-1])
     length, width = _size(track, last)
@@ -112,7 +112,7 @@ def _size(track: RecordedTrack, frame: int) -> tuple[float, float]:
     return (length if length > 0 else usual[0], width if width > 0 else usual[1])
 
 
-def draw_overview(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
+def draw_overview(plan: MapFrame, things: Sequence[ReportEntry]) -> Markup:
     """Everything at once: still things below, failures on top, CAVs marked."""
     moving = sorted((thing for thing in reversed(things) if thing.look != "rest"), key=lambda thing: thing.cav)
     still = [thing for thing in things if thing.look == "rest"]
@@ -131,11 +131,11 @@ def draw_overview(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
     )
 
 
-def _layer(name: str, content: Iterable[Piece]) -> Html:
+def _layer(name: str, content: Iterable[MarkupValue]) -> Markup:
     return tag("g", *content, class_=f"layer-{name}")
 
 
-def _shown(thing: ReportEntry, boxes: bool) -> Html | None:
+def _shown(thing: ReportEntry, boxes: bool) -> Markup | None:
     """Its way, or its box, which leads to its own pictures. The mouse alone uses that; the table has links for all."""
     there = thing.known is not None and thing.known.valid.any() if boxes else thing.track is not None
     if not there:
@@ -147,7 +147,7 @@ def _shown(thing: ReportEntry, boxes: bool) -> Html | None:
     return tag("a", words, shape, href=f"#thing-{thing.number}", tabindex="-1")
 
 
-def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Html | None:
+def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Markup | None:
     known = thing.known
     if known is None or not known.valid.any():
         return None
@@ -158,7 +158,7 @@ def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Html | None:
     return tag("text", name, x=f"{x + size:.0f}", y=f"{y - size:.0f}", font_size=f"{size:.0f}", class_=f"name {look}")
 
 
-def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Html | None:
+def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Markup | None:
     """The path of one thing, raw and reconstructed, with the roads around it."""
     if not len(thing.xy):
         return None
@@ -176,7 +176,7 @@ def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Html | None:
     )
 
 
-def draw_thumbnail(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Html:
+def draw_thumbnail(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Markup:
     """The overview in few strokes, complete in itself."""
     lanes = (lane.centre.xy for lane in roads.driving if plan.view.near(lane.centre.xy))
     ways: dict[str, str] = {}
@@ -201,6 +201,6 @@ def _thinned(xy: Float) -> Float:
     return shapely.get_coordinates(shapely.simplify(shapely.LineString(xy), THUMBNAIL_STEP_M))
 
 
-def draw_far_points(canvas: SvgFrame, xy: Float) -> Html:
+def draw_far_points(canvas: SvgFrame, xy: Float) -> Markup:
     """Places where the network is off its source."""
     return path(canvas.dots(xy), class_="far")

@@ -6,7 +6,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from real2sim.fidelity_report.formatting import format_figure
-from real2sim.fidelity_report.html import Html, joined, table, tag
+from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, MapFrame, draw_far_points
 from real2sim.fidelity_report.svg import path, picture, scale_bar, use
 from real2sim.findings import ConversionFindings
@@ -47,14 +47,14 @@ def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
     return [build_polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
 
 
-def render_network_section(findings: ConversionFindings, plan: MapFrame) -> Html:
+def render_network_section(findings: ConversionFindings, plan: MapFrame) -> Markup:
     """Figures, a picture and lists."""
     network = findings.network
     found = compute_deviation(findings)
-    return joined((_sizes(network), _fit_table(network), _picture(found, plan), _lists(network)))
+    return join_markup((_sizes(network), _fit_table(network), _picture(found, plan), _lists(network)))
 
 
-def _sizes(network: NetworkReport) -> Html:
+def _sizes(network: NetworkReport) -> Markup:
     side = "left" if network.left_hand else "right"
     return tag(
         "p",
@@ -64,7 +64,7 @@ def _sizes(network: NetworkReport) -> Html:
     )
 
 
-def _fit_table(network: NetworkReport) -> Html:
+def _fit_table(network: NetworkReport) -> Markup:
     fit = network.fit
     rows = (
         ("source to network", *(format_figure(value, decimals=3) for value in (fit.mean, fit.p95, fit.max))),
@@ -74,10 +74,12 @@ def _fit_table(network: NetworkReport) -> Html:
         ),
         ("allowed", f"{MEAN_M:.3f}", f"{P95_M:.3f}", "–"),
     )
-    return table(("distance of centre lines", "mean [m]", "p95 [m]", "max [m]"), rows, "Network against its source")
+    return render_table(
+        ("distance of centre lines", "mean [m]", "p95 [m]", "max [m]"), rows, "Network against its source"
+    )
 
 
-def _picture(found: CentreLineDeviation, plan: MapFrame) -> Html:
+def _picture(found: CentreLineDeviation, plan: MapFrame) -> Markup:
     near = [line for line in found.lines if plan.view.near(line, AROUND_M)]
     far = found.xy[found.distance > FAR_M]
     label = f"Centre lines of the source over the network: {len(far)} of {len(found.xy)} m are off by over {FAR_M:g} m"
@@ -93,7 +95,7 @@ def _picture(found: CentreLineDeviation, plan: MapFrame) -> Html:
     return tag("figure", tag("div", drawing, class_="wide"), tag("figcaption", f"{label} (marked)."))
 
 
-def _lists(network: NetworkReport) -> Html:
+def _lists(network: NetworkReport) -> Markup:
     def arrows(links: tuple[tuple[str, str], ...]) -> list[str]:
         return [f"{a} → {b}" for a, b in links]
 
@@ -108,7 +110,7 @@ def _lists(network: NetworkReport) -> Html:
         "lanes with traffic lights, whose program no log tells": list(network.signalled),
     }
     none = "; ".join(title.split(":")[0] for title, items in lists.items() if not items)
-    return joined(
+    return join_markup(
         (
             *(_collapsed(title, items) for title, items in lists.items() if items),
             tag("p", f"None: {none}.", class_="none") if none else None,
@@ -116,6 +118,6 @@ def _lists(network: NetworkReport) -> Html:
     )
 
 
-def _collapsed(title: str, items: list[str]) -> Html:
-    content = tag("ul", *(tag("li", item) for item in items), class_="columns")
-    return tag("details", tag("summary", f"{len(items)} {title}"), content)
+def _collapsed(title: str, items: list[str]) -> Markup:
+
+    return tag("details", tag("summary", f"{len(items)} {title}"), render_list(items, "columns"))

@@ -6,8 +6,16 @@ from pathlib import Path
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fidelity_report.actor_section import ActorSection, gather_actors, render_actor_cards, render_actor_table
 from real2sim.fidelity_report.formatting import CLEANED, describe_figure, format_figure, format_frames
-from real2sim.fidelity_report.html import Html, joined, page, table, tag
-from real2sim.fidelity_report.lists import link, named
+from real2sim.fidelity_report.html import (
+    Markup,
+    join_markup,
+    link_entry,
+    render_collapsible_list,
+    render_list,
+    render_page,
+    render_table,
+    tag,
+)
 from real2sim.fidelity_report.map_figures import MapFrame, draw_definitions, draw_overview, fit_map_frame
 from real2sim.fidelity_report.network_section import render_network_section
 from real2sim.fidelity_report.report_entry import ReportEntry, build_entries, number_by_id
@@ -33,7 +41,7 @@ def render_report(findings: ConversionFindings) -> str:
     things = build_entries(findings)
     plan = fit_map_frame(things)
     actors = gather_actors(findings, things, plan)
-    return page(
+    return render_page(
         f"{findings.id} · conversion",
         draw_definitions(plan, findings.roads, things),
         tag("header", _heading(findings), _verdict(find_missed_targets(findings)), render_tiles(findings)),
@@ -51,11 +59,11 @@ def render_report(findings: ConversionFindings) -> str:
     )
 
 
-def _section(id_: str, title: str, *content: Html | None) -> Html:
+def _section(id_: str, title: str, *content: Markup | None) -> Markup:
     return tag("section", tag("h2", title, id=id_), "\n", *content, aria_labelledby=id_)
 
 
-def _heading(findings: ConversionFindings) -> Html:
+def _heading(findings: ConversionFindings) -> Markup:
     recording, quality = findings.recording, findings.quality
     seconds = quality.frames * recording.dt_s
     facts = [f"read as {recording.source}", f"{format_frames(quality.frames)}, {seconds:.1f} s"]
@@ -65,18 +73,18 @@ def _heading(findings: ConversionFindings) -> Html:
     back = tag("a", "all scenarios", href=f"../{PAGE}")
     links = ("map", "actors", "pictures", "traffic", "network", "cleaning", "reading")
     menu = tag("nav", back, *(tag("a", name, href=f"#{name}") for name in links), aria_label="Page")
-    return joined((menu, tag("h1", findings.id), tag("p", " · ".join(facts), class_="facts-line")))
+    return join_markup((menu, tag("h1", findings.id), tag("p", " · ".join(facts), class_="facts-line")))
 
 
-def _verdict(misses: Sequence[str]) -> Html:
+def _verdict(misses: Sequence[str]) -> Markup:
     """What misses its target, a sentence each."""
     if not misses:
         return tag("p", tag("strong", "Faithful."), " Every measured figure meets its target.", class_="verdict met")
     words = f"Misses {len(misses)} target{'' if len(misses) == 1 else 's'}."
-    return tag("div", tag("strong", words), tag("ul", *(tag("li", miss) for miss in misses)), class_="verdict missed")
+    return tag("div", tag("strong", words), render_list(misses), class_="verdict missed")
 
 
-def _map_part(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
+def _map_part(plan: MapFrame, things: Sequence[ReportEntry]) -> Markup:
     switches = [
         tag("label", tag("input", type="checkbox", id=f"show-{name}", checked=""), f" {words}")
         for name, words in LAYERS
@@ -89,8 +97,8 @@ def _map_part(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
         ("rest", "stands still"),
         ("cav", "CAV"),
     )
-    keys = tag("ul", *(tag("li", tag("i", class_=f"key {look}"), words) for look, words in legend), class_="legend")
-    return joined(
+    keys = render_list((tag("i", class_=f"key {look}") + words for look, words in legend), "legend")
+    return join_markup(
         (
             tag("div", keys, tag("fieldset", tag("legend", "Show"), *switches), class_="controls"),
             tag(
@@ -105,7 +113,7 @@ def _map_part(plan: MapFrame, things: Sequence[ReportEntry]) -> Html:
     )
 
 
-def _actors_intro(findings: ConversionFindings) -> Html:
+def _actors_intro(findings: ConversionFindings) -> Markup:
     quality = findings.quality
     sumo_driven = count_sumo_driven(quality, findings.roles, findings.mode)
     words = (
@@ -118,7 +126,7 @@ def _actors_intro(findings: ConversionFindings) -> Html:
     return tag("p", words)
 
 
-def _filters() -> Html:
+def _filters() -> Markup:
     return tag(
         "p",
         "Dots and thin grey lines are the log, thick lines are reconstructed; dashed lines are limits. Pictures of what"
@@ -126,7 +134,7 @@ def _filters() -> Html:
     )
 
 
-def _cleaning_part(findings: ConversionFindings, actors: ActorSection) -> Html:
+def _cleaning_part(findings: ConversionFindings, actors: ActorSection) -> Markup:
     report = findings.cleaned.report
     counts = report.counts()
     touched = {reason: sum(change.frames for change in report.of(reason)) for reason in ChangeReason}
@@ -138,40 +146,48 @@ def _cleaning_part(findings: ConversionFindings, actors: ActorSection) -> Html:
     notes = [*findings.recording.notes, *findings.notes]
     numbers = number_by_id(tuple(actors.things))
     gone = [change for change in report.changes if change.track not in numbers]
-    return joined(
+    return join_markup(
         (
-            table(("reason", "what was found and done", "changes", "frames"), rows, "Cleaning by reason", words=2)
+            render_table(
+                ("reason", "what was found and done", "changes", "frames"), rows, "Cleaning by reason", text_columns=2
+            )
             if rows
             else tag("p", "Nothing.", class_="none"),
-            named("Changes to what is not in the scenario", [f"{c.track}: {c.reason.value}, {c.detail}" for c in gone]),
-            named("Left out altogether", [f"{id_}: {why}" for id_, why in findings.quality.lost.items()]),
-            named("Notes of reading and fitting", notes),
+            render_collapsible_list(
+                "Changes to what is not in the scenario", [f"{c.track}: {c.reason.value}, {c.detail}" for c in gone]
+            ),
+            render_collapsible_list(
+                "Left out altogether", [f"{id_}: {why}" for id_, why in findings.quality.lost.items()]
+            ),
+            render_collapsible_list("Notes of reading and fitting", notes),
         )
     )
 
 
-def _scene_part(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Html:
+def _scene_part(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Markup:
     quality, numbers = findings.quality, number_by_id(things)
 
-    def pair(a: str, b: str, more: str = "") -> Html:
-        return joined((link(a, numbers), " and ", link(b, numbers), more))
+    def pair(a: str, b: str, more: str = "") -> Markup:
+        return join_markup((link_entry(a, numbers), " and ", link_entry(b, numbers), more))
 
     least = format_figure(quality.least_distance, "m")
-    return joined(
+    return join_markup(
         (
             tag(
                 "p",
                 f"Nearest to each other: {least}. Boxes of logs are annotated by hand; a few centimetres of"
                 " overlap are forgiven.",
             ),
-            named("Overlap when first seen", [pair(a, b) for a, b in quality.spawn_overlaps]),
-            named("Overlap later", [pair(a, b, f", {format_frames(n)}") for a, b, n in quality.collisions]),
-            named("Twice the same thing", [pair(a, b) for a, b in quality.duplicates]),
+            render_collapsible_list("Overlap when first seen", [pair(a, b) for a, b in quality.spawn_overlaps]),
+            render_collapsible_list(
+                "Overlap later", [pair(a, b, f", {format_frames(n)}") for a, b, n in quality.collisions]
+            ),
+            render_collapsible_list("Twice the same thing", [pair(a, b) for a, b in quality.duplicates]),
         )
     )
 
 
-def _reading_part() -> Html:
+def _reading_part() -> Markup:
     rows = [
         (describe_figure(check.figure)[0], f"{check.limit:g} {describe_figure(check.figure)[1]}", check.source)
         for check in CHECKS
@@ -183,4 +199,6 @@ def _reading_part() -> Html:
         " box centres at the same frame. Accelerations and jerks are those of cubics fitted to 0.7 s of positions."
         " The lanes are judged where the map has any. docs/real2sim.md tells more.",
     )
-    return joined((words, table(("check of every actor", "limit", "where it comes from"), rows, "Checks", words=3)))
+    return join_markup(
+        (words, render_table(("check of every actor", "limit", "where it comes from"), rows, "Checks", text_columns=3))
+    )

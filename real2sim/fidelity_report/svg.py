@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from real2sim.fidelity_report.html import Html, Piece, tag
+from real2sim.fidelity_report.html import Markup, MarkupValue, tag
 from real2sim.tracks.kinematics import find_runs
 
 CM = 100.0
@@ -100,22 +100,22 @@ def _pair(point: Iterable[int]) -> str:
     return f"{x}{y}" if y < 0 else f"{x} {y}"
 
 
-def path(d: str, **attributes: Piece) -> Html:
+def path(d: str, **attributes: MarkupValue) -> Markup:
     """A path whose stroke has the same width at every zoom."""
     return tag("path", d=d, **attributes, **{"vector-effect": "non-scaling-stroke"})
 
 
-def use(of: str, class_: str) -> Html:
+def use(of: str, class_: str) -> Markup:
     """Something drawn elsewhere on the page, here in another style."""
     return tag("use", href=f"#{of}", class_=class_)
 
 
-def picture(label: str, box: str, *content: Piece, class_: str) -> Html:
+def picture(label: str, box: str, *content: MarkupValue, class_: str) -> Markup:
     """An SVG that is read out as one image."""
     return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
 
 
-def scale_bar(canvas: SvgFrame, view: ViewBox, words: float = 0.017) -> Html:
+def scale_bar(canvas: SvgFrame, view: ViewBox, words: float = 0.017) -> Markup:
     """A bar of round length at the lower right; `words` is the height of its letters as a share of the picture."""
     width, height = view.size
     length = next((m for m in (100.0, 50.0, 20.0, 10.0, 5.0) if m <= width / 5), 2.0)

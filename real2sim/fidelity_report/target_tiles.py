@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from real2sim.fidelity_report.formatting import format_figure
-from real2sim.fidelity_report.html import Html, joined, tag
+from real2sim.fidelity_report.html import Markup, join_markup, tag
 from real2sim.findings import ConversionFindings
 from real2sim.targets import FidelityTarget, build_reconstruction_targets, build_traffic_targets
 
@@ -18,14 +18,14 @@ def find_missed_targets(findings: ConversionFindings) -> tuple[str, ...]:
     return findings.misses or tuple(target.sentence() for target in _targets(findings) if target.met is False)
 
 
-def render_tiles(findings: ConversionFindings) -> Html:
+def render_tiles(findings: ConversionFindings) -> Markup:
     """The figures as tiles; what misses its target says so in words, too."""
     quality, closeness = findings.quality, findings.closeness
     passed = f"{quality.moving_passed} of {quality.moving_vehicles}"
     kept = f"{closeness.order_kept} of {closeness.order_pairs}" if closeness else ""
     counts = {SHARES[0]: passed, SHARES[1]: kept}
     tiles = [_tile(target, _value(target, counts)) for target in _targets(findings)]
-    return tag("ul", joined(tiles, "\n"), class_="tiles", aria_label="Key figures")
+    return tag("ul", join_markup(tiles, "\n"), class_="tiles", aria_label="Key figures")
 
 
 def _targets(findings: ConversionFindings) -> tuple[FidelityTarget, ...]:
@@ -33,7 +33,7 @@ def _targets(findings: ConversionFindings) -> tuple[FidelityTarget, ...]:
     return findings.targets or (*build_reconstruction_targets(findings.quality), *traffic)
 
 
-def _tile(target: FidelityTarget, value: str) -> Html:
+def _tile(target: FidelityTarget, value: str) -> Markup:
     state, word = STATES[target.met]
     limit = f"{100 * target.limit:g} %" if target.unit == "share" else f"{target.limit:g} {_unit(target)}".strip()
     asked = f"at {'least' if target.at_least else 'most'} {limit} · "

@@ -6,9 +6,8 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.fidelity_report.formatting import format_figure, format_frames, format_share
-from real2sim.fidelity_report.html import Html, joined, table, tag
+from real2sim.fidelity_report.html import Markup, join_markup, link_entry, render_collapsible_list, render_table, tag
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
-from real2sim.fidelity_report.lists import link, named
 from real2sim.fidelity_report.report_entry import ReportEntry, number_by_id
 from real2sim.findings import ConversionFindings
 from real2sim.traffic_fidelity import MEDIAN_5S_M, PositionErrors, TrafficFidelity
@@ -19,7 +18,7 @@ SHOWN_M = 20.0
 """The curve ends there at the latest: a vehicle that is not there counts 100 m, which would flatten all others."""
 
 
-def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Html:
+def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Markup:
     """Words, curve, table and lists; scenarios know things by other names than their tracks."""
     closeness = findings.closeness
     if closeness is None:
@@ -27,18 +26,24 @@ def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEnt
     by_id = number_by_id(things)
     numbers = by_id | {name: by_id[id_] for id_, name in findings.names.items() if id_ in by_id}
 
-    def pair(a: str, b: str, more: str = "") -> Html:
-        return joined((link(a, numbers), " and ", link(b, numbers), more))
+    def pair(a: str, b: str, more: str = "") -> Markup:
+        return join_markup((link_entry(a, numbers), " and ", link_entry(b, numbers), more))
 
-    return joined(
+    return join_markup(
         (
             tag("p", _words(closeness)),
             tag("figure", _drift_chart(closeness.errors), tag("figcaption", CAPTION), class_="drift"),
             _table(closeness.errors),
-            named("Pass in another order than in the log", [pair(a, b) for a, b in closeness.order_changed]),
-            named("Could not depart", [link(name, numbers) for name in closeness.not_departed]),
-            named("Left before the log's vehicle", [link(name, numbers) for name in closeness.left_early]),
-            named("Touch, but not in the log", [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts]),
+            render_collapsible_list(
+                "Pass in another order than in the log", [pair(a, b) for a, b in closeness.order_changed]
+            ),
+            render_collapsible_list("Could not depart", [link_entry(name, numbers) for name in closeness.not_departed]),
+            render_collapsible_list(
+                "Left before the log's vehicle", [link_entry(name, numbers) for name in closeness.left_early]
+            ),
+            render_collapsible_list(
+                "Touch, but not in the log", [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts]
+            ),
         )
     )
 
@@ -58,7 +63,7 @@ def _words(closeness: TrafficFidelity) -> str:
     )
 
 
-def _drift_chart(errors: Sequence[PositionErrors]) -> Html:
+def _drift_chart(errors: Sequence[PositionErrors]) -> Markup:
     lower, median, upper = (_values(errors, name) for name in ("lower", "median", "upper"))
     times = np.array([error.after_s for error in errors], dtype=np.float64)
     known = times[np.isfinite(median)]
@@ -76,7 +81,7 @@ def _values(errors: Sequence[PositionErrors], name: str) -> Float:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _table(errors: Sequence[PositionErrors]) -> Html:
+def _table(errors: Sequence[PositionErrors]) -> Markup:
     rows = [
         (
             f"{e.after_s:g}",
@@ -88,4 +93,4 @@ def _table(errors: Sequence[PositionErrors]) -> Html:
         )
         for e in errors
     ]
-    return table(HEAD, rows, "Distance to the log over time")
+    return render_table(HEAD, rows, "Distance to the log over time")
