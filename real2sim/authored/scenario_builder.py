@@ -18,7 +18,7 @@ from real2sim.authored.start_separation import RouteLegs, advance_start, separat
 from real2sim.carla.conversion_report import DroppedWaypoint, OffLaneWaypoint, ReportedWaypoint, StartShift
 from real2sim.match.dense_route import build_dense_route, compute_start_pose
 from real2sim.match.waypoint_matcher import REACH_M, WaypointMatch, match_waypoints
-from real2sim.scene import CavRoute, SourceScene
+from real2sim.source_scene import CavRoute, SourceScene
 
 OFF_LANE_M = 0.5
 

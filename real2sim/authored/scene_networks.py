@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.scripted_actor import PathMotion, ReplayMotion
 from real2sim.carla.town_network import TownNetwork, build_town_network
 from real2sim.hd_map import HdMap
 from real2sim.network import build_network
-from real2sim.scene import SourceScene, TownMap
+from real2sim.source_scene import SourceScene, TownMap
 
 DT_S = 0.1
 ASSUMED_MPS = 8.0

@@ -11,7 +11,7 @@ from real2sim.authored.scenario_builder import OFF_LANE_M, AuthoredScenario, bui
 from real2sim.authored.scene_networks import build_scene_networks
 from real2sim.carla.conversion_report import ConversionReport, write_conversion_report
 from real2sim.carla.town_network import TownNetwork
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 
 NETWORKS = "networks"
 

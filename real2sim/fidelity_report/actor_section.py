@@ -12,7 +12,7 @@ from real2sim.fidelity_report.html import Markup, join_markup, render_list, rend
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.map_figures import MapFrame, draw_actor_map
 from real2sim.fidelity_report.report_entry import ReportEntry
-from real2sim.findings import ConversionFindings
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics

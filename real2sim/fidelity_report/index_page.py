@@ -12,8 +12,8 @@ from real2sim.fidelity_report.map_figures import draw_thumbnail, fit_map_frame
 from real2sim.fidelity_report.report_entry import build_entries
 from real2sim.fidelity_report.report_page import PAGE
 from real2sim.fidelity_report.target_tiles import find_missed_targets
-from real2sim.findings import ConversionFindings
-from real2sim.targets import count_sumo_driven
+from real2sim.conversion_findings import ConversionFindings
+from real2sim.fidelity_targets import count_sumo_driven
 
 HEAD = (
     "map",

@@ -9,7 +9,7 @@ from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, MapFrame, draw_far_points
 from real2sim.fidelity_report.svg import path, picture, scale_bar, use
-from real2sim.findings import ConversionFindings
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.hd_map import HdMap, LaneKind
 from real2sim.network import NetworkReport
 from real2sim.network.lane_directions import reverse_lane

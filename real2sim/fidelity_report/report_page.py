@@ -21,9 +21,9 @@ from real2sim.fidelity_report.network_section import render_network_section
 from real2sim.fidelity_report.report_entry import ReportEntry, build_entries, number_by_id
 from real2sim.fidelity_report.target_tiles import find_missed_targets, render_tiles
 from real2sim.fidelity_report.traffic_section import render_traffic_section
-from real2sim.findings import ConversionFindings
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.quality import CHECKS
-from real2sim.targets import count_sumo_driven
+from real2sim.fidelity_targets import count_sumo_driven
 
 PAGE = "conversion.html"
 LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "what stands"), ("names", "numbers"))

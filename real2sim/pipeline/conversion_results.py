@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
 from real2sim.clean.cleaning_report import CleaningReport
-from real2sim.findings import ConversionFindings
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic
 from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.match import LaneMatch
@@ -14,7 +14,7 @@ from real2sim.network import NetworkReport
 from real2sim.pipeline.quality_file import CleaningChange, CleaningFigures, NetworkFigures, QualityFile, TrackRoleEntry
 from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.targets import (
+from real2sim.fidelity_targets import (
     FidelityTarget,
     build_lost_target,
     build_network_targets,

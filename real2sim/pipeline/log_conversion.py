@@ -15,7 +15,7 @@ from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import Recording
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 
 BUCKETS = {"v2xpnp": "V2XPnP"}
 CATEGORY = "real2sim"

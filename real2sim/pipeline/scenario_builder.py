@@ -11,7 +11,7 @@ from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
-from real2sim.findings import ConversionFindings
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic, fit_traffic
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
@@ -27,7 +27,7 @@ from real2sim.pipeline.quality_file import QualityFile
 from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.traffic_fidelity import measure_traffic_fidelity
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.carla_frame import CarlaFrame
 from real2sim.readers.route_file import RouteFile, parse_ego_index, read_route_file
-from real2sim.scene import CavRoute, SourceScene, TownMap
+from real2sim.source_scene import CavRoute, SourceScene, TownMap
 
 BUCKET = "InterDrive"
 TWO_CAV_CATEGORIES = frozenset({"ins_c", "ins_ss", "ins_sl", "ins_sr"})

@@ -23,7 +23,7 @@ from real2sim.readers.mdrive_behavior import map_vehicle_names, read_scripts
 from real2sim.readers.mdrive_manifest import MANIFEST, ActorRole, ManifestEntry, read_manifest
 from real2sim.readers.mdrive_weather import find_nearest_weather
 from real2sim.readers.route_file import RouteFile, parse_ego_index, read_route_file
-from real2sim.scene import CavRoute, SourceScene, TownMap
+from real2sim.source_scene import CavRoute, SourceScene, TownMap
 
 REPLAY_SUFFIX = "_REPLAY"
 MAX_START_GAP_M = 5.0

@@ -7,7 +7,7 @@ from typing import Any
 
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.readers.mdrive import read_mdrive
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 from testing.made_up_town import make_town
 
 Waypoint = tuple[float, ...]

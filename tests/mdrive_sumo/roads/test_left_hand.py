@@ -21,7 +21,7 @@ from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.quality_file import QualityFile
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 from tests.real2sim.network.test_netbuild_real import READ
 
 NODES = '<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>'

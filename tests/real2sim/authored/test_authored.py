@@ -30,7 +30,7 @@ from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.suite_converter import convert_authored
 from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 
 ABOUT = SuiteFile(name="made-up", title="Made up")
 

@@ -29,7 +29,7 @@ from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.quality_file import load_quality
 from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 from real2sim.recording import ObserverView
-from real2sim.targets import FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost
+from real2sim.fidelity_targets import (FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost)
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 

@@ -19,7 +19,7 @@ from real2sim.fidelity_report.index_page import build_index_row, render_index, w
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.network_section import compute_deviation
 from real2sim.fidelity_report.report_page import PAGE, render_report, write_report
-from real2sim.findings import ConversionFindings
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
 from real2sim.readers.scenarionet import read_scenarionet

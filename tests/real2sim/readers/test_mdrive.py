@@ -24,7 +24,7 @@ from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
 from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
 from real2sim.readers.mdrive_blueprints import find_blueprint_shape
 from real2sim.readers.mdrive_weather import find_nearest_weather
-from real2sim.scene import TownMap
+from real2sim.source_scene import TownMap
 
 REAL = SHARED_DATA / "mdrive" / "interaction"
 

@@ -9,7 +9,7 @@ from testing.real_fits import NAMES, fitted_log
 
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from real2sim.targets import build_traffic_targets
+from real2sim.fidelity_targets import build_traffic_targets
 from real2sim.traffic_fidelity.passing_order import find_conflict_points, is_order_kept
 from real2sim.traffic_fidelity.traffic_fidelity import GONE_M, TrafficFidelity, measure_traffic_fidelity
 

@@ -18,7 +18,7 @@ from mdrive_sumo.scenario.suite import load_suite
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
-from real2sim.scene import SourceScene
+from real2sim.source_scene import SourceScene
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map

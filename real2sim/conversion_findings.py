@@ -9,7 +9,7 @@ from real2sim.fit.disposition import TrackRole
 from real2sim.network import NetworkReport
 from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.targets import FidelityTarget
+from real2sim.fidelity_targets import FidelityTarget
 from real2sim.traffic_fidelity import TrafficFidelity
 
 
