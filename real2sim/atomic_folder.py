@@ -1,4 +1,4 @@
-"""Folders that are written whole or not at all."""
+"""Folders that are written completely or not at all."""
 
 import signal
 import tempfile
@@ -13,10 +13,10 @@ from mdrive_sumo.core.errors import InputError
 
 @contextmanager
 def atomic_folder(out: Path) -> Generator[Path]:
-    """A draft folder beside `out`, which it becomes when the block ends well; nothing is left of it otherwise.
+    """Yield a draft folder next to `out` that is renamed to `out` when the block succeeds and removed otherwise.
 
-    SIGTERM ends the block as Ctrl-C does, by KeyboardInterrupt. Raises InputError unless `out` is new or an empty
-    folder, or if the disk does not take it.
+    SIGTERM ends the block like Ctrl-C, with KeyboardInterrupt. Raises InputError unless `out` is new or an empty
+    folder, or if it cannot be written.
     """
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(f"{out}: expected a new or empty folder to write to, found something there")
@@ -33,7 +33,7 @@ def atomic_folder(out: Path) -> Generator[Path]:
 
 @contextmanager
 def _sigterm_as_interrupt() -> Generator[None]:
-    """SIGTERM raises KeyboardInterrupt, so that nothing is left behind. Only a main thread can hear signals."""
+    """Raise KeyboardInterrupt on SIGTERM, so that the draft is removed. Only the main thread receives signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

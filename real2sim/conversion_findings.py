@@ -1,4 +1,4 @@
-"""Findings: everything one conversion of a log found out, gathered for its report page. Frame: that of the log [m]."""
+"""ConversionFindings: all results of converting one log, input of its report page. Frame: that of the log [m]."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,10 +15,10 @@ from real2sim.traffic_fidelity import TrafficFidelity
 
 @dataclass(frozen=True)
 class ConversionFindings:
-    """One scenario of a suite; filled by the pipeline. What was not done or measured is None."""
+    """Results for one scenario of a suite. None means not done or not measured."""
 
     id: str
-    """Of the scenario: the name of its folder in the suite."""
+    """Scenario id: the name of its folder in the suite."""
     recording: Recording
     cleaned: CleanedRecording
     tracks: tuple[RecordedTrack, ...]
@@ -32,10 +32,10 @@ class ConversionFindings:
     """`Fitted.names`: track id -> id in the scenario."""
     closeness: TrafficFidelity | None = None
     targets: tuple[FidelityTarget, ...] = ()
-    """All of them; () where no pipeline has set any: then those of quality and closeness are shown."""
+    """All targets; () if the pipeline has set none: then those of quality and traffic fidelity are shown."""
     misses: tuple[str, ...] = ()
-    """What misses its target, a sentence each; () is a pass."""
+    """One sentence for each missed target; () is a pass."""
     notes: tuple[str, ...] = ()
-    """What the fit had to pass over, for the page; those of the reader stand in `recording`."""
+    """What the fit skipped; notes of the reader are in `recording`."""
     mode: str = "reactive"
     window_s: tuple[float, float] | None = None

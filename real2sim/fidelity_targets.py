@@ -1,4 +1,4 @@
-"""Targets of a conversion: every figure that issue C asks for, with its limit and whether it is met."""
+"""Targets of a conversion: every required figure with its limit, and whether the target is met."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,16 +13,16 @@ from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, TrafficFidelity
 
 
 class FidelityTarget(BaseModel):
-    """A figure and what it should be."""
+    """A figure and its limit."""
 
     model_config = ConfigDict(frozen=True)
 
     name: str
     value: float | None
-    """None: there was nothing to measure it on."""
+    """None: nothing to measure."""
     limit: float
     at_least: bool = False
-    """Whether the limit is the least; else it is the most."""
+    """Whether the limit is a minimum; otherwise it is a maximum."""
     unit: str = ""
 
     @computed_field
@@ -33,12 +33,13 @@ class FidelityTarget(BaseModel):
             return None
         return self.value >= self.limit if self.at_least else self.value <= self.limit
 
-    def sentence(self) -> str:
-        """Figure and limit in words."""
-        value = "unknown" if self.value is None else self._number(self.value)
-        return f"{self.name}: {value}, {'at least' if self.at_least else 'at most'} {self._number(self.limit)} wanted"
+    def format_sentence(self) -> str:
+        """Return figure and limit as a sentence."""
+        value = "unknown" if self.value is None else self._format_number(self.value)
+        bound = "at least" if self.at_least else "at most"
+        return f"{self.name}: {value}, {bound} {self._format_number(self.limit)} wanted"
 
-    def _number(self, value: float) -> str:
+    def _format_number(self, value: float) -> str:
         return f"{100 * value:.1f} %" if self.unit == "share" else f"{value:.3g} {self.unit}".strip()
 
 
@@ -58,8 +59,8 @@ def build_reconstruction_targets(quality: ReconstructionQuality) -> tuple[Fideli
 
 
 def build_network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[FidelityTarget, ...]:
-    """The network against the map; `unroutable` are moving vehicles on the road whose way the network breaks."""
-    fit = network.fit
+    """Build the targets of the network; `unroutable` lists moving vehicles whose path the network interrupts."""
+    fit = network.deviation
     return (
         FidelityTarget(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
         FidelityTarget(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),

@@ -1,4 +1,4 @@
-"""HdMap: the map of a log, whatever its source, in the log's own frame [m]."""
+"""HdMap: the map of a log in the log's own frame [m], independent of the source."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float
 
 
 class LaneKind(StrEnum):
-    """Who uses a lane."""
+    """Kind of traffic that uses a lane."""
 
     DRIVING = "driving"
     BIKE = "bike"
@@ -21,36 +21,36 @@ class LaneKind(StrEnum):
 
 @dataclass(frozen=True)
 class MapLane:
-    """One lane as the source draws it."""
+    """One lane as the source defines it."""
 
     id: str
     kind: LaneKind
     centre: Float
     """(N, 2), N >= 2."""
     left: Float = field(default_factory=lambda: np.zeros((0, 2)))
-    """(M, 2) boundary to the left in the order of the points; empty if unknown."""
+    """(M, 2) [m] left boundary in the order of the points; empty if unknown."""
     right: Float = field(default_factory=lambda: np.zeros((0, 2)))
     entries: tuple[str, ...] = ()
-    """Ids of lanes that lead into this one, as the source says; may be incomplete or name lanes that are not there."""
+    """Ids of predecessor lanes as given by the source; may be incomplete or refer to missing lanes."""
     exits: tuple[str, ...] = ()
     left_neighbour: str = ""
-    """Lane to the left of the same direction; "" if there is none or the source does not say."""
+    """Id of the left neighbour with the same direction; "" if there is none or the source does not say."""
     right_neighbour: str = ""
     group: str = ""
-    """Road or segment that the source counts it to; lanes of one group lie side by side."""
+    """Road or segment of the source; lanes of one group lie side by side."""
     width: float = float("nan")
-    """[m]; NaN if the source says nothing (boundaries tell more)."""
+    """[m]; NaN if the source gives none (the boundaries may)."""
     speed_limit: float = float("nan")
     """[m/s]"""
     directed: bool = True
-    """Whether the order of its points is the direction of travel; False: to be voted (V2XPnP)."""
+    """Whether the order of the points is the direction of travel; False: the direction must be estimated (V2XPnP)."""
     junction: bool = False
-    """Whether the source says that it lies within a junction."""
+    """Whether the source marks the lane as part of a junction."""
 
 
 @dataclass(frozen=True)
 class StopLine:
-    """Where vehicles of some lanes stop: end points (2, 2) [m]."""
+    """Stop line of some lanes: end points (2, 2) [m]."""
 
     line: Float
     lanes: tuple[str, ...] = ()
@@ -60,13 +60,13 @@ class StopLine:
 
 @dataclass(frozen=True)
 class HdMap:
-    """Lanes and what lies on them."""
+    """Lanes, crosswalks, stop lines and signals of a map."""
 
     lanes: Mapping[str, MapLane] = field(default_factory=dict[str, MapLane])
     crosswalks: tuple[Float, ...] = ()
     """Polygons (N, 2) [m]."""
     stop_lines: tuple[StopLine, ...] = ()
     signals: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
-    """Ids of traffic lights with the lanes that they control."""
+    """Ids of traffic lights with the ids of the lanes they control."""
     left_hand: bool | None = None
-    """Whether traffic keeps to the left; None: to be found out."""
+    """Whether traffic keeps to the left; None: unknown, to be estimated."""

@@ -1,4 +1,4 @@
-"""SUMO's netconvert, found in the environment of the running interpreter."""
+"""SUMO's netconvert: find the program and run it."""
 
 import importlib.util
 import shutil
@@ -17,16 +17,16 @@ OPENDRIVE_OPTIONS = (
     "--precision",  # of 3 digits the offset too is exact to the millimetre
     "3",
 )
-"""Not `--opendrive.internal-shapes`: it folds lanes in junctions (heading change 114 instead of 67 deg)."""
+"""Without `--opendrive.internal-shapes`: it folds lanes in junctions (heading change 114 instead of 67 deg)."""
 
 
 def build_opendrive_command(xodr: str, net: str) -> tuple[str, ...]:
-    """Arguments that turn one OpenDRIVE file into one net."""
+    """Return the netconvert command that compiles an OpenDRIVE file to a net file."""
     return ("netconvert", "--opendrive-files", xodr, "--output-file", net, *OPENDRIVE_OPTIONS)
 
 
 def compile_opendrive(xodr: Path) -> bytes:
-    """The SUMO net of an OpenDRIVE map; raises InputError if netconvert is missing or refuses the map."""
+    """Compile an OpenDRIVE map to a SUMO net; raise InputError if netconvert is missing or rejects the map."""
     with tempfile.TemporaryDirectory() as folder:
         net = Path(folder) / "map.net.xml"
         arguments = build_opendrive_command(str(xodr.resolve()), str(net))
@@ -41,7 +41,7 @@ def compile_opendrive(xodr: Path) -> bytes:
 
 
 def find_netconvert() -> Path:
-    """Path of netconvert, of this Python environment if it has one; raises InputError if there is none."""
+    """Return the path of netconvert, preferably that of this Python environment; raise InputError if there is none."""
     spec = importlib.util.find_spec("sumo")
     for folder in (spec.submodule_search_locations or ()) if spec else ():
         if (wheel := Path(folder) / "bin" / "netconvert").is_file():

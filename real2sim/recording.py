@@ -1,7 +1,8 @@
-"""Recording: what a log says, whatever its source. Readers make it, everything after the readers knows nothing else.
+"""Recording: the common form of a log, independent of its source.
 
-World frame of the log: metres, right-handed, x and y in the plane, yaw in radians counter-clockwise from +x; a pose is
-the box centre. One row of every array is one frame; frames are `dt_s` apart.
+Readers build it; all later steps depend on it only. World frame: metres, right-handed, x and y in the plane, yaw in
+radians counter-clockwise from +x; a pose is the box centre. One row of every array is one frame; frames are `dt_s`
+apart.
 """
 
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from real2sim.hd_map import HdMap
 
 
 class ObjectCategory(StrEnum):
-    """What a thing is, in the words of all sources."""
+    """Class of a road user or object, common to all sources."""
 
     CAR = "car"
     VAN = "van"
@@ -28,11 +29,11 @@ class ObjectCategory(StrEnum):
     """A bicycle or scooter with its rider."""
     PEDESTRIAN = "pedestrian"
     STATIC = "static"
-    """Barriers, cones, bins: nothing that ever moves by itself."""
+    """Barriers, cones, bins: objects that never move by themselves."""
 
     @property
     def kind(self) -> Kind:
-        """How the simulation calls it."""
+        """Kind of the simulation for this category."""
         if self is ObjectCategory.PEDESTRIAN:
             return Kind.PEDESTRIAN
         if self is ObjectCategory.BICYCLE:
@@ -50,12 +51,12 @@ DEFAULT_SIZE_M: Mapping[ObjectCategory, tuple[float, float]] = {
     ObjectCategory.PEDESTRIAN: (0.5, 0.5),
     ObjectCategory.STATIC: (0.5, 0.5),
 }
-"""Length and width [m] for sources that tell none."""
+"""Length and width [m] for sources that give no dimensions."""
 
 
 @dataclass(frozen=True)
 class RecordedTrack:
-    """One thing through all frames. Arrays are (T,), rows without `valid` hold NaN."""
+    """One road user or object over all frames. Arrays are (T,); rows that are not `valid` hold NaN."""
 
     id: str
     category: ObjectCategory
@@ -63,52 +64,52 @@ class RecordedTrack:
     x: Float
     y: Float
     yaw: Float
-    """As the source tells it; may be junk for pedestrians. NaN where the source tells none."""
+    """[rad] As the source gives it; unreliable for pedestrians, NaN where the source gives none."""
     length: Float
     width: Float
-    """Full sizes [m]; NaN where the source tells none."""
+    """Full length and width [m]; NaN where the source gives none."""
     parked: bool = False
-    """Whether the source calls it static."""
+    """Whether the source labels it static."""
 
     @property
     def xy(self) -> Float:
-        """(T, 2) [m]"""
+        """Positions (T, 2) [m]."""
         return np.column_stack((self.x, self.y))
 
     @property
-    def frames(self) -> npt.NDArray[np.intp]:
-        """The rows in which it is there."""
+    def valid_frames(self) -> npt.NDArray[np.intp]:
+        """Indices of the valid frames."""
         return np.flatnonzero(self.valid)
 
-    def with_rows(self, **columns: Float | Bool) -> "RecordedTrack":
-        """The same with other arrays."""
+    def replace_columns(self, **columns: Float | Bool) -> "RecordedTrack":
+        """Return a copy with other arrays."""
         return replace(self, **columns)
 
 
 @dataclass(frozen=True)
 class ObserverView:
-    """What one observer recorded. A log with one list of tracks for all has one view."""
+    """Tracks recorded by one observer. A log with one common list of tracks has one view."""
 
     observer: str
-    """Agent folder or "log"."""
+    """Name of the agent folder, or "log"."""
     tracks: tuple[RecordedTrack, ...]
     pose: Float = field(default_factory=lambda: np.zeros((0, 3)))
-    """(T, 3) x, y, yaw of the observer's sensor; empty if it has none of its own."""
-    infrastructure: bool = False
+    """(T, 3) x, y [m], yaw [rad] of the observer's sensor; empty if it has none."""
+    is_infrastructure: bool = False
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A log: views of the same scene on a common grid of frames, and the map."""
+    """A log: views of one scene on a common grid of frames, and the map."""
 
     id: str
     source: str
     """Name of the reader."""
     dt_s: float
-    frames: int
+    frame_count: int
     views: tuple[ObserverView, ...]
     map: HdMap
     cavs: tuple[str, ...] = ()
-    """Which observers, or (in a log with one view) which tracks, are connected automated vehicles by the source."""
+    """Connected automated vehicles named by the source: observers, or track ids in a log with one view."""
     notes: tuple[str, ...] = ()
-    """What the reader had to pass over or to guess, for the report."""
+    """What the reader skipped or assumed, for the report."""

@@ -1,7 +1,7 @@
-"""Scene: what every reader hands to the builder, whatever the source: one scenario to be.
+"""SourceScene: what every reader hands to the scenario builder, independent of the source.
 
-A log brings a recording (map, tracks); an authored source brings routes of CAVs, road users with their behaviours and
-things beside the road. Everything is in the frame of the map: metres, right-handed, radians counter-clockwise from +x.
+A log provides a recording (map, tracks); an authored source provides routes of CAVs, scripted road users and props. All
+coordinates are in the frame of the map: metres, right-handed, radians counter-clockwise from +x.
 """
 
 from dataclasses import dataclass, field
@@ -18,16 +18,16 @@ from real2sim.recording import Recording
 
 @dataclass(frozen=True)
 class TownMap:
-    """A CARLA town: a ready map that netconvert reads. Its frame is CARLA's with y flipped, before SUMO's netOffset."""
+    """A CARLA town: a map that netconvert reads. Its frame is CARLA's with y flipped, before SUMO's netOffset."""
 
     name: str
-    maps: Path
+    map_folder: Path
     """Folder with NAME.xodr or NAME.net.xml."""
 
 
 @dataclass(frozen=True)
 class CavRoute:
-    """A CAV whose way was authored: via points, the first is where it starts."""
+    """Authored route of a CAV: via points, starting with the start position."""
 
     id: str
     waypoints: Float = field(default_factory=lambda: np.zeros((0, 2)))
@@ -36,7 +36,7 @@ class CavRoute:
 
 @dataclass(frozen=True)
 class SourceScene:
-    """One scenario to be."""
+    """Source of one scenario."""
 
     id: str
     source: str
@@ -47,10 +47,10 @@ class SourceScene:
     recording: Recording | None = None
     """Tracks of a log; its map is `map`."""
     routes: tuple[CavRoute, ...] = ()
-    """Authored CAVs; those of a log come from its tracks."""
+    """Authored CAVs; CAVs of a log come from its tracks."""
     actors: tuple[Actor, ...] = ()
-    """Authored road users with their behaviours, and environment objects; those of a log come from its tracks."""
+    """Authored road users and props; those of a log come from its tracks."""
     weather: WeatherName = "default"
     description: str = ""
     notes: tuple[str, ...] = ()
-    """What the reader had to pass over or to guess, for the report."""
+    """What the reader skipped or assumed, for the report."""

@@ -1,4 +1,4 @@
-"""XML from strangers: document types are refused, because entity-expansion bombs come in by them."""
+"""Untrusted XML: document types are refused because they allow entity-expansion attacks."""
 
 import math
 from pathlib import Path
@@ -16,7 +16,7 @@ class _DoctypeRefuser(ElementTree.TreeBuilder):
 
 
 def read_xml(path: Path) -> Element:
-    """Root element of an XML file; raises InputError if it cannot be read, is broken or has a DOCTYPE."""
+    """Return the root element of an XML file; raise InputError if it is unreadable, malformed or has a DOCTYPE."""
     try:
         return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_DoctypeRefuser()))
     except OSError as error:
@@ -28,12 +28,12 @@ def read_xml(path: Path) -> Element:
 
 
 def read_number(path: Path, element: Element, name: str) -> float:
-    """A finite number in an attribute; raises InputError."""
+    """Return an attribute as a finite number; raise InputError."""
     return parse_finite(f"{path}: {element.tag}: {name}", element.get(name))
 
 
 def parse_finite(where: str, text: str | None) -> float:
-    """A finite number; raises InputError."""
+    """Parse a finite number; raise InputError."""
     try:
         value = float(text or "")
     except ValueError:

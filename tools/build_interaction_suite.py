@@ -1,8 +1,8 @@
-"""Writes the built-in `build_interaction_suite` suite anew: `python -m tools.build_interaction_suite [FOLDER]`.
+"""Build the shipped `interaction` suite: `python -m tools.build_interaction_suite [FOLDER]`.
 
-For every category a pool of good scenarios is searched, of which those are kept whose means are the paper's. What is
-kept of a category is noted in FOLDER.work as soon as it is found: a search that was interrupted goes on. The suite
-keeps the recipes, so that `mdrive-sumo generate --rebuild interaction` needs no search.
+For every category a pool of valid scenarios is searched, and those are kept whose means match the paper. The selection
+of a category is stored in FOLDER.work when it is complete, so that an interrupted search continues. The suite keeps the
+recipes, so that `mdrive-sumo generate --rebuild interaction` needs no search.
 """
 
 import random
@@ -27,19 +27,20 @@ ABOUT = SuiteFile(
     description="112 scenarios of our own making in the paper's eleven categories, with the paper's means.",
 )
 POOL_FACTOR = 3.0
-"""Scenarios in the pool for every one that is kept."""
+"""Scenarios in the pool per scenario that is kept."""
 OCCLUSION_CATEGORIES = frozenset((Category.PRE_CRASH, Category.CROSSWALK))
 """Categories in which only scenarios with an occlusion certificate are kept."""
 TOWARDS_BUCKET = (1.018, 0.975)
-"""Of routes and heading changes: the paper's figures of the bucket (91.3 m, 55.4 deg) are not the means of its own
-table of categories (88.1 m, 58.4 deg; protocol 1.1). With these factors both are met within what is asked."""
+"""Factors on routes and heading changes: the paper's figures of the bucket (91.3 m, 55.4 deg) are not the means of its
+own table of categories (88.1 m, 58.4 deg; protocol 1.1). These factors meet both within tolerance.
+"""
 WORKERS = 2
 LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
 class CategoryTask:
-    """A category and how many of its scenarios are kept."""
+    """A category and the number of its scenarios to keep."""
 
     category: Category
     count: int
@@ -49,7 +50,7 @@ BuiltScenario = tuple[Recipe, Scenario]
 
 
 def select_recipes(task: CategoryTask) -> list[Recipe]:
-    """Recipes of the scenarios of a category, numbered, with weather."""
+    """Return the numbered recipes of a category's scenarios, with weather."""
     pool = list(_search_pool(task))
     figures = CATEGORIES[task.category].paper
     assert figures is not None
@@ -98,7 +99,7 @@ def build_interaction_suite(folder: Path) -> None:
 
 
 def main(folders: list[str]) -> None:
-    """Writes the suite to the named folder, or to its place in the package."""
+    """Write the suite to the given folder, or to its place in the package."""
     folder = Path(folders[0]) if folders else Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interaction"
     build_interaction_suite(folder)
 

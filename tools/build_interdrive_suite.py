@@ -28,14 +28,14 @@ BUCKET = "InterDrive"
 
 @dataclass(frozen=True, slots=True)
 class RecipeStep:
-    """A lane on a CAV's way, and an arc length [m] on it (below zero: from its end) or None."""
+    """A lane on a CAV's route, and an arc length [m] on it (below zero: from its end) or None."""
 
     lane: str
     s: float | None
 
 
 def parse_steps(text: str) -> tuple[RecipeStep, ...]:
-    """Parses "lane s > lane > lane s"; raises InputError."""
+    """Parse "lane s > lane > lane s"; raise InputError."""
     found: list[RecipeStep] = []
     for part in text.split(">"):
         words = part.split()
@@ -50,7 +50,7 @@ def parse_steps(text: str) -> tuple[RecipeStep, ...]:
 
 
 def build_route(roads: RoadMap, way: Sequence[RecipeStep]) -> Route:
-    """The dense route through the steps; raises InputError where there is none."""
+    """Build the dense route through the steps; raise InputError if there is none."""
     _check_lanes(roads, way)
     lanes = [way[0].lane]
     change_at: dict[int, float] = {}
@@ -77,7 +77,7 @@ def _to_arc_length(roads: RoadMap, step: RecipeStep) -> float:
 
 
 def build_ego(roads: RoadMap, name: str, text: str) -> Ego:
-    """A CAV from its line of the recipe, at rest on the first point of its route."""
+    """Build a CAV from its line of the recipe, at rest on the first point of its route."""
     route = build_route(roads, parse_steps(text))
     xy, yaw = route.xy.tolist(), route.yaw.tolist()
     points = tuple((round(x, 3), round(y, 3), round(a, 4)) for (x, y), a in zip(xy, yaw, strict=True))
@@ -103,13 +103,13 @@ def build_scenario(entry: dict[str, Any]) -> Scenario:
 
 
 def build_suite(folder: Path) -> Suite:
-    """The suite that the recipe in `folder` describes."""
+    """Build the suite described by the recipe in `folder`."""
     recipe = tomllib.loads((folder / RECIPE_FILE).read_text())
     return Suite(SuiteFile(**recipe["suite"]), folder, tuple(build_scenario(entry) for entry in recipe["scenario"]))
 
 
 def write_suite(folder: Path) -> Suite:
-    """Writes and seals `suite.json` and every `scenario.json` of the recipe in `folder`."""
+    """Write and seal `suite.json` and every `scenario.json` of the recipe in `folder`."""
     save_suite(build_suite(folder))
     suite = seal_suite(load_suite(str(folder)))  # as it is read: files are rounded
     save_suite(suite)
@@ -117,7 +117,7 @@ def write_suite(folder: Path) -> Suite:
 
 
 def main() -> None:
-    """Writes the suite of the package."""
+    """Write the suite of the package."""
     folder = Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"
     sys.stdout.write(f"{folder}: {len(write_suite(folder).scenarios)} scenarios\n")
 

@@ -1,7 +1,7 @@
-"""Compiles the packaged networks from their recipes: `python -m tools.build_networks [NAME...]`.
+"""Compile the shipped networks from their recipes: `python -m tools.build_networks [NAME...]`.
 
 A recipe is a folder with hand-written plain XML (`plain.*.xml`) and `network.json`, which holds netconvert's arguments,
-buildings and signs. The same netconvert release makes the same bytes: dates and comments are stripped.
+buildings and signs. The same netconvert release produces the same bytes: dates and comments are removed.
 """
 
 import gzip
@@ -31,7 +31,7 @@ def netconvert() -> str | None:
 
 
 def compile_recipe(folder: Path) -> bytes:
-    """The net file (XML) that the recipe in `folder` makes; raises InputError if netconvert is absent or refuses."""
+    """Compile the recipe in `folder` to a net file (XML); raise InputError if netconvert is missing or rejects it."""
     program = netconvert()
     if program is None:
         raise InputError(f"{folder}: expected netconvert on the PATH (pip install eclipse-sumo), found none")
@@ -45,12 +45,12 @@ def compile_recipe(folder: Path) -> bytes:
 
 
 def strip_comments(xml: bytes) -> bytes:
-    """The same XML without its comments, in which netconvert writes the date and local paths."""
+    """Remove XML comments, in which netconvert writes the date and local paths."""
     return re.sub(rb"<!--.*?-->\s*", b"", xml, flags=re.DOTALL)
 
 
 def build_network(folder: Path) -> NetworkFile:
-    """Compiles a recipe, writes `map.net.xml.gz` and renews offset and checksum in `network.json`."""
+    """Compile a recipe, write `map.net.xml.gz` and update offset and checksum in `network.json`."""
     net = compile_recipe(folder)
     (folder / NET_FILE).write_bytes(gzip.compress(net, 9, mtime=0))
     about = read_network_file(folder).model_copy(

@@ -1,4 +1,4 @@
-"""Authored road users on a network: moved by its offset, on lanes where they follow lanes."""
+"""Place authored road users on a network: shift them by its offset, and let them follow lanes where required."""
 
 from collections.abc import Iterator, Sequence
 
@@ -24,9 +24,9 @@ from mdrive_sumo.scenario.scripted_actor import (
 from real2sim.match.waypoint_matcher import match_waypoints
 
 ON_LANE_M = 1.0
-"""An actor further from the lanes along its path keeps to its path."""
+"""[m] An actor further from the lanes along its path keeps its path."""
 AHEAD_M = 150.0
-"""How far lanes are followed beyond the end of an actor's path: a lane change takes up to 130 m (protocol 3.4)."""
+"""[m] Lanes are followed this far beyond the end of an actor's path: a lane change takes up to 130 m (protocol 3.4)."""
 
 NetOffset = tuple[float, float]
 
@@ -34,9 +34,9 @@ NetOffset = tuple[float, float]
 def place_actors(
     actors: Sequence[Actor], roads: RoadMap, offset: NetOffset
 ) -> tuple[tuple[Actor, ...], tuple[str, ...]]:
-    """The actors in the network's frame, with notes.
+    """Return the actors in the network's frame, with notes.
 
-    Those that pace drop their authored path and follow its lanes (protocol 3.4), if there are lanes along it.
+    Pacing actors drop their authored path and follow the lanes along it (protocol 3.4), if there are any.
     """
     there: list[Actor] = []
     notes: list[str] = []
@@ -52,14 +52,14 @@ def place_actors(
 
 
 def note_start_contacts(egos: Sequence[Ego], actors: Sequence[Actor], roads: RoadMap) -> Iterator[str]:
-    """A note for each actor that stands in a CAV at the start; who is there later does not count."""
+    """Yield a note for each actor that overlaps a CAV at the start. Actors that appear later do not count."""
     for actor in actors:
         for ego, _ in find_start_overlaps(actor, egos, roads):
             yield f"{actor.id} overlaps CAV {ego} at the start"
 
 
 def note_unreachable_triggers(egos: Sequence[Ego], actors: Sequence[Actor]) -> Iterator[str]:
-    """A note for each actor that stands until a CAV comes near whose route does not."""
+    """Yield a note for each actor that waits for a CAV whose route does not come near enough."""
     routes = {ego.id: ego.xy for ego in egos}
     for actor in actors:
         trigger = actor.trigger
@@ -108,7 +108,7 @@ def _follow_lanes(motion: Motion, roads: RoadMap) -> LaneMotion | None:
         match = match_waypoints(roads, np.array(motion.points))
     except InputError:  # no lanes there
         return None
-    if match.left_out or max(abs(foot.d) for foot in match.feet) > ON_LANE_M:
+    if match.dropped or max(abs(foot.offset) for foot in match.projections) > ON_LANE_M:
         return None
     lanes = match.legs[0].lanes + tuple(lane for leg in match.legs[1:] for lane in leg.lanes[1:])
     return LaneMotion(
@@ -117,7 +117,7 @@ def _follow_lanes(motion: Motion, roads: RoadMap) -> LaneMotion | None:
 
 
 def _extend_straight(roads: RoadMap, lane: str) -> Iterator[str]:
-    """The lanes that go straightest on from the end of a lane."""
+    """Yield the straightest continuation from the end of a lane."""
     left = AHEAD_M
     here = roads.lanes[lane]
     seen = {lane}

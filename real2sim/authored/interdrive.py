@@ -1,4 +1,4 @@
-"""InterDrive's route folders and CARLA's towns become a suite."""
+"""Convert InterDrive's route folders and CARLA's towns to a suite."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +12,7 @@ ABOUT = SuiteFile(name="interdrive-original", title="InterDrive (original routes
 
 
 def convert_interdrive(sources: Iterable[Path], maps: Path, out: Path, name: str | None = None) -> ConversionReport:
-    """Writes the suite of all scenario folders in `sources` with the town maps in `maps`; raises InputError."""
+    """Write the suite of all scenario folders in `sources` with the town maps in `maps`; raise InputError."""
     scenes = [scene for source in sources for scene in read_interdrive(source, maps)]
     about = ABOUT.model_copy(update={"name": name}) if name else ABOUT
     return convert_authored(scenes, out, about, describe_omitted_routes(scenes))

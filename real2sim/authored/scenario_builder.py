@@ -1,4 +1,4 @@
-"""Authored scenes on their networks become scenarios: waypoints matched to lanes, starts moved apart, actors placed."""
+"""Build scenarios from authored scenes: match waypoints to lanes, separate starts, place actors."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ OFF_LANE_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class AuthoredScenario:
-    """A scenario, and what its conversion has to own up to."""
+    """A scenario, and what its conversion has to report."""
 
     scenario: Scenario
     waypoints: int
@@ -44,9 +44,10 @@ class _MatchedCav:
 
 
 def build_scenario(scene: SourceScene, network: Path) -> AuthoredScenario:
-    """Puts a scene on the network in a folder; raises InputError.
+    """Build the scenario of a scene on the network in a folder; raise InputError.
 
-    The network's frame is the map's, moved by its netOffset. Actors are where their files say; CAVs are on their lanes.
+    The network's frame is that of the map, shifted by its netOffset. Actors keep their authored positions; CAVs are
+    moved onto their lanes.
     """
     roads, offset = load_road_map(network), np.array(read_network_file(network).offset)
     cavs = [_match_route(scene, route, roads, offset) for route in scene.routes]
@@ -102,16 +103,16 @@ def _build_ego(cav: _MatchedCav, roads: RoadMap, shift: float) -> Ego:
 
 
 def _find_off_lane(cav: _MatchedCav, roads: RoadMap) -> Iterator[OffLaneWaypoint]:
-    for foot in cav.match.feet:
-        if abs(foot.d) > OFF_LANE_M:
+    for foot in cav.match.projections:
+        if abs(foot.offset) > OFF_LANE_M:
             nearest, distance = _find_nearest_lane(cav, foot.waypoint, roads)
             yield OffLaneWaypoint(
-                _build_waypoint(cav, foot.waypoint), foot.lane, round(abs(foot.d), 3), nearest, round(distance, 3)
+                _build_waypoint(cav, foot.waypoint), foot.lane, round(abs(foot.offset), 3), nearest, round(distance, 3)
             )
 
 
 def _find_dropped(cav: _MatchedCav, roads: RoadMap) -> Iterator[DroppedWaypoint]:
-    for i in cav.match.left_out:
+    for i in cav.match.dropped:
         nearest, distance = _find_nearest_lane(cav, i, roads)
         reason = f"no lane within {REACH_M:g} m" if distance > REACH_M else "no way to it and on from it (behind?)"
         yield DroppedWaypoint(_build_waypoint(cav, i), nearest, round(distance, 3), reason)

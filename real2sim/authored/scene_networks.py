@@ -1,4 +1,4 @@
-"""Networks for authored scenes: each town once, each HD map once."""
+"""Build the networks of authored scenes: one per town, one per HD map."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,13 +16,13 @@ from real2sim.source_scene import SourceScene, TownMap
 
 DT_S = 0.1
 ASSUMED_MPS = 8.0
-"""Speed at which ways without times are taken to be driven; it only spaces the votes for the directions of lanes."""
+"""[m/s] Assumed speed on paths without times; it only determines the spacing of votes for lane directions."""
 MAX_CHORD_M = 12.0
-"""Points further apart do not tell the way between them."""
+"""[m] Points further apart do not define the path between them."""
 
 
 def build_scene_networks(scenes: Sequence[SourceScene], folder: Path) -> list[TownNetwork]:
-    """The network of each scene, made in `folder`/NAME once for all scenes of the same map; raises InputError.
+    """Build the network of each scene in `folder`/NAME, once per map; raise InputError.
 
     An HD map is named after the first scene on it.
     """
@@ -32,7 +32,7 @@ def build_scene_networks(scenes: Sequence[SourceScene], folder: Path) -> list[To
         if key in made:
             continue
         if isinstance(scene.map, TownMap):
-            made[key] = build_town_network(scene.map.name, scene.map.maps, folder / scene.map.name)
+            made[key] = build_town_network(scene.map.name, scene.map.map_folder, folder / scene.map.name)
         else:
             alike = [other for other in scenes if other.map is scene.map]
             made[key] = _build_from_hd_map(scene.map, alike, folder / scene.id)
@@ -45,7 +45,7 @@ def _get_map_key(scene: SourceScene) -> str | int:
 
 def _build_from_hd_map(map: HdMap, scenes: Sequence[SourceScene], folder: Path) -> TownNetwork:
     motions = [motion for scene in scenes for motion in _collect_motions(scene)]
-    fit = build_network(map, motions, folder, folder.name, DT_S).fit
+    fit = build_network(map, motions, folder, folder.name, DT_S).deviation
     about = read_network_file(folder)
     source = f"HD map of {len(map.lanes)} lanes, centre lines within {fit.mean:.2f} m (mean)"
     signs = None if about.stop_signs is None else len(about.stop_signs)
@@ -53,7 +53,7 @@ def _build_from_hd_map(map: HdMap, scenes: Sequence[SourceScene], folder: Path) 
 
 
 def _collect_motions(scene: SourceScene) -> Iterator[Float]:
-    """What is known of how its vehicles drive: (N, 3) x, y, yaw every `DT_S`."""
+    """Yield the known motions of its vehicles: (N, 3) x, y, yaw every `DT_S`."""
     ways = [route.waypoints for route in scene.routes]
     for actor in scene.actors:
         if actor.kind != "vehicle":

@@ -1,4 +1,4 @@
-"""Start boxes that overlap are moved apart along their routes by the least total distance."""
+"""Separate overlapping start boxes along their routes by the smallest total distance."""
 
 import heapq
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from real2sim.match.waypoint_matcher import RouteLeg
 CAR_LENGTH_M = 4.90
 CAR_WIDTH_M = 2.00
 GAP_M = 0.02
-"""Kept between boxes, so that rounding poses to 1 mm cannot bring them into contact."""
+"""[m] Kept between boxes, so that rounding poses to 1 mm cannot bring them into contact."""
 STEP_M = 0.1
 MAX_SHIFT_M = 20.0
 
@@ -25,10 +25,11 @@ RouteLegs = tuple[RouteLeg, ...]
 
 
 def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float, ...]:
-    """How far each start has to move forward [m], in steps of `STEP_M`, at the least sum; raises InputError.
+    """Return how far each start moves forward [m], in steps of `STEP_M`, with the smallest sum; raise InputError.
 
-    Uniform-cost search over the shifts: of two overlapping boxes one moves on until it is clear of the other. (To
-    share the way between both is never shorter: a separating axis is reached soonest by the box that is faster on it.)
+    Uniform-cost search over the shifts: of two overlapping boxes, one moves on until it is clear of the other. Sharing
+    the distance between both is never shorter, because a separating axis is reached soonest by the box that is faster
+    along it.
     """
 
     @cache
@@ -58,7 +59,7 @@ def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float,
 
 
 def advance_start(roads: RoadMap, legs: RouteLegs, distance: float) -> RouteLegs:
-    """The legs without their first `distance` metres; raises InputError if they are shorter than that."""
+    """Return the legs without their first `distance` metres; raise InputError if they are shorter."""
     if not legs:
         raise InputError("expected a route long enough to move its start, found its end")
     first, rest = legs[0], legs[1:]
@@ -80,7 +81,7 @@ def _compute_box(roads: RoadMap, legs: RouteLegs, steps: int) -> Float:
 
 
 def _count_possible_steps(roads: RoadMap, legs: RouteLegs) -> int:
-    """Steps that leave at least 2 m of the route."""
+    """Return the number of steps that leave at least 2 m of the route."""
     length = float(np.hypot(*np.diff(build_dense_route(roads, legs).xy, axis=0).T).sum())
     return max(int((min(length - 2.0, MAX_SHIFT_M)) / STEP_M), 0)
 

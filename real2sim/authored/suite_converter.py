@@ -1,4 +1,4 @@
-"""Authored scenes become a suite: networks, scenarios, and the report of what had to be changed."""
+"""Convert authored scenes to a suite: networks, scenarios and a report of all changes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,10 +19,10 @@ NETWORKS = "networks"
 def convert_authored(
     scenes: Sequence[SourceScene], out: Path, about: SuiteFile, notes: Sequence[str] = ()
 ) -> ConversionReport:
-    """Writes scenes as a suite with its networks and `conversion.{json,md}`; raises InputError.
+    """Write scenes as a suite with its networks and `conversion.{json,md}`; raise InputError.
 
-    All or nothing: `out`, which must be new or empty, appears only when everything is converted. The suite's
-    description is `notes`, and which signs are unknown.
+    `out` must be new or empty and appears only when everything is converted. The suite's description consists of
+    `notes` and the networks whose signs are unknown.
     """
     _check_unique(scenes)
     with atomic_folder(out) as draft:

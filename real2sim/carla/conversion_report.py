@@ -1,4 +1,4 @@
-"""What a conversion has to own up to: shifts, points off their lane, maps, signs; as JSON and Markdown."""
+"""Report of a conversion: moved starts, waypoints off their lane, maps and signs, as JSON and Markdown."""
 
 import json
 import math
@@ -39,7 +39,7 @@ class OffLaneWaypoint:
 
 @dataclass(frozen=True, slots=True)
 class DroppedWaypoint:
-    """A waypoint that the route does not go to."""
+    """A waypoint that the route does not pass."""
 
     point: ReportedWaypoint
     nearest_lane: str
@@ -58,7 +58,7 @@ class StartShift:
 
 @dataclass(frozen=True, slots=True)
 class ConversionReport:
-    """Everything about one conversion."""
+    """Report of one conversion."""
 
     source: str
     notes: tuple[str, ...]
@@ -70,22 +70,22 @@ class ConversionReport:
     off_lane_threshold_m: float
     off_lane: tuple[OffLaneWaypoint, ...]
     scenario_notes: Mapping[str, tuple[str, ...]]
-    """By id of the scenario: what its files hold that was passed over, changed or guessed."""
+    """Scenario id -> what the converter skipped, changed or assumed in its files."""
 
     @property
     def starts_off_lane(self) -> int:
-        """Number of starts among the points off their lane."""
+        """Number of starts among the off-lane waypoints."""
         return sum(off.point.waypoint == 0 for off in self.off_lane)
 
 
 def write_conversion_report(report: ConversionReport, folder: Path) -> None:
-    """Writes `conversion.json` and `conversion.md`."""
+    """Write `conversion.json` and `conversion.md`."""
     (folder / REPORT_JSON).write_text(json.dumps(_to_json(report), indent=1) + "\n")
     (folder / REPORT_MARKDOWN).write_text(_format_markdown(report))
 
 
 def write_networks_report(networks: Sequence[TownNetwork], folder: Path) -> None:
-    """Writes `networks.json` and `networks.md`: where networks come from, their signs, the error of their offset."""
+    """Write `networks.json` and `networks.md`: origin, signs and offset error of the networks."""
     data = {"format": "mdrive-sumo/networks/1", "networks": [_town_to_json(town) for town in networks]}
     (folder / NETWORKS_JSON).write_text(json.dumps(data, indent=1) + "\n")
     (folder / NETWORKS_MARKDOWN).write_text("# Networks from OpenDRIVE\n\n" + _format_town_table(networks) + "\n")

@@ -1,4 +1,4 @@
-"""What netconvert loses of an OpenDRIVE map: where its stop signs stand, and where its roads lie exactly."""
+"""Read from an OpenDRIVE map what netconvert loses: stop signs and the exact position of roads."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from real2sim.xml_file import Element, read_number, read_xml
 STOP_SIGN = "206"
 """Type of a stop sign in CARLA's towns: number 206 of the German catalogue (StVO)."""
 STOP_BOX_M = 4.0
-"""Length of a stop box, which OpenDRIVE lacks: a car waiting up to 1.5 m before the line is in it."""
+"""[m] Length of a stop box, which OpenDRIVE does not define: it contains a car waiting up to 1.5 m before the line."""
 APPROACH_M = 12.0
 APPROACH_RAD = math.radians(45)
 
@@ -32,16 +32,16 @@ class OpenDriveSign:
 
 @dataclass(frozen=True, slots=True)
 class OpenDriveMap:
-    """An OpenDRIVE map's date, its stop signs, and points (N, 2) [m] where a driving lane begins."""
+    """Date and stop signs of an OpenDRIVE map, and points (N, 2) [m] where a driving lane begins."""
 
     date: str
     stop_signs: tuple[OpenDriveSign, ...] | None
-    """None if the file has no signals at all: then it predates them, and the signs are unknown."""
-    middles: Float
+    """None if the file has no signals at all: it predates them, and its signs are unknown."""
+    road_middles: Float
 
 
 def read_opendrive(path: Path) -> OpenDriveMap:
-    """Reads an `.xodr`; raises InputError."""
+    """Read an `.xodr` file; raise InputError."""
     root = read_xml(path)
     if root.tag != "OpenDRIVE":
         raise InputError(f"{path}: expected the root element <OpenDRIVE>, found <{root.tag}>")
@@ -56,14 +56,14 @@ def read_opendrive(path: Path) -> OpenDriveMap:
     return OpenDriveMap(
         date="" if header is None else header.get("date", ""),
         stop_signs=tuple(signs) if next(root.iter("signal"), None) is not None else None,
-        middles=np.array([middle for road in roads for middle in _find_road_middle(path, road)]).reshape(-1, 2),
+        road_middles=np.array([middle for road in roads for middle in _find_road_middle(path, road)]).reshape(-1, 2),
     )
 
 
 def _read_sign(path: Path, road: Element, signal: Element) -> OpenDriveSign:
-    """In right-hand traffic a sign at t < 0, right of the reference line, concerns traffic along that line.
+    """Read a sign. In right-hand traffic a sign at t < 0, right of the reference line, applies along that line.
 
-    CARLA's towns have `orientation` the other way round; the lanes of their signalReferences agree with us.
+    CARLA's towns use the opposite `orientation`; the lanes of their signalReferences confirm this reading.
     """
     t = read_number(path, signal, "t")
     x, y, yaw = _compute_pose(path, road, read_number(path, signal, "s"))
@@ -72,7 +72,7 @@ def _read_sign(path: Path, road: Element, signal: Element) -> OpenDriveSign:
 
 
 def _compute_pose(path: Path, road: Element, s: float) -> tuple[float, float, float]:
-    """Pose on a road's reference line, which may consist of lines and arcs (as in all CARLA towns)."""
+    """Return the pose on a road's reference line, which may consist of lines and arcs (as in all CARLA towns)."""
     pieces = sorted(road.iterfind("planView/geometry"), key=lambda piece: read_number(path, piece, "s"))
     begun = [piece for piece in pieces if read_number(path, piece, "s") <= s]
     if not begun:
@@ -94,7 +94,7 @@ def _compute_pose(path: Path, road: Element, s: float) -> tuple[float, float, fl
 
 
 def _find_road_middle(path: Path, road: Element) -> list[tuple[float, float]]:
-    """The middle of a road's zero line, if a driving lane begins there and the line is easily computed."""
+    """Return the middle of a road's zero line if a driving lane begins there and the line is simple to compute."""
     offsets = [[read_number(path, part, name) for name in "abcd"] for part in road.iterfind("lanes/laneOffset")]
     sections = list(road.iterfind("lanes/laneSection"))
     shapes = {shape.tag for piece in road.iterfind("planView/geometry") for shape in piece}
@@ -109,9 +109,9 @@ def _find_road_middle(path: Path, road: Element) -> list[tuple[float, float]]:
 
 
 def measure_offset_error(middles: Float, roads: RoadMap, offset: tuple[float, float]) -> float:
-    """Round trip of the offset: median gap [m] between road middles and the lane border that must lie there.
+    """Return the median gap [m] between road middles and the lane border expected there, a round trip of the offset.
 
-    NaN if the map has no road to measure at (`_find_road_middle`).
+    NaN if the map has no suitable road (`_find_road_middle`).
     """
     if not len(middles):
         return math.nan
@@ -121,14 +121,14 @@ def measure_offset_error(middles: Float, roads: RoadMap, offset: tuple[float, fl
 
 @dataclass(frozen=True, slots=True)
 class PlacedSigns:
-    """Stop boxes on lanes, and the ids of signs that no lane leads up to."""
+    """Stop boxes on lanes, and the ids of signs without a lane."""
 
     boxes: tuple[StopSignBox, ...]
     unplaced: tuple[str, ...]
 
 
 def place_stop_signs(signs: Sequence[OpenDriveSign], roads: RoadMap, offset: tuple[float, float]) -> PlacedSigns:
-    """One box on every lane of the road that a sign stands beside; its line is level with the sign."""
+    """Place one box on every lane of the road next to a sign; its line is level with the sign."""
     boxes: list[StopSignBox] = []
     unplaced: list[str] = []
     for sign in signs:
@@ -147,6 +147,6 @@ def place_stop_signs(signs: Sequence[OpenDriveSign], roads: RoadMap, offset: tup
 
 
 def _leads_to_sign(sign: OpenDriveSign, lane: Lane, x: float, y: float) -> bool:
-    """Whether a lane leads along the sign, to the left of it."""
+    """Return whether a lane leads along the sign, to the left of it."""
     s, d = lane.centre.project(x, y)
     return not lane.junction and d < 0 and abs(wrap_angle(lane.centre.yaw_at(s) - sign.yaw)) < APPROACH_RAD

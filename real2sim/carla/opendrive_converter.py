@@ -1,4 +1,4 @@
-"""OpenDRIVE maps become network folders, ready for scenarios."""
+"""Convert OpenDRIVE maps to network folders that scenarios can use."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +10,10 @@ from real2sim.carla.town_network import TownNetwork, build_opendrive_network
 
 
 def convert_opendrive(maps: Sequence[Path], out: Path) -> tuple[TownNetwork, ...]:
-    """Writes maps `NAME.xodr` as network folders `out`/networks/NAME; raises InputError.
+    """Convert maps `NAME.xodr` to network folders `out`/networks/NAME; raise InputError.
 
-    `networks.{json,md}` tells of their signs and the error of their offset. All or nothing: `out`, which must be new or
-    empty, appears only when every map is converted.
+    `networks.{json,md}` reports their signs and the error of their offset. `out` must be new or empty and appears only
+    when every map is converted.
     """
     names = [path.stem for path in maps]
     twice = sorted({name for name in names if names.count(name) > 1})

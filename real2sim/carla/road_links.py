@@ -1,4 +1,4 @@
-"""OpenDRIVE roads whose link only one side tells: netconvert leaves a gap there (as in CARLA's Town03 of 2019)."""
+"""Repair OpenDRIVE roads that are linked on one side only: netconvert leaves a gap there (CARLA's Town03 of 2019)."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,12 +7,12 @@ from xml.etree import ElementTree
 from real2sim.xml_file import Element
 
 ENDS = {"start": "predecessor", "end": "successor"}
-"""Contact point of a road -> its link there."""
+"""Contact point of a road -> the name of its link there."""
 CONTACTS = {link: contact for contact, link in ENDS.items()}
 
 
 def repair_road_links(root: Element) -> tuple[str, ...]:
-    """Makes roads outside junctions answer the links of their neighbours, in place; returns what was changed."""
+    """Add missing back links to roads outside junctions, in place; return the changes."""
     roads = {road.get("id", ""): road for road in root.iter("road") if road.get("junction") == "-1"}
     return tuple(changed for id_, road in roads.items() for changed in _repair_road(id_, road, roads))
 
@@ -44,7 +44,7 @@ def _set_link(road: Element, end: str, to: tuple[str, str]) -> None:
 
 
 def _link_lanes_back(road: Element, end: str, other: Element, answer: str) -> None:
-    """The lanes of `other` answer those of `road`, in the lane sections that touch."""
+    """Link the lanes of `other` back to those of `road`, in the adjoining lane sections."""
     here, there = _list_lane_sections(road), _list_lane_sections(other)
     if not here or not there:
         return
@@ -65,7 +65,7 @@ def _list_lane_sections(road: Element) -> list[Element]:
 
 
 def write_mended(root: Element, folder: Path, name: str) -> Path:
-    """Writes a mended map for netconvert."""
+    """Write a repaired map for netconvert."""
     path = folder / name
     path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
     return path

@@ -1,4 +1,4 @@
-"""CARLA's towns as network folders: from OpenDRIVE through netconvert, or from a ready SUMO net."""
+"""Build network folders of CARLA towns from OpenDRIVE through netconvert, or from an existing SUMO net."""
 
 import gzip
 import hashlib
@@ -18,13 +18,13 @@ from real2sim.netconvert import build_opendrive_command, compile_opendrive
 from real2sim.xml_file import Element, read_xml
 
 OFFSET_TOLERANCE_M = 0.01
-"""spec/sumo_pitfalls 8.1: assert the round trip of the offset to under 1 cm."""
+"""spec/sumo_pitfalls 8.1: the round trip of the offset must be below 1 cm."""
 LICENCE = "not stated in the file; the CARLA project publishes its towns under the MIT licence"
 
 
 @dataclass(frozen=True, slots=True)
 class TownNetwork:
-    """A converted town, and what the conversion report says about it."""
+    """A converted town with its figures for the conversion report."""
 
     name: str
     folder: Path
@@ -35,16 +35,16 @@ class TownNetwork:
     """Number of stop boxes; None: unknown."""
     unplaced_signs: tuple[str, ...]
     offset_error_m: float
-    """NaN: could not be measured (ready nets)."""
+    """NaN: not measurable (existing nets)."""
     repairs: tuple[str, ...] = ()
-    """What was mended in the map before netconvert saw it."""
+    """Repairs of the map before compilation."""
 
 
 def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
-    """Makes the network folder of a town whose maps lie in `maps`; raises InputError.
+    """Build the network folder of a town whose maps are in `maps`; raise InputError.
 
-    The `.xodr` is taken where there is one, because the signs are in it; but one without any `<signal>` (the
-    builds of 2019) gives way to a ready net, which then is newer and has the traffic lights.
+    The `.xodr` file is preferred because it contains the signs. A file without any `<signal>` (the builds of 2019) is
+    replaced by an existing net, which is newer and has the traffic lights.
     """
     xodr, net = maps / f"{name}.xodr", maps / f"{name}.net.xml"
     if not xodr.is_file() and not net.is_file():
@@ -56,7 +56,7 @@ def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
 
 
 def build_opendrive_network(xodr: Path, folder: Path) -> TownNetwork:
-    """Makes the network folder of an OpenDRIVE map, named after its file; raises InputError."""
+    """Build the network folder of an OpenDRIVE map, named after its file; raise InputError."""
     return _build_from_opendrive(xodr.stem, xodr, read_opendrive(xodr), folder)
 
 
@@ -85,7 +85,7 @@ def _build_from_opendrive(name: str, xodr: Path, drive: OpenDriveMap, folder: Pa
 
 
 def _compile_repaired(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
-    """The net, and what had to be mended of the map for it."""
+    """Compile the map; return the net and the repairs that were necessary."""
     root = read_xml(xodr)
     repairs = repair_road_links(root)
     if not repairs:
@@ -95,7 +95,7 @@ def _compile_repaired(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
 
 
 def _check_offset(xodr: Path, drive: OpenDriveMap, roads: RoadMap, offset: tuple[float, float]) -> float:
-    error = measure_offset_error(drive.middles, roads, offset)
+    error = measure_offset_error(drive.road_middles, roads, offset)
     if error >= OFFSET_TOLERANCE_M:
         raise InputError(f"{xodr}: expected lane borders of the net within {OFFSET_TOLERANCE_M} m, found {error:.3f} m")
     return error
@@ -130,7 +130,7 @@ def _write_network(folder: Path, xml: Element, about: NetworkFile) -> None:
 
 
 def _serialise(xml: Element) -> bytes:
-    """Without the comments, in which netconvert writes date and paths: the same map gives the same bytes."""
+    """Serialise without comments, which contain date and paths: the same map gives the same bytes."""
     return ElementTree.tostring(xml, encoding="utf-8", xml_declaration=True)
 
 

@@ -1,4 +1,4 @@
-"""What cleaning changed, and why: nothing is changed without an entry."""
+"""Record of every change made by cleaning, with its reason."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -6,34 +6,34 @@ from enum import StrEnum
 
 
 class ChangeReason(StrEnum):
-    """Why a track was changed."""
+    """Reason for the change of a track."""
 
     DUPLICATE = "duplicate"
-    """One thing under several names."""
+    """One object with several ids."""
     ID_FLIP = "id flip"
-    """A name went over to another thing, or a thing got another name."""
+    """An id moved to another object, or an object changed its id."""
     TELEPORT = "teleport"
-    """Positions that no motion explains were left out, or their step spread over the time around it."""
+    """Positions that motion cannot explain were dropped, or their step was spread over time."""
     EGO_GHOST = "ego ghost"
-    """A CAV was listed as if it were somebody else; those boxes are the CAV now."""
+    """A CAV was listed as another road user; these boxes now belong to the CAV."""
     HEADING = "heading"
-    """Headings turned round, or taken from motion."""
+    """Headings turned by 180 degrees, or derived from motion."""
     GAP = "gap"
-    """Missing frames filled by motion or by another observer."""
+    """Missing frames filled from motion or another observer."""
     LONG_GAP = "long gap"
-    """Missing frames that were left missing."""
+    """Missing frames that stay missing."""
     SIZE = "size"
-    """Sizes that differ between observers, or are assumed."""
+    """Sizes differ between observers, or are assumed."""
     LABEL = "label"
-    """Classes that differ between observers, or contradict motion or size."""
+    """Categories differ between observers, or contradict motion or size."""
     STATIC = "static"
     """Marked as never moving."""
     OVERLAP = "overlap"
-    """Appeared inside another thing: begins later, or both are taken smaller."""
+    """Appeared inside another object: the track begins later, or both boxes are shrunk."""
     INSIDE = "inside another"
-    """Lies inside another thing for most of its life: left out altogether."""
+    """Inside another object for most of its life: the track is dropped."""
     TOO_SHORT = "too short"
-    """Left out altogether."""
+    """The track is dropped."""
 
 
 DROP_REASONS = frozenset((ChangeReason.INSIDE, ChangeReason.TOO_SHORT))
@@ -41,31 +41,35 @@ DROP_REASONS = frozenset((ChangeReason.INSIDE, ChangeReason.TOO_SHORT))
 
 @dataclass(frozen=True, slots=True)
 class TrackChange:
-    """One change: which track of the result (for what was left out: of the source), how many frames, and how."""
+    """One change: the track of the result (for dropped tracks: of the source), the number of frames, and details."""
 
     reason: ChangeReason
     track: str
     frames: int
     detail: str = ""
-    whole: bool = False
-    """Whether all of the track was left out, for a reason that does not say so."""
+    is_whole_track: bool = False
+    """Whether the whole track was dropped although `reason` does not imply it."""
 
 
 @dataclass(frozen=True, slots=True)
 class CleaningReport:
-    """All changes."""
+    """All changes of one recording."""
 
     changes: tuple[TrackChange, ...]
 
-    def counts(self) -> dict[str, int]:
-        """Changes per reason."""
+    def count_by_reason(self) -> dict[str, int]:
+        """Return the number of changes per reason."""
         return dict(Counter(change.reason.value for change in self.changes))
 
-    def of(self, reason: ChangeReason) -> tuple[TrackChange, ...]:
-        """Changes for one reason."""
+    def list_changes(self, reason: ChangeReason) -> tuple[TrackChange, ...]:
+        """Return the changes with one reason."""
         return tuple(change for change in self.changes if change.reason is reason)
 
     @property
-    def lost(self) -> dict[str, str]:
-        """Things of any kind that were left out altogether, with the reason."""
-        return {change.track: change.detail for change in self.changes if change.whole or change.reason in DROP_REASONS}
+    def drop_reason_by_track(self) -> dict[str, str]:
+        """Details of the drop by id of the dropped track."""
+        return {
+            change.track: change.detail
+            for change in self.changes
+            if change.is_whole_track or change.reason in DROP_REASONS
+        }

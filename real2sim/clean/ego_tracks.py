@@ -1,4 +1,4 @@
-"""Connected vehicles: their own pose and the boxes in which others (or they themselves) list them are one thing."""
+"""Connected vehicles: merge their own pose with the boxes in which observers list them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from real2sim.clean.track_segments import TrackSegments
 from real2sim.recording import ObserverView, Recording
 
 EGO_M = 2.2
-"""The sensor lies that near to the box centre; the next car is further away."""
+"""[m] The sensor is this close to the box centre; the next car is further away."""
 EGO_SPREAD = 1.4
 
 
@@ -23,24 +23,24 @@ def _empty_track() -> FusedTrack:
 
 @dataclass(frozen=True)
 class TrackedObject:
-    """A thing and the pieces that show it; with an observer it is that connected vehicle."""
+    """An object and the segments that show it; with an observer it is that connected vehicle."""
 
     observer: str
-    own: tuple[int, ...]
-    """Pieces that looked like somebody else."""
+    ghost_members: tuple[int, ...]
+    """Segments that were listed as another road user."""
     members: Sequence[int]
-    seen: FusedTrack = field(default_factory=_empty_track)
+    fused: FusedTrack = field(default_factory=_empty_track)
 
 
 def extract_cavs(
     recording: Recording, pieces: TrackSegments, groups: list[list[int]]
 ) -> tuple[list[TrackedObject], list[list[int]]]:
-    """The connected vehicles that have a pose of their own, and the groups that are none of them."""
+    """Return the connected vehicles that have a pose of their own, and the groups that belong to none of them."""
     egos: list[TrackedObject] = []
     sights = [fuse_segments(pieces, group) for group in groups]
     free = set(range(len(groups)))
     for view in recording.views:
-        if view.infrastructure or len(view.pose) != recording.frames or not np.isfinite(view.pose).all(1).any():
+        if view.is_infrastructure or len(view.pose) != recording.frame_count or not np.isfinite(view.pose).all(1).any():
             continue
         ghosts = [a for a in sorted(free) if _is_ego(pieces, groups[a], sights[a], view.pose)]
         free -= set(ghosts)
@@ -60,10 +60,10 @@ def _is_ego(pieces: TrackSegments, group: Sequence[int], sight: FusedTrack, pose
 
 
 def _fuse_own_pose(pieces: TrackSegments, members: Sequence[int], view: ObserverView, dt_s: float) -> FusedTrack:
-    """Where it is: its own pose, moved from the sensor to the middle of the box that others see, and turned likewise.
+    """Fuse a CAV's own pose, shifted and rotated from the sensor to the box that others see.
 
-    The sensor is neither at the box centre nor mounted straight, so its yaw is not the heading; without any box the
-    direction of motion tells how it is mounted.
+    The sensor is neither at the box centre nor aligned with the vehicle. Without any box the direction of motion gives
+    the mounting angle.
     """
     x, y, yaw = view.pose.T
     valid = np.asarray(np.isfinite(view.pose).all(1))
@@ -88,7 +88,7 @@ def _fuse_own_pose(pieces: TrackSegments, members: Sequence[int], view: Observer
 
 
 def _compute_median_angle(angles: Float) -> float:
-    """Median of angles [rad] that lie together; 0 of none."""
+    """Return the median of clustered angles [rad]; 0 for none."""
     angles = angles[np.isfinite(angles)]
     if len(angles) == 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""What a thing is and how large, by the vote of all who saw it."""
+"""Category and size of an object by majority and median over all observers."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,17 +11,17 @@ from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory
 
 DISAGREE_M = 0.2
 MIN_SIZE_M, MAX_LENGTH_M, MAX_VEHICLE_WIDTH_M = 0.1, 40.0, 10.0
-"""Sizes that a scenario can have; `MAX_VEHICLE_WIDTH_M` is of vehicles, other things may be as wide as long."""
+"""Limits of a scenario; `MAX_VEHICLE_WIDTH_M` applies to vehicles, other objects may be as wide as long."""
 
 
 def clamp_size(length: float, width: float, kind: Kind) -> tuple[float, float]:
-    """Length and width [m] within what a scenario can have, to the centimetre."""
+    """Clamp length and width [m] to the limits of a scenario, rounded to a centimetre."""
     widest = MAX_VEHICLE_WIDTH_M if kind is Kind.VEHICLE else MAX_LENGTH_M
     return min(max(round(length, 2), MIN_SIZE_M), MAX_LENGTH_M), min(max(round(width, 2), MIN_SIZE_M), widest)
 
 
 def vote_category(pieces: TrackSegments, members: Sequence[int]) -> tuple[ObjectCategory, str]:
-    """The label of most frames, and what to report if there were several. A CAV that nobody saw is a car."""
+    """Return the category of most frames, and a note if there were several. A CAV without observers is a car."""
     votes: Counter[ObjectCategory] = Counter()
     for i in members:
         votes[pieces.categories[i]] += int(pieces.valid[i].sum())
@@ -32,7 +32,7 @@ def vote_category(pieces: TrackSegments, members: Sequence[int]) -> tuple[Object
 
 
 def vote_size(pieces: TrackSegments, members: Sequence[int], category: ObjectCategory) -> tuple[float, float, str]:
-    """Length and width [m], the median over all boxes, and what to report if they disagree, are assumed or odd."""
+    """Return the median length and width [m], and a note if they disagree, are assumed or out of limits."""
     rows = list(members)
     told: list[str] = []
     size: list[float] = []

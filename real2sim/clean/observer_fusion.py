@@ -1,4 +1,4 @@
-"""Which pieces show the same thing at the same time, and what they show together."""
+"""Fuse observers: group segments that show the same object at the same time, and average them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,22 +11,22 @@ from mdrive_sumo.core.state import Kind
 from real2sim.clean.track_segments import TrackSegments
 
 MIN_COMMON_FRAMES = 3
-"""Frames that two pieces must share (or all of the shorter one)."""
+"""Number of frames that two segments must share (or all of the shorter one)."""
 SAME_ID_M = 1.5
-"""Two observers of one thing put its centre up to 0.9 m apart."""
+"""[m] Two observers of one object differ by up to 0.9 m in its centre."""
 LENGTH_SHARE, WIDTH_SHARE = 0.35, 0.45
-"""Shares of length and width by which centres of one vehicle may lie apart under different names."""
+"""Shares of length and width within which centres with different ids may be one vehicle."""
 PEDESTRIAN_M, PEDESTRIAN_CROSS_VIEW_M = 0.4, 0.55
-"""People walk side by side 0.6 m apart. Two observers may put one of them further apart than one observer does."""
+"""[m] Pedestrians walk 0.6 m apart. Two observers may differ more about one pedestrian than one observer does."""
 P90_FACTOR = 1.8
-"""By how much the 90th percentile of the distance may exceed what the median may be."""
+"""Factor by which the 90th percentile of the distance may exceed the limit of the median."""
 TURNED_RAD = float(np.radians(35.0))
 CROSS_VIEW_LIMIT = 1.5
-"""Beyond this many times the limit pieces of two observers cannot be one thing, whoever else resembles both."""
+"""Segments of two observers further apart than this multiple of the limit are never one object."""
 BRIDGED_FRAMES = 20
-"""Gaps of one observer up to so many frames are bridged where names agree."""
+"""Gaps of one observer up to this length are bridged if the ids agree."""
 RAMP_FRAMES = 10
-"""An observer gains and loses its say over this many frames, so that the sum of all does not jump."""
+"""The weight of an observer rises and falls over this many frames, so that the weighted mean does not jump."""
 OUTLIER_M = 0.3
 UNKNOWN_LENGTH_M, UNKNOWN_WIDTH_M = 4.0, 1.8
 """[m] Dimensions assumed where the source gives none, for every label because labels flip."""
@@ -34,17 +34,17 @@ UNKNOWN_LENGTH_M, UNKNOWN_WIDTH_M = 4.0, 1.8
 
 @dataclass(frozen=True)
 class FusedTrack:
-    """What several pieces show together: arrays (T,), NaN where none of them is there."""
+    """Joint estimate of several segments: arrays (T,), NaN where none of them is valid."""
 
     valid: Bool
     x: Float
     y: Float
     axis: Float
-    """Direction of the box up to a half turn [rad]; NaN where nobody tells."""
+    """Direction of the box modulo pi [rad]; NaN where no observer gives one."""
 
 
 def group_segments(pieces: TrackSegments) -> list[list[int]]:
-    """Groups of pieces that show the same thing while they overlap in time: the nearest pairs first."""
+    """Group segments that show the same object while they overlap in time, nearest pairs first."""
     whole = _bridge_short_gaps(pieces)
     first, second = _find_candidate_pairs(whole)
     closeness = _compute_dissimilarity(pieces, first, second)
@@ -69,7 +69,7 @@ def group_segments(pieces: TrackSegments) -> list[list[int]]:
 
 
 def _bridge_short_gaps(pieces: TrackSegments) -> TrackSegments:
-    """The same without short gaps: two observers of one name may see it by turns, and never in one frame."""
+    """Return the segments with short gaps filled: two observers may see one id alternately only."""
     valid, x, y = pieces.valid.copy(), pieces.x.copy(), pieces.y.copy()
     for k in range(len(pieces)):
         frames = np.flatnonzero(pieces.valid[k])
@@ -82,7 +82,7 @@ def _bridge_short_gaps(pieces: TrackSegments) -> TrackSegments:
 
 
 def _find_candidate_pairs(pieces: TrackSegments) -> tuple[Int, Int]:
-    """Pairs that share frames and whose surrounding rectangles, a little enlarged, touch."""
+    """Return index pairs of segments that share frames and whose enlarged bounding rectangles touch."""
     there = np.asarray(pieces.valid.any(axis=1))
     low = np.array([_compute_minimum(values, pieces.valid) for values in (pieces.x, pieces.y)]) - SAME_ID_M
     high = -np.array([_compute_minimum(-values, pieces.valid) for values in (pieces.x, pieces.y)]) + SAME_ID_M
@@ -97,7 +97,7 @@ def _compute_minimum(values: Float, valid: Bool) -> Float:
 
 
 def _compute_dissimilarity(pieces: TrackSegments, first: Int, second: Int) -> Float:
-    """(N,) how far apart pairs are in units of what one thing may be: up to 1 is the same."""
+    """Return (N,) distances of pairs relative to the limit for one object: at most 1 means the same object."""
     common = pieces.valid[first] & pieces.valid[second]
     dx, dy = pieces.x[second] - pieces.x[first], pieces.y[second] - pieces.y[first]
     distance = np.hypot(dx, dy)
@@ -118,7 +118,7 @@ def _compute_dissimilarity(pieces: TrackSegments, first: Int, second: Int) -> Fl
 
 
 def _compute_box_dissimilarity(pieces: TrackSegments, first: Int, second: Int, gap: tuple[Float, Float]) -> Float:
-    """The same for vehicles: along and across the box, which two real ones never share, and turned."""
+    """Return the dissimilarity (N,) of vehicle pairs from offsets along and across the box and from the angle."""
     common = pieces.valid[first] & pieces.valid[second]
     yaw = np.where(np.isfinite(pieces.yaw[first]), pieces.yaw[first], np.arctan2(gap[1], gap[0]))
     along = np.abs(gap[0] * np.cos(yaw) + gap[1] * np.sin(yaw))
@@ -144,12 +144,12 @@ def _compute_box_dissimilarity(pieces: TrackSegments, first: Int, second: Int, g
 
 
 def _compute_median_size(values: Float, unknown: float) -> Float:
-    """Median (K,) of sizes (K, T)."""
+    """Return the median (K,) of sizes (K, T)."""
     return np.nan_to_num(_compute_quantile(values, np.isfinite(values), 0.5), nan=unknown)
 
 
 def _compute_quantile(values: Float, there: Bool, share: float) -> Float:
-    """Quantile (N,) of the values (N, T) that are there; NaN without any. The lower of two neighbours."""
+    """Return a quantile (N,) of the valid values (N, T), rounded down to a sample; NaN without any."""
     ordered = np.sort(np.where(there, values, np.inf), axis=1)
     count = there.sum(axis=1)
     picked = ordered[np.arange(len(values)), np.maximum((share * (count - 1)).astype(np.int64), 0)]
@@ -157,7 +157,7 @@ def _compute_quantile(values: Float, there: Bool, share: float) -> Float:
 
 
 def fuse_segments(pieces: TrackSegments, members: Sequence[int]) -> FusedTrack:
-    """Weighted mean of the members at every frame; those at odds with the others count less (Cauchy weights)."""
+    """Return the weighted mean of the members in every frame; outliers are down-weighted (Cauchy weights)."""
     rows = np.asarray(members)
     valid = pieces.valid[rows]
     say = compute_ramp_weights(valid)
@@ -180,9 +180,9 @@ def _compute_weighted_mean(values: Float, weight: Float) -> Float:
 
 
 def compute_ramp_weights(valid: Bool) -> Float:
-    """Weights (M, T): 1 well inside a stretch, falling towards its ends; 0 where not valid.
+    """Return weights (M, T): 1 inside a valid stretch, falling towards its ends, 0 where not valid.
 
-    The first and the last frame of the log are no ends: nobody leaves there.
+    The first and the last frame of the log are not treated as ends, because no object disappears there.
     """
     members, frames = valid.shape
     at = np.arange(frames)

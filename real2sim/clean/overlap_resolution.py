@@ -1,4 +1,4 @@
-"""Things that appear inside others: no two of them can. Later positions are trusted more, then sizes, then nothing."""
+"""Resolve overlaps of appearing tracks: drop early frames, else shrink both boxes, else drop the track."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -14,19 +14,19 @@ from real2sim.tracks.stationary import hold_still
 from real2sim.tracks.track_contacts import TrackBoxes, find_contacts
 
 SLACK_M = 0.05
-"""Boxes are hand-made: they count so much smaller on each side. Fidelity allows 0.1 m."""
+"""[m] Boxes are labelled by hand: each side is reduced by this. The fidelity check allows 0.1 m."""
 NEAR_M = 0.5
-"""Reconstruction moves boxes hardly further than this."""
+"""[m] Reconstruction hardly moves boxes further than this."""
 FIRST_SHARE = 1 / 3
-"""A track whose first part, up to this share, lies in another was seen badly at first: it begins later."""
+"""A track that overlaps another one only in this first share of its frames begins later."""
 SHRINK = (0.95, 0.9, 0.85)
-"""Sizes by which two boxes may both be too large: observers of one car differ by 15 percent (section 2.2)."""
+"""Factors to shrink both boxes: observers of one car differ by 15 percent (data_formats 2.2)."""
 
 
 def resolve_overlaps(
     tracks: Sequence[RecordedTrack], cavs: Collection[str], dt_s: float
 ) -> tuple[tuple[RecordedTrack, ...], tuple[TrackChange, ...]]:
-    """Tracks of which none appears inside another, and what was changed for it. Connected vehicles stay as they are."""
+    """Return tracks of which none appears inside another, and the changes. Connected vehicles are kept unchanged."""
     kept, changes = list(tracks), list[TrackChange]()
     for _ in range(3 * len(tracks)):
         there = _reconstructed(kept, dt_s)
@@ -48,16 +48,16 @@ def _reconstructed(tracks: Sequence[RecordedTrack], dt_s: float) -> list[Recorde
 
 
 def _later(tracks: Sequence[RecordedTrack], pair: tuple[int, int], cavs: Collection[str]) -> tuple[int, int]:
-    """The one that gives way first: it comes later, or is there for a shorter time, and is no connected vehicle."""
-    rank = [(tracks[i].id not in cavs, int(tracks[i].frames[0]), -int(tracks[i].valid.sum()), i) for i in pair]
+    """Return the index of the track to change: not a CAV, later, or shorter."""
+    rank = [(tracks[i].id not in cavs, int(tracks[i].valid_frames[0]), -int(tracks[i].valid.sum()), i) for i in pair]
     late = max(rank)[-1]
     return late, pair[0] if late == pair[1] else pair[1]
 
 
 def _resolve_pair(kept: list[RecordedTrack], there: Sequence[RecordedTrack], pair: tuple[int, int]) -> TrackChange:
-    """Changes `kept` so that the pair overlaps no more when the later one appears."""
+    """Change `kept` so that the pair does not overlap when the later one appears."""
     late, other = pair
-    frames = kept[late].frames
+    frames = kept[late].valid_frames
     hit = _compute_overlap_mask(there[late], there[other], 1.0)[frames]
     inside = f"overlaps {kept[other].id}"
     first = int(hit.argmin()) if not hit.all() else len(frames)

@@ -1,4 +1,4 @@
-"""Cleaning: all observers' views of a log become one list of tracks, one a thing, with a report of every change."""
+"""Clean a recording: merge all observers' views into one list of tracks, one per object, and report every change."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ from real2sim.tracks.kinematics import WINDOW
 from real2sim.tracks.stationary import has_moved
 
 MIN_FRAMES = WINDOW
-"""Shorter tracks have neither acceleration nor jerk (`tracks.motion`): no check could say anything about them."""
+"""Shorter tracks have neither acceleration nor jerk (`tracks.motion`), so they cannot be checked."""
 
 
 @dataclass(frozen=True)
@@ -34,34 +34,36 @@ class CleanedRecording:
     """Connected automated vehicles: name in the recording (observer or track) -> track id."""
     report: CleaningReport
     successors: Mapping[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
-    """Name in the source -> what the report or the tracks call the things that it showed."""
+    """Source id -> ids of the result or of the report for the objects that it showed."""
 
 
 @dataclass
 class _CleaningState:
-    """What is at hand while one log is cleaned."""
+    """Working state while one log is cleaned."""
 
     recording: Recording
-    pieces: TrackSegments
+    segments: TrackSegments
     changes: list[TrackChange] = field(default_factory=list[TrackChange])
     successors: dict[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
 
-    def say(self, reason: ChangeReason, track: str, frames: int, detail: str = "") -> None:
+    def add_change(self, reason: ChangeReason, track: str, frames: int, detail: str = "") -> None:
         self.changes.append(TrackChange(reason, track, frames, detail))
 
-    def follows(self, name: str, members: Sequence[int]) -> None:
-        for id_ in {self.pieces.ids[i] for i in members}:
+    def add_successor(self, name: str, members: Sequence[int]) -> None:
+        for id_ in {self.segments.ids[i] for i in members}:
             self.successors[id_] = self.successors.get(id_, frozenset()) | {name}
 
 
 def clean_recording(recording: Recording) -> CleanedRecording:
-    """Fuses, splits, joins, fills and straightens; raises InputError where a view does not fit the recording."""
+    """Fuse, split, join, fill and align the tracks; raise InputError if a view does not fit the recording."""
     whole = collect_segments(recording)
     pieces, mistakes = split_at_jumps(whole, recording.dt_s)
     work = _CleaningState(recording, pieces)
     for mistake in mistakes:
         observer = recording.views[whole.observer[mistake.track]].observer
-        work.say(ChangeReason.TELEPORT, whole.ids[mistake.track], mistake.frames, f"{mistake.detail}, for {observer}")
+        work.add_change(
+            ChangeReason.TELEPORT, whole.ids[mistake.track], mistake.frames, f"{mistake.detail}, for {observer}"
+        )
     groups = [group for group in group_segments(pieces) if pieces.valid[group].any()]
     egos, groups = extract_cavs(recording, pieces, groups)
     groups = join_groups(pieces, groups, recording.dt_s)
@@ -77,30 +79,30 @@ def clean_recording(recording: Recording) -> CleanedRecording:
 
 
 def _report_orphan(work: _CleaningState, group: Sequence[int]) -> None:
-    frames = int(work.pieces.valid[group].sum())
-    observers = sorted({work.recording.views[work.pieces.observer[i]].observer for i in group})
-    name = work.pieces.ids[group[0]]
+    frames = int(work.segments.valid[group].sum())
+    observers = sorted({work.recording.views[work.segments.observer[i]].observer for i in group})
+    name = work.segments.ids[group[0]]
     work.changes.append(
-        TrackChange(ChangeReason.TELEPORT, name, frames, f"left out of {', '.join(observers)}", whole=True)
+        TrackChange(ChangeReason.TELEPORT, name, frames, f"left out of {', '.join(observers)}", is_whole_track=True)
     )
-    work.follows(name, group)
+    work.add_successor(name, group)
 
 
 def _build_tracks(
     work: _CleaningState, things: Sequence[TrackedObject]
 ) -> tuple[tuple[RecordedTrack, ...], dict[str, str]]:
-    """The tracks of all things that are long enough, and the ids of the CAVs among them."""
+    """Build the tracks of all objects that are long enough, and the ids of the CAVs among them."""
     tracks: list[RecordedTrack] = []
     cavs: dict[str, str] = {}
-    for thing, name in zip(things, assign_names(work.pieces, things), strict=True):
-        work.follows(name, (*thing.members, *thing.own))
-        seen = thing.seen if thing.observer else fuse_segments(work.pieces, thing.members)
-        if seen.valid.sum() < min(MIN_FRAMES, work.recording.frames):
-            work.say(
+    for thing, name in zip(things, assign_names(work.segments, things), strict=True):
+        work.add_successor(name, (*thing.members, *thing.ghost_members))
+        seen = thing.fused if thing.observer else fuse_segments(work.segments, thing.members)
+        if seen.valid.sum() < min(MIN_FRAMES, work.recording.frame_count):
+            work.add_change(
                 ChangeReason.TOO_SHORT, name, int(seen.valid.sum()), f"seen in {int(seen.valid.sum())} frames only"
             )
             continue
-        for change in report_id_changes(work.recording, work.pieces, thing, name):
+        for change in report_id_changes(work.recording, work.segments, thing, name):
             work.changes.append(change)
         tracks.append(_build_track(work, thing, name, seen))
         if thing.observer:
@@ -115,14 +117,16 @@ def _build_track(work: _CleaningState, thing: TrackedObject, name: str, seen: Fu
     x, y, steps = motion.spread_steps(valid, x, y, dt_s)
     _report_gaps(work, name, seen.valid, valid)
     for frame, size in steps:
-        work.say(
+        work.add_change(
             ChangeReason.TELEPORT, name, 1, f"step of {size:.2f} m at frame {frame} spread over the time around it"
         )
     x, y, held = motion.remove_excursions(valid, x, y, dt_s)
     if held:
-        work.say(ChangeReason.TELEPORT, name, held, "left its place and came back faster than anything can: held there")
-    category, said = vote_category(work.pieces, members)
-    length, width, told = vote_size(work.pieces, members, category)
+        work.add_change(
+            ChangeReason.TELEPORT, name, held, "left its place and came back faster than anything can: held there"
+        )
+    category, said = vote_category(work.segments, members)
+    length, width, told = vote_size(work.segments, members, category)
     full = np.where(valid, 1.0, np.nan)
     track = RecordedTrack(name, category, valid, x, y, seen.axis, length * full, width * full)
     moving = has_moved(track, dt_s)
@@ -133,13 +137,16 @@ def _build_track(work: _CleaningState, thing: TrackedObject, name: str, seen: Fu
         category = ObjectCategory.PEDESTRIAN if moving and category is ObjectCategory.STATIC else category
         said = f"static by its label, {'moves' if moving else f'{length:.1f} m long'}: {category.value}"
     if said:
-        work.say(ChangeReason.LABEL, name, int(valid.sum()), said)
+        work.add_change(ChangeReason.LABEL, name, int(valid.sum()), said)
     if told:
-        work.say(ChangeReason.SIZE, name, int(valid.sum()), told)
-    parked = not moving if valid.sum() > 1 else _is_labelled_parked(work.pieces, members)
+        work.add_change(ChangeReason.SIZE, name, int(valid.sum()), told)
+    parked = not moving if valid.sum() > 1 else _is_labelled_parked(work.segments, members)
     if parked:
-        work.say(
-            ChangeReason.STATIC, name, int(valid.sum()), "by label" if _is_labelled_parked(work.pieces, members) else ""
+        work.add_change(
+            ChangeReason.STATIC,
+            name,
+            int(valid.sum()),
+            "by label" if _is_labelled_parked(work.segments, members) else "",
         )
     track = replace(track, category=category, parked=parked)
     return replace(track, yaw=_resolve_heading(work, thing, track, seen))
@@ -151,29 +158,29 @@ def _is_labelled_parked(pieces: TrackSegments, members: Sequence[int]) -> bool:
 
 def _report_gaps(work: _CleaningState, name: str, before: np.ndarray, after: np.ndarray) -> None:
     if after.sum() > before.sum():
-        work.say(ChangeReason.GAP, name, int(after.sum() - before.sum()), "filled by motion")
+        work.add_change(ChangeReason.GAP, name, int(after.sum() - before.sum()), "filled by motion")
     frames = np.flatnonzero(after)
     left = int(frames[-1] - frames[0] + 1 - len(frames))
     if left:
-        work.say(ChangeReason.LONG_GAP, name, left, f"longer than {MAX_GAP_S:g} s")
+        work.add_change(ChangeReason.LONG_GAP, name, left, f"longer than {MAX_GAP_S:g} s")
 
 
 def _resolve_heading(work: _CleaningState, thing: TrackedObject, track: RecordedTrack, seen: FusedTrack) -> Float:
-    """Heading of the track; frames in which boxes looked elsewhere are reported."""
-    pieces, members = work.pieces, list(thing.members)
+    """Return the heading of a track; report the frames in which boxes disagree."""
+    pieces, members = work.segments, list(thing.members)
     course, speed = motion.compute_motion_directions(track.valid, track.x, track.y, work.recording.dt_s)
     yaws = pieces.yaw[members] if members else np.full((1, len(track.x)), np.nan)
     if track.category.kind is Kind.PEDESTRIAN:
         box = np.where(np.isfinite(seen.axis), seen.axis, np.nan)
         how = "stands, as its box" if track.parked else "from motion"
-        work.say(ChangeReason.HEADING, track.id, int(track.valid.sum()), f"walker: {how}")
+        work.add_change(ChangeReason.HEADING, track.id, int(track.valid.sum()), f"walker: {how}")
         return motion.compute_pedestrian_heading(course, speed, track.valid, box)
     votes = np.nan_to_num(np.cos(yaws - seen.axis)).sum(axis=0)
     heading = motion.compute_vehicle_heading(seen.axis, votes, (course, speed, track.valid), work.recording.dt_s)
     turned = np.nan_to_num(np.cos(yaws - heading), nan=1.0) < 0
     for row in np.flatnonzero(turned.any(axis=1)):
         observer = work.recording.views[pieces.observer[members[row]]].observer
-        work.say(ChangeReason.HEADING, track.id, int(turned[row].sum()), f"turned round, seen by {observer}")
+        work.add_change(ChangeReason.HEADING, track.id, int(turned[row].sum()), f"turned round, seen by {observer}")
     if not np.isfinite(yaws).any() and not thing.observer:
-        work.say(ChangeReason.HEADING, track.id, int(track.valid.sum()), "from motion: the source tells none")
+        work.add_change(ChangeReason.HEADING, track.id, int(track.valid.sum()), "from motion: the source tells none")
     return heading

@@ -1,4 +1,4 @@
-"""What was lost and found again: groups that follow each other in time are joined where motion explains it."""
+"""Join groups of segments that follow each other in time if motion explains the gap."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from real2sim.clean.track_segments import TrackSegments
 MAX_GAP_S = 2.0
 JOIN_M = 0.8
 JOIN_ACCELERATION = 2.0
-"""[m/s²] By how much the speed may change unseen, on both sides of the middle."""
+"""[m/s²] Change of speed allowed during a gap."""
 MAX_JOIN_M = 4.0
 SAME_ID_EXTRA_M = 2.5
-"""So much further may one name jump: it is a teleport then, which is better than two tracks."""
+"""[m] Additional jump allowed for the same id: reported as a teleport, which is better than two tracks."""
 SPEED_STEP, SPEED_RATE = 2.0, 5.0
-"""[m/s], [m/s²] By how much speeds before and after may differ at once and per second."""
+"""[m/s], [m/s²] Difference between the speeds before and after: constant part and part per second of gap."""
 STANDING_SPEED = 0.5
 STANDING_M = 0.7
 END_FRAMES = 6
-"""Frames at either end from which speed is told."""
+"""Number of frames at either end used to estimate the velocity."""
 ORPHAN_M = 8.0
-"""Positions under a name so near to its track, and not on it, are a mistake; further away they are something else."""
+"""[m] Off-track positions with the same id within this distance are errors; beyond it they are another object."""
 SHORT_FRAMES = 5
 
 
 @dataclass(frozen=True)
 class GroupEnds:
-    """First and last sight of G groups: positions and velocities (G, 2) [m, m/frame], frames (G,)."""
+    """First and last observation of G groups: positions and velocities (G, 2) [m, m/frame], frames (G,)."""
 
     first: Int
     last: Int
@@ -41,7 +41,7 @@ class GroupEnds:
 
 
 def join_groups(pieces: TrackSegments, groups: Sequence[list[int]], dt_s: float) -> list[list[int]]:
-    """Groups in which those that follow each other are one. The best explained pairs come first."""
+    """Join groups that follow each other; the best explained pairs are joined first."""
     groups = [list(group) for group in groups]
     if len(groups) < 2:
         return groups
@@ -89,7 +89,7 @@ def _compute_ends(pieces: TrackSegments, groups: Sequence[list[int]]) -> GroupEn
 
 
 def _estimate_velocity(frames: Int, xy: Float) -> Float:
-    """Slope (2,) [m/frame] of a straight line through the positions; NaN of a single one."""
+    """Return the slope (2,) [m/frame] of a line fitted to the positions; NaN for a single one."""
     if len(frames) < 2:
         return np.full(2, np.nan)
     off = frames - frames.mean()
@@ -97,7 +97,7 @@ def _estimate_velocity(frames: Int, xy: Float) -> Float:
 
 
 def _compute_costs(pieces: TrackSegments, groups: Sequence[list[int]], ends: GroupEnds, dt_s: float) -> Float:
-    """(G, G) how badly motion explains that the second follows the first; infinite where it does not at all."""
+    """Return (G, G) costs of joining the second group to the first; infinite where motion does not explain it."""
     gap = (ends.first[None, :] - ends.last[:, None]).astype(np.float64)
     gap_s = np.maximum(gap, 0.0) * dt_s
     before, after = ends.exit_velocity[:, None], ends.entry_velocity[None, :]
@@ -122,27 +122,27 @@ def _compute_costs(pieces: TrackSegments, groups: Sequence[list[int]], ends: Gro
 
 
 def _share_ids(pieces: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
-    """(G, G) whether two groups share a name."""
+    """Return a (G, G) mask of groups that share an id."""
     names = [{pieces.ids[i] for i in group} for group in groups]
     return np.array([[not a.isdisjoint(b) for b in names] for a in names])
 
 
 def _have_same_kind(pieces: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
-    """(G, G) whether two groups can be one thing by their labels: a walker is no vehicle."""
+    """Return a (G, G) mask of groups that agree in being pedestrians or not."""
     walker = np.array([pieces.categories[group[0]].kind is Kind.PEDESTRIAN for group in groups])
     return walker[:, None] == walker[None, :]
 
 
 def find_orphans(pieces: TrackSegments, groups: Sequence[list[int]]) -> dict[int, int]:
-    """Groups that are mistakes about another one, with that one: it has their name, and its motion needs them not.
+    """Return erroneous groups with the group they belong to: same id, and a track that is complete without them.
 
-    Only what a jump cut off, or what is very short, is called a mistake.
+    Only groups cut off by jumps and very short groups are candidates.
     """
     sights = [fuse_segments(pieces, group) for group in groups]
     found: dict[int, int] = {}
     size = [int(sight.valid.sum()) for sight in sights]
     for a, group in enumerate(groups):
-        if not (all(pieces.broken[i] for i in group) or size[a] < SHORT_FRAMES):
+        if not (all(pieces.is_cut[i] for i in group) or size[a] < SHORT_FRAMES):
             continue
         names = {pieces.ids[i] for i in group}
         for b, other in enumerate(groups):
@@ -152,7 +152,7 @@ def find_orphans(pieces: TrackSegments, groups: Sequence[list[int]]) -> dict[int
 
 
 def _lies_within(sights: Sequence[FusedTrack], a: int, b: int) -> bool:
-    """Whether a lies in the time of b and near it, b's unseen frames interpolated."""
+    """Return whether group `a` lies within the time of `b` and near its interpolated positions."""
     inner, outer = sights[a], sights[b]
     there, frames = np.flatnonzero(outer.valid), np.flatnonzero(inner.valid)
     if frames[0] < there[0] or frames[-1] > there[-1]:

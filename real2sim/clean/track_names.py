@@ -1,4 +1,4 @@
-"""What things are called, and what their several names tell."""
+"""Ids of objects, and the changes that conflicting source ids reveal."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -12,9 +12,9 @@ from real2sim.recording import Recording
 
 
 def assign_names(pieces: TrackSegments, things: Sequence[TrackedObject]) -> list[str]:
-    """A name for each thing: that of most of its frames, the longest seen first; `cav_<observer>` of CAVs.
+    """Return one id per object: that of most of its frames, longest track first; `cav_<observer>` for CAVs.
 
-    A name that is taken gets a number: 7, 7_2, 7_3.
+    Ids already in use get a suffix: 7, 7_2, 7_3.
     """
     names: dict[int, str] = {}
     taken: set[str] = set()
@@ -40,9 +40,9 @@ def _find_main_id(pieces: TrackSegments, members: Sequence[int]) -> str:
 def report_id_changes(
     recording: Recording, pieces: TrackSegments, thing: TrackedObject, name: str
 ) -> Iterator[TrackChange]:
-    """What the names of the pieces of one thing tell: ghosts, duplicates, flips, and gaps that others filled."""
+    """Report what the source ids of one object reveal: ego ghosts, duplicates, id flips and gaps filled by others."""
     if thing.observer:
-        for observer, ids, frames in _group_by_observer(recording, pieces, thing.own):
+        for observer, ids, frames in _group_by_observer(recording, pieces, thing.ghost_members):
             yield TrackChange(ChangeReason.EGO_GHOST, name, frames, f"{', '.join(ids)} of {observer}")
     main = _find_main_id(pieces, thing.members) if thing.members else ""
     for observer, ids, _ in _group_by_observer(recording, pieces, thing.members):
@@ -59,7 +59,7 @@ def report_id_changes(
 def _classify_id_change(
     pieces: TrackSegments, rows: Sequence[int], names: tuple[str, str, str], track: str
 ) -> TrackChange:
-    """Two names of one observer at the same time are a duplicate, one after the other a flip."""
+    """Report two ids of one observer: simultaneous ids are duplicates, successive ids are flips."""
     usual, other, observer = names
     here = pieces.valid[[i for i in rows if pieces.ids[i] == usual]].any(axis=0)
     there = pieces.valid[[i for i in rows if pieces.ids[i] == other]].any(axis=0)

@@ -1,4 +1,4 @@
-"""One track's own repairs: gaps filled by motion, steps spread, headings resolved."""
+"""Repair a single track: fill gaps, spread steps, resolve headings."""
 
 import numpy as np
 
@@ -7,21 +7,21 @@ from real2sim.clean.track_segments import BREAK_M, compute_unexplained_steps
 from real2sim.tracks.kinematics import find_runs
 
 SPREAD_S = 1.5
-"""A step that no other observer corrects is spread over so much time on both sides."""
+"""[s] A step that no other observer corrects is spread over this time on both sides."""
 EXCURSION_M, EXCURSION_ACCELERATION = 0.5, 6.0
-"""[m], [m/s²] So far from its usual place it is elsewhere; MDrive's limit of acceleration."""
+"""[m], [m/s²] Distance from the usual place that counts as an excursion; MDrive's limit of acceleration."""
 HEADING_SPEED = 0.5
-"""[m/s] Slower than this the direction of motion says nothing."""
+"""[m/s] Below this speed the direction of motion is meaningless."""
 TURN_M = 1.0
-"""Net motion [m] that settles which way a box looks."""
+"""[m] Net motion that decides between front and rear of a box."""
 CHORD_FRAMES = 3
-"""The direction of motion at a frame is that from so many frames before it to as many after."""
+"""The direction of motion is the chord from this many frames before to as many after."""
 
 
 def fill_gaps(valid: Bool, x: Float, y: Float, longest: int) -> tuple[Bool, Float, Float]:
-    """Gaps of at most `longest` frames filled by the cubic that meets position and velocity on both sides.
+    """Fill gaps of at most `longest` frames with the cubic that matches position and velocity on both sides.
 
-    Gaps at which it stood (the same place within 0.7 m) are filled however long they are.
+    Gaps without motion (less than 0.7 m) are filled regardless of their length.
     """
     valid, x, y = valid.copy(), x.copy(), y.copy()
     frames = np.flatnonzero(valid)
@@ -39,7 +39,7 @@ def fill_gaps(valid: Bool, x: Float, y: Float, longest: int) -> tuple[Bool, Floa
 
 
 def _estimate_slope(values: Float, frames: Int, at: np.intp, side: int) -> float:
-    """Change per frame over up to five frames before (side -1) or after a gap; NaN with one alone."""
+    """Return the change per frame over up to five frames before (side -1) or after a gap; NaN for a single frame."""
     rows = frames[max(at - 4, 0) : at + 1] if side < 0 else frames[at : at + 5]
     rows = rows[np.abs(rows - frames[at]) < 10]
     if len(rows) < 2:
@@ -51,7 +51,7 @@ def _estimate_slope(values: Float, frames: Int, at: np.intp, side: int) -> float
 def _interpolate_cubic(
     at: Int, ends: tuple[int, int], values: tuple[float, float], slopes: tuple[float, float]
 ) -> Float:
-    """Hermite cubic at frames `at`; unknown slopes are that of the chord, and none may overshoot it threefold."""
+    """Evaluate a Hermite cubic at frames `at`; unknown slopes are replaced by that of the chord."""
     span = ends[1] - ends[0]
     chord = (values[1] - values[0]) / span
     begin, end = (chord if np.isnan(slope) else slope for slope in slopes)
@@ -61,7 +61,7 @@ def _interpolate_cubic(
 
 
 def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float, list[tuple[int, float]]]:
-    """Steps that motion does not explain, spread over the time around them: half before, half after.
+    """Spread steps that motion does not explain over the time around them, half before and half after.
 
     Returns positions and (frame, size [m]) of every step.
     """
@@ -78,9 +78,10 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
 
 
 def remove_excursions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float, int]:
-    """Positions of a thing that mostly stands, held where it left its place and came back faster than it can.
+    """Remove excursions of an object that mostly stands and leaves its place faster than possible.
 
-    From rest to rest and back over a distance d in a time t takes accelerations of 16 d / t². Returns how many frames.
+    Moving a distance d away and back in a time t, from rest to rest, takes an acceleration of 16 d / t². Returns
+    positions and the number of changed frames.
     """
     if not valid.any():
         return x, y, 0
@@ -100,7 +101,7 @@ def remove_excursions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Flo
 
 
 def compute_motion_directions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, Float]:
-    """Direction of motion (T,) [rad] and speed (T,) [m/s] over `CHORD_FRAMES` to both sides; NaN where not there."""
+    """Return direction (T,) [rad] and speed (T,) [m/s] of motion over `CHORD_FRAMES` on both sides; NaN if invalid."""
     frames = np.flatnonzero(valid)
     course, speed = np.full(len(x), np.nan), np.full(len(x), np.nan)
     if len(frames) < 2:
@@ -115,11 +116,11 @@ def compute_motion_directions(valid: Bool, x: Float, y: Float, dt_s: float) -> t
 
 
 def compute_vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Float, Bool], dt_s: float) -> Float:
-    """Heading (T,) of a vehicle from the axis of its box, which way it looks decided by its motion.
+    """Return the heading (T,) of a vehicle from its box axis, with front and rear resolved by its motion.
 
-    `axis` (T,) is known up to half turns, NaN where unknown; `votes` (T,) says how far the boxes' own headings agree
-    with it (cosine), for things that never move; `motion` is course, speed and where it is there. Frames without a box
-    lie between those with one; if there is none at all, the course while it moves counts, held while it stands.
+    `axis` (T,) is known modulo pi, NaN where unknown; `votes` (T,) is the agreement (cosine) of the observed headings
+    with it, used for objects that never move; `motion` is direction, speed and validity. Frames without a box are
+    interpolated; without any box the direction of motion is used and held while standing.
     """
     course, speed, valid = motion
     frames = np.flatnonzero(valid)
@@ -139,7 +140,7 @@ def compute_vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Floa
 
 
 def compute_pedestrian_heading(course: Float, speed: Float, valid: Bool, box: Float) -> Float:
-    """Heading (T,) of a walker: that of motion, held while standing; of one who never moves that of the box, or 0."""
+    """Return the heading (T,) of a pedestrian: direction of motion, held while standing; else that of the box, or 0."""
     moving = valid & (speed > HEADING_SPEED)
     if moving.any():
         return hold_last_heading(np.where(moving, course, np.nan), valid)
@@ -148,7 +149,7 @@ def compute_pedestrian_heading(course: Float, speed: Float, valid: Bool, box: Fl
 
 
 def hold_last_heading(heading: Float, valid: Bool) -> Float:
-    """Unknown headings (NaN) take the last known one, those before the first take the first; 0 if none is known."""
+    """Replace unknown headings (NaN) by the last known one, or the first one at the beginning; 0 if none is known."""
     known = np.flatnonzero(np.isfinite(heading))
     if len(known) == 0:
         return np.where(valid, 0.0, np.nan)

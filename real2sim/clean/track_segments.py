@@ -1,4 +1,4 @@
-"""Pieces: stretches of one observer's track of one id without a jump. They are what is fused and joined."""
+"""Track segments: stretches of one id of one observer without a jump, the units of fusion and joining."""
 
 from dataclasses import dataclass, replace
 
@@ -10,40 +10,40 @@ from mdrive_sumo.core.geometry import Bool, Float, Int
 from real2sim.recording import ObjectCategory, Recording
 
 BREAK_M = 0.8
-"""A step that far from the usual ones around it is no motion: several times the noise of any source."""
+"""[m] A step that differs this much from its neighbours is not motion: several times the noise of any source."""
 BREAK_ACCELERATION = 4.0
-"""[m/s²] What may happen to the speed while a track is not seen."""
+"""[m/s²] Change of speed allowed while a track is not observed."""
 MAX_BREAK_M = 6.0
 HALF_WINDOW = 4
 EXCURSION_S = 1.5
 FROZEN_M = 0.02
 FROZEN_SPEED = 2.0
-"""[m/s] Nothing that drives this fast stands still within a frame."""
+"""[m/s] An object this fast cannot stop within one frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class RemovedFrames:
-    """Frames of one observer's track that were left out."""
+    """Frames dropped from one observer's track."""
 
     track: int
-    """Number among the whole tracks, as `collect_segments` gives them."""
+    """Index among the unsplit tracks of `collect_segments`."""
     frames: int
     detail: str
 
 
 @dataclass(frozen=True)
 class TrackSegments:
-    """K pieces over T frames. Arrays (K, T) hold NaN where a piece is not there."""
+    """K segments over T frames. Arrays (K, T) hold NaN where a segment is not valid."""
 
     observer: Int
     """(K,)"""
     ids: tuple[str, ...]
-    """Names in the source."""
+    """Ids in the source."""
     categories: tuple[ObjectCategory, ...]
     parked: Bool
     """(K,)"""
-    broken: Bool
-    """(K,) whether a jump cut it off on either side."""
+    is_cut: Bool
+    """(K,) Whether a jump bounds the segment on either side."""
     valid: Bool
     x: Float
     y: Float
@@ -54,8 +54,8 @@ class TrackSegments:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def rows(self, keep: np.ndarray, valid: Bool) -> "TrackSegments":
-        """Pieces number `keep` (M,), there only where `valid` (M, T)."""
+    def select(self, keep: np.ndarray, valid: Bool) -> "TrackSegments":
+        """Return segments `keep` (M,), valid only where `valid` (M, T)."""
         hidden = {
             name: np.where(valid, getattr(self, name)[keep], np.nan) for name in ("x", "y", "yaw", "length", "width")
         }
@@ -65,21 +65,21 @@ class TrackSegments:
             ids=tuple(self.ids[i] for i in keep),
             categories=tuple(self.categories[i] for i in keep),
             parked=self.parked[keep],
-            broken=self.broken[keep],
+            broken=self.is_cut[keep],
             valid=valid,
             **hidden,
         )
 
 
 def collect_segments(recording: Recording) -> TrackSegments:
-    """All views' tracks, unsplit; raises InputError where a track does not fit the recording."""
+    """Collect the unsplit tracks of all views; raise InputError if a track does not fit the recording."""
     found = [(i, track) for i, view in enumerate(recording.views) for track in view.tracks]
-    shape = (len(found), recording.frames)
+    shape = (len(found), recording.frame_count)
     for i, track in found:
-        if len(track.valid) != recording.frames:
+        if len(track.valid) != recording.frame_count:
             raise InputError(
                 f"log {recording.id}, observer {recording.views[i].observer}, track {track.id}: "
-                f"expected {recording.frames} frames, found {len(track.valid)}"
+                f"expected {recording.frame_count} frames, found {len(track.valid)}"
             )
     valid = np.array([track.valid for _, track in found], dtype=np.bool_).reshape(shape)
     arrays = {
@@ -99,10 +99,10 @@ def collect_segments(recording: Recording) -> TrackSegments:
 
 
 def compute_unexplained_steps(x: Float, y: Float, valid: Bool) -> tuple[Float, Int]:
-    """Steps that motion does not explain, for K tracks at once.
+    """Return steps that motion does not explain, for K tracks at once.
 
-    Returns vectors (K, T, 2) [m] from where a track should be by the median step around it to where it is (0 at its
-    first frame and where it is not there), and how many frames (K, T) ago it was seen before.
+    Returns vectors (K, T, 2) [m] from the position expected from the median step to the observed one (0 at the first
+    frame and where invalid), and the number of frames (K, T) since the previous observation.
     """
     tracks, frames = valid.shape
     at = np.where(valid, np.arange(frames), -1)
@@ -118,7 +118,7 @@ def compute_unexplained_steps(x: Float, y: Float, valid: Bool) -> tuple[Float, I
 
 
 def _compute_neighbour_median(step: Float) -> Float:
-    """Median (K, T, 2) over `HALF_WINDOW` steps on both sides, the own one left out; alone it is usual."""
+    """Return the median (K, T, 2) over `HALF_WINDOW` steps on both sides without the step itself."""
     padded = np.pad(step, ((0, 0), (HALF_WINDOW, HALF_WINDOW), (0, 0)), constant_values=np.nan)
     windows = sliding_window_view(padded, 2 * HALF_WINDOW + 1, axis=1)
     others = np.sort(np.delete(windows, HALF_WINDOW, axis=-1), axis=-1)
@@ -129,7 +129,7 @@ def _compute_neighbour_median(step: Float) -> Float:
 
 
 def split_at_jumps(whole: TrackSegments, dt_s: float) -> tuple[TrackSegments, tuple[RemovedFrames, ...]]:
-    """Cuts pieces at their jumps, and leaves out what cannot be: excursions, and frozen frames before a jump."""
+    """Split segments at jumps and drop impossible frames: excursions, and frozen frames before a jump."""
     off, since = compute_unexplained_steps(whole.x, whole.y, whole.valid)
     gate = BREAK_M + np.minimum(0.5 * BREAK_ACCELERATION * ((since - 1) * dt_s) ** 2, MAX_BREAK_M)
     breaks = np.hypot(off[..., 0], off[..., 1]) > gate
@@ -146,11 +146,11 @@ def split_at_jumps(whole: TrackSegments, dt_s: float) -> tuple[TrackSegments, tu
             valid[row, tail] = False
             mistakes.append(RemovedFrames(k, len(tail), "frozen before a jump"))
     broken = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
-    return replace(whole.rows(keep, valid), broken=broken), tuple(mistakes)
+    return replace(whole.select(keep, valid), broken=broken), tuple(mistakes)
 
 
 def _find_excursions(off: Float, breaks: Bool, longest: int) -> Bool:
-    """Frames (K, T) between two jumps that cancel each other. Takes both off `breaks`: the track goes on."""
+    """Return frames (K, T) between two jumps that cancel each other, and clear both in `breaks`."""
     away = np.zeros_like(breaks)
     for k in np.flatnonzero(breaks.sum(axis=1) > 1):
         frames, n = np.flatnonzero(breaks[k]), 0
@@ -165,7 +165,7 @@ def _find_excursions(off: Float, breaks: Bool, longest: int) -> Bool:
 
 
 def _find_frozen_tail(whole: TrackSegments, k: int, valid: Bool, dt_s: float) -> list[int]:
-    """Last frames of a stretch at which it stood although it had been moving up to then."""
+    """Return the last frames of a stretch that stand still although the object was moving."""
     frames = np.flatnonzero(valid)
     if len(frames) < 5:
         return []

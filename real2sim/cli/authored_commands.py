@@ -1,4 +1,4 @@
-"""The commands for authored sources: routes and road users written by hand, and bare maps."""
+"""Commands for authored sources (routes and scripted road users) and for maps."""
 
 import math
 from pathlib import Path
@@ -23,7 +23,7 @@ towns_option = click.option(
 
 
 def parse_carla_offset(_: click.Context, __: click.Parameter, value: str | None) -> CarlaFrame:
-    """The option --carla-offset."""
+    """Parse the option --carla-offset."""
     if value is None:
         return UCLA_FRAME
     try:

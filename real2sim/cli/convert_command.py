@@ -1,4 +1,4 @@
-"""`mdrive-sumo convert`: recordings and foreign scenario files become suites."""
+"""`mdrive-sumo convert`: convert recordings and scenario files of other tools to suites."""
 
 from pathlib import Path
 from typing import Any

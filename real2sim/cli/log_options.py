@@ -1,4 +1,4 @@
-"""What the commands for logs of all sources share: options, finding the logs in folders, running the batch."""
+"""Common parts of the commands for logs: options, search for logs in folders, running the batch."""
 
 import re
 import sys
@@ -23,11 +23,11 @@ if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not 
 F = TypeVar("F", bound=Callable[..., Any])
 TRAFFIC_MODES = ("reactive", "replay", "hybrid")
 INDEX_FILES = frozenset(("dataset_summary.pkl", "dataset_mapping.pkl"))
-"""What ScenarioNet puts beside its scenarios."""
+"""Index files that ScenarioNet writes next to its scenarios."""
 
 
 def parse_window(_: click.Context, __: click.Parameter, value: str | None) -> TimeWindow | None:
-    """The option --window."""
+    """Parse the option --window."""
     if value is None:
         return None
     try:
@@ -40,7 +40,7 @@ def parse_window(_: click.Context, __: click.Parameter, value: str | None) -> Ti
 
 
 def parse_cavs(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
-    """The option --cavs; auto is ()."""
+    """Parse the option --cavs; `auto` gives ()."""
     names = tuple(part.strip() for part in value.split(","))
     if not all(names):
         raise click.BadParameter(f"expected names between commas, or auto, found {value!r}")
@@ -85,7 +85,7 @@ _OPTIONS = (
 
 
 def log_options(command: F) -> F:
-    """PATH... and the options of every source of logs, as one argument `ask`."""
+    """Add PATH... and the options common to all log sources."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -93,7 +93,7 @@ def log_options(command: F) -> F:
 
 @dataclass(frozen=True)
 class LogCliOptions:
-    """What the user wants of a batch of logs: the options of `log_options`."""
+    """Options of one `convert` command for logs, see `log_options`."""
 
     paths: tuple[Path, ...]
     out: Path
@@ -145,7 +145,7 @@ def format_batch(batch: "BatchResult", ask: LogCliOptions) -> str:
 
 
 def show_progress(done: int, total: int, text: str) -> None:
-    """Progress on standard error: one live bar on a terminal, a line for each log elsewhere."""
+    """Show progress on standard error: a live bar on a terminal, one line per log elsewhere."""
     if not sys.stderr.isatty():
         click.echo(f"{done}/{total}  {text}", err=True)
         return
@@ -156,9 +156,9 @@ def show_progress(done: int, total: int, text: str) -> None:
 
 
 def find_logs(paths: Sequence[Path], is_log: Callable[[Path], bool], wanted: str) -> list[Path]:
-    """Every path that is a log, or else the logs somewhere in it; a file that is none is for its reader to refuse.
+    """Return every path that is a log, or else the logs below it; readers report files that are no logs.
 
-    Raises InputError for a folder without any `wanted`, which is what to call them.
+    Raises InputError for a folder without any log; `wanted` describes what was expected.
     """
     return [found for path in paths for found in _find_logs_in(path, is_log) or [_refuse_folder(path, wanted)]]
 
@@ -176,15 +176,15 @@ def _find_logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
 
 
 def match_file(pattern: str) -> Callable[[Path], bool]:
-    """Whether a path is a file of that name."""
+    """Return a predicate for files of that name."""
     return lambda path: path.is_file() and path.match(pattern) and path.name not in INDEX_FILES
 
 
 def match_folder(*patterns: str) -> Callable[[Path], bool]:
-    """Whether a path is a folder that holds such a file."""
+    """Return a predicate for folders that contain such a file."""
     return lambda path: path.is_dir() and any(any(path.glob(pattern)) for pattern in patterns)
 
 
 def is_v2xpnp_folder(path: Path) -> bool:
-    """Whether a path is a V2XPnP scenario: a folder of numbered folders."""
+    """Return whether a path is a V2XPnP scenario: a folder of numbered folders."""
     return path.is_dir() and any(re.fullmatch(r"-?[0-9]+", p.name) for p in path.iterdir() if p.is_dir())

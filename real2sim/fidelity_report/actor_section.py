@@ -144,7 +144,7 @@ def _seconds(page: ActorSection, thing: ReportEntry) -> str:
     known = thing.known
     if known is None or not known.valid.any():
         return ""
-    return f" from {known.frames[0] * page.dt_s:.1f} s to {known.frames[-1] * page.dt_s:.1f} s"
+    return f" from {known.valid_frames[0] * page.dt_s:.1f} s to {known.valid_frames[-1] * page.dt_s:.1f} s"
 
 
 def _charts(page: ActorSection, thing: ReportEntry) -> list[Markup]:
@@ -152,7 +152,7 @@ def _charts(page: ActorSection, thing: ReportEntry) -> list[Markup]:
     raw, track = thing.raw, thing.track
     if track is None or not thing.actor.moving or track.valid.sum() < 2:
         return []
-    span = (track.frames[0] * page.dt_s, track.frames[-1] * page.dt_s)
+    span = (track.valid_frames[0] * page.dt_s, track.valid_frames[-1] * page.dt_s)
     name = f"of No. {thing.number}"
     charts = [_speed_chart(raw, track, (span, page.dt_s, name))]
     if raw is not None:

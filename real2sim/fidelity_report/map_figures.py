@@ -99,7 +99,7 @@ def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Markup:
 
 def _box(canvas: SvgFrame, track: RecordedTrack, number: int) -> Markup:
     """The thing where it is last seen."""
-    last = int(track.frames[-1])
+    last = int(track.valid_frames[-1])
     length, width = _size(track, last)
     yaw = float(np.nan_to_num(track.yaw[last]))
     pose = (float(track.x[last]), float(track.y[last]), yaw)
@@ -151,7 +151,7 @@ def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Markup | None:
     known = thing.known
     if known is None or not known.valid.any():
         return None
-    last = int(known.frames[-1])
+    last = int(known.valid_frames[-1])
     x, y = canvas.at(np.array([[known.x[last], known.y[last]]]))[0]
     name = f"CAV {thing.number}" if thing.cav else f"{thing.number}"
     look = "cav" if thing.cav else "fail"

@@ -9,7 +9,6 @@ from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, MapFrame, draw_far_points
 from real2sim.fidelity_report.svg import path, picture, scale_bar, use
-from real2sim.conversion_findings import ConversionFindings
 from real2sim.hd_map import HdMap, LaneKind
 from real2sim.network import NetworkReport
 from real2sim.network.lane_directions import reverse_lane
@@ -106,7 +105,7 @@ def _lists(network: NetworkReport) -> Markup:
         "lanes whose direction nothing tells, left as drawn": list(network.directions.undecided),
         "links added: ends that meet in one direction": arrows(network.links_added),
         "links dropped: no vehicle could follow them": arrows(network.links_dropped),
-        "lanes not in the network": [f"{id_}: {why}" for id_, why in network.lost.items()],
+        "lanes not in the network": [f"{id_}: {why}" for id_, why in network.drop_reason_by_lane.items()],
         "lanes with traffic lights, whose program no log tells": list(network.signalled),
     }
     none = "; ".join(title.split(":")[0] for title, items in lists.items() if not items)

@@ -24,6 +24,7 @@ from real2sim.fidelity_report.traffic_section import render_traffic_section
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.fidelity_targets import count_sumo_driven
+from real2sim.quality import CHECKS
 
 PAGE = "conversion.html"
 LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "what stands"), ("names", "numbers"))
@@ -136,8 +137,8 @@ def _filters() -> Markup:
 
 def _cleaning_part(findings: ConversionFindings, actors: ActorSection) -> Markup:
     report = findings.cleaned.report
-    counts = report.counts()
-    touched = {reason: sum(change.frames for change in report.of(reason)) for reason in ChangeReason}
+    counts = report.count_by_reason()
+    touched = {reason: sum(change.frames for change in report.list_changes(reason)) for reason in ChangeReason}
     rows = [
         (reason.value, CLEANED.get(reason, ""), str(counts[reason.value]), str(touched[reason]))
         for reason in ChangeReason

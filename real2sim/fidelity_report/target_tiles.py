@@ -15,7 +15,7 @@ SHARES = ("moving vehicles passing all checks", "order kept at conflicts")
 
 def find_missed_targets(findings: ConversionFindings) -> tuple[str, ...]:
     """What misses its target, a sentence each."""
-    return findings.misses or tuple(target.sentence() for target in _targets(findings) if target.met is False)
+    return findings.misses or tuple(target.format_sentence() for target in _targets(findings) if target.met is False)
 
 
 def render_tiles(findings: ConversionFindings) -> Markup:

@@ -50,7 +50,7 @@ class RoutedTrack:
     @property
     def omitted_part(self) -> str:
         """What of the track is not driven."""
-        seen, kept = self.track.frames, np.flatnonzero(np.isfinite(self.progress))
+        seen, kept = self.track.valid_frames, np.flatnonzero(np.isfinite(self.progress))
         late, early = kept[0] - seen[0], seen[-1] - kept[-1]
         comes = f"comes onto the map at frame {kept[0]}, {late} frames after it is first seen" if late else ""
         goes = f"leaves the map at frame {kept[-1]}, {early} frames before it is last seen" if early else ""
@@ -65,11 +65,11 @@ def median_size(track: RecordedTrack) -> tuple[float, float]:
 
 def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> RoutedTrack | str:
     """The track on its route, or why it has no usable one."""
-    if match.off_road:
+    if match.is_off_road:
         return match.reason
-    if match.breaks or match.reason:
+    if match.break_frames or match.reason:
         return match.reason or "no way joins all lanes that it drove on"
-    on = np.array([frame for frame in track.frames.tolist() if match.lane[frame]], dtype=np.intp)
+    on = np.array([frame for frame in track.valid_frames.tolist() if match.lanes[frame]], dtype=np.intp)
     if why := _off_ends(track, match, on, roads):
         return why
     lanes = (*_entry(roads, match.route[0]), *match.route)
@@ -105,7 +105,7 @@ def _off_ends(track: RecordedTrack, match: LaneMatch, on: np.ndarray, roads: Roa
     for end in _off_rows(track, on):
         first = end.start == 0
         at = int(on[0] if first else on[-1])
-        lane = roads.lanes[match.lane[at]]
+        lane = roads.lanes[match.lanes[at]]
         rest = float(match.s[at]) if first else lane.centre.length - float(match.s[at])
         onward = any(lane.id in one.successors for one in roads.driving) if first else bool(lane.successors)
         if onward or rest > EDGE_OF_MAP_M:
@@ -222,7 +222,7 @@ def _seen_on(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
 
 def timed_poses(track: RecordedTrack, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
     """Timed poses of the log, rounded to ms, cm and 0.1 mrad."""
-    frames: Sequence[int] = track.frames.tolist()
+    frames: Sequence[int] = track.valid_frames.tolist()
     return tuple(
         (
             round(k * dt_s, 3),

@@ -67,12 +67,14 @@ def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
     if track.category.kind is not Kind.VEHICLE:
         return f"a {track.category.value} is no vehicle"
     if not track.valid[0]:
-        return f"it appears only in frame {int(track.frames[0])}" if len(track.frames) else "it is never seen"
-    if match is None or match.off_road:
+        return (
+            f"it appears only in frame {int(track.valid_frames[0])}" if len(track.valid_frames) else "it is never seen"
+        )
+    if match is None or match.is_off_road:
         return match.reason if match is not None else "it was not matched to lanes"
     if match.reason:
         return match.reason
-    if not match.lane[0]:
+    if not match.lanes[0]:
         return "it is on no lane in the first frame"
     if abs(float(match.offset[0])) > START_M:
         return f"it starts {abs(float(match.offset[0])):.1f} m beside its lane"
@@ -97,8 +99,8 @@ def _round(value: float) -> float:
 
 def _start_speed(track: RecordedTrack, dt_s: float) -> float:
     """[m/s] Along the first frames, 0 where they go less than 0.1 m/s."""
-    last = min(3, len(track.frames) - 1)
-    frames = track.frames[[0, last]]
+    last = min(3, len(track.valid_frames) - 1)
+    frames = track.valid_frames[[0, last]]
     if not last:
         return 0.0
     speed = float(np.hypot(*np.diff(track.xy[frames], axis=0)[0])) / (float(np.diff(frames)[0]) * dt_s)
@@ -107,10 +109,10 @@ def _start_speed(track: RecordedTrack, dt_s: float) -> float:
 
 def _route(match: LaneMatch, roads: RoadMap) -> tuple[Route, str]:
     """From the first frame to where the log ends, at least `ROUTE_M`."""
-    on = [frame for frame, lane in enumerate(match.lane) if lane in match.route]
-    lanes = list(match.route[match.route.index(match.lane[on[0]]) :])
+    on = [frame for frame, lane in enumerate(match.lanes) if lane in match.route]
+    lanes = list(match.route[match.route.index(match.lanes[on[0]]) :])
     start, goal = float(match.s[on[0]]), float(match.s[on[-1]])
-    lanes = lanes[: len(lanes) - lanes[::-1].index(match.lane[on[-1]])]
+    lanes = lanes[: len(lanes) - lanes[::-1].index(match.lanes[on[-1]])]
     route = _dense(match, roads, lanes, start, goal)
     length = float(np.hypot(*np.diff(route.xy, axis=0).T).sum()) if route is not None else 0.0
     if route is not None and length >= ROUTE_M:
@@ -149,7 +151,7 @@ def _change_places(match: LaneMatch, roads: RoadMap, lanes: Sequence[str]) -> di
     """Where lane changes begin: arc length [m] on the lane that is left, by its place in `lanes`."""
     places: dict[int, float] = {}
     for i, (here, there) in enumerate(pairwise(lanes)):
-        on = [k for k, lane in enumerate(match.lane) if lane == here]
+        on = [k for k, lane in enumerate(match.lanes) if lane == here]
         if there in (roads.lanes[here].left, roads.lanes[here].right) and on:
             places[i] = max(float(match.s[on[-1]]) - CHANGE_M / 2, 0.0)
     return places

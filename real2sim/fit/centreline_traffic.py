@@ -37,11 +37,11 @@ class CentrelineTraffic:
 
 def place_on_centrelines(drivers: Sequence[RoutedTrack], roads: RoadMap) -> CentrelineTraffic:
     """Puts every driver where its match has it along its lane."""
-    frames = len(drivers[0].match.lane) if drivers else 0
+    frames = len(drivers[0].match.lanes) if drivers else 0
     poses = np.full((len(drivers), frames, 3), np.nan)
     for k, one in enumerate(drivers):
         for frame in np.flatnonzero(np.isfinite(one.progress) & np.isfinite(one.match.s)).tolist():
-            line, s = roads.lanes[one.match.lane[frame]].centre, float(one.match.s[frame])
+            line, s = roads.lanes[one.match.lanes[frame]].centre, float(one.match.s[frame])
             poses[k, frame] = (*line.at(s), line.yaw_at(s))
     return CentrelineTraffic(drivers, poses)
 

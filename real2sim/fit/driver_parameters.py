@@ -31,9 +31,9 @@ def _places(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
     """Lane number (K, T), -1 where none, and arc length (K, T) [m] in all lanes that occur."""
     numbers = {"": -1}
     for one in drivers:
-        for lane in one.match.lane:
+        for lane in one.match.lanes:
             numbers.setdefault(lane, len(numbers) - 1)
-    lanes = np.array([[numbers[lane] for lane in one.match.lane] for one in drivers], dtype=np.int64)
+    lanes = np.array([[numbers[lane] for lane in one.match.lanes] for one in drivers], dtype=np.int64)
     return lanes, np.array([one.match.s for one in drivers])
 
 

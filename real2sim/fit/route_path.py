@@ -117,7 +117,7 @@ def compute_progress(path: RoutePath, track: RecordedTrack, match: LaneMatch) ->
     at, ahead = _known(path, match, whole)
     inside = (ahead > CLAMPED_M) & (ahead < path.length - CLAMPED_M)
     at, ahead = (at[inside], ahead[inside]) if inside.any() else (at, ahead)
-    along = np.full(len(match.lane), np.nan)
+    along = np.full(len(match.lanes), np.nan)
     along[whole] = np.maximum.accumulate(driven + np.interp(whole, at, ahead - driven[at - frames[0]]))
     return along
 

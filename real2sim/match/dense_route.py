@@ -1,4 +1,4 @@
-"""The dense 1 m route along matched legs. Lane changes begin as early as they can, as in CARLA's planner."""
+"""Dense route (1 m) along matched legs. Lane changes begin as early as possible, as in CARLA's planner."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from mdrive_sumo.roads import Lane, RoadMap, Route, join_route_pieces
 from real2sim.match.waypoint_matcher import RouteLeg
 
 CHANGE_M = 5.0
-"""Length of the move over one lane, if there is room: five 1 m points, as in CARLA's GlobalRoutePlanner."""
+"""Length of a change over one lane, if there is room: five 1 m points, as in CARLA's GlobalRoutePlanner."""
 SAMPLE_M = 0.25
 END_SKEW_M = 5.0
-"""How far the ends of neighbouring lanes may be apart along the road."""
+"""[m] Longitudinal offset allowed between the ends of neighbouring lanes."""
 
 RoutePiece = tuple[Float, Float]
 """Points (M, 2) [m] and lane directions (M,) [rad]."""
@@ -22,20 +22,20 @@ RoutePiece = tuple[Float, Float]
 
 @dataclass(frozen=True, slots=True)
 class _LaneRun:
-    """Lanes that follow one another, after that many lane changes at their beginning."""
+    """Consecutive lanes, and the number of lane changes at their beginning."""
 
     changes: int
     lanes: tuple[Lane, ...]
 
 
 def compute_start_pose(roads: RoadMap, legs: Sequence[RouteLeg]) -> tuple[float, float, float]:
-    """Where the route begins: x, y [m] on the centre line of its first lane, direction of that lane [rad]."""
+    """Return x, y [m] of the start on the centre line of the first lane, and the direction of the lane [rad]."""
     centre = roads.lanes[legs[0].lanes[0]].centre
     return (*centre.at(legs[0].start_s), centre.yaw_at(legs[0].start_s))
 
 
 def build_dense_route(roads: RoadMap, legs: Sequence[RouteLeg]) -> Route:
-    """The dense route along legs that join."""
+    """Build the dense route along consecutive legs."""
     pieces = [piece for leg in legs for piece in _build_leg_pieces(roads, leg)]
     return join_route_pieces(legs[0].lanes + tuple(lane for leg in legs[1:] for lane in leg.lanes[1:]), pieces)
 
@@ -53,7 +53,7 @@ def _build_leg_pieces(roads: RoadMap, leg: RouteLeg) -> Iterator[RoutePiece]:
 
 
 def _split_at_lane_changes(lanes: Sequence[Lane]) -> list[_LaneRun]:
-    """Splits a leg where it changes lanes; a lane is left at its beginning."""
+    """Split a leg where it changes lanes; a lane is left at its beginning."""
     drives: list[_LaneRun] = []
     changes, chain = 0, [lanes[0]]
     for before, lane in pairwise(lanes):
@@ -68,7 +68,7 @@ def _split_at_lane_changes(lanes: Sequence[Lane]) -> list[_LaneRun]:
 
 
 def _build_lane_change(path: Polyline, between: tuple[float, float], aside: float, room: float) -> RoutePiece:
-    """Along the path, from `aside` [m] (positive: left) onto it within `room` [m], on a smoothstep."""
+    """Follow the path, from `aside` [m] (positive: left) onto it within `room` [m] with a smoothstep."""
     start, end = between
     stations = np.linspace(start, end, max(int((end - start) / SAMPLE_M), 1) + 1)
     xy = np.array([path.at(s) for s in stations])

@@ -1,4 +1,4 @@
-"""Lanes of a network near many points at once, and distances between lanes along the network."""
+"""Lanes of a network near many points, and distances between lanes along the network."""
 
 import heapq
 import math
@@ -15,14 +15,14 @@ from real2sim.polylines import PolylineIndex
 
 @dataclass(frozen=True)
 class LaneCandidates:
-    """Pairs (P,) of a point and a lane near it, by point."""
+    """Pairs (P,) of a point and a lane near it, ordered by point."""
 
     point: Int
     lane: Int
     """Index into `RoadMap.driving`."""
     s: Float
-    """Arc length [m] of the foot."""
-    d: Float
+    """Arc length [m] of the projection."""
+    offset: Float
     """Signed lateral distance [m], positive to the left."""
     turn: Float
     """Angle [rad] from the lane to the given yaw; NaN where no yaw is known."""
@@ -30,39 +30,39 @@ class LaneCandidates:
 
 @dataclass(frozen=True)
 class LanePath:
-    """The shortest way from the beginning of one lane to that of another."""
+    """Shortest path from the beginning of one lane to that of another."""
 
     length: float
-    """[m]; parallel lanes count as equally long, so that a lane change is 0."""
-    changes: int
+    """[m]; parallel lanes count as equally long, so a lane change adds 0."""
+    lane_changes: int
     lanes: tuple[str, ...]
-    """From the first to the last."""
+    """From the first to the last lane."""
 
 
 @dataclass(frozen=True, eq=False)
 class LaneCandidateIndex:
-    """A road map with its spatial index and a memory of the ways already searched."""
+    """A road map with its spatial index and a cache of the paths found so far."""
 
     roads: RoadMap
     lines: PolylineIndex
-    _ways: dict[tuple[str, float], dict[str, LanePath]] = field(
+    _paths: dict[tuple[str, float], dict[str, LanePath]] = field(
         default_factory=dict[tuple[str, float], dict[str, LanePath]]
     )
 
-    def near(self, xy: Float, yaw: Float, reach: float) -> LaneCandidates:
-        """Lanes within `reach` [m] of the points xy (N, 2) [m]; directions yaw (N,) [rad]."""
-        feet = self.lines.feet(xy, reach)
-        side = np.where(feet.left <= 0, 1.0, -1.0)  # the line to the right: the point to the left of it
+    def find_candidates(self, xy: Float, yaw: Float, reach: float) -> LaneCandidates:
+        """Return lanes within `reach` [m] of points xy (N, 2) [m] with directions yaw (N,) [rad]."""
+        feet = self.lines.project_points(xy, reach)
+        side = np.where(feet.lateral <= 0, 1.0, -1.0)  # the line to the right: the point to the left of it
         return LaneCandidates(
             feet.point, feet.line, feet.s, side * feet.distance, wrap_angles(yaw[feet.point] - feet.yaw)
         )
 
-    def hops(self, start: str, limit: float, change_m: float) -> dict[str, LanePath]:
-        """Ways from `start` to all lanes that begin within about `limit` [m]; a lane change costs `change_m`."""
+    def find_paths(self, start: str, limit: float, change_m: float) -> dict[str, LanePath]:
+        """Return paths from `start` to lanes that begin within about `limit` [m]; a lane change costs `change_m`."""
         rounded = 32.0 * 2.0 ** max(math.ceil(math.log2(max(limit, 1.0) / 32.0)), 0)  # few limits, many repetitions
-        if (start, rounded) not in self._ways:
-            self._ways[start, rounded] = self._search(start, rounded, change_m)
-        return self._ways[start, rounded]
+        if (start, rounded) not in self._paths:
+            self._paths[start, rounded] = self._search(start, rounded, change_m)
+        return self._paths[start, rounded]
 
     def _search(self, start: str, limit: float, change_m: float) -> dict[str, LanePath]:
         best: dict[str, LanePath] = {}
@@ -90,5 +90,5 @@ def _list_successors(lane: Lane) -> Iterable[tuple[str, float]]:
 
 @lru_cache(maxsize=8)
 def load_candidate_index(roads: RoadMap) -> LaneCandidateIndex:
-    """The index of a network; cached, for a RoadMap never changes."""
+    """Return the index of a network; cached because a RoadMap never changes."""
     return LaneCandidateIndex(roads, PolylineIndex([lane.centre for lane in roads.driving]))

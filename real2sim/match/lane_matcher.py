@@ -1,8 +1,8 @@
-"""Tracks matched to lanes as a whole: a hidden Markov model over lanes and their connections, solved by Viterbi.
+"""Match whole tracks to lanes: a hidden Markov model over lanes and their connections, solved by Viterbi.
 
 Method: Newson and Krumm, Hidden Markov Map Matching Through Noise and Sparseness, ACM GIS 2009, with the heading as
-further evidence and lane changes as transitions. A lane is judged by lateral distance and heading, a step between
-lanes by how much the distance along the network differs from the distance driven.
+additional evidence and lane changes as transitions. Emission costs depend on lateral distance and heading, transition
+costs on the difference between the distance along the network and the driven distance.
 """
 
 from dataclasses import dataclass
@@ -14,67 +14,67 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.match.lane_candidates import LaneCandidateIndex, LaneCandidates, LanePath, load_candidate_index
 
 REACH_M = 4.0
-"""Lanes further away are no candidates: beyond a lane's width stands or drives something off the road."""
+"""[m] Lanes further away are no candidates: an object beyond a lane's width is off the road."""
 OFFSET_SIGMA_M = 0.8
 HEADING_SIGMA_RAD = np.radians(15)
 MAX_TURN_RAD = np.radians(75)
 DISTANCE_SCALE_M = 1.5
 LANE_CHANGE_COST = 4.0
-"""What a lane change costs: like driving 2.3 sigma off a centre line for a single key frame."""
+"""Cost of a lane change: that of driving 2.3 sigma off a centre line in a single key frame."""
 LANE_CHANGE_M = 5.0
-"""Metres that a lane change counts in the choice between ways to the same lane."""
+"""[m] Cost of a lane change in the choice between paths to the same lane."""
 BREAK_COST = 60.0
-"""Dearer than any real step: lanes between which no way was found."""
+"""Cost of a step between lanes without a path: higher than any real step."""
 DETOUR_M = 40.0
 KEY_FRAME_M = 2.0
-"""Frames between which less than this was driven say nothing new."""
+"""[m] Distance between key frames."""
 STILL_M = 2.0
-"""Tracks that spend nine tenths of their frames in a square of this size do not drive."""
+"""[m] Tracks that spend nine tenths of their frames in a square of this size do not drive."""
 ROADSIDE_OFFSET_M = 1.5
-"""Who stands this far off every centre line does not stand in a lane."""
+"""[m] An object this far from every centre line does not stand in a lane."""
 MIN_ON_LANE_SHARE = 0.5
 """Tracks with a lane in less than this share of their frames are off the road."""
 MOTION_YAW_M = 0.25
-"""Over at least this distance between frames the direction of motion replaces the yaw of the box."""
+"""[m] Over at least this distance between frames the direction of motion replaces the yaw of the box."""
 
 
 @dataclass(frozen=True)
 class LaneMatch:
-    """A track on the network. Arrays are (N,), one row a frame of the track."""
+    """A track on the network. Arrays are (N,), one row per frame of the track."""
 
-    lane: tuple[str, ...]
-    """Lane of each frame; "" where there is none or the track is not seen."""
+    lanes: tuple[str, ...]
+    """Lane of each frame; "" where there is none or the track is not valid."""
     s: Float
     """Arc length [m] on that lane; NaN where there is none."""
     offset: Float
     """Lateral distance [m] to its centre line, positive to the left; NaN where there is none."""
     route: tuple[str, ...]
-    """Lanes in order, each a successor or a neighbour of the one before: the longest stretch without a break."""
-    off_road: bool
-    """Whether the track is to be kept where it is: parked beside the road, or never on it."""
+    """Lanes in order, each a successor or neighbour of the previous one: the longest stretch without a break."""
+    is_off_road: bool
+    """Whether the track stays where it is: parked beside the road, or never on it."""
     reason: str
-    """Why it is off the road or why the route does not cover the whole track; "" if it does."""
-    breaks: tuple[int, ...] = ()
-    """Frames before which no way leads on from the lane before."""
+    """Why the track is off the road, or why the route does not cover it; "" if it does."""
+    break_frames: tuple[int, ...] = ()
+    """Frames that cannot be reached from the lane before."""
 
 
 @dataclass(frozen=True)
 class _ViterbiStep:
-    """Best way to a candidate: its predecessor (row of `LaneCandidates`), cost so far, and the way (None: a break)."""
+    """Best step to a candidate: predecessor (row of `LaneCandidates`), accumulated cost and path (None: a break)."""
 
-    before: int
+    predecessor: int
     cost: float
-    hop: LanePath | None
+    path: LanePath | None
 
 
 def match_track(track: Float, roads: RoadMap) -> LaneMatch:
-    """Matches x, y, yaw (N, 3) [m, rad] of a vehicle, NaN rows where it is not seen, to lanes of a network."""
+    """Match x, y, yaw (N, 3) [m, rad] of a vehicle to lanes of a network; rows are NaN where it is not observed."""
     seen = np.flatnonzero(np.isfinite(track[:, :2]).all(1))
     if not len(seen):
         return _build_unmatched(len(track), "never seen")
     index = load_candidate_index(roads)
     xy = track[seen, :2]
-    around = index.near(xy, _compute_headings(track[seen]), REACH_M)
+    around = index.find_candidates(xy, _compute_headings(track[seen]), REACH_M)
     near = _drop_implausible(around)
     if why := _find_off_road_reason(around, near, xy):
         return _build_unmatched(len(track), why)
@@ -89,7 +89,7 @@ def _build_unmatched(frames: int, why: str) -> LaneMatch:
 
 
 def _compute_headings(track: Float) -> Float:
-    """Direction of motion where it moves, else the yaw of the box (NaN: unknown), (N,) [rad]."""
+    """Return the direction of motion (N,) [rad] while moving, else the yaw of the box (NaN: unknown)."""
     ahead = np.roll(track[:, :2], -1, axis=0)
     behind = np.roll(track[:, :2], 1, axis=0)
     ahead[-1], behind[0] = track[-1, :2], track[0, :2]
@@ -100,11 +100,11 @@ def _compute_headings(track: Float) -> Float:
 
 def _drop_implausible(near: LaneCandidates) -> LaneCandidates:
     keep = ~(np.abs(near.turn) > MAX_TURN_RAD)  # unknown directions are kept
-    return LaneCandidates(near.point[keep], near.lane[keep], near.s[keep], near.d[keep], near.turn[keep])
+    return LaneCandidates(near.point[keep], near.lane[keep], near.s[keep], near.offset[keep], near.turn[keep])
 
 
 def _find_off_road_reason(around: LaneCandidates, near: LaneCandidates, xy: Float) -> str:
-    """Why the track is off the road; "" if it is not. `near` are the lanes `around` that run its way."""
+    """Return why the track is off the road, or "". `near` are those of the lanes `around` that run its way."""
     still = bool(np.ptp(np.percentile(xy, (5, 95), axis=0), axis=0).max() < STILL_M)
     doing = "parked" if still else "drives"
     missing = 1 - len(np.unique(near.point)) / len(xy)
@@ -113,14 +113,14 @@ def _find_off_road_reason(around: LaneCandidates, near: LaneCandidates, xy: Floa
             return f"{doing} off the road: {missing:.0%} of frames over {REACH_M:g} m from any lane"
         return f"{doing} across or against the lanes: in {missing:.0%} of frames none within {REACH_M:g} m runs its way"
     nearest = np.full(len(xy), np.inf)
-    np.minimum.at(nearest, near.point, np.abs(near.d))
+    np.minimum.at(nearest, near.point, np.abs(near.offset))
     if still and (gap := float(np.median(nearest))) >= ROADSIDE_OFFSET_M:
         return f"parked beside the road, {gap:.1f} m from the nearest centre line"
     return ""
 
 
 def _select_key_frames(xy: Float, candidates: Int) -> list[int]:
-    """Frames with candidates, `KEY_FRAME_M` apart along the track, and the first and last of them."""
+    """Return frames with candidates, `KEY_FRAME_M` apart along the track, including the first and the last."""
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))) if len(xy) > 1 else np.zeros(1)
     keys = [int(candidates[0])]
     for frame in candidates[1:]:
@@ -134,21 +134,21 @@ def _select_key_frames(xy: Float, candidates: Int) -> list[int]:
 
 
 def compute_emission_cost(d: Float, turn: Float) -> Float:
-    """Cost of candidates with lateral distance d [m] and angle turn [rad]; unknown angles cost nothing."""
+    """Return costs of candidates with lateral distance d [m] and angle turn [rad]; unknown angles cost nothing."""
     heading = np.where(np.isnan(turn), 0.0, turn / HEADING_SIGMA_RAD)
     return 0.5 * (d / OFFSET_SIGMA_M) ** 2 + 0.5 * heading**2
 
 
 def compute_transition_cost(network_m: float, driven_m: float, changes: int) -> float:
-    """Cost of a step: network distance against driven distance [m], and the number of lane changes."""
+    """Return the cost of a step from network distance and driven distance [m] and the number of lane changes."""
     return abs(network_m - driven_m) / DISTANCE_SCALE_M + LANE_CHANGE_COST * changes
 
 
 def find_best_chain(
     index: LaneCandidateIndex, near: LaneCandidates, keys: list[int], xy: Float
 ) -> tuple[list[int], list[LanePath | None]]:
-    """The cheapest rows of `near`, one a key frame, and the ways between them (None: a break)."""
-    cost = compute_emission_cost(near.d, near.turn)
+    """Return the cheapest rows of `near`, one per key frame, and the paths between them (None: a break)."""
+    cost = compute_emission_cost(near.offset, near.turn)
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))) if len(xy) > 1 else np.zeros(1)
     layers = [np.flatnonzero(near.point == key) for key in keys]
     chain: list[dict[int, _ViterbiStep]] = [{int(row): _ViterbiStep(-1, float(cost[row]), None) for row in layers[0]}]
@@ -156,7 +156,7 @@ def find_best_chain(
         distance = float(driven[keys[k]] - driven[keys[k - 1]])
         chain.append({int(row): _find_best_step(index, near, chain[-1], int(row), distance) for row in layers[k]})
         for row, step in chain[-1].items():
-            chain[-1][row] = _ViterbiStep(step.before, step.cost + float(cost[row]), step.hop)
+            chain[-1][row] = _ViterbiStep(step.predecessor, step.cost + float(cost[row]), step.path)
     return _backtrack(chain)
 
 
@@ -167,11 +167,11 @@ def _find_best_step(
     best = _ViterbiStep(-1, np.inf, None)
     for there, step in before.items():
         start = index.roads.driving[near.lane[there]].id
-        hop = index.hops(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
+        hop = index.find_paths(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
         added = BREAK_COST
         if hop is not None:
             network = hop.length + float(near.s[row] - near.s[there])
-            added = compute_transition_cost(network, driven, hop.changes)
+            added = compute_transition_cost(network, driven, hop.lane_changes)
         if added >= BREAK_COST:
             hop, added = None, BREAK_COST
         if step.cost + added < best.cost:
@@ -184,8 +184,8 @@ def _backtrack(chain: list[dict[int, _ViterbiStep]]) -> tuple[list[int], list[La
     rows, hops = [row], list[LanePath | None]()
     for layer in reversed(chain[1:]):
         step = layer[rows[-1]]
-        rows.append(step.before)
-        hops.append(step.hop)
+        rows.append(step.predecessor)
+        hops.append(step.path)
     return rows[::-1], hops[::-1]
 
 
@@ -197,7 +197,7 @@ def _assemble_match(
     rows: list[int],
     hops: list[LanePath | None],
 ) -> LaneMatch:
-    """Lanes of the frames between the key frames, and the route."""
+    """Assign lanes to the frames between the key frames, and build the route."""
     names = [lane.id for lane in index.roads.driving]
     keys = [int(near.point[row]) for row in rows]
     lane, s, offset = [""] * len(track), np.full(len(track), np.nan), np.full(len(track), np.nan)
@@ -206,8 +206,12 @@ def _assemble_match(
         ways = _find_possible_lanes(k, rows, hops, near, names)
         at = [row for row in _find_rows(near, frame) if names[near.lane[row]] in ways]
         if at:
-            best = min(at, key=lambda row: abs(near.d[row]))
-            lane[seen[frame]], s[seen[frame]], offset[seen[frame]] = names[near.lane[best]], near.s[best], near.d[best]
+            best = min(at, key=lambda row: abs(near.offset[row]))
+            lane[seen[frame]], s[seen[frame]], offset[seen[frame]] = (
+                names[near.lane[best]],
+                near.s[best],
+                near.offset[best],
+            )
     broken = [k for k, hop in enumerate(hops) if hop is None]
     route = _find_longest_route(index, rows, hops, near, names)
     return LaneMatch(
@@ -228,7 +232,7 @@ def _find_rows(near: LaneCandidates, frame: int) -> range:
 def _find_possible_lanes(
     k: int, rows: list[int], hops: list[LanePath | None], near: LaneCandidates, names: list[str]
 ) -> tuple[str, ...]:
-    """Lanes on which a frame after key frame k, and before the next, may be."""
+    """Return the lanes possible for a frame after key frame k and before the next one."""
     if 0 <= k < len(hops):
         hop = hops[k]
         return hop.lanes if hop is not None else (names[near.lane[rows[k]]],)

@@ -1,8 +1,8 @@
-"""Sparse waypoints become a drivable lane sequence: a shortest path through all their candidate lanes.
+"""Match sparse waypoints to a drivable lane sequence: a shortest path through all their candidate lanes.
 
-The nearest lane alone is wrong where lanes overlap (junctions) or where it leads the wrong way, so every
-waypoint keeps all its lanes within `REACH_M`, and the cheapest chain over the whole route wins: distance from
-the lanes, driven length, lane changes. Idea as in map matching by hidden Markov models (Newson, Krumm 2009).
+The nearest lane alone is wrong where lanes overlap (junctions) or lead the other way. So every waypoint keeps all lanes
+within `REACH_M` as candidates, and the cheapest chain over the whole route is chosen by distance from the lanes, driven
+length and lane changes. The idea is that of map matching with hidden Markov models (Newson, Krumm 2009).
 """
 
 import heapq
@@ -15,31 +15,31 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 
 REACH_M = 12.0
-"""Lanes further from a waypoint are no candidates; a waypoint without any is left out and reported."""
+"""[m] Lanes further from a waypoint are no candidates; a waypoint without candidates is dropped and reported."""
 OFF_LANE_COST = 12.0
-"""Metres of driving that a metre off the centre line is worth: a lane width outweighs two lane changes."""
+"""Metres of driving equivalent to one metre off the centre line: a lane width outweighs two lane changes."""
 LANE_CHANGE_COST_M = 10.0
 LATE_CHANGE_COST = 0.05
 """Extra cost of a lane change per metre driven before it: CARLA's planner changes lanes as soon as it can."""
 DETOUR_M = 150.0
-"""How much longer than the straight line a way between two waypoints may be, to count as one."""
+"""[m] Maximum excess of a path between two waypoints over the straight line."""
 DROP_COST_M = 400.0
-"""Cost of leaving out a waypoint between the first and the last: dearer than any detour, a last resort."""
+"""Cost of dropping a waypoint between the first and the last: higher than any detour."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaypointProjection:
-    """A waypoint's projection on a lane: arc length s [m], signed distance d [m], positive to the left."""
+    """Projection of a waypoint on a lane: arc length s [m] and signed offset [m], positive to the left."""
 
     waypoint: int
     lane: str
     s: float
-    d: float
+    offset: float
 
 
 @dataclass(frozen=True, slots=True)
 class RouteLeg:
-    """The way between two matched waypoints: lanes in driving order, neighbours where the lane is changed."""
+    """Path between two matched waypoints: lanes in driving order, neighbours where the lane changes."""
 
     lanes: tuple[str, ...]
     start_s: float
@@ -48,11 +48,11 @@ class RouteLeg:
 
 @dataclass(frozen=True, slots=True)
 class WaypointMatch:
-    """A matched route: a foot for each kept waypoint, a leg between each two, indices of those left out."""
+    """A matched route: projections of the kept waypoints, legs between them, indices of dropped waypoints."""
 
-    feet: tuple[WaypointProjection, ...]
+    projections: tuple[WaypointProjection, ...]
     legs: tuple[RouteLeg, ...]
-    left_out: tuple[int, ...]
+    dropped: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class _Chain:
 
 
 def match_waypoints(roads: RoadMap, xy: Float) -> WaypointMatch:
-    """Matches waypoints xy (M, 2) [m] to lanes; raises InputError if two near lanes or a way are missing."""
+    """Match waypoints xy (M, 2) [m] to lanes; raise InputError if less than two are near a lane or no path exists."""
     feet = [_find_candidates(roads, i, float(x), float(y)) for i, (x, y) in enumerate(xy)]
     kept = [candidates for candidates in feet if candidates]
     if len(kept) < 2:
@@ -86,11 +86,11 @@ def _find_candidates(roads: RoadMap, waypoint: int, x: float, y: float) -> list[
 
 
 def _compute_emission_cost(foot: WaypointProjection) -> float:
-    return OFF_LANE_COST * abs(foot.d)
+    return OFF_LANE_COST * abs(foot.offset)
 
 
 def _extend_chains(roads: RoadMap, chains: Sequence[_Chain], goals: Sequence[WaypointProjection]) -> list[_Chain]:
-    """The cheapest chain to every goal that can be reached."""
+    """Return the cheapest chain to every reachable goal."""
     best: dict[str, _Chain] = {}
     for chain in chains:
         for goal, leg, cost in _find_legs(roads, chain.feet[-1], goals):
@@ -103,7 +103,7 @@ def _extend_chains(roads: RoadMap, chains: Sequence[_Chain], goals: Sequence[Way
 def _find_legs(
     roads: RoadMap, start: WaypointProjection, goals: Sequence[WaypointProjection]
 ) -> Iterable[tuple[WaypointProjection, RouteLeg, float]]:
-    """Legs from a foot to every goal in reach, with their cost [m]."""
+    """Yield the legs from a projection to every reachable goal, with their cost [m]."""
     a, b = roads.lanes[start.lane].centre.at(start.s), roads.lanes[goals[0].lane].centre.at(goals[0].s)
     reached = _search(roads.lanes, start, math.dist(a, b) + DETOUR_M)
     for goal in goals:
@@ -118,12 +118,12 @@ def _find_legs(
 @dataclass(frozen=True, slots=True)
 class _SearchResult:
     cost: Mapping[str, float]
-    """Cost [m] up to the beginning of each lane; negative if that lies behind the start."""
+    """Cost [m] up to the beginning of each lane; negative if that lies before the start."""
     came: Mapping[str, str]
 
 
 def _search(lanes: Mapping[str, Lane], start: WaypointProjection, limit: float) -> _SearchResult:
-    """Dijkstra over lanes. Parallel lanes of an edge count as equally long, which they nearly are."""
+    """Run Dijkstra's algorithm over lanes. Parallel lanes of an edge count as equally long, which they nearly are."""
     cost: dict[str, float] = {start.lane: -start.s}
     came: dict[str, str] = {}
     queue: list[tuple[float, str]] = [(-start.s, start.lane)]

@@ -1,4 +1,4 @@
-"""Which strips lie side by side in the same direction, and which cross each other."""
+"""Find lane segments that lie side by side in the same direction, and segments that cross each other."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -12,23 +12,23 @@ from real2sim.network.lane_segment import LaneSegment, compute_yaw_difference
 from real2sim.polylines import PolylineIndex, compute_angles_between, sample_polylines
 
 NEIGHBOUR_OFFSET_M = (1.8, 5.5)
-"""Lateral distance [m] between the centre lines of true neighbours."""
+"""Lateral distance [m] between the centre lines of neighbours."""
 PARALLEL_RAD = np.radians(20)
 STEADY_M = 1.5
-"""How much the distance between neighbours may vary: more, and they part."""
+"""[m] Variation allowed in the distance between neighbours: beyond it they diverge."""
 MIN_SHARED_M = 8.0
-"""Shortest stretch that counts as side by side."""
+"""[m] Minimum length of a stretch side by side."""
 STEP_M = 2.0
 CROSSING_RAD = np.radians(12)
 CROSSING_INSIDE_M = 1.5
-"""Lines that touch nearer than this to the ends of both only meet there."""
+"""[m] Lines that touch closer than this to the ends of both do not cross."""
 
 
 @dataclass(frozen=True)
 class LaneAdjacency:
-    """Strip `other` lies beside `strip` from arc length `begin` to `end` [m] of it."""
+    """Segment `other` lies beside `segment` from arc length `begin` to `end` [m] of the latter."""
 
-    strip: str
+    segment: str
     other: str
     begin: float
     end: float
@@ -37,15 +37,15 @@ class LaneAdjacency:
 
 
 def find_adjacencies(strips: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
-    """All ordered pairs of neighbours."""
+    """Return all ordered pairs of adjacent segments."""
     values = list(strips.values())
     if not values:
         return []
-    lines = [strip.line for strip in values]
+    lines = [strip.centreline for strip in values]
     points = sample_polylines(lines, STEP_M)
-    feet = PolylineIndex(lines).feet(points.xy, NEIGHBOUR_OFFSET_M[1])
+    feet = PolylineIndex(lines).project_points(points.xy, NEIGHBOUR_OFFSET_M[1])
     owner = points.line[feet.point]
-    good = (owner != feet.line) & (np.abs(feet.left) >= NEIGHBOUR_OFFSET_M[0]) & (np.abs(feet.ahead) <= 1.0)
+    good = (owner != feet.line) & (np.abs(feet.lateral) >= NEIGHBOUR_OFFSET_M[0]) & (np.abs(feet.longitudinal) <= 1.0)
     good &= compute_angles_between(feet.yaw, points.yaw[feet.point]) <= PARALLEL_RAD
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((feet.point[rows], feet.line[rows], owner[rows]))]
@@ -54,7 +54,7 @@ def find_adjacencies(strips: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
     for pair in np.split(rows, bounds) if len(rows) else ():
         strip, other = values[owner[pair[0]]], values[feet.line[pair[0]]]
         at = feet.point[pair]
-        if (beside := _find_steady_stretch(strip, other, points.s[at], at, feet.left[pair])) is not None:
+        if (beside := _find_steady_stretch(strip, other, points.s[at], at, feet.lateral[pair])) is not None:
             found.append(beside)
     return found
 
@@ -62,8 +62,8 @@ def find_adjacencies(strips: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
 def _find_steady_stretch(
     strip: LaneSegment, other: LaneSegment, stations: Float, number: Int, offset: Float
 ) -> LaneAdjacency | None:
-    """The longest stretch of consecutively numbered points with a steady offset, if it is long enough."""
-    shortest = min(MIN_SHARED_M, 0.6 * strip.line.length)
+    """Return the longest stretch of consecutive points with a steady offset, if it is long enough."""
+    shortest = min(MIN_SHARED_M, 0.6 * strip.centreline.length)
     middle = float(np.median(offset))
     steady = np.flatnonzero(np.abs(offset - middle) <= STEADY_M)
     if not len(steady):
@@ -75,10 +75,10 @@ def _find_steady_stretch(
 
 
 def find_crossings(strips: Mapping[str, LaneSegment]) -> dict[tuple[str, str], list[tuple[float, float]]]:
-    """Pairs (in order of id) whose centre lines cross, with the arc lengths [m] on both where they do."""
+    """Return pairs (ordered by id) whose centre lines cross, with the arc lengths [m] of the crossings on both."""
     values = sorted(strips.values(), key=lambda strip: strip.id)
-    lines = PolylineIndex([strip.line for strip in values])
-    drawn = lines.shapes
+    lines = PolylineIndex([strip.centreline for strip in values])
+    drawn = lines.geometries
     found: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
     for i, j in zip(*lines.tree.query(drawn, predicate="intersects"), strict=True):
         if i >= j:
@@ -91,6 +91,6 @@ def find_crossings(strips: Mapping[str, LaneSegment]) -> dict[tuple[str, str], l
 
 
 def _is_real_crossing(first: LaneSegment, second: LaneSegment, a: float, b: float) -> bool:
-    inner = (min(a, first.line.length - a), min(b, second.line.length - b))
-    turn = compute_yaw_difference(first.line.yaw_at(a), second.line.yaw_at(b))
+    inner = (min(a, first.centreline.length - a), min(b, second.centreline.length - b))
+    turn = compute_yaw_difference(first.centreline.yaw_at(a), second.centreline.yaw_at(b))
     return min(inner) > CROSSING_INSIDE_M / 3 and max(inner) > CROSSING_INSIDE_M and turn > CROSSING_RAD

@@ -1,6 +1,6 @@
-"""Which way lanes run: votes of observed motion, of the map's links, of ends that meet and of lanes beside.
+"""Estimate the direction of lanes from observed motion, links of the map, touching ends and adjacent lanes.
 
-The vote of motion follows what MDrive does for the V2XPnP maps, whose polylines do not tell the direction of travel
+The vote by motion follows MDrive for the V2XPnP maps, whose polylines do not define the direction of travel
 (spec/data_formats 1.3): at least 10 samples, 80 % of them within 30 degrees.
 """
 
@@ -21,39 +21,39 @@ SAMPLES = 10
 AGREEMENT = 0.8
 WITHIN_RAD = np.radians(30)
 STEP_M = 0.3
-"""Shorter steps between frames say nothing about the direction of travel."""
+"""[m] Shorter steps between frames have no reliable direction."""
 NEAR_M = 3.0
 TOUCH_M = 1.5
 TOUCH_RAD = np.radians(30)
 ADJACENT_M = 6.0
 
 CLEAR_M = 1.0
-"""A position votes for the nearest lane along its motion, if the next one is this much further away."""
+"""[m] A position votes for the nearest parallel lane if the next one is this much further away."""
 MOTION_WEIGHT = 6
 LINK_WEIGHT = 2
 SWEEPS = 10
 
 ContinuationsByLane = Mapping[str, Sequence[tuple[str, int]]]
-"""What each lane touches, as in `LaneContinuation`."""
+"""Continuations of each lane, see `LaneContinuation`."""
 LaneContinuation = tuple[str, str, int]
-"""Two lanes that continue each other: +1 as drawn, -1 if one of them must be turned round for it."""
+"""Two lanes that continue each other: +1 as drawn, -1 if one of them must be reversed."""
 
 
 @dataclass(frozen=True)
 class LaneDirections:
-    """Lanes that must be turned round, those whose direction nothing tells (left as drawn), and votes of motion."""
+    """Lanes to reverse, lanes without any evidence (kept as drawn), and votes by motion."""
 
     inverted: tuple[str, ...]
     undecided: tuple[str, ...]
-    voted: Mapping[str, int]
-    """+1 or -1 against the drawn direction, of lanes with enough observed motion."""
+    votes: Mapping[str, int]
+    """+1 or -1 relative to the drawn direction, for lanes with enough observed motion."""
 
 
 def vote_directions(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> LaneDirections:
-    """Directions of all lanes. Those that are `directed` turn round only if motion and links both say so.
+    """Estimate the directions of all lanes. `directed` lanes are reversed only if both motion and links say so.
 
-    Every lane weighs what motion and links say about it (`MOTION_WEIGHT`, `LINK_WEIGHT` a link) against what the lanes
-    that continue it have; directions spread from the lanes that know most, then settle (iterated conditional modes).
+    Each lane weighs its own evidence (`MOTION_WEIGHT`, `LINK_WEIGHT` per link) against that of its continuations;
+    directions propagate from the lanes with the strongest evidence and are then relaxed (iterated conditional modes).
     """
     voted, told, around = (
         vote_by_motion(lanes, motions),
@@ -74,7 +74,7 @@ def vote_directions(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> L
 
 
 def reverse_lane(lane: MapLane) -> MapLane:
-    """The same lane drawn the other way round."""
+    """Return the lane drawn in the opposite direction."""
     return replace(
         lane,
         centre=lane.centre[::-1],
@@ -102,7 +102,7 @@ def vote_by_motion(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> di
 
 
 def extract_moving_steps(motions: Sequence[Float]) -> tuple[Float, Float]:
-    """Positions (M, 2) [m] and directions of motion (M,) [rad] of steps of at least `STEP_M`."""
+    """Return positions (M, 2) [m] and directions (M,) [rad] of steps of at least `STEP_M`."""
     xy, yaw = [np.zeros((0, 2))], [np.zeros(0)]
     for motion in motions:
         step = np.diff(motion[:, :2], axis=0)
@@ -113,11 +113,11 @@ def extract_moving_steps(motions: Sequence[Float]) -> tuple[Float, Float]:
 
 
 def _assign_to_lanes(lines: Sequence[Polyline], xy: Float, yaw: Float) -> tuple[Int, Float]:
-    """Nearest lane of each point that has one, of those that run along its motion, and the angle between them [rad].
+    """Return the nearest parallel lane of each point that has one, and the angle between them [rad].
 
-    Across junctions many lanes are near; motion across a lane is no vote on it.
+    Many lanes are near inside junctions; motion across a lane is no vote for it.
     """
-    feet = PolylineIndex(lines).feet(xy, NEAR_M)
+    feet = PolylineIndex(lines).project_points(xy, NEAR_M)
     turn = compute_angles_between(feet.yaw, yaw[feet.point])
     rows = np.flatnonzero(np.minimum(turn, np.pi - turn) <= WITHIN_RAD)
     rows = rows[np.lexsort((feet.line[rows], feet.distance[rows], feet.point[rows]))]
@@ -128,7 +128,7 @@ def _assign_to_lanes(lines: Sequence[Polyline], xy: Float, yaw: Float) -> tuple[
 
 
 def _compute_outward_end(lane: MapLane, side: int) -> tuple[Float, float]:
-    """An end of a lane (0 first, 1 last point) and the direction [rad] in which it leaves the lane there."""
+    """Return an end of a lane (0 first, 1 last point) and the outward direction [rad] there."""
     line = Polyline(lane.centre)
     if side:
         return lane.centre[-1], compute_chord_yaw(line, line.length - HEADING_OVER_M, line.length)
@@ -152,7 +152,7 @@ def _find_continuations(lanes: Mapping[str, MapLane]) -> list[LaneContinuation]:
 
 
 def _vote_by_links(lanes: Mapping[str, MapLane]) -> dict[str, int]:
-    """Sum of what the map's links say about each lane: positive as drawn, negative turned round."""
+    """Return the sum of link votes of each lane: positive as drawn, negative reversed."""
     votes: defaultdict[str, int] = defaultdict(int)
     links = {(a, b) for a, lane in lanes.items() for b in lane.exits if b in lanes}
     links |= {(b, a) for a, lane in lanes.items() for b in lane.entries if b in lanes}
@@ -166,7 +166,7 @@ def _vote_by_links(lanes: Mapping[str, MapLane]) -> dict[str, int]:
 
 
 def _propagate(sign: dict[str, int], around: ContinuationsByLane) -> None:
-    """Lanes take the direction that continues decided ones, round by round, by the majority of those they touch."""
+    """Propagate directions from decided lanes to their continuations, round by round, by majority."""
     while True:
         votes = {
             id_: sum(turn * sign[other] for other, turn in others if other in sign)
@@ -180,7 +180,7 @@ def _propagate(sign: dict[str, int], around: ContinuationsByLane) -> None:
 
 
 def _relax(sign: dict[str, int], known: Mapping[str, int], around: ContinuationsByLane, fixed: Collection[str]) -> None:
-    """Lanes turn round while what they know and what they touch outvotes them."""
+    """Reverse lanes while their own evidence and their continuations outvote them."""
     for _ in range(SWEEPS):
         changed = False
         for id_ in sign:
@@ -200,9 +200,9 @@ def _group_by_lane(touches: Iterable[LaneContinuation]) -> ContinuationsByLane:
 
 
 def _decide_by_majority(sign: dict[str, int], lanes: Mapping[str, MapLane], around: ContinuationsByLane) -> set[str]:
-    """Chains of lanes that nothing is known of take the direction in which most of them are drawn.
+    """Give chains of lanes without evidence the direction in which most of them are drawn.
 
-    Returns those for which nothing but the drawing of a single lane, or a tie, speaks.
+    Returns single lanes and ties, which stay undecided.
     """
     undecided: set[str] = set()
     for id_ in lanes:
@@ -218,7 +218,7 @@ def _decide_by_majority(sign: dict[str, int], lanes: Mapping[str, MapLane], arou
 
 
 def _decide_by_neighbours(sign: dict[str, int], lanes: Mapping[str, MapLane], undecided: set[str]) -> set[str]:
-    """Undecided lanes take the direction of a decided one beside them that the map calls their neighbour or group."""
+    """Give undecided lanes the direction of a decided adjacent lane that the map names as neighbour or group member."""
     done: set[str] = set()
     for id_ in sorted(undecided):
         lane = lanes[id_]
@@ -233,7 +233,7 @@ def _decide_by_neighbours(sign: dict[str, int], lanes: Mapping[str, MapLane], un
 
 
 def _compare_adjacent(lane: MapLane, other: MapLane) -> int:
-    """+1 or -1 if the other lane runs beside in the same or the opposite drawn direction, 0 if it does not."""
+    """Return +1 or -1 if the other lane is adjacent in the same or opposite drawn direction, else 0."""
     line, beside = Polyline(lane.centre), Polyline(other.centre)
     middle = line.at(line.length / 2)
     s, d = beside.project(*middle)

@@ -1,4 +1,4 @@
-"""Which strip leads into which: the map's own links where geometry bears them out, and those that it forgot."""
+"""Rebuild the links between lane segments: keep plausible links of the map and add missing ones."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from real2sim.network.lane_segment import LaneLink, LaneSegment
 
 KEPT_GAP_M = 5.0
 KEPT_YAW = np.radians(60)
-"""A link of the map is believed if the ends are this close and point about the same way."""
+"""A link of the map is kept if the ends are this close and have about the same direction."""
 ASIDE_M = 0.8
 AHEAD_M = (-1.0, 2.0)
 TOUCH_YAW = np.radians(30)
-"""Ends this close across and along the lane, and in line, are linked even if the map does not say so."""
+"""Ends this close across and along the lane, and aligned, are linked even if the map does not link them."""
 EXACT_M = 0.1
 EXACT_YAW = np.radians(50)
 """The same for ends that coincide."""
 LOOSE_GAP_M = 4.0
-"""The same for two ends that nothing else is linked to."""
+"""[m] The same for two ends without any other link."""
 
 
 @dataclass(frozen=True)
 class RebuiltLinks:
-    """Believed links, those of the map that were dropped, and those added by geometry."""
+    """Kept links, dropped links of the map, and links added by geometry."""
 
     links: frozenset[LaneLink]
     dropped: tuple[LaneLink, ...]
@@ -32,7 +32,7 @@ class RebuiltLinks:
 
 
 def rebuild_links(strips: Mapping[str, LaneSegment], said: Iterable[LaneLink]) -> RebuiltLinks:
-    """Checks what the map says by gap and heading, then links ends that meet."""
+    """Check the links of the map by gap and heading, then link ends that meet."""
     ids = list(strips)
     if not ids:
         return RebuiltLinks(frozenset(), (), ())
@@ -58,13 +58,13 @@ def rebuild_links(strips: Mapping[str, LaneSegment], said: Iterable[LaneLink]) -
 
 
 def _find_indirect_links(linked: Bool) -> Bool:
-    """Pairs that a lane between them links already."""
+    """Return pairs that are already linked through one lane between them."""
     steps = linked.astype(np.float32)
     return steps @ steps > 0
 
 
 def _measure_end_gaps(strips: list[LaneSegment]) -> tuple[Float, Float, Float]:
-    """(L, L) from the end of row to the start of column: gap [m], turn [rad], turn from the end to the chord [rad]."""
+    """Return (L, L) from the end of row to the start of column: gap [m], turn [rad], angle to the chord [rad]."""
     starts, ends = np.array([strip.start for strip in strips]), np.array([strip.end for strip in strips])
     first, last = np.array([s.start_yaw for s in strips]), np.array([s.end_yaw for s in strips])
     across = starts[None] - ends[:, None]
@@ -74,7 +74,7 @@ def _measure_end_gaps(strips: list[LaneSegment]) -> tuple[Float, Float, Float]:
 
 
 def _find_open_pairs(linked: Bool, gap: Float, turn: Float, chord: Float) -> Bool:
-    """Nearest start ahead of an end, if both are open."""
+    """Return pairs of open ends that are each other's nearest."""
     open_ = ~linked.any(axis=1, keepdims=True) & ~linked.any(axis=0, keepdims=True)
     fits = open_ & (gap <= LOOSE_GAP_M) & (turn <= TOUCH_YAW) & (chord <= TOUCH_YAW)
     distance = np.where(fits, gap, np.inf)

@@ -1,4 +1,4 @@
-"""Strips: the lanes of an HD map made ready for building, each with a direction of travel and an id of its own."""
+"""Lane segments: lanes of an HD map or parts of them, with a direction of travel and an id of their own."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,26 +11,26 @@ from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from real2sim.hd_map import LaneKind, MapLane
 
 MIN_LANE_M = 0.5
-"""Lanes shorter than this cannot be driven on and are left out."""
+"""[m] Shorter lanes cannot be driven on and are dropped."""
 HEADING_OVER_M = 2.0
-"""Length of a lane's end over which its direction is taken: single short segments of drawn lanes are noisy."""
+"""[m] Length at a lane's end over which its direction is measured: short segments of drawn lanes are noisy."""
 
 LaneLink = tuple[str, str]
-"""The strip with the first id leads into the second."""
+"""The segment with the first id leads into the second."""
 
 
 @dataclass(frozen=True)
 class LaneSegment:
-    """A lane or a piece of one, in its direction of travel."""
+    """A lane or a part of one, in its direction of travel."""
 
     id: str
-    lane: str
-    """Id of the lane of the map that it comes from."""
-    line: Polyline
+    source_lane: str
+    """Id of the lane of the source map."""
+    centreline: Polyline
     width: float
     """[m]"""
     speed: float
-    """Limit [m/s]."""
+    """Speed limit [m/s]."""
     kind: LaneKind
     junction: bool
     group: str = ""
@@ -38,48 +38,48 @@ class LaneSegment:
     @property
     def start(self) -> Float:
         """First point (2,) [m]."""
-        return self.line.xy[0]
+        return self.centreline.xy[0]
 
     @property
     def end(self) -> Float:
         """Last point (2,) [m]."""
-        return self.line.xy[-1]
+        return self.centreline.xy[-1]
 
     @property
     def start_yaw(self) -> float:
-        """Direction [rad] of its beginning."""
-        return compute_chord_yaw(self.line, 0.0, HEADING_OVER_M)
+        """Direction [rad] at the beginning."""
+        return compute_chord_yaw(self.centreline, 0.0, HEADING_OVER_M)
 
     @property
     def end_yaw(self) -> float:
-        """Direction [rad] of its end."""
-        return compute_chord_yaw(self.line, self.line.length - HEADING_OVER_M, self.line.length)
+        """Direction [rad] at the end."""
+        return compute_chord_yaw(self.centreline, self.centreline.length - HEADING_OVER_M, self.centreline.length)
 
 
 def compute_chord_yaw(line: Polyline, begin: float, end: float) -> float:
-    """Direction [rad] from arc length `begin` to `end` [m], both moved onto the line."""
+    """Return the direction [rad] from arc length `begin` to `end` [m], both clamped to the line."""
     a, b = line.at(max(begin, 0.0)), line.at(min(end, line.length))
     return float(np.arctan2(b[1] - a[1], b[0] - a[0]))
 
 
 def compute_yaw_difference(a: float, b: float) -> float:
-    """Angle [rad] in [0, pi] between two directions."""
+    """Return the angle [rad] in [0, pi] between two directions."""
     return abs(float(np.angle(np.exp(1j * (a - b)))))
 
 
 def clip_polyline(line: Polyline, begin: float, end: float) -> Polyline:
-    """The line from arc length `begin` to `end` [m]."""
+    """Return the part of a line between arc lengths `begin` and `end` [m]."""
     inner = line.xy[(line.s > begin + 1e-6) & (line.s < end - 1e-6)]
     return build_polyline(np.concatenate(([line.at(begin)], inner, [line.at(end)])))
 
 
 def split_segment(strip: LaneSegment, stations: Sequence[float]) -> list[LaneSegment]:
-    """The strip in pieces, cut at ascending arc lengths [m] inside it; pieces are named ID~0, ID~1 and so on."""
+    """Split a segment at ascending arc lengths [m]; parts are named ID~0, ID~1 and so on."""
     if not stations:
         return [strip]
-    bounds = [0.0, *stations, strip.line.length]
+    bounds = [0.0, *stations, strip.centreline.length]
     return [
-        replace(strip, id=f"{strip.id}~{k}", line=clip_polyline(strip.line, bounds[k], bounds[k + 1]))
+        replace(strip, id=f"{strip.id}~{k}", line=clip_polyline(strip.centreline, bounds[k], bounds[k + 1]))
         for k in range(len(bounds) - 1)
     ]
 
@@ -87,7 +87,7 @@ def split_segment(strip: LaneSegment, stations: Sequence[float]) -> list[LaneSeg
 def split_segments(
     strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], stations: Mapping[str, Sequence[float]]
 ) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
-    """All strips in pieces with their links; links of a strip go to its last piece, into it to its first."""
+    """Split all segments and keep their links: links leave from the last part and enter the first."""
     pieces = {id_: split_segment(strip, stations.get(id_, ())) for id_, strip in strips.items()}
     made = {(pieces[a][-1].id, pieces[b][0].id) for a, b in links}
     for chain in pieces.values():
@@ -96,7 +96,7 @@ def split_segments(
 
 
 def measure_boundary_width(lane: MapLane) -> float:
-    """Median distance [m] between the boundaries along the centre line; NaN if one is unknown."""
+    """Return the median distance [m] between the boundaries along the centre line; NaN if one is unknown."""
     if len(lane.left) < 2 or len(lane.right) < 2:
         return float("nan")
     middle = shapely.points(build_polyline(lane.centre).resampled(2.0).xy)

@@ -1,7 +1,7 @@
-"""The planned centre lines put back into a compiled net.
+"""Restore the planned centre lines in a compiled net.
 
-netconvert cuts every lane, also one of given shape, where it meets the outline that it computes for the junction, and
-where outlines overlap it leaves stumps of 0.2 m. A log's lanes end where the map says, so their shapes are restored.
+netconvert cuts every lane, even one with a given shape, at the outline that it computes for the junction, and where
+outlines overlap it leaves stumps of 0.2 m. Lanes of a log end where the map says, so their shapes are restored.
 """
 
 import re
@@ -16,20 +16,20 @@ from real2sim.network.network_plan import NetworkPlan, PlannedConnection
 from real2sim.xml_file import Element
 
 MIN_LANE_LENGTH_M = 0.1
-"""SUMO's least length of a lane."""
+"""[m] SUMO's minimum length of a lane."""
 
 
 def restore_shapes(net: bytes, plan: NetworkPlan, lane_ids: Mapping[str, str]) -> bytes:
-    """The net with the plan's lines as shapes of its lanes, without comments. `lane_ids`: strip id -> SUMO lane id."""
+    """Return the net with the planned shapes and without comments. `lane_ids`: segment id -> SUMO lane id."""
     root = ElementTree.fromstring(re.sub(rb"<!--.*?-->\s*", b"", net, flags=re.DOTALL))
     lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
     for edge in plan.edges:
-        length = float(np.mean([strip.line.length for strip in edge.lanes]))  # SUMO has one length for all lanes
+        length = float(np.mean([strip.centreline.length for strip in edge.lanes]))  # SUMO has one length for all lanes
         for strip in edge.lanes:
-            _set_shape(lanes[lane_ids[strip.id]], strip.line.xy, length)
-    ends = {strip.id: strip.line.xy for edge in plan.edges for strip in edge.lanes}
+            _set_shape(lanes[lane_ids[strip.id]], strip.centreline.xy, length)
+    ends = {strip.id: strip.centreline.xy for edge in plan.edges for strip in edge.lanes}
     chains = _collect_internal_lanes(root)
-    for way in plan.ways:
+    for way in plan.connections:
         chain = [lanes[id_] for id_ in chains.get((lane_ids[way.start], lane_ids[way.goal]), ())]
         _restore_connection(chain, way, ends)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -41,12 +41,12 @@ def _set_shape(lane: Element, xy: Float, length: float) -> None:
 
 
 def format_shape(xy: Float) -> str:
-    """Points as SUMO writes them."""
+    """Return points in SUMO's text format."""
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in xy)
 
 
 def _collect_internal_lanes(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:
-    """Internal lanes between two lanes: one, or two where vehicles wait inside the junction."""
+    """Return the internal lanes between two lanes: one, or two where vehicles wait inside the junction."""
     onward: dict[str, str] = {}
     ways: list[tuple[str, str, str]] = []
     for connection in root.iter("connection"):
@@ -68,17 +68,17 @@ def _follow_vias(via: str, onward: Mapping[str, str]) -> Iterable[str]:
 def _restore_connection(chain: list[Element], way: PlannedConnection, ends: Mapping[str, Float]) -> None:
     if not chain:
         return
-    if way.line is None:
+    if way.shape is None:
         gap = np.stack((ends[way.start][-1], ends[way.goal][0]))
         for lane in chain:
             _set_shape(lane, gap, MIN_LANE_LENGTH_M)
         return
-    bounds = [0.0, *(_find_station(lane, way.line) for lane in chain[:-1]), way.line.length]
+    bounds = [0.0, *(_find_station(lane, way.shape) for lane in chain[:-1]), way.shape.length]
     for lane, begin, end in zip(chain, bounds, bounds[1:], strict=False):
-        _set_shape(lane, clip_polyline(way.line, begin, end).xy, end - begin)
+        _set_shape(lane, clip_polyline(way.shape, begin, end).xy, end - begin)
 
 
 def _find_station(lane: Element, line: Polyline) -> float:
-    """Where on the line an internal lane ends; not at its very ends, for both parts must have a length."""
+    """Return the arc length where an internal lane ends, off both ends so that both parts have a length."""
     x, y = (float(value) for value in lane.get("shape", "").split()[-1].split(",")[:2])
     return min(max(line.project(x, y)[0], MIN_LANE_LENGTH_M), line.length - MIN_LANE_LENGTH_M)

@@ -1,4 +1,4 @@
-"""What is measured of a map and its network: distance of centre lines, observed speeds, side of the traffic."""
+"""Measurements of a map and its network: centre line deviation, observed speeds, side of traffic."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ SPACING_M = 1.0
 FAR_M = 20.0
 SAME_DIRECTION_RAD = np.radians(60)
 ONCOMING_OFFSET_M = (2.0, 7.0)
-"""Lateral distance [m] of the lane for oncoming traffic."""
+"""Lateral distance [m] of the oncoming lane."""
 ONCOMING_SPACING_M = 5.0
 ONCOMING_RAD = np.radians(160)
 ON_LANE_M = 1.5
@@ -35,7 +35,7 @@ class CentrelineDeviation:
 
 
 def measure_centreline_deviation(source: Sequence[Polyline], roads: RoadMap) -> CentrelineDeviation:
-    """Every metre of all source lanes against the nearest lane of the same direction in the network, and back."""
+    """Measure every metre of all source lanes against the nearest lane with the same direction, and back."""
     ours = [lane.centre for lane in roads.driving]
     there, back = measure_line_distances(source, ours), measure_line_distances(ours, source)
     return CentrelineDeviation(*_summarise(there), *_summarise(back))
@@ -46,15 +46,15 @@ def _summarise(distance: Float) -> tuple[float, float, float]:
 
 
 def measure_line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]) -> Float:
-    """Distance (M,) [m] of points every metre on `lines` to the nearest of `others` within 60 degrees.
+    """Return distances (M,) [m] from points every metre on `lines` to the nearest of `others` within 60 degrees.
 
-    Where none runs in that direction nearby (within `FAR_M`) it counts as that.
+    Points without such a line within `FAR_M` count as `FAR_M`.
     """
     points, index = sample_polylines(lines, SPACING_M), PolylineIndex(others)
     best = np.full(len(points.xy), FAR_M)
     open_ = np.arange(len(best))
     for reach in (1.0, FAR_M):  # most are near, and the wide search is dear
-        feet = index.feet(points.xy[open_], reach)
+        feet = index.project_points(points.xy[open_], reach)
         point = open_[feet.point]
         along = compute_angles_between(feet.yaw, points.yaw[point]) <= SAME_DIRECTION_RAD
         np.minimum.at(best, point[along], feet.distance[along])
@@ -63,14 +63,14 @@ def measure_line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]
 
 
 def measure_observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Float], dt_s: float) -> dict[str, float]:
-    """95th percentile [m/s] of the speeds on each lane with enough samples."""
+    """Return the 95th percentile [m/s] of the speeds on each lane with enough samples."""
     driving = {id_: lane for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING}
     steps = [np.diff(motion[:, :2], axis=0) for motion in motions] or [np.zeros((0, 2))]
     speed = np.hypot(*np.concatenate(steps).T) / dt_s
     xy = np.concatenate([motion[1:, :2] for motion in motions]) if motions else np.zeros((0, 2))
     known = np.isfinite(speed)
     speed = speed[known]
-    feet = PolylineIndex([Polyline(lane.centre) for lane in driving.values()]).feet(xy[known], ON_LANE_M)
+    feet = PolylineIndex([Polyline(lane.centre) for lane in driving.values()]).project_points(xy[known], ON_LANE_M)
     return {
         id_: float(np.percentile(speed[feet.point[feet.line == i]], SPEED_PERCENTILE))
         for i, id_ in enumerate(driving)
@@ -79,20 +79,20 @@ def measure_observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Floa
 
 
 def is_left_hand_traffic(lanes: Mapping[str, MapLane], voted: Mapping[str, int]) -> bool:
-    """Whether traffic keeps to the left: whether most oncoming lanes lie to the right. Lanes are directed by now.
+    """Return whether most oncoming lanes lie to the right. Lanes must be directed.
 
-    Lanes with observed motion decide alone if there are any with an oncoming lane; else all directed ones do.
+    Lanes with observed motion decide alone if any of them has an oncoming lane; otherwise all lanes do.
     """
     ids = [id_ for id_, lane in lanes.items() if lane.kind is LaneKind.DRIVING and not lane.junction]
     if not ids:
         return False
     lines = [Polyline(lanes[id_].centre) for id_ in ids]
     points = sample_polylines(lines, ONCOMING_SPACING_M)
-    feet = PolylineIndex(lines).feet(points.xy, ONCOMING_OFFSET_M[1])
+    feet = PolylineIndex(lines).project_points(points.xy, ONCOMING_OFFSET_M[1])
     oncoming = compute_angles_between(feet.yaw, points.yaw[feet.point]) >= ONCOMING_RAD
-    rows = np.flatnonzero(oncoming & (np.abs(feet.left) >= ONCOMING_OFFSET_M[0]))
-    rows = rows[np.lexsort((np.abs(feet.left[rows]), feet.point[rows]))]
+    rows = np.flatnonzero(oncoming & (np.abs(feet.lateral) >= ONCOMING_OFFSET_M[0]))
+    rows = rows[np.lexsort((np.abs(feet.lateral[rows]), feet.point[rows]))]
     rows = rows[np.unique(feet.point[rows], return_index=True)[1]]  # the nearest of each point
-    side = -np.sign(feet.left[rows])  # `left` is told in the direction of the oncoming lane
+    side = -np.sign(feet.lateral[rows])  # `left` is told in the direction of the oncoming lane
     seen = np.array([id_ in voted for id_ in ids])[points.line[feet.point[rows]]]
     return bool((float(side[seen].sum()) or float(side.sum())) < 0)

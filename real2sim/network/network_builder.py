@@ -1,4 +1,4 @@
-"""The map of a log becomes a network folder: directions voted, lanes grouped, links rebuilt, compiled and measured."""
+"""Build a network folder from the map of a log: directions, segments, links, edges, compilation, measurements."""
 
 import gzip
 from collections.abc import Mapping, Sequence
@@ -31,23 +31,23 @@ from real2sim.network.stop_signs import build_stop_boxes, derive_right_of_way, p
 
 DEFAULT_LANE_WIDTH_M = 3.5
 PLAUSIBLE_WIDTHS_M = (2.0, 6.0)
-"""Widths outside are misreadings of the boundaries."""
+"""[m] Widths outside are errors of the boundaries."""
 DEFAULT_SPEED_MPS = 13.89
 BUILT_LANE_KINDS = (LaneKind.DRIVING, LaneKind.BIKE, LaneKind.SIDEWALK)
 MIN_CROSSWALK_M = 1.0
-"""Crosswalks narrower than this are not drawn."""
+"""[m] Narrower crosswalks are not drawn."""
 FOOTWAY_MPS = 2.78
 
 
 @dataclass(frozen=True)
 class NetworkReport:
-    """What became of a map, for quality.json."""
+    """Result of building a network, for quality.json."""
 
     name: str
     folder: Path
     checksum: str
     lanes: int
-    """Driving lanes of the source."""
+    """Number of driving lanes of the source."""
     edges: int
     nodes: int
     connections: int
@@ -55,30 +55,30 @@ class NetworkReport:
     directions: LaneDirections
     links_dropped: tuple[LaneLink, ...]
     links_added: tuple[LaneLink, ...]
-    lost: Mapping[str, str]
+    drop_reason_by_lane: Mapping[str, str]
     """Lane of the source -> why it is not in the network."""
-    fit: CentrelineDeviation
-    """Distance between centre lines, both directions."""
+    deviation: CentrelineDeviation
+    """Distance between centre lines in both directions."""
     default_widths: int
-    """Lanes of unknown width, which got the distance of their neighbours, or 3.5 m without any."""
+    """Number of lanes of unknown width: they get the spacing of their neighbours, else 3.5 m."""
     default_speeds: int
-    """Lanes of unknown speed limit, which got 13.89 m/s or what was observed."""
-    sources: Mapping[str, str]
-    """SUMO lane on an edge -> lane of the source that it is, or is a piece of."""
+    """Number of lanes of unknown speed limit: they get 13.89 m/s or the observed speed."""
+    source_by_lane: Mapping[str, str]
+    """SUMO lane on an edge -> lane of the source."""
     signalled: tuple[str, ...]
-    """Lanes that traffic lights control. The network has no lights: the log does not tell their program."""
+    """Lanes controlled by traffic lights. The network has no lights because the log does not contain their program."""
 
 
 def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str, dt_s: float = 0.1) -> NetworkReport:
-    """Builds `folder` (plain XML, network.json, map.net.xml.gz) from a map; raises InputError.
+    """Build `folder` (plain XML, network.json, map.net.xml.gz) from a map; raise InputError.
 
-    `motions` are observed x, y, yaw (N, 3) [m, rad] of vehicles, a row every `dt_s`; NaN where unseen.
+    `motions` are observed x, y, yaw (N, 3) [m, rad] of vehicles, one row every `dt_s`; NaN where not observed.
     """
     drawn = _select_drawable_lanes(map, name)
     directions = vote_directions(drawn, motions)
     lanes = {id_: reverse_lane(lane) if id_ in directions.inverted else lane for id_, lane in drawn.items()}
     decided = {id_: lane for id_, lane in lanes.items() if id_ not in directions.undecided}
-    left_hand = map.left_hand if map.left_hand is not None else is_left_hand_traffic(decided, directions.voted)
+    left_hand = map.left_hand if map.left_hand is not None else is_left_hand_traffic(decided, directions.votes)
     strips, lost = _build_segments(map, lanes, measure_observed_speeds(lanes, motions, dt_s))
     links = rebuild_links(strips, _collect_source_links(lanes))
     plan = plan_network(*_select_driving(strips, links))
@@ -92,22 +92,24 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
         lanes=sum(lane.kind is LaneKind.DRIVING for lane in map.lanes.values()),
         edges=len(plan.edges),
         nodes=len({node for edge in plan.edges for node in (edge.begin, edge.end)}),
-        connections=len(plan.ways),
+        connections=len(plan.connections),
         left_hand=left_hand,
         directions=directions,
         links_dropped=links.dropped,
         links_added=links.added,
-        lost=lost,
-        fit=measure_centreline_deviation([s.line for s in strips.values() if s.kind is LaneKind.DRIVING], roads),
+        drop_reason_by_lane=lost,
+        deviation=measure_centreline_deviation(
+            [s.centreline for s in strips.values() if s.kind is LaneKind.DRIVING], roads
+        ),
         default_widths=sum(_measure_width(lane) is None for lane in lanes.values()),
         default_speeds=sum(not lane.speed_limit > 0 for lane in lanes.values()),
-        sources={lane_ids[lane.id]: lane.lane for edge in plan.edges for lane in edge.lanes},
+        source_by_lane={lane_ids[lane.id]: lane.source_lane for edge in plan.edges for lane in edge.lanes},
         signalled=tuple(sorted({lane for controlled in map.signals.values() for lane in controlled})),
     )
 
 
 def _select_drawable_lanes(map: HdMap, name: str) -> dict[str, MapLane]:
-    """Lanes long enough to drive on; raises InputError for broken coordinates or a map without driving lanes."""
+    """Return lanes long enough to drive on; raise InputError for invalid coordinates or a map without driving lanes."""
     for id_, lane in map.lanes.items():
         if lane.centre.ndim != 2 or lane.centre.shape[1:] != (2,) or not np.isfinite(lane.centre).all():
             raise InputError(f"map of {name}: lane {id_}: expected finite points (N, 2), found {lane.centre.shape}")
@@ -152,13 +154,13 @@ def _measure_width(lane: MapLane) -> float | None:
 
 
 def _fill_widths(strips: Mapping[str, LaneSegment]) -> dict[str, LaneSegment]:
-    """Unknown widths from the spacing of neighbours, else the default."""
+    """Fill unknown widths from the spacing of neighbours, else with the default."""
     if not any(np.isnan(strip.width) for strip in strips.values()):
         return dict(strips)
     spacing: dict[str, list[float]] = {}
     for beside in find_adjacencies(strips):
         if abs(beside.offset) >= 2.5:
-            spacing.setdefault(beside.strip, []).append(abs(beside.offset))
+            spacing.setdefault(beside.segment, []).append(abs(beside.offset))
     return {
         id_: strip
         if not np.isnan(strip.width)
@@ -175,7 +177,7 @@ def _select_driving(
 
 
 def _add_footways(plan: NetworkPlan, strips: Mapping[str, LaneSegment], map: HdMap) -> NetworkPlan:
-    """Bicycle lanes, pavements and crosswalks as edges of their own that lead nowhere: for pictures and walkers."""
+    """Add bicycle lanes, pavements and crosswalks as unconnected edges, for display and pedestrians."""
     drawn = [strip for strip in strips.values() if strip.kind is not LaneKind.DRIVING]
     drawn += [strip for k, outline in enumerate(map.crosswalks) if (strip := _build_crosswalk(k, outline)) is not None]
     first = 1 + max((node for edge in plan.edges for node in (edge.begin, edge.end)), default=-1)
@@ -184,7 +186,7 @@ def _add_footways(plan: NetworkPlan, strips: Mapping[str, LaneSegment], map: HdM
 
 
 def _build_crosswalk(number: int, outline: Float) -> LaneSegment | None:
-    """A strip along the longer axis of the smallest rectangle around the crosswalk."""
+    """Return a segment along the longer axis of the minimum rectangle around the crosswalk."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shapely.MultiPoint(outline)))
     if len(corners) < 4:
         return None
@@ -221,6 +223,6 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
 
 
 def _find_unused_lanes(plan: NetworkPlan) -> set[str]:
-    kept = {lane.lane for edge in plan.edges for lane in edge.lanes}
-    kept |= {id_.split("~")[0] for way in plan.ways for id_ in way.strips}
+    kept = {lane.source_lane for edge in plan.edges for lane in edge.lanes}
+    kept |= {id_.split("~")[0] for way in plan.connections for id_ in way.connectors}
     return {id_.split("~")[0] for id_ in plan.unused} - kept

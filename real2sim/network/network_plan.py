@@ -1,4 +1,4 @@
-"""Plan of a network: strips become lanes of edges or ways through a junction, their ends become nodes."""
+"""Plan a network: segments become lanes of edges or connections through junctions, their ends become nodes."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -12,19 +12,19 @@ from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
 from real2sim.network.segment_splitting import group_adjacent_segments
 
 STUB_M = 2.0
-"""A way through a junction that the map's border cuts off begins or ends on an edge of this length."""
+"""[m] Length of the edge added where the map's border cuts off a connector."""
 FOLD_M = 40.0
-"""Edges up to this length from a junction back to itself are part of it."""
+"""[m] Edges up to this length that return to the same junction are part of it."""
 MAX_PATHS = 64
-"""Ways from one lane through one junction; more do not occur but in broken maps."""
+"""Maximum number of paths from one lane through one junction; only broken maps have more."""
 
 SegmentEnd = tuple[str, int]
-"""Beginning (0) or end (1) of a strip."""
+"""Beginning (0) or end (1) of a segment."""
 
 
 @dataclass(frozen=True)
 class PlannedEdge:
-    """Lanes side by side from right to left, between two nodes."""
+    """Adjacent lanes from right to left, between two nodes."""
 
     lanes: tuple[LaneSegment, ...]
     begin: int
@@ -33,28 +33,28 @@ class PlannedEdge:
 
 @dataclass(frozen=True)
 class PlannedConnection:
-    """A connection from one edge's lane to another's; `line` is its shape inside the junction, None: they touch."""
+    """Connection between lanes of two edges; `shape` is its path inside the junction, None if they touch."""
 
     start: str
     goal: str
-    line: Polyline | None
+    shape: Polyline | None
     speed: float
-    strips: tuple[str, ...]
-    """Connectors that it runs through."""
+    connectors: tuple[str, ...]
+    """Segments inside the junction that it runs through."""
 
 
 @dataclass(frozen=True)
 class NetworkPlan:
-    """Edges and ways; nodes are numbers."""
+    """Edges and connections; nodes are numbers."""
 
     edges: tuple[PlannedEdge, ...]
-    ways: tuple[PlannedConnection, ...]
+    connections: tuple[PlannedConnection, ...]
     unused: tuple[str, ...]
-    """Connectors on no way."""
+    """Connectors without any connection."""
 
 
 class _DisjointSets:
-    """Disjoint sets of ports."""
+    """Disjoint sets of segment ends."""
 
     def __init__(self) -> None:
         self._parent: dict[SegmentEnd, SegmentEnd] = {}
@@ -73,7 +73,7 @@ class _DisjointSets:
 
 
 def plan_network(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> NetworkPlan:
-    """Decides which strips are edges, which are ways through junctions, and which ends share a node."""
+    """Decide which segments are edges, which are connectors inside junctions, and which ends share a node."""
     pieces, joined = _add_stubs(strips, set(links))
     inside = _find_connectors(pieces, joined)
     groups = group_adjacent_segments({id_: piece for id_, piece in pieces.items() if id_ not in inside})
@@ -83,11 +83,11 @@ def plan_network(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -
     groups = [group for group in groups if group[0] not in folded]
     loops = {id_ for group in groups if _is_loop(sets, group) for id_ in group}
     if loops:
-        pieces, joined = split_segments(pieces, joined, {id_: [pieces[id_].line.length / 2] for id_ in loops})
+        pieces, joined = split_segments(pieces, joined, {id_: [pieces[id_].centreline.length / 2] for id_ in loops})
         groups = [half for group in groups for half in _split_group(group, loops)]
         sets = _join_ends(pieces, joined, inside, groups)
     ways = _build_connections(pieces, joined, inside)
-    used = {id_ for way in ways for id_ in way.strips}
+    used = {id_ for way in ways for id_ in way.connectors}
     return NetworkPlan(_build_edges(pieces, groups, sets), tuple(ways), tuple(sorted(inside - used)))
 
 
@@ -102,7 +102,7 @@ def _add_stubs(strips: Mapping[str, LaneSegment], links: set[LaneLink]) -> tuple
     behind, ahead = {b for _, b in links}, {a for a, _ in links}
     stations: dict[str, list[float]] = {}
     for id_ in inside:
-        length = strips[id_].line.length
+        length = strips[id_].centreline.length
         stub = min(STUB_M, length / 4)
         cuts = ([stub] if id_ not in behind else []) + ([length - stub] if id_ not in ahead else [])
         if cuts:
@@ -111,7 +111,7 @@ def _add_stubs(strips: Mapping[str, LaneSegment], links: set[LaneLink]) -> tuple
 
 
 def _find_connectors(strips: Mapping[str, LaneSegment], links: Collection[LaneLink]) -> set[str]:
-    """Strips that cross others, and those in a junction of the map that branch off or merge there."""
+    """Return segments that cross others, and junction segments that branch or merge."""
     ahead, behind = _index_links(links)
     inside = {id_ for pair in find_crossings(strips) for id_ in pair}
     for id_, strip in strips.items():
@@ -157,13 +157,13 @@ def _is_loop(sets: _DisjointSets, group: tuple[str, ...]) -> bool:
 def _find_inner_edges(
     strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], groups: Sequence[tuple[str, ...]], sets: _DisjointSets
 ) -> set[str]:
-    """Short edges within one junction whose lanes all lead on and have something behind them."""
+    """Return short edges inside one junction whose lanes all have predecessors and successors."""
     ahead, behind = _index_links(links)
     return {
         id_
         for group in groups
         if _is_loop(sets, group)
-        and all(strips[one].line.length <= FOLD_M and ahead[one] and behind[one] for one in group)
+        and all(strips[one].centreline.length <= FOLD_M and ahead[one] and behind[one] for one in group)
         for id_ in group
     }
 
@@ -194,11 +194,11 @@ def _build_connections(
 
 
 def _measure_length(way: PlannedConnection) -> float:
-    return 0.0 if way.line is None else way.line.length
+    return 0.0 if way.shape is None else way.shape.length
 
 
 def _find_paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[str]) -> list[tuple[str, ...]]:
-    """Chains of connectors from a lane to the next lane of an edge, which comes last."""
+    """Return chains of connectors from a lane to the next lane of an edge, which is the last element."""
     found: list[tuple[str, ...]] = []
     open_: list[tuple[str, ...]] = [(next_,) for next_ in reversed(ahead.get(start, ()))]
     while open_ and len(found) < MAX_PATHS:
@@ -213,14 +213,14 @@ def _find_paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collecti
 def _build_connection(strips: Mapping[str, LaneSegment], start: str, path: tuple[str, ...]) -> PlannedConnection:
     first, last = strips[start], strips[path[-1]]
     through = [strips[id_] for id_ in path[:-1]]
-    points = np.concatenate([[first.end], *(strip.line.xy for strip in through), [last.start]])
+    points = np.concatenate([[first.end], *(strip.centreline.xy for strip in through), [last.start]])
     apart = float(np.hypot(*np.diff(points, axis=0).T).sum())
     line = build_polyline(_drop_close_points(points)) if apart > 0.1 else None
     return PlannedConnection(start, path[-1], line, min(s.speed for s in (*through, last)), tuple(path[:-1]))
 
 
 def _drop_close_points(points: np.ndarray) -> np.ndarray:
-    """Points nearer than 5 cm to the one before are left out, but not the last."""
+    """Drop points closer than 5 cm to the previous one, except the last."""
     keep = [0]
     for i in range(1, len(points)):
         if np.hypot(*(points[i] - points[keep[-1]])) > 0.05:

@@ -1,4 +1,4 @@
-"""A plan as SUMO's plain XML (nodes, edges, connections), compiled by netconvert."""
+"""Write a plan as SUMO's plain XML (nodes, edges, connections) and compile it with netconvert."""
 
 import re
 import subprocess
@@ -23,7 +23,7 @@ ALLOW: Mapping[LaneKind, str] = {LaneKind.DRIVING: "", LaneKind.BIKE: "bicycle",
 
 
 def build_plain_arguments(left_hand: bool) -> tuple[str, ...]:
-    """Of the netconvert call, run in the folder with the plain files."""
+    """Return netconvert's arguments, relative to the folder of the plain files."""
     return (
         *("--node-files", "plain.nod.xml", "--edge-files", "plain.edg.xml", "--connection-files", "plain.con.xml"),
         *("--no-turnarounds", "true", "--offset.disable-normalization", "true", "--precision", "3"),
@@ -33,12 +33,12 @@ def build_plain_arguments(left_hand: bool) -> tuple[str, ...]:
 
 
 def to_sumo_id(id_: str) -> str:
-    """An id that SUMO accepts."""
+    """Return an id that SUMO accepts."""
     return re.sub(r"[^A-Za-z0-9_.~-]", "_", id_).lstrip(":") or "_"
 
 
 def assign_lane_indices(plan: NetworkPlan, left_hand: bool) -> dict[str, tuple[str, int]]:
-    """Strip id -> its edge, called after the rightmost lane, and its place from the kerb (left-hand: from the left)."""
+    """Return segment id -> edge id (named after the rightmost lane) and lane index from the kerb."""
     return {
         lane.id: (f"e{to_sumo_id(edge.lanes[0].id)}", len(edge.lanes) - 1 - k if left_hand else k)
         for edge in plan.edges
@@ -49,7 +49,7 @@ def assign_lane_indices(plan: NetworkPlan, left_hand: bool) -> dict[str, tuple[s
 def write_plain(
     plan: NetworkPlan, types: Mapping[int, str], priority: Mapping[str, int], left_hand: bool, folder: Path
 ) -> None:
-    """Writes plain.nod.xml, plain.edg.xml and plain.con.xml. `priority` of edges by rightmost lane."""
+    """Write plain.nod.xml, plain.edg.xml and plain.con.xml. `priority` is by the rightmost segment of an edge."""
     index = assign_lane_indices(plan, left_hand)
     _save(folder / "plain.nod.xml", "nodes", _build_nodes(plan, types))
     _save(folder / "plain.edg.xml", "edges", (_build_edge(e, index, priority) for e in plan.edges))
@@ -75,7 +75,7 @@ def _build_nodes(plan: NetworkPlan, types: Mapping[int, str]) -> Iterable[Elemen
 
 def _build_edge(edge: PlannedEdge, index: Mapping[str, tuple[str, int]], priority: Mapping[str, int]) -> Element:
     name = index[edge.lanes[0].id][0]
-    middle = edge.lanes[len(edge.lanes) // 2].line.xy
+    middle = edge.lanes[len(edge.lanes) // 2].centreline.xy
     element = _build_element(
         "edge",
         id=name,
@@ -100,17 +100,17 @@ def _build_lane(lane: LaneSegment, index: int) -> Element:
         index=str(index),
         speed=f"{lane.speed:.2f}",
         width=f"{lane.width:.2f}",
-        shape=format_shape(lane.line.xy),
+        shape=format_shape(lane.centreline.xy),
         **permission,
     )
 
 
 def _build_connections(plan: NetworkPlan, index: Mapping[str, tuple[str, int]]) -> Iterable[Element]:
     silent = {name for name, _ in index.values()}
-    for way in plan.ways:
+    for way in plan.connections:
         (start, start_lane), (goal, goal_lane) = index[way.start], index[way.goal]
         silent.discard(start)
-        shape = {} if way.line is None else {"shape": format_shape(way.line.xy)}
+        shape = {} if way.shape is None else {"shape": format_shape(way.shape.xy)}
         yield _build_element(
             "connection",
             **{"from": start, "to": goal, "fromLane": str(start_lane), "toLane": str(goal_lane)},
@@ -126,7 +126,7 @@ def _build_element(tag: str, **attributes: str) -> Element:
 
 
 def compile_plain(folder: Path, left_hand: bool) -> bytes:
-    """The net that netconvert makes of the plain files in `folder`; raises InputError."""
+    """Compile the plain files in `folder` with netconvert; raise InputError."""
     net = folder / "draft.net.xml"
     call = (str(find_netconvert()), *build_plain_arguments(left_hand), "--output-file", net.name)
     done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, timeout=600)

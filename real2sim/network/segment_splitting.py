@@ -1,4 +1,4 @@
-"""Strips cut where a neighbour begins or ends and around crossings, then grouped side by side."""
+"""Split segments where neighbours begin or end and around crossings, then group adjacent ones."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -7,21 +7,21 @@ from real2sim.network.lane_adjacency import LaneAdjacency, find_adjacencies, fin
 from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
 
 MARGIN_M = 8.0
-"""No piece is made shorter than this."""
+"""[m] Minimum length of a part."""
 SAME_CUT_M = 5.0
-"""Cuts nearer to each other are one."""
+"""[m] Cuts closer to each other are merged."""
 CROSSING_HALF_M = 20.0
-"""A lane drawn through a crossing without a break becomes a connector over this distance to both sides."""
+"""[m] A lane drawn through a crossing becomes a connector over this distance on both sides."""
 ALIGNED_M = 6.0
-"""Neighbours belong to one edge if they begin and end within this distance of each other, along the lane."""
+"""[m] Neighbours belong to one edge if they begin and end within this distance along the lane."""
 ROUNDS = 3
-"""Cuts pass on from neighbour to neighbour; more rounds than lanes of a wide road are pointless."""
+"""Cuts propagate from neighbour to neighbour: at most as often as a wide road has lanes."""
 
 SplitSegments = tuple[dict[str, LaneSegment], set[LaneLink]]
 
 
 def split_at_neighbours(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> SplitSegments:
-    """Pieces that begin and end where their neighbours do."""
+    """Split segments so that they begin and end where their neighbours do."""
     pieces, joined = split_segments(strips, links, _find_crossing_cuts(strips))
     for _ in range(ROUNDS):
         stations = _find_adjacency_cuts(pieces, _find_crossing_ids(pieces))
@@ -46,7 +46,7 @@ def _find_crossing_cuts(strips: Mapping[str, LaneSegment]) -> dict[str, list[flo
 
 
 def _merge_stretches(stations: Sequence[float]) -> list[float]:
-    """Of overlapping stretches (begin, end, begin, end...) the bounds of their unions."""
+    """Merge overlapping stretches (begin, end, begin, end...) and return the bounds of their unions."""
     bounds: list[float] = []
     for begin, end in sorted(zip(stations[::2], stations[1::2], strict=True)):
         if bounds and begin <= bounds[-1] + MARGIN_M:
@@ -59,9 +59,9 @@ def _merge_stretches(stations: Sequence[float]) -> list[float]:
 def _find_adjacency_cuts(strips: Mapping[str, LaneSegment], connectors: Collection[str]) -> dict[str, list[float]]:
     wanted: dict[str, list[float]] = defaultdict(list)
     for beside in find_adjacencies({id_: s for id_, s in strips.items() if not s.junction and id_ not in connectors}):
-        strip, other = strips[beside.strip], strips[beside.other]
+        strip, other = strips[beside.segment], strips[beside.other]
         for station, point in ((beside.begin, other.start), (beside.end, other.end)):
-            foot = strip.line.project(float(point[0]), float(point[1]))[0]
+            foot = strip.centreline.project(float(point[0]), float(point[1]))[0]
             if abs(foot - station) < SAME_CUT_M:
                 wanted[strip.id].append(foot)
     return _space_out_cuts(strips, wanted)
@@ -72,7 +72,7 @@ def _space_out_cuts(strips: Mapping[str, LaneSegment], wanted: Mapping[str, Sequ
     for id_, stations in wanted.items():
         kept: list[float] = []
         for station in sorted(stations):
-            inside = MARGIN_M <= station <= strips[id_].line.length - MARGIN_M
+            inside = MARGIN_M <= station <= strips[id_].centreline.length - MARGIN_M
             if inside and (not kept or station - kept[-1] >= MARGIN_M):
                 kept.append(station)
         if kept:
@@ -81,7 +81,7 @@ def _space_out_cuts(strips: Mapping[str, LaneSegment], wanted: Mapping[str, Sequ
 
 
 def group_adjacent_segments(strips: Mapping[str, LaneSegment]) -> list[tuple[str, ...]]:
-    """Ids of strips that lie side by side from beginning to end, from right to left; every strip is in one group."""
+    """Return ids of segments that are adjacent from beginning to end, right to left; each segment is in one group."""
     left = _find_mutual_left([b for b in find_adjacencies(strips) if _is_aligned(strips, b)])
     right = {there: here for here, there in left.items()}
     groups: list[tuple[str, ...]] = []
@@ -95,20 +95,20 @@ def group_adjacent_segments(strips: Mapping[str, LaneSegment]) -> list[tuple[str
 
 
 def _is_aligned(strips: Mapping[str, LaneSegment], beside: LaneAdjacency) -> bool:
-    strip, other = strips[beside.strip], strips[beside.other]
-    long = strip.line.length
+    strip, other = strips[beside.segment], strips[beside.other]
+    long = strip.centreline.length
     apart = (
-        other.line.project(*strip.line.at(0.0))[0],
-        other.line.length - other.line.project(*strip.line.at(long))[0],
+        other.centreline.project(*strip.centreline.at(0.0))[0],
+        other.centreline.length - other.centreline.project(*strip.centreline.at(long))[0],
     )
     return max(beside.begin, long - beside.end, *apart) <= ALIGNED_M
 
 
 def _find_mutual_left(besides: Sequence[LaneAdjacency]) -> dict[str, str]:
-    """Left neighbour of every strip where both call each other the nearest."""
+    """Return the left neighbour of every segment where both are mutually nearest."""
     nearest: dict[tuple[str, bool], LaneAdjacency] = {}
     for beside in besides:
-        key = (beside.strip, beside.offset > 0)
+        key = (beside.segment, beside.offset > 0)
         if key not in nearest or abs(beside.offset) < abs(nearest[key].offset):
             nearest[key] = beside
     return {

@@ -37,7 +37,7 @@ def check_on_map(recording: Recording) -> None:
 def _points(recording: Recording) -> Float:
     """Where vehicles were seen (N, 2) [m], at most ten times each."""
     tracks = [track for view in recording.views for track in view.tracks if track.category.kind is Kind.VEHICLE]
-    seen = [track.xy[track.frames[:: max(len(track.frames) // 10, 1)]] for track in tracks]
+    seen = [track.xy[track.valid_frames[:: max(len(track.valid_frames) // 10, 1)]] for track in tracks]
     return np.concatenate(seen) if seen else np.zeros((0, 2))
 
 
@@ -110,7 +110,7 @@ def build_roadside_units(views: Sequence[ObserverView]) -> tuple[RoadsideUnit, .
     """Observers that are infrastructure, where their sensor is."""
     found: list[RoadsideUnit] = []
     for view in views:
-        if view.infrastructure and np.isfinite(view.pose[:, :2]).all(1).any():
+        if view.is_infrastructure and np.isfinite(view.pose[:, :2]).all(1).any():
             x, y = np.nanmedian(view.pose[:, :2], axis=0).round(3).tolist()
             found.append(RoadsideUnit(id=f"rsu{view.observer.lstrip('-')}", x=x, y=y))
     return tuple(found)

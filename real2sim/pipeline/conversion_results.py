@@ -59,11 +59,11 @@ class ConversionResults:
     @property
     def misses(self) -> tuple[str, ...]:
         """Targets that are not met."""
-        return tuple(target.sentence() for target in self.targets if target.met is False)
+        return tuple(target.format_sentence() for target in self.targets if target.met is False)
 
 
 def _broken(match: LaneMatch | None) -> bool:
-    return match is not None and not match.off_road and bool(match.breaks)
+    return match is not None and not match.is_off_road and bool(match.break_frames)
 
 
 def build_quality_file(steps: ConversionResults) -> QualityFile:
@@ -131,7 +131,7 @@ def _network(report: NetworkReport) -> NetworkFigures:
         undecided=report.directions.undecided,
         links_dropped=report.links_dropped,
         links_added=report.links_added,
-        lost=dict(report.lost),
+        lost=dict(report.drop_reason_by_lane),
         centre_mean_m=max(fit.mean, fit.back_mean),
         centre_p95_m=max(fit.p95, fit.back_p95),
         centre_max_m=max(fit.max, fit.back_max),

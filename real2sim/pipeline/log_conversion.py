@@ -60,7 +60,7 @@ def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]
     except InputError as error:
         raise InputError(prefix_with_log(log, str(error))) from None
     first = log.window[0] if log.window else 0.0
-    end = first + (recording.frames - 1) * recording.dt_s
+    end = first + (recording.frame_count - 1) * recording.dt_s
     starts = [first + k * every_s for k in range(math.ceil((end - first) / every_s - 1e-6))]
     if len(starts) > 1 and end - starts[-1] < max(every_s / 2, LEAST_S) - recording.dt_s / 2:
         starts.pop()
@@ -68,7 +68,7 @@ def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]
 
 
 def _check_length(recording: Recording) -> None:
-    length_s = (recording.frames - 1) * recording.dt_s
+    length_s = (recording.frame_count - 1) * recording.dt_s
     least_s = max(LEAST_S, (MIN_FRAMES - 1) * recording.dt_s)
     if length_s < least_s - recording.dt_s / 2:
         raise InputError(f"expected at least {least_s:g} s, found {length_s:g} s: too short for the checks to say much")

@@ -1,1 +1,1 @@
-"""One file a source: each reads what others recorded and returns a Recording."""
+"""Readers: one module per source format; each returns a Recording or a SourceScene."""

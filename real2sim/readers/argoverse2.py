@@ -1,4 +1,4 @@
-"""Argoverse 2: a folder is a motion-forecasting scenario or a sensor log, by the files in it."""
+"""Argoverse 2: select the reader of a folder, a motion-forecasting scenario or a sensor log, by its files."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from real2sim.recording import Recording
 
 
 def read_argoverse2(folder: Path) -> Recording:
-    """Reads either part of Argoverse 2; raises InputError."""
+    """Read a folder of either part of Argoverse 2; raise InputError."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder of Argoverse 2, found {'a file' if folder.exists() else 'none'}")
     if any(folder.glob("*.parquet")):

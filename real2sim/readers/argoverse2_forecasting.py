@@ -1,4 +1,4 @@
-"""Argoverse 2 motion forecasting: one parquet file of tracks and one map become a recording.
+"""Argoverse 2 motion forecasting: read a parquet file of tracks and a map.
 
 Source: Wilson et al., Argoverse 2, NeurIPS Datasets 2021. City frame [m], headings [rad], 10 Hz; no sizes.
 """
@@ -25,19 +25,19 @@ CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
     "construction": ObjectCategory.STATIC,
     "riderless_bicycle": ObjectCategory.STATIC,
 }
-"""Not among them: `background` and `unknown`, of which nobody can say what they are."""
+"""`background` and `unknown` are omitted because their class is not defined."""
 EGO_ID = "AV"
 DT_S = 0.1
 MAX_FRAMES = 10_000
-"""A thousand seconds: more is a damaged number."""
+"""A thousand seconds: larger values are damaged."""
 NUMBER_COLUMNS = ("timestep", "position_x", "position_y", "heading")
 
 
 def read_argoverse2_forecasting(folder: Path) -> Recording:
-    """Reads the `scenario_*.parquet` and `log_map_archive_*.json` of a folder; raises InputError.
+    """Read the `scenario_*.parquet` and `log_map_archive_*.json` of a folder; raise InputError.
 
-    The recording car (track "AV") is the connected vehicle. Sizes are NaN: the source has none.
-    It does not say either which point of the AV it tells; all positions are taken as box centres.
+    The recording car (track "AV") is the connected vehicle. Sizes are NaN: the source has none. The source does not
+    define the reference point of the AV; all positions are taken as box centres.
     """
     path = find_single_file(folder, "scenario_*.parquet")
     rows = read_columns(path, NUMBER_COLUMNS, ("track_id", "object_type", "scenario_id"))
@@ -49,7 +49,7 @@ def read_argoverse2_forecasting(folder: Path) -> Recording:
         id=str(rows["scenario_id"][0]),
         source="argoverse2",
         dt_s=DT_S,
-        frames=frames,
+        frame_count=frames,
         views=(ObserverView("log", tracks),),
         map=hd_map,
         cavs=cavs,

@@ -1,4 +1,4 @@
-"""The vector map of an Argoverse 2 log: lane segments and pedestrian crossings in the city frame [m]."""
+"""Vector map of an Argoverse 2 log: lane segments and pedestrian crossings in the city frame [m]."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,7 +22,7 @@ LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
 
 
 class Av2Point(BaseModel, frozen=True):
-    """A point in the city frame [m]; its height is left out."""
+    """A point in the city frame [m] without its height."""
 
     x: float = Field(allow_inf_nan=False)
     y: float = Field(allow_inf_nan=False)
@@ -37,7 +37,7 @@ Av2Id = Annotated[str, BeforeValidator(_to_id)]
 
 
 class Av2LaneSegment(BaseModel, frozen=True):
-    """A piece of a lane. The forecasting part has centre lines, the sensor part has none."""
+    """A lane segment. The forecasting part has centre lines, the sensor part has none."""
 
     lane_type: str
     is_intersection: bool
@@ -58,14 +58,14 @@ class Av2Crossing(BaseModel, frozen=True):
 
 
 class Av2MapArchive(BaseModel, frozen=True):
-    """What we read of a `log_map_archive_*.json`."""
+    """The fields of a `log_map_archive_*.json` that are used."""
 
     lane_segments: dict[str, Av2LaneSegment] = Field(min_length=1)
     pedestrian_crossings: dict[str, Av2Crossing] = {}
 
 
 def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
-    """The `log_map_archive_*.json` in a folder, and what had to be passed over; raises InputError."""
+    """Read the `log_map_archive_*.json` in a folder; return notes on skipped elements; raise InputError."""
     path = find_single_file(folder, "log_map_archive_*.json")
     archive = _load_archive(path)
     read = ((id_, _build_lane(path, id_, segment)) for id_, segment in archive.lane_segments.items())
@@ -79,7 +79,7 @@ def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
 
 
 def find_single_file(folder: Path, *patterns: str) -> Path:
-    """The only file of a folder that matches the first pattern for which there is any; raises InputError."""
+    """Return the only file that matches the first pattern with any match; raise InputError."""
     for pattern in patterns:
         found = sorted(folder.glob(pattern))
         if len(found) == 1:
@@ -126,14 +126,14 @@ def _to_xy(where: str, line: Av2Line) -> Float:
 
 
 def _build_crosswalk(path: Path, id_: str, one: Av2Crossing) -> Float:
-    """The two long edges joined to a ring (N, 2)."""
+    """Join the two long edges to a ring (N, 2)."""
     first, second = (_to_xy(f"{path}: pedestrian_crossings.{id_}", edge) for edge in (one.edge1, one.edge2))
     same_way = (first[-1] - first[0]) @ (second[-1] - second[0]) > 0
     return np.concatenate((first, second[::-1] if same_way else second))
 
 
 def _drop_oncoming_neighbours(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
-    """Without neighbours that lead the other way: the source names those too, behind a yellow line."""
+    """Remove neighbours with the opposite direction, which the source lists as well."""
 
     def kept(lane: MapLane, other: str) -> str:
         return other if other in lanes and _compute_chord(lane) @ _compute_chord(lanes[other]) > 0 else ""

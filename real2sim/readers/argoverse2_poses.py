@@ -1,4 +1,4 @@
-"""Rigid poses in tables of Argoverse 2: a quaternion (w, x, y, z) and a translation [m] at a time in nanoseconds."""
+"""Rigid poses in Argoverse 2 tables: quaternion (w, x, y, z), translation [m], time [ns]."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,16 +14,16 @@ POSE_COLUMNS = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 
 @dataclass(frozen=True)
 class PoseSeries:
-    """Positions and rotations (of a box or of the ego) at times (N,) [s]."""
+    """Positions and rotations of a box or of the ego at times (N,) [s]."""
 
     t: Float
     xyz: Float
     """(N, 3) [m]"""
     quaternion: Float
-    """(N, 4) w, x, y, z of length 1."""
+    """(N, 4) unit quaternions w, x, y, z."""
 
-    def at(self, t: Float) -> "PoseSeries":
-        """Interpolated; quaternions linearly and made unit again, which is exact enough over 10 ms."""
+    def interpolate(self, t: Float) -> "PoseSeries":
+        """Interpolate linearly and normalise the quaternions, which is accurate enough over 10 ms."""
         signs = np.cumprod(np.where((self.quaternion[1:] * self.quaternion[:-1]).sum(1) < 0, -1.0, 1.0))
         smooth = self.quaternion * np.concatenate(((1.0,), signs))[:, None]
         xyz, mixed = (
@@ -33,7 +33,7 @@ class PoseSeries:
 
     @property
     def rotation(self) -> Float:
-        """(N, 3, 3)"""
+        """Rotation matrices (N, 3, 3)."""
         w, x, y, z = self.quaternion.T
         rows = (
             (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -44,7 +44,7 @@ class PoseSeries:
 
 
 def parse_poses(path: Path, rows: Columns, start_ns: int) -> PoseSeries:
-    """Poses of all rows of a table, times after `start_ns`; raises InputError."""
+    """Return the poses of all rows of a table with times since `start_ns`; raise InputError."""
     quaternion = np.column_stack([rows[name] for name in POSE_COLUMNS[1:5]])
     length = np.linalg.norm(quaternion, axis=1)
     bad = np.abs(length - 1) > 0.01
@@ -58,5 +58,5 @@ def parse_poses(path: Path, rows: Columns, start_ns: int) -> PoseSeries:
 
 
 def to_seconds(timestamp_ns: Int, start_ns: int) -> Float:
-    """Times [s] after a start."""
+    """Return times [s] since a start."""
     return (timestamp_ns - start_ns).astype(np.float64) / 1e9

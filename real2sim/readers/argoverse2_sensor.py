@@ -1,7 +1,7 @@
-"""Argoverse 2 sensor logs: boxes in the ego frame, poses of the ego and the map become a recording.
+"""Argoverse 2 sensor logs: read boxes in the ego frame, poses of the ego and the map.
 
-Source: Wilson et al., Argoverse 2, NeurIPS Datasets 2021. `city_SE3_egovehicle` takes the ego frame, whose origin is
-the middle of the rear axle, to the city frame; quaternions are (w, x, y, z), sizes are full ones, times nanoseconds.
+Source: Wilson et al., Argoverse 2, NeurIPS Datasets 2021. `city_SE3_egovehicle` maps the ego frame, whose origin is the
+middle of the rear axle, to the city frame; quaternions are (w, x, y, z), sizes are full, times in nanoseconds.
 """
 
 from collections import Counter
@@ -22,15 +22,16 @@ from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Reco
 
 EGO_TYPE = "EGO_VEHICLE"
 EGO_ID = "AV"
-"""Id of the ego's track, as in the forecasting part of the data set."""
+"""Track id of the ego, as in the forecasting part of the data set."""
 AXLE_TO_CENTRE_M = 1.425
-"""From the ego's rear axle to its box centre: half the wheelbase (2.85 m) of a Ford Fusion, its overhangs being about
-alike. In the log at hand the pose slips sideways in bends as a point 0.1 m behind the axle would, not as a centre."""
+"""From the ego's rear axle to its box centre: half the wheelbase (2.85 m) of a Ford Fusion with nearly equal overhangs.
+In the available log the pose slips sideways in bends like a point 0.1 m behind the axle, unlike a centre.
+"""
 DT_S = 0.1
 HOLD_S = 0.055
-"""A box is taken to stand where it was last seen for about half a frame at most."""
+"""[s] The last box is held for about half a frame at most."""
 STILL_M = 1.0
-"""A two-wheeler that stays within this distance all the time has no rider."""
+"""[m] A two-wheeler that stays within this distance has no rider."""
 
 CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
     "REGULAR_VEHICLE": ObjectCategory.CAR,
@@ -66,19 +67,19 @@ MOUNT_BY_RIDER: Mapping[str, str] = {
     "MOTORCYCLIST": "MOTORCYCLE",
     "WHEELED_RIDER": "WHEELED_DEVICE",
 }
-"""The source boxes a rider and what they ride apart."""
+"""The source annotates riders and two-wheelers separately."""
 
 
 RIDDEN_M = 1.5
-"""A rider this close to a two-wheeler, half of the time, rides it."""
+"""[m] A rider this close to a two-wheeler for half of the time rides it."""
 
 
 @dataclass(frozen=True)
 class AnnotatedBoxes:
-    """All boxes of a log in the city frame, a row a box: (N,) each."""
+    """All boxes of a log in the city frame, one row per box: (N,) each."""
 
     id: npt.NDArray[np.str_]
-    word: npt.NDArray[np.str_]
+    type_name: npt.NDArray[np.str_]
     t: Float
     x: Float
     y: Float
@@ -88,9 +89,9 @@ class AnnotatedBoxes:
 
 
 def read_argoverse2_sensor(folder: Path) -> Recording:
-    """Reads the annotations, the ego's poses and `map/` of a log folder onto a 10 Hz grid; raises InputError.
+    """Read annotations, ego poses and `map/` of a log folder onto a 10 Hz grid; raise InputError.
 
-    The recording car (track "AV") is the connected vehicle; where the annotations have a box of it, its size is taken.
+    The recording car (track "AV") is the connected vehicle; its size is that of its annotated box, if there is one.
     """
     path = find_single_file(folder, "annotations_with_ego.feather", "annotations.feather")
     rows = read_columns(path, (*POSE_COLUMNS, "length_m", "width_m"), ("track_uuid", "category"))
@@ -102,12 +103,12 @@ def read_argoverse2_sensor(folder: Path) -> Recording:
         raise InputError(f"{path}: timestamp_ns: expected at least 2 sweeps, found {len(np.unique(boxes.t))}")
     tracks, notes = _build_tracks(path, boxes, grid)
     hd_map, map_notes = read_argoverse2_map(folder / "map")
-    own, own_notes = _build_ego_track(boxes, ego.at(grid))
+    own, own_notes = _build_ego_track(boxes, ego.interpolate(grid))
     return Recording(
         id=folder.resolve().name,
         source="argoverse2",
         dt_s=DT_S,
-        frames=len(grid),
+        frame_count=len(grid),
         views=(ObserverView("log", (own, *tracks)),),
         map=hd_map,
         cavs=(EGO_ID,),
@@ -129,15 +130,15 @@ def _read_ego_poses(path: Path, sweeps_ns: Int, start_ns: int) -> PoseSeries:
 
 
 def _build_boxes(path: Path, rows: Columns, ego: PoseSeries, start_ns: int) -> AnnotatedBoxes:
-    """City frame = pose of the ego at that time, times the box."""
+    """Transform boxes to the city frame: ego pose at that time, times box pose."""
     boxes = parse_poses(path, rows, start_ns)
-    frame = ego.at(boxes.t)
+    frame = ego.interpolate(boxes.t)
     turn = frame.rotation
     xyz = np.einsum("nij,nj->ni", turn, boxes.xyz) + frame.xyz
     ahead = np.einsum("nij,nj->ni", turn, boxes.rotation[:, :, 0])
     return AnnotatedBoxes(
         id=rows["track_uuid"],
-        word=rows["category"],
+        type_name=rows["category"],
         t=boxes.t,
         x=xyz[:, 0],
         y=xyz[:, 1],
@@ -148,7 +149,7 @@ def _build_boxes(path: Path, rows: Columns, ego: PoseSeries, start_ns: int) -> A
 
 
 def _build_ego_track(boxes: AnnotatedBoxes, ego: PoseSeries) -> tuple[RecordedTrack, tuple[str, ...]]:
-    own = boxes.word == EGO_TYPE
+    own = boxes.type_name == EGO_TYPE
     turn = ego.rotation
     size = [
         np.full(len(ego.t), np.median(column[own]) if own.any() else np.nan) for column in (boxes.length, boxes.width)
@@ -169,7 +170,7 @@ def _build_ego_track(boxes: AnnotatedBoxes, ego: PoseSeries) -> tuple[RecordedTr
 
 
 def _build_tracks(path: Path, boxes: AnnotatedBoxes, grid: Float) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
-    words = {str(id_): str(word) for id_, word in zip(boxes.id, boxes.word, strict=True) if word != EGO_TYPE}
+    words = {str(id_): str(word) for id_, word in zip(boxes.id, boxes.type_name, strict=True) if word != EGO_TYPE}
     passed_over = Counter(word for word in words.values() if word not in CATEGORY_BY_TYPE)
     tracks = {id_: _build_track(path, boxes, id_, grid) for id_, word in words.items() if word in CATEGORY_BY_TYPE}
     there = {id_: track for id_, track in tracks.items() if track.valid.any()}
@@ -194,7 +195,7 @@ def _build_track(path: Path, boxes: AnnotatedBoxes, id_: str, grid: Float) -> Re
     valid = np.minimum(np.abs(t[after] - grid), np.abs(t[np.maximum(after - 1, 0)] - grid)) <= HOLD_S
     columns = (boxes.x[rows], boxes.y[rows], np.unwrap(boxes.yaw[rows]), boxes.length[rows], boxes.width[rows])
     x, y, yaw, length, width = (np.where(valid, np.interp(grid, t, column), np.nan) for column in columns)
-    category = CATEGORY_BY_TYPE[str(boxes.word[rows[0]])]
+    category = CATEGORY_BY_TYPE[str(boxes.type_name[rows[0]])]
     return RecordedTrack(
         id=id_,
         category=category,
@@ -209,7 +210,7 @@ def _build_track(path: Path, boxes: AnnotatedBoxes, id_: str, grid: Float) -> Re
 
 
 def _find_ridden(tracks: Mapping[str, RecordedTrack], words: Mapping[str, str]) -> dict[str, str]:
-    """Riders with what they ride."""
+    """Return rider id -> id of the two-wheeler."""
     riders = {id_: MOUNT_BY_RIDER[words[id_]] for id_ in tracks if words[id_] in MOUNT_BY_RIDER}
     pairs = [
         (rider, id_)
@@ -227,7 +228,7 @@ def _is_riding(rider: RecordedTrack, steed: RecordedTrack) -> bool:
 
 
 def _mark_parked(track: RecordedTrack, word: str, ridden: Mapping[str, str]) -> RecordedTrack:
-    """A two-wheeler that nobody rides and that never moves: the source does not say whether it is parked."""
+    """Mark two-wheelers without a rider that never move as parked, which the source does not say."""
     if word not in MOUNT_BY_RIDER.values() or track.id in ridden.values():
         return track
     spread = np.hypot(np.ptp(track.x[track.valid]), np.ptp(track.y[track.valid]))

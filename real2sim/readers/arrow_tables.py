@@ -1,4 +1,4 @@
-"""Parquet and feather tables as plain columns."""
+"""Read columns of parquet and feather tables."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +13,7 @@ Columns = Mapping[str, npt.NDArray[Any]]
 
 
 def read_columns(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] = ()) -> Columns:
-    """Columns of a `.parquet` or `.feather` file, one row an entry; `numbers` are finite; raises InputError.
+    """Read columns of a `.parquet` or `.feather` file; `numbers` must be finite; raise InputError.
 
     Integers stay integers: a time in nanoseconds does not fit a float.
     """
@@ -29,7 +29,7 @@ def read_columns(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] = 
 
 
 def _read_table(path: Path) -> Any:
-    """Imports pyarrow only here: it is needed for Argoverse 2 alone and takes a while."""
+    """Read a table. pyarrow is imported here because only Argoverse 2 needs it and the import is slow."""
     try:
         import pyarrow
         from pyarrow import feather, parquet

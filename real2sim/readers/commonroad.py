@@ -1,4 +1,4 @@
-"""CommonRoad: scenarios with recorded traffic (.xml, 2018b and 2020a) become recordings, through commonroad-io.
+"""CommonRoad: read scenarios with recorded traffic (.xml, 2018b and 2020a) through commonroad-io.
 
 Source: Althoff, Koschi and Manzinger, CommonRoad, IV 2017, and its documentation of the XML formats. Metres, radians,
 full sizes; a state is the box centre (or `originXShift` from it).
@@ -43,7 +43,7 @@ CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
 }
 LINK_TAGS = ("predecessor", "successor", "adjacentLeft", "adjacentRight")
 LIBRARY_ERRORS = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
-"""What commonroad-io raises at a scenario that is not as it expects."""
+"""Exceptions that commonroad-io raises for invalid scenarios."""
 NUMBER_TAGS = frozenset(
     {"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"}
 )
@@ -51,10 +51,10 @@ OBSTACLE_TAGS = ("obstacle", "staticObstacle", "dynamicObstacle")
 
 
 def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
-    """Reads a scenario; raises InputError, also on a version other than 2018b and 2020a.
+    """Read a scenario; raise InputError, also for versions other than 2018b and 2020a.
 
-    `window` is start and end [s] since the first frame. All obstacles are in one view. Planning problems are not read:
-    their vehicle has no recorded motion.
+    `window` is start and end [s] since the first frame. All obstacles are in one view. Planning problems are ignored
+    because they have no recorded motion.
     """
     root = read_xml(path)
     _check_file(path, root)
@@ -65,7 +65,7 @@ def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
         id=str(root.get("benchmarkID") or path.stem),
         source="commonroad",
         dt_s=float(scenario.dt),
-        frames=len(tracks[0].valid),
+        frame_count=len(tracks[0].valid),
         views=(ObserverView("log", tracks),),
         map=build_commonroad_map(path, scenario.lanelet_network),
         notes=(*notes, *remarks, *track_notes),
@@ -74,7 +74,7 @@ def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
 
 
 def _check_file(path: Path, root: Element) -> None:
-    """What commonroad-io would answer with an assertion or a bare Exception."""
+    """Check what commonroad-io would reject with an assertion or a bare Exception."""
     if root.tag != "commonRoad":
         raise InputError(f"{path}: expected the root <commonRoad>, found <{root.tag}>")
     if root.get("commonRoadVersion") not in VERSIONS:
@@ -119,7 +119,7 @@ def _check_state(path: Path, obstacle: Element, state: Element) -> None:
 
 
 def _drop_unsupported(root: Element) -> Iterator[str]:
-    """Takes out what is not needed and what commonroad-io cannot read; says so of the latter."""
+    """Remove elements that are not needed or not readable by commonroad-io; yield notes on the latter."""
     for problem in root.findall("planningProblem"):
         root.remove(problem)
     groups = [one for one in _list_obstacles(root) if (shape := one.find("shape")) is not None and len(shape) > 1]
@@ -137,7 +137,7 @@ def _drop_unsupported(root: Element) -> Iterator[str]:
 
 
 def _load_reader_class(path: Path) -> Any:
-    """The class of commonroad-io that reads; imported only here, for it takes a while."""
+    """Import the reader class of commonroad-io here because the import is slow."""
     try:
         with _capture_remarks():  # those of its own dependencies say nothing of the file
             from commonroad.common.file_reader import CommonRoadFileReader
@@ -149,7 +149,7 @@ def _load_reader_class(path: Path) -> Any:
 
 
 def _parse_scenario(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
-    """The scenario, and the library's own remarks."""
+    """Return the scenario and the library's remarks."""
     reader = _load_reader_class(path)
     with _capture_remarks() as remarks:
         try:
@@ -163,7 +163,7 @@ def _parse_scenario(path: Path, root: Element) -> tuple[Any, tuple[str, ...]]:
 
 @contextmanager
 def _capture_remarks() -> Generator[list[str]]:
-    """Collects what commonroad-io warns of and logs, instead of showing it, while it reads."""
+    """Capture warnings and log messages of commonroad-io instead of showing them."""
     remarks: list[str] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: remarks.append(record.getMessage())
@@ -251,12 +251,12 @@ def _build_track(
 
 
 def _to_angle(orientation: Any) -> float:
-    """NaN for an interval of angles."""
+    """Return the angle [rad], NaN for an interval."""
     return float(orientation) if isinstance(orientation, int | float) else math.nan
 
 
 def _compute_box(where: str, shape: Any) -> tuple[float, float, float, float]:
-    """Where the box centre is (ahead, left) of the state's position, length, width [m]."""
+    """Return the offset (ahead, left) of the box centre from the state's position, and length and width [m]."""
     from commonroad.scenario.state import CustomState
 
     if hasattr(shape, "radius"):

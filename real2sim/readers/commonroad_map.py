@@ -1,4 +1,4 @@
-"""CommonRoad: the lanelet network of commonroad-io becomes a map."""
+"""CommonRoad: convert the lanelet network of commonroad-io to an HdMap."""
 
 import math
 from collections import defaultdict
@@ -22,14 +22,14 @@ LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
     "border": LaneKind.SHOULDER,
     "restricted_area": LaneKind.SHOULDER,
 }
-"""By the first type that a lanelet has of these; every other lanelet is for driving."""
+"""Applied to the first matching type of a lanelet; all other lanelets are for driving."""
 MIN_OVERLAP_M2 = 1.0
-"""Less is how neatly neighbours are drawn, not a crossing of ways."""
+"""[m²] Smaller overlaps come from imprecise drawing of neighbours, not from crossing lanes."""
 SIGN_BY_NAME: Mapping[str, str] = {"STOP": "stop", "YIELD": "yield"}
 
 
 def build_commonroad_map(path: Path, network: Any) -> HdMap:
-    """The map; raises InputError if a lanelet is no line."""
+    """Build the map; raise InputError if a lanelet is not a line."""
     signs = {sign.traffic_sign_id: sign for sign in network.traffic_signs}
     lanelets = [one for one in network.lanelets if "crosswalk" not in _get_types(one)]
     inside = _find_junction_lanelets(path, network)
@@ -49,9 +49,9 @@ def _get_types(lanelet: Any) -> frozenset[str]:
 
 
 def _find_junction_lanelets(path: Path, network: Any) -> frozenset[int]:
-    """Lanelets that intersections name as the ways through them, and those that follow as long as they lie on others.
+    """Return lanelets inside intersections: those listed, and their successors while they overlap other lanelets.
 
-    Intersections name the first lanelet behind each incoming one, which need not be the whole way.
+    Intersections list only the first lanelet after each incoming one.
     """
     areas = {one.lanelet_id: shapely.make_valid(shapely.Polygon(_build_outline(path, one))) for one in network.lanelets}
     tree = shapely.STRtree(list(areas.values()))
@@ -99,12 +99,12 @@ def _parse_line(path: Path, one: Any, name: str) -> Float:
 
 
 def _find_neighbour(one: Any, side: str) -> str:
-    """The lane beside it if it has the same direction."""
+    """Return the adjacent lane if it has the same direction."""
     return str(getattr(one, side)) if getattr(one, f"{side}_same_direction") else ""
 
 
 def _find_speed_limit(path: Path, one: Any, signs: Mapping[int, Any]) -> float:
-    """The lowest of its signs [m/s]; NaN if there is none."""
+    """Return the lowest limit of its signs [m/s]; NaN if there is none."""
     values = [
         _parse_speed(f"{path}: trafficSign {id_}", element.additional_values[0])
         for id_ in one.traffic_signs
@@ -130,7 +130,7 @@ def _build_outline(path: Path, one: Any) -> Float:
 
 
 def _build_stop_lines(one: Any, signs: Mapping[int, Any]) -> Iterator[StopLine]:
-    """The drawn one, or one at the end of a lane that has a stop or yield sign."""
+    """Yield the drawn stop line, or one at the end of a lane with a stop or yield sign."""
     meaning = _find_sign(one, signs)
     if one.stop_line is not None:
         ends = one.stop_line.start, one.stop_line.end

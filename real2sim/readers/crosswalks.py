@@ -1,4 +1,4 @@
-"""Crosswalks that a map draws as pairs of marked lines, as INTERACTION's do, and not as lanelets."""
+"""Find crosswalks that a map draws as pairs of marked lines instead of lanelets, as INTERACTION's maps do."""
 
 import numpy as np
 import shapely
@@ -7,14 +7,14 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.readers.osm_file import OsmFile
 
 WIDTHS_M = (1.5, 8.0)
-"""Between the two lines of a crosswalk."""
+"""[m] Distance between the two lines of a crosswalk."""
 MIN_LENGTH_RATIO = 0.5
-"""The shorter line is at least this share of the longer."""
+"""Minimum length of the shorter line relative to the longer one."""
 
 
 def find_marked_crosswalks(osm: OsmFile) -> tuple[Float, ...]:
-    """Polygons (N, 2) [m] between lines of pedestrian markings that are each other's nearest and alike in length."""
-    marked = [osm.line(way) for way in osm.ways.values() if way.tags.get("type") == "pedestrian_marking"]
+    """Return polygons (N, 2) [m] between pedestrian markings that are mutually nearest and similar in length."""
+    marked = [osm.build_line(way) for way in osm.ways.values() if way.tags.get("type") == "pedestrian_marking"]
     if len(marked) < 2:
         return ()
     lines = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(marked)))
@@ -38,10 +38,10 @@ def _build_polygon(one: shapely.LineString, other: shapely.LineString) -> Float:
 
 
 def build_outline(left: Float, right: Float) -> Float:
-    """Polygon (N, 2) [m] between two lines that run the same way."""
+    """Return the polygon (N, 2) [m] between two lines with the same direction."""
     return np.concatenate((right, left[::-1]))
 
 
 def measure_end_gap(one: Float, other: Float) -> float:
-    """How far apart two lines start and end [m], summed."""
+    """Return the sum of the gaps [m] between both starts and both ends."""
     return float(np.hypot(*(one[[0, -1]] - other[[0, -1]]).T).sum())

@@ -1,4 +1,4 @@
-"""INTERACTION: track tables (.csv) and a Lanelet2 map become a recording.
+"""INTERACTION: read track tables (.csv) and a Lanelet2 map.
 
 Source: Zhan et al., INTERACTION dataset, 2019, and its documentation of the columns: 10 Hz, metres, radians, full
 sizes, x and y of the box centre; pedestrians and bicycles share a table without heading and size.
@@ -35,7 +35,7 @@ CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
     "pedestrian/bicycle": ObjectCategory.PEDESTRIAN,
 }
 CYCLING_MPS = 3.0
-"""Median speed above which a "pedestrian/bicycle" is taken for a bicycle: few people run that fast, few ride slower."""
+"""Median speed above which a "pedestrian/bicycle" counts as a bicycle: few people run faster or ride slower."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class _TrackRow:
     agent_type: str
     time_ms: float
     values: tuple[float, ...]
-    """MOTION, then BOX; NaN where the table has no such column."""
+    """Values of MOTION_COLUMNS, then BOX_COLUMNS; NaN for missing columns."""
 
 
 def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) -> Recording:
-    """Reads `vehicle_tracks_*.csv` and the pedestrians beside it, or the folder with one such pair; raises InputError.
+    """Read `vehicle_tracks_*.csv` and the pedestrians next to it, or a folder with one such pair; raise InputError.
 
     `window` is start and end [s] since the first frame. All tracks are in one view; none is a connected vehicle.
     """
@@ -68,7 +68,7 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) 
         id=f"{osm.stem}_{vehicles.stem}",
         source="interaction",
         dt_s=DT_S,
-        frames=frames,
+        frame_count=frames,
         views=(ObserverView("log", found),),
         map=hd_map,
         notes=(*_note_guesses(found), *notes),

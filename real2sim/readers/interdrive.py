@@ -1,4 +1,4 @@
-"""InterDrive: a folder a scenario, an XML a CAV, and nobody else on the road."""
+"""InterDrive: read folders of scenarios with one route XML per CAV and no other road users."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,11 +11,11 @@ from real2sim.source_scene import CavRoute, SourceScene, TownMap
 
 BUCKET = "InterDrive"
 TWO_CAV_CATEGORIES = frozenset({"ins_c", "ins_ss", "ins_sl", "ins_sr"})
-"""Categories of which the original run list has two CAVs: inferred from its 163 files (protocol 1.1)."""
+"""Categories with two CAVs in the original run list, inferred from its 163 files (protocol 1.1)."""
 
 
 def read_interdrive(source: Path, towns: Path) -> tuple[SourceScene, ...]:
-    """All scenario folders of a directory, sorted by name; `towns` has the maps. Raises InputError."""
+    """Read all scenario folders of a directory, sorted by name; `towns` contains the maps. Raises InputError."""
     if not source.is_dir():
         raise InputError(f"{source}: expected a directory of scenario folders, found none")
     folders = sorted(path for path in source.iterdir() if path.is_dir() and not path.name.startswith("."))
@@ -25,7 +25,7 @@ def read_interdrive(source: Path, towns: Path) -> tuple[SourceScene, ...]:
 
 
 def describe_omitted_routes(scenes: Sequence[SourceScene]) -> tuple[str, ...]:
-    """What the original leaves out of these scenarios, if anything."""
+    """Describe which routes of these scenarios the original code does not drive."""
     files = sum(len(scene.routes) for scene in scenes)
     third = [scene for scene in scenes if scene.category in TWO_CAV_CATEGORIES and len(scene.routes) > 2]
     left = sum(len(scene.routes) - 2 for scene in third)
@@ -55,7 +55,7 @@ def _read_scene(folder: Path, towns: Path) -> SourceScene:
         bucket=BUCKET,
         category=folder.name.partition("_town")[2].partition("_")[2] or "route",
         map=TownMap(names[0], towns),
-        routes=tuple(CavRoute(str(index), CarlaFrame().xy(route.xy_carla)) for index, route in routes),
+        routes=tuple(CavRoute(str(index), CarlaFrame().to_map_xy(route.xy_carla)) for index, route in routes),
         description=f"InterDrive {folder.name}, converted from its {len(routes)} route files",
     )
 

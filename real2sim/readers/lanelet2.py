@@ -1,7 +1,7 @@
-"""Lanelet2: OpenStreetMap XML with lanelets becomes a map.
+"""Lanelet2: convert OpenStreetMap XML with lanelets to an HdMap.
 
-Source: Poggenhans et al., Lanelet2, ITSC 2018, and the project's documentation of its primitives and tags: a lanelet
-is a relation of a left and a right way, a regulatory element one of signs, stop lines and the lanelets that mind them.
+Source: Poggenhans et al., Lanelet2, ITSC 2018, and the project's documentation of its primitives and tags: a lanelet is
+a relation of a left and a right way, a regulatory element a relation of signs, stop lines and the governed lanelets.
 """
 
 import math
@@ -35,20 +35,20 @@ LANE_KIND_BY_SUBTYPE: Mapping[str, LaneKind] = {
     "stairs": LaneKind.SIDEWALK,
     "parking": LaneKind.PARKING,
 }
-"""Subtypes of lanelets. Crosswalks become polygons; what is neither is passed over."""
+"""Subtypes of lanelets. Crosswalks become polygons; other subtypes are skipped."""
 SIGN_BY_SUBTYPE: Mapping[str, str] = {"usR1-1": "stop", "de206": "stop", "usR1-2": "yield", "de205": "yield"}
 SIGN_BY_RULE: Mapping[str, str] = {"all_way_stop": "stop", "traffic_light": "signal", "right_of_way": "yield"}
-"""What a stop line means by the subtype of its regulatory element if no sign says more."""
+"""Meaning of a stop line by the subtype of its regulatory element, unless a sign is more specific."""
 SPEED_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(mph|km/?h|m/s|mps|)\s*")
 MPS_BY_UNIT: Mapping[str, float] = {"mph": 0.44704, "m/s": 1.0, "mps": 1.0}
-"""Everything else is km/h, the unit that Lanelet2 gives to a bare number."""
+"""All other units are km/h, which Lanelet2 assumes for a bare number."""
 REACH_M = 1.0
-"""How far a stop line may end from the centre line of its lane: some are drawn a little short."""
+"""[m] Stop lines may end this far from the centre line of their lane: some are drawn short."""
 
 
 @dataclass(frozen=True)
 class _Lanelet:
-    """Both ways run in the direction of travel."""
+    """A lanelet whose ways both run in the direction of travel."""
 
     relation: OsmRelation
     left: OsmWay
@@ -69,7 +69,7 @@ class _Lanelet:
 
 @dataclass(frozen=True)
 class _LaneletIndex:
-    """Which lanelet starts where, and which has which way on its left and right."""
+    """Lanelets by start, end, left way and right way."""
 
     starts: Mapping[tuple[str, str], tuple[str, ...]]
     ends: Mapping[tuple[str, str], tuple[str, ...]]
@@ -78,19 +78,21 @@ class _LaneletIndex:
 
 
 def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
-    """The map of an `.osm` file, and in sentences what of it was passed over; raises InputError.
+    """Read the map of an `.osm` file, with notes on skipped elements; raise InputError.
 
-    Metres from the projected origin (0, 0), which is how INTERACTION's tracks are given.
+    Metres from the projected origin (0, 0), the frame of INTERACTION's tracks.
     """
     osm = read_osm(path)
-    lanelets = tuple(_build_lanelet(osm, relation) for relation in osm.typed("lanelet"))
+    lanelets = tuple(_build_lanelet(osm, relation) for relation in osm.list_relations("lanelet"))
     roads = {one.relation.id: one for one in lanelets if one.subtype in LANE_KIND_BY_SUBTYPE}
     if not roads:
         raise InputError(f"{path}: expected at least one lanelet with the subtype road, found none")
     limits, notes = _parse_limits(osm)
     lanes = _build_lanes(osm, roads, limits)
     drawn = tuple(
-        build_outline(osm.line(one.left), osm.line(one.right)) for one in lanelets if one.subtype == "crosswalk"
+        build_outline(osm.build_line(one.left), osm.build_line(one.right))
+        for one in lanelets
+        if one.subtype == "crosswalk"
     )
     crosswalks = drawn or find_marked_crosswalks(osm)
     stop_lines = _build_stop_lines(osm, lanes)
@@ -103,23 +105,23 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
 
 def _build_lanelet(osm: OsmFile, relation: OsmRelation) -> _Lanelet:
     left, right = (_get_side(osm, relation, role) for role in ("left", "right"))
-    left_line, right_line = osm.line(left), osm.line(right)
+    left_line, right_line = osm.build_line(left), osm.build_line(right)
     if measure_end_gap(left_line, right_line[::-1]) < measure_end_gap(left_line, right_line):
-        right, right_line = right.turned, right_line[::-1]
+        right, right_line = right.reversed, right_line[::-1]
     if _compute_signed_area(np.concatenate((right_line, left_line[::-1]))) < 0:
-        left, right = left.turned, right.turned
+        left, right = left.reversed, right.reversed
     return _Lanelet(relation, left, right)
 
 
 def _get_side(osm: OsmFile, relation: OsmRelation, role: str) -> OsmWay:
-    ways = osm.ways_of(relation, role)
+    ways = osm.list_ways(relation, role)
     if len(ways) != 1:
         raise InputError(f"{osm.path}: lanelet {relation.id}: expected one way as {role}, found {len(ways)}")
     return ways[0]
 
 
 def _compute_signed_area(ring: Float) -> float:
-    """Signed area, positive counter-clockwise: going out on the right and back on the left is."""
+    """Return the signed area, positive counter-clockwise (out on the right side, back on the left)."""
     x, y = (ring - ring[0]).T
     return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
@@ -141,7 +143,7 @@ def _index_lanelets(roads: Mapping[str, _Lanelet]) -> _LaneletIndex:
 
 
 def _build_lane(osm: OsmFile, one: _Lanelet, links: _LaneletIndex, limit: float) -> MapLane:
-    left, right = osm.line(one.left), osm.line(one.right)
+    left, right = osm.build_line(one.left), osm.build_line(one.right)
     return MapLane(
         id=one.relation.id,
         kind=LANE_KIND_BY_SUBTYPE[one.subtype],
@@ -159,7 +161,7 @@ def _build_lane(osm: OsmFile, one: _Lanelet, links: _LaneletIndex, limit: float)
 
 
 def _parse_limits(osm: OsmFile) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Speed limits [m/s] by the id of their regulatory element, and those that are not understood."""
+    """Return speed limits [m/s] by the id of their regulatory element, and notes on unreadable ones."""
     texts = {one.id: one.tags.get("sign_type", "") for one in _list_rules(osm, "speed_limit")}
     found = {key: SPEED_PATTERN.fullmatch(text) for key, text in texts.items()}
     limits = {key: float(match[1]) * MPS_BY_UNIT.get(match[2], 1 / 3.6) for key, match in found.items() if match}
@@ -172,36 +174,40 @@ def _parse_limits(osm: OsmFile) -> tuple[dict[str, float], tuple[str, ...]]:
 
 
 def _list_rules(osm: OsmFile, *subtypes: str) -> tuple[OsmRelation, ...]:
-    return tuple(one for one in osm.typed("regulatory_element") if one.tags.get("subtype") in subtypes)
+    return tuple(one for one in osm.list_relations("regulatory_element") if one.tags.get("subtype") in subtypes)
 
 
 def _find_limit(relation: OsmRelation, limits: Mapping[str, float]) -> float:
-    """The lowest of its limits [m/s]; NaN if there is none."""
-    return min((limits[rule] for rule in relation.of("regulatory_element") if rule in limits), default=math.nan)
+    """Return the lowest of its limits [m/s]; NaN if there is none."""
+    return min(
+        (limits[rule] for rule in relation.list_members("regulatory_element") if rule in limits), default=math.nan
+    )
 
 
 def _build_stop_lines(osm: OsmFile, lanes: Mapping[str, MapLane]) -> tuple[StopLine, ...]:
-    """Lines that regulatory elements refer to, then those that merely lie on the road."""
+    """Return stop lines of regulatory elements, then those without one."""
     bound = {
         way.id: (rule, way)
         for rule in _list_rules(osm, "traffic_sign", *SIGN_BY_RULE)
-        for way in osm.ways_of(rule, "ref_line")
+        for way in osm.list_ways(rule, "ref_line")
     }
     loose = (way for way in osm.ways.values() if way.tags.get("type") == "stop_line" and way.id not in bound)
-    drawn = [(osm.line(way), _find_sign(osm, rule), _find_governed_lanelets(osm, rule)) for rule, way in bound.values()]
-    drawn += [(osm.line(way), "", tuple(lanes)) for way in loose]
+    drawn = [
+        (osm.build_line(way), _find_sign(osm, rule), _find_governed_lanelets(osm, rule)) for rule, way in bound.values()
+    ]
+    drawn += [(osm.build_line(way), "", tuple(lanes)) for way in loose]
     return tuple(StopLine(line[[0, -1]], _find_crossed_lanes(line, names, lanes), sign) for line, sign, names in drawn)
 
 
 def _find_sign(osm: OsmFile, rule: OsmRelation) -> str:
-    signs = {SIGN_BY_SUBTYPE.get(way.tags.get("subtype", ""), "") for way in osm.ways_of(rule, "refers")} - {""}
+    signs = {SIGN_BY_SUBTYPE.get(way.tags.get("subtype", ""), "") for way in osm.list_ways(rule, "refers")} - {""}
     return min(signs) if signs else SIGN_BY_RULE.get(rule.tags.get("subtype", ""), "")
 
 
 def _find_governed_lanelets(osm: OsmFile, rule: OsmRelation) -> tuple[str, ...]:
-    """Lanelets that name the rule or that it names as the ones to wait."""
-    naming = (one.id for one in osm.typed("lanelet") if rule.id in one.of("regulatory_element"))
-    return tuple(dict.fromkeys((*rule.of("yield"), *naming)))
+    """Return lanelets that refer to the rule, or that the rule requires to yield."""
+    naming = (one.id for one in osm.list_relations("lanelet") if rule.id in one.list_members("regulatory_element"))
+    return tuple(dict.fromkeys((*rule.list_members("yield"), *naming)))
 
 
 def _find_crossed_lanes(line: Float, names: tuple[str, ...], lanes: Mapping[str, MapLane]) -> tuple[str, ...]:

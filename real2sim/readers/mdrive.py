@@ -27,14 +27,14 @@ from real2sim.source_scene import CavRoute, SourceScene, TownMap
 
 REPLAY_SUFFIX = "_REPLAY"
 MAX_START_GAP_M = 5.0
-"""A CAV's route that begins further from its logged motion is of another place; then the log's way is taken."""
+"""[m] If a CAV's route begins further from its logged motion, the logged path is used instead."""
 VIA_SPACING_M = 8.0
-"""Distance between the via points that are made of a logged motion."""
+"""[m] Spacing of the via points taken from a logged motion."""
 
 
 @dataclass(frozen=True)
 class VectorMap:
-    """The map of V2XPnP's scenarios, and where CARLA's origin lies in it."""
+    """Map of V2XPnP's scenarios, and the pose of CARLA's origin in it."""
 
     map: HdMap
     frame: CarlaFrame = UCLA_FRAME
@@ -49,7 +49,7 @@ class _CavFile:
 
 @dataclass(frozen=True, slots=True)
 class _ScenarioDraft:
-    """What was read of a scenario, and the notes so far."""
+    """Contents of a scenario directory, with the notes so far."""
 
     folder: Path
     cavs: tuple[_CavFile, ...]
@@ -66,7 +66,7 @@ class _ScenarioDraft:
 
 
 def find_mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
-    """All scenario directories in or below the given ones, in order; raises InputError if one has none."""
+    """Return all scenario directories in or below the given ones, in order; raise InputError if one has none."""
     found: list[Path] = []
     for path in paths:
         here = sorted(manifest.parent for manifest in path.rglob(MANIFEST))
@@ -77,11 +77,11 @@ def find_mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
 
 
 def read_mdrive(folder: Path, map: Path | VectorMap) -> SourceScene:
-    """Reads a scenario directory; `map` is a folder of CARLA towns or a vector map. Raises InputError."""
+    """Read a scenario directory; `map` is a folder of CARLA towns or a vector map. Raises InputError."""
     draft = _read_draft(folder)
     frame = map.frame if isinstance(map, VectorMap) else CarlaFrame()
     weather, note = find_nearest_weather(draft.cavs[0].route.weather)
-    routes = tuple(CavRoute(cav.id, frame.xy(_select_via_points(cav, draft))) for cav in draft.cavs)
+    routes = tuple(CavRoute(cav.id, frame.to_map_xy(_select_via_points(cav, draft))) for cav in draft.cavs)
     actors = _build_actors(draft, frame)
     category, number = _parse_names(folder)
     logged = isinstance(map, VectorMap)
@@ -100,7 +100,7 @@ def read_mdrive(folder: Path, map: Path | VectorMap) -> SourceScene:
 
 
 def _parse_names(folder: Path) -> tuple[str, str]:
-    """The names of the folders, which lie as Category/number, as ids can be."""
+    """Return category and number from the folder names, restricted to characters of ids."""
     category, number = (re.sub(r"[^A-Za-z0-9_.+-]", "_", part) for part in folder.resolve().parts[-2:])
     return category, number
 
@@ -121,7 +121,7 @@ def _read_draft(folder: Path) -> _ScenarioDraft:
 
 
 def _read_cavs(folder: Path, entries: Sequence[ManifestEntry]) -> tuple[_CavFile, ...]:
-    """The CAVs of the manifest, sorted by index; those of all route files if it names none."""
+    """Return the CAVs of the manifest sorted by index; those of all route files if it names none."""
     named = {entry.file: entry.name for entry in entries if not Path(entry.file).stem.endswith(REPLAY_SUFFIX)}
     files = list(named) or [p.name for p in folder.glob("*.xml") if parse_ego_index(p) is not None and p.name[0] != "."]
     cavs: dict[int, _CavFile] = {}
@@ -148,7 +148,7 @@ def _find_file(folder: Path, file: str) -> Path:
 
 
 def _select_via_points(cav: _CavFile, draft: _ScenarioDraft) -> Float:
-    """The CAV's via points in CARLA's frame; those of its logged motion if the route begins elsewhere."""
+    """Return the CAV's via points in CARLA's frame; those of its logged motion if the route begins elsewhere."""
     path = cav.route.path.with_name(cav.route.path.stem + REPLAY_SUFFIX + cav.route.path.suffix)
     if not path.is_file():
         return cav.route.xy_carla
@@ -187,14 +187,16 @@ def _build_actors(draft: _ScenarioDraft, frame: CarlaFrame) -> tuple[Actor, ...]
         route = read_route_file(_find_file(draft.folder, entry.file))
         id_ = _find_free_id(_get_name(entry), taken)
         taken.add(id_)
-        actor, notes = build_actor(id_, AuthoredActor(role, entry, route, scripts.of.get(_get_name(entry))), frame)
+        actor, notes = build_actor(
+            id_, AuthoredActor(role, entry, route, scripts.by_actor.get(_get_name(entry))), frame
+        )
         actors.append(actor)
         draft.notes.extend(notes)
     return tuple(actors)
 
 
 def _belongs_to_scenario(entry: ManifestEntry, draft: _ScenarioDraft) -> bool:
-    """An entry counts only if its route is the scenario's, and its town if it has one."""
+    """Return whether the entry has the scenario's route, and its town if it names one."""
     fits = entry.route_id in (None, draft.route_id) and entry.town in (None, draft.town)
     if not fits:
         draft.notes.append(f"{_get_name(entry)} is of route {entry.route_id} in {entry.town}: passed over")
@@ -206,7 +208,7 @@ def _get_name(entry: ManifestEntry) -> str:
 
 
 def _find_free_id(name: str, taken: set[str]) -> str:
-    """The name as an id of ours, told apart from those taken."""
+    """Return the name as a valid id, with a suffix if it is taken."""
     plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", name)[:70]
     plain = plain if plain[:1].isalnum() else f"a{plain}"
     return next(

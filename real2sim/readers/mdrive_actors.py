@@ -1,4 +1,4 @@
-"""MDrive's actors: an entry of the manifest and its route file become a scripted road user (protocol 3.2 to 3.5)."""
+"""MDrive's actors: build scripted road users from manifest entries and route files (protocol 3.2 to 3.5)."""
 
 import math
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ from real2sim.readers.route_file import RouteFile
 from real2sim.xml_file import parse_finite
 
 MIN_POINT_GAP_M = 1e-3
-"""Points of a path nearer to the one before are the same point."""
+"""[m] Closer points of a path are duplicates."""
 _SHAPE_BY_ROLE: dict[ActorRole, BlueprintShape] = {
     "npc": CAR,
     "pedestrian": PEDESTRIAN,
@@ -46,7 +46,7 @@ _SHAPE_BY_ROLE: dict[ActorRole, BlueprintShape] = {
 
 @dataclass(frozen=True, slots=True)
 class AuthoredActor:
-    """An actor as its files tell of it."""
+    """An actor as described by its files."""
 
     role: ActorRole
     entry: ManifestEntry
@@ -54,8 +54,8 @@ class AuthoredActor:
     script: ActorScript | None
 
     @property
-    def timed(self) -> bool:
-        """Whether it repeats a log: the route file's control mode goes before the manifest's.
+    def is_replay(self) -> bool:
+        """Whether it repeats a log: the route file's control mode takes precedence over the manifest's.
 
         Times without any mode count as a log: in MDrive a flag of the whole run decides (protocol 3.5).
         """
@@ -65,17 +65,17 @@ class AuthoredActor:
     @property
     def speed(self) -> float:
         """[m/s]"""
-        said = (self.entry.speed, self.entry.target_speed, self.attribute("speed"))
+        said = (self.entry.speed, self.entry.target_speed, self.read_attribute("speed"))
         return next((value for value in said if value is not None), DEFAULT_SPEED_BY_ROLE[self.role])
 
-    def attribute(self, name: str) -> float | None:
-        """A number in the attributes of its route; raises InputError."""
+    def read_attribute(self, name: str) -> float | None:
+        """Return a number from the attributes of its route; raise InputError."""
         text = self.route.attributes.get(name)
         return None if text is None else parse_finite(f"{self.route.path}: route: {name}", text)
 
 
 def build_actor(id_: str, authored: AuthoredActor, frame: CarlaFrame) -> tuple[Actor, tuple[str, ...]]:
-    """The road user in the map's frame, with notes on what was passed over; raises InputError."""
+    """Build the road user in the map's frame, with notes on what was skipped; raise InputError."""
     shape = find_blueprint_shape(_get_model(authored)) or _SHAPE_BY_ROLE[authored.role]
     length, width = _select_size(authored, shape)
     try:
@@ -103,15 +103,15 @@ def _get_model(authored: AuthoredActor) -> str:
 
 
 def _select_size(authored: AuthoredActor, shape: BlueprintShape) -> tuple[float, float]:
-    """The route's own size, else the manifest's, else the box that the generator put down, else that of the class."""
+    """Return the size given by the route, the manifest, the generator's box, or the class, in this order."""
     said = authored.entry
-    length = (authored.attribute("length"), said.length, authored.attribute("bbox_length"))
-    width = (authored.attribute("width"), said.width, authored.attribute("bbox_width"))
+    length = (authored.read_attribute("length"), said.length, authored.read_attribute("bbox_length"))
+    width = (authored.read_attribute("width"), said.width, authored.read_attribute("bbox_width"))
     return next(filter(None, length), shape.length), next(filter(None, width), shape.width)
 
 
 def _select_kind(authored: AuthoredActor, shape: BlueprintShape) -> KindName:
-    """What hitting it counts as: a parked bicycle is a vehicle, as all of CARLA's `vehicle.*` are."""
+    """Return the kind for collisions: a parked bicycle is a vehicle, like all of CARLA's `vehicle.*`."""
     if authored.role in ("pedestrian", "bicycle"):
         return "pedestrian" if authored.role == "pedestrian" else "cyclist"
     if authored.role == "npc":
@@ -120,9 +120,9 @@ def _select_kind(authored: AuthoredActor, shape: BlueprintShape) -> KindName:
 
 
 def _build_motion(authored: AuthoredActor, frame: CarlaFrame) -> tuple[Pose, Motion, list[str]]:
-    xy, yaws = frame.xy(authored.route.xy_carla), _compute_yaws(authored.route, frame)
+    xy, yaws = frame.to_map_xy(authored.route.xy_carla), _compute_yaws(authored.route, frame)
     start = Pose(x=xy[0, 0], y=xy[0, 1], yaw=yaws[0])
-    if authored.timed and not _has_reactive_action(authored):
+    if authored.is_replay and not _has_reactive_action(authored):
         times = np.asarray(authored.route.times_s)
         poses = zip(times.tolist(), xy[:, 0].tolist(), xy[:, 1].tolist(), yaws, strict=True)
         return start, ReplayMotion(poses=tuple(poses)), []
@@ -140,7 +140,7 @@ def _build_motion(authored: AuthoredActor, frame: CarlaFrame) -> tuple[Pose, Mot
 
 
 def _note_ignored(authored: AuthoredActor, motion: Motion) -> list[str]:
-    """What its file asks for and does not get."""
+    """Note what the file requests but does not get."""
     notes: list[str] = []
     if authored.route.attributes.get("snap_to_road", "").lower() == "true":
         notes.append("is not moved onto the road (snap_to_road), but is where its file says")
@@ -150,20 +150,21 @@ def _note_ignored(authored: AuthoredActor, motion: Motion) -> list[str]:
 
 
 def _has_reactive_action(authored: AuthoredActor) -> bool:
-    """Whether it does what a log cannot."""
+    """Return whether its action is impossible for a replayed log."""
     return authored.script is not None and isinstance(authored.script.action, HardBrake | LaneChange)
 
 
 def _compute_yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:
-    """Yaw [rad] at each point: the file's, else the direction to the next point."""
-    xy = frame.xy(route.xy_carla)
+    """Return the yaw [rad] at each point: that of the file, else the direction to the next point."""
+    xy = frame.to_map_xy(route.xy_carla)
     if len(xy) == 1:
-        return [frame.yaw_of(float(np.nan_to_num(route.yaw_carla_deg[0])))]
+        return [frame.to_map_yaw(float(np.nan_to_num(route.yaw_carla_deg[0])))]
     hops = np.diff(xy, axis=0)
     ahead = np.arctan2(hops[:, 1], hops[:, 0]).tolist()
     said = route.yaw_carla_deg.tolist()
     return [
-        course if math.isnan(yaw) else frame.yaw_of(yaw) for yaw, course in zip(said, [*ahead, ahead[-1]], strict=True)
+        course if math.isnan(yaw) else frame.to_map_yaw(yaw)
+        for yaw, course in zip(said, [*ahead, ahead[-1]], strict=True)
     ]
 
 

@@ -1,4 +1,4 @@
-"""Behaviours of MDrive's actors as triggers and actions of ours (protocol 3.4)."""
+"""Convert behaviours of MDrive's actors to triggers and actions (protocol 3.4)."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ DISTANCE_LIMITS_M = (1.0, 50.0)
 
 @dataclass(frozen=True, slots=True)
 class ActorScript:
-    """What an actor waits for, and what it does then."""
+    """Trigger and action of an actor."""
 
     trigger: DistanceTrigger
     action: Action
@@ -23,17 +23,17 @@ class ActorScript:
 
 @dataclass(frozen=True, slots=True)
 class ActorScripts:
-    """Scripts by the actors' names, and what was passed over or changed."""
+    """Scripts by actor name, with notes on what was skipped or changed."""
 
-    of: Mapping[str, ActorScript]
+    by_actor: Mapping[str, ActorScript]
     notes: tuple[str, ...]
 
 
 def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles: Mapping[str, str]) -> ActorScripts:
-    """The behaviours of a scenario; raises InputError.
+    """Read the behaviours of a scenario; raise InputError.
 
-    Only those of route `route_id` count. `actors` are the names that the manifest knows, `vehicles` the CAVs' names
-    (`Vehicle 1` is ego 0) with their ids.
+    Only those of route `route_id` count. `actors` are the names in the manifest, `vehicles` maps the names of CAVs
+    (`Vehicle 1` is ego 0) to their ids.
     """
     of: dict[str, ActorScript] = {}
     notes: list[str] = []
@@ -57,7 +57,7 @@ def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles:
 
 
 def map_vehicle_names(egos: Sequence[tuple[str, str]]) -> dict[str, str]:
-    """Names of CAVs with their ids, from (id, name in the manifest): `Vehicle k` is ego k - 1 whatever its name."""
+    """Return names of CAVs -> ids, from (id, name in the manifest): `Vehicle k` is ego k - 1 whatever its name."""
     return {name: id_ for id_, name in egos if name} | {f"Vehicle {int(id_) + 1}": id_ for id_, _ in egos}
 
 

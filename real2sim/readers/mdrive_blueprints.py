@@ -1,7 +1,7 @@
-"""What a CARLA blueprint is, and how big: for files that name a blueprint and no size.
+"""Class and size of CARLA blueprints, for files that name a blueprint without a size.
 
-Sizes are of common vehicles and things of the class that the name tells of, not measured on CARLA's meshes, which are
-known only there: a file's own sizes win (`mdrive_actors`).
+Sizes are typical for the class that the name suggests, not measured on CARLA's meshes: sizes in a file take precedence
+(`mdrive_actors`).
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.scripted_actor import KindName
 
 @dataclass(frozen=True, slots=True)
 class BlueprintShape:
-    """A class of blueprints: length and width [m], and what it counts as."""
+    """A class of blueprints: length and width [m] and kind."""
 
     length: float
     width: float
@@ -22,7 +22,7 @@ class BlueprintShape:
 CAR = BlueprintShape(4.7, 1.9, "vehicle")
 PEDESTRIAN = BlueprintShape(0.5, 0.5, "pedestrian")
 UNKNOWN_PROP = BlueprintShape(0.8, 0.8, "static")
-"""A prop whose name tells nothing."""
+"""A prop with an unknown name."""
 
 BICYCLE = BlueprintShape(1.75, 0.6, "cyclist")
 _MOTORCYCLE = BlueprintShape(2.2, 0.8, "vehicle")
@@ -39,7 +39,7 @@ _VEHICLES: tuple[tuple[tuple[str, ...], BlueprintShape], ...] = (
     (("ambulance", "sprinter", "volkswagen.t2", "van."), _VAN),
     (("isetta", "microlino"), _SMALL),
 )
-"""Parts of names (a dot is put after each name), the first that fits counts. All others are cars."""
+"""Name parts (a dot is appended to each name); the first match counts. All others are cars."""
 
 _PROPS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("cone",), "cone"),
@@ -52,7 +52,7 @@ _PROPS: tuple[tuple[tuple[str, ...], str], ...] = (
 
 
 def find_blueprint_shape(model: str) -> BlueprintShape | None:
-    """The class of a blueprint such as `vehicle.lincoln.mkz_2017`; None if the name is none of a blueprint."""
+    """Return the class of a blueprint such as `vehicle.lincoln.mkz_2017`; None if the name is not a blueprint."""
     name = model.lower() + "."
     if name.startswith("vehicle."):
         return next((shape for parts, shape in _VEHICLES if any(part in name for part in parts)), CAR)

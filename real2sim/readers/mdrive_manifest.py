@@ -1,4 +1,4 @@
-"""`actors_manifest.json` and `actors_behavior.json` as MDrive writes them (protocol 3.3, 3.4)."""
+"""Read MDrive's `actors_manifest.json` and `actors_behavior.json` (protocol 3.3, 3.4)."""
 
 import json
 from collections.abc import Mapping
@@ -26,9 +26,9 @@ ROLE_BY_KEY: Mapping[str, ActorRole] = {
     "cyclist": "bicycle",
     "bike": "bicycle",
 }
-"""Keys of the manifest, aliases included."""
+"""Keys of the manifest, including aliases."""
 DEFAULT_SPEED_BY_ROLE: Mapping[ActorRole, float] = {"npc": 8.0, "pedestrian": 1.5, "bicycle": 4.0, "static": 0.0}
-"""[m/s] where nothing is said."""
+"""[m/s] Used where the files give no speed."""
 
 _T = TypeVar("_T")
 
@@ -57,7 +57,7 @@ class ManifestEntry(_ManifestModel):
 
 
 class TriggerEntry(_ManifestModel):
-    """What sets an actor off; MDrive has this one kind."""
+    """Trigger of an actor; MDrive has only this kind."""
 
     type: Literal["distance_to_vehicle"] = "distance_to_vehicle"
     vehicle: str
@@ -65,7 +65,7 @@ class TriggerEntry(_ManifestModel):
 
 
 class ActionEntry(_ManifestModel):
-    """What it does then."""
+    """Action of an actor."""
 
     type: Literal["start_motion", "hard_brake", "lane_change"] = "start_motion"
     direction: Literal["left", "right"] | None = None
@@ -77,7 +77,7 @@ class ActionEntry(_ManifestModel):
 
 
 class BehaviorEntry(_ManifestModel):
-    """What an actor waits for and does."""
+    """Behaviour of an actor."""
 
     actor_name: str
     route_id: str | None = None
@@ -90,7 +90,7 @@ class _BehaviorFile(_ManifestModel):
 
 
 def read_manifest(folder: Path) -> tuple[tuple[ActorRole, ManifestEntry], ...]:
-    """All entries with their roles, in the order of the file; raises InputError."""
+    """Return all entries with their roles, in the order of the file; raise InputError."""
     path = folder / MANIFEST
     groups = _read_json(path, TypeAdapter(dict[str, tuple[ManifestEntry, ...]]))
     for key in groups:
@@ -100,7 +100,7 @@ def read_manifest(folder: Path) -> tuple[tuple[ActorRole, ManifestEntry], ...]:
 
 
 def read_behaviors(folder: Path) -> tuple[BehaviorEntry, ...]:
-    """The behaviours of a scenario, none without the file; raises InputError."""
+    """Return the behaviours of a scenario, none without the file; raise InputError."""
     path = folder / BEHAVIOR
     return _read_json(path, TypeAdapter(_BehaviorFile)).behaviors if path.is_file() else ()
 

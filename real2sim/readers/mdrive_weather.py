@@ -1,4 +1,4 @@
-"""CARLA's weather numbers as the nearest of our weathers."""
+"""Map CARLA's weather parameters to the nearest preset."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ RAIN = 22.5
 
 
 def find_nearest_weather(numbers: Mapping[str, float]) -> tuple[WeatherName, str]:
-    """The name, and a note on what it stands for; "" where nothing needs one. Night goes before rain."""
+    """Return the preset and a note on the original parameters, "" if none is needed. Night precedes rain."""
     sun, clouds = numbers.get("sun_altitude_angle", 70.0), numbers.get("cloudiness", 30.0)
     rain, fog = numbers.get("precipitation", 0.0), numbers.get("fog_density", 0.0)
     name: WeatherName = "default"

@@ -1,4 +1,4 @@
-"""OpenStreetMap XML: nodes, ways and relations, projected to the plane."""
+"""Read OpenStreetMap XML: nodes, ways and relations, projected to the plane."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from real2sim.readers.shapes import parse_points
 from real2sim.xml_file import Element, read_number, read_xml
 
 UTM_OF_ORIGIN = "EPSG:32631"
-"""UTM zone 31 north, in which the origin (0, 0) lies."""
+"""UTM zone 31 north, which contains the origin (0, 0)."""
 
 
 @dataclass(frozen=True)
@@ -25,53 +25,53 @@ class OsmWay:
     tags: Mapping[str, str]
 
     @property
-    def turned(self) -> "OsmWay":
-        """The same the other way round."""
+    def reversed(self) -> "OsmWay":
+        """The way in the opposite direction."""
         return replace(self, nodes=self.nodes[::-1])
 
 
 @dataclass(frozen=True)
 class OsmRelation:
-    """Members with roles."""
+    """A relation of members with roles."""
 
     id: str
     members: tuple[tuple[str, str], ...]
     """Role and id of each."""
     tags: Mapping[str, str]
 
-    def of(self, *roles: str) -> tuple[str, ...]:
-        """Ids of the members with one of the roles."""
+    def list_members(self, *roles: str) -> tuple[str, ...]:
+        """Return the ids of the members with one of the roles."""
         return tuple(id_ for role, id_ in self.members if role in roles)
 
 
 @dataclass(frozen=True)
 class OsmFile:
-    """A file: nodes are (2,) [m]."""
+    """Contents of a file; nodes are (2,) [m]."""
 
     path: Path
     nodes: Mapping[str, Float]
     ways: Mapping[str, OsmWay]
     relations: Mapping[str, OsmRelation]
 
-    def line(self, way: OsmWay) -> Float:
-        """(N, 2) [m]; raises InputError if it has fewer than two points."""
+    def build_line(self, way: OsmWay) -> Float:
+        """Return the points (N, 2) [m]; raise InputError if there are fewer than two."""
         where = f"{self.path}: way {way.id}"
         line = parse_points(where, [self.nodes[node] for node in way.nodes])
         if len(line) < 2:
             raise InputError(f"{where}: expected at least two distinct points, found {len(line)}")
         return line
 
-    def typed(self, name: str) -> Iterator[OsmRelation]:
-        """Relations of a type."""
+    def list_relations(self, name: str) -> Iterator[OsmRelation]:
+        """Yield the relations of a type."""
         return (relation for relation in self.relations.values() if relation.tags.get("type") == name)
 
-    def ways_of(self, relation: OsmRelation, *roles: str) -> tuple[OsmWay, ...]:
-        """The ways that are members in these roles, each once, without those that the file lacks."""
-        return tuple(self.ways[id_] for id_ in dict.fromkeys(relation.of(*roles)) if id_ in self.ways)
+    def list_ways(self, relation: OsmRelation, *roles: str) -> tuple[OsmWay, ...]:
+        """Return the ways with these roles, each once, without those that the file lacks."""
+        return tuple(self.ways[id_] for id_ in dict.fromkeys(relation.list_members(*roles)) if id_ in self.ways)
 
 
 def read_osm(path: Path) -> OsmFile:
-    """Reads a file and projects it as Lanelet2's UtmProjector with the origin (0, 0) does; raises InputError."""
+    """Read a file and project it like Lanelet2's UtmProjector with the origin (0, 0); raise InputError."""
     root = read_xml(path)
     if root.tag != "osm":
         raise InputError(f"{path}: expected the root <osm>, found <{root.tag}>")
@@ -92,7 +92,7 @@ def _read_nodes(path: Path, root: Element) -> Mapping[str, Float]:
 
 
 def _project(path: Path, degrees: Float) -> Float:
-    """(N, 2) [m] of longitudes and latitudes."""
+    """Project longitudes and latitudes to (N, 2) [m]."""
     transformer: Any = _import_pyproj(path).Transformer.from_crs("EPSG:4326", UTM_OF_ORIGIN, always_xy=True)
     x, y = transformer.transform(*np.vstack(((0.0, 0.0), degrees)).T)
     plane = np.column_stack((x, y))
@@ -102,7 +102,7 @@ def _project(path: Path, degrees: Float) -> Float:
 
 
 def _import_pyproj(path: Path) -> Any:
-    """Imported only here: it is needed for this format alone and takes a while."""
+    """Import pyproj here because only this format needs it and the import is slow."""
     try:
         import pyproj
     except ImportError:

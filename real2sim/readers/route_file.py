@@ -1,6 +1,6 @@
-"""CARLA route files (InterDrive, MDrive): one `<route>` of waypoints in CARLA's frame, y to the right, degrees.
+"""Read CARLA route files (InterDrive, MDrive): one `<route>` of waypoints in CARLA's frame, y to the right, degrees.
 
-Documented in the leaderboard's and MDrive's own words; what real files hold: spec/data_formats section 4.
+Documented by the CARLA leaderboard and MDrive; contents of real files: spec/data_formats section 4.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.xml_file import Element, read_number, read_xml
 
 WEATHER_ATTRIBUTES = ("sun_altitude_angle", "cloudiness", "precipitation", "fog_density")
-"""What is read of the weather: degrees above the horizon, and percent."""
+"""Weather attributes that are read: degrees above the horizon, and percent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +26,13 @@ class RouteFile:
     xy_carla: Float
     """Waypoints (M, 2) [m], M >= 1."""
     yaw_carla_deg: Float
-    """(M,), clockwise from above; NaN where the file tells none. In InterDrive's files it is often one constant."""
+    """(M,), clockwise from above; NaN where the file gives none. In InterDrive's files it is often constant."""
     times_s: Float | None = None
     """(M,); None unless every waypoint has a time."""
-    point_speeds: bool = False
-    """Whether waypoints tell speeds of their own. Nobody drives by them: actors have one target speed."""
+    has_point_speeds: bool = False
+    """Whether waypoints have speeds of their own. They are ignored: actors have one target speed."""
     weather: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Those of `WEATHER_ATTRIBUTES` that the `<weather>` child has."""
+    """Values of `WEATHER_ATTRIBUTES` in the `<weather>` child."""
     attributes: Mapping[str, str] = field(default_factory=dict[str, str])
     """All attributes of `<route>`."""
 
@@ -43,7 +43,7 @@ class RouteFile:
 
 
 def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
-    """Reads one route XML of `at_least` so many waypoints; routes inside comments are not there. Raises InputError."""
+    """Read a route XML with `at_least` waypoints; commented-out routes are ignored. Raises InputError."""
     routes = list(read_xml(path).iter("route"))
     if len(routes) != 1:
         raise InputError(f"{path}: expected exactly one <route>, found {len(routes)}")
@@ -60,14 +60,14 @@ def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
         xy_carla=np.array([(read_number(path, point, "x"), read_number(path, point, "y")) for point in waypoints]),
         yaw_carla_deg=np.array([read_number(path, p, "yaw") if p.get("yaw") else np.nan for p in waypoints]),
         times_s=_read_times(path, waypoints),
-        point_speeds=any("speed" in point.attrib for point in waypoints),
+        has_point_speeds=any("speed" in point.attrib for point in waypoints),
         weather=_read_weather(path, route.find("weather")),
         attributes=dict(route.attrib),
     )
 
 
 def parse_ego_index(path: Path) -> int | None:
-    """The number at the end of a CAV's file name, its index; None if there is none."""
+    """Return the index at the end of a CAV's file name; None if there is none."""
     index = path.stem.rpartition("_")[2]
     return int(index) if index.isascii() and index.isdigit() else None
 

@@ -1,4 +1,4 @@
-"""Pickles from strangers: only the named classes are looked up, everything else is refused and nothing executed."""
+"""Load untrusted pickles: only listed classes are resolved, all others are refused, and nothing is executed."""
 
 import pickle
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from numpy._core import multiarray, numeric
 from mdrive_sumo.core.errors import InputError
 
 AllowedGlobals = Mapping[tuple[str, str], object]
-"""What stands for a module's name in a pickle."""
+"""(module, name) in a pickle -> object used for it."""
 
 _HELPERS: AllowedGlobals = {
     ("multiarray", "_reconstruct"): multiarray._reconstruct,
@@ -25,13 +25,13 @@ NUMPY_GLOBALS: AllowedGlobals = {
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
 }
-"""Arrays and numbers of numpy."""
+"""Arrays and scalars of numpy."""
 
 UNPICKLING_ERRORS = (
     pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OverflowError,
     RecursionError, NotImplementedError, AssertionError,
 )  # fmt: skip
-"""What the unpickler raises on bytes that are no pickle, or only a part of one."""
+"""Exceptions of the unpickler for invalid or incomplete data."""
 
 
 class _RestrictedUnpickler(pickle.Unpickler):
@@ -49,7 +49,7 @@ class _RestrictedUnpickler(pickle.Unpickler):
 
 
 def load_pickle(path: Path, allowed: AllowedGlobals = NUMPY_GLOBALS) -> Any:
-    """What a pickle holds; raises InputError if it cannot be read, is broken or names a class not in `allowed`."""
+    """Load a pickle; raise InputError if it is unreadable, broken or names a class not in `allowed`."""
     try:
         with path.open("rb") as file:
             return _RestrictedUnpickler(path, file, allowed).load()
@@ -60,6 +60,6 @@ def load_pickle(path: Path, allowed: AllowedGlobals = NUMPY_GLOBALS) -> Any:
 
 
 def _format_error(error: Exception) -> str:
-    """A `KeyError` and its like say only what they missed."""
+    """Return type and message: a `KeyError` contains only the missing key."""
     words = str(error).splitlines() or [""]
     return f"{type(error).__name__} {words[0]}".strip()

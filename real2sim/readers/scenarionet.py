@@ -1,8 +1,7 @@
-"""ScenarioNet: scenario descriptions (.pkl) of nuScenes, Waymo and nuPlan become recordings.
+"""ScenarioNet: read scenario descriptions (.pkl) of nuScenes, Waymo and nuPlan.
 
 Source: Li et al., ScenarioNet, NeurIPS 2023, and its documentation of ScenarioDescription: `tracks[id].state` has
-arrays with one row a frame, `map_features` what the map shows, `dynamic_map_states` the traffic lights; metres,
-radians.
+arrays with one row per frame, `map_features` the map, `dynamic_map_states` the traffic lights; metres, radians.
 """
 
 from collections import Counter
@@ -36,7 +35,7 @@ CATEGORY_BY_NUSCENES_TYPE: Mapping[str, ObjectCategory] = {
     "vehicle.emergency.ambulance": ObjectCategory.VAN,
     "vehicle.motorcycle": ObjectCategory.MOTORCYCLE,
 }
-"""nuScenes tells more in the metadata of a track than in its type."""
+"""Track metadata of nuScenes are more specific than the track type."""
 AXLE_TO_CENTRE_M = 1.385
 """From the rear axle to the box centre of nuScenes' Renault Zoe: 4.084 m long with a rear overhang of 0.657 m.
 
@@ -45,9 +44,9 @@ Its pose is that of the rear axle (nutonomy/nuscenes-devkit issue 108), and the 
 
 
 def read_scenarionet(path: Path) -> Recording:
-    """Reads one scenario description; raises InputError.
+    """Read one scenario description; raise InputError.
 
-    The self-driving car (`sdc_id`) is the only connected vehicle. Frames are `dt_s` apart by the mean of `metadata.ts`.
+    The self-driving car (`sdc_id`) is the only connected vehicle. `dt_s` is the mean step of `metadata.ts`.
     """
     description = _load_description(path)
     dataset = str(description["metadata"].get("dataset", ""))
@@ -66,7 +65,7 @@ def read_scenarionet(path: Path) -> Recording:
         id=str(description.get("id", path.stem)),
         source="scenarionet",
         dt_s=dt_s,
-        frames=frames,
+        frame_count=frames,
         views=(ObserverView("log", tracks),),
         map=hd_map,
         cavs=cavs,
@@ -75,9 +74,9 @@ def read_scenarionet(path: Path) -> Recording:
 
 
 def _correct_nuscenes_ego(track: RecordedTrack) -> RecordedTrack:
-    """The recording car of nuScenes: its pose is its rear axle, and ScenarioNet swaps length and width of its box."""
+    """Correct the recording car of nuScenes: its pose is the rear axle, and ScenarioNet swaps length and width."""
     length, width = np.fmax(track.length, track.width), np.fmin(track.length, track.width)
-    return shift_ahead(track.with_rows(length=length, width=width), AXLE_TO_CENTRE_M)
+    return shift_ahead(track.replace_columns(length=length, width=width), AXLE_TO_CENTRE_M)
 
 
 def _load_description(path: Path) -> Mapping[str, Any]:
@@ -165,7 +164,7 @@ def _build_track(
 
 
 def _read_column(where: str, state: Mapping[str, Any], name: str, frames: int) -> Float:
-    """(T, K): nuScenes has sizes as (T, 1), Waymo as (T,)."""
+    """Return a column as (T, K): nuScenes has sizes as (T, 1), Waymo as (T,)."""
     if name not in state:
         raise InputError(f"{where}: expected state.{name}, found {', '.join(sorted(map(str, state))) or 'nothing'}")
     rows = parse_numbers(f"{where}: state.{name}", state[name])

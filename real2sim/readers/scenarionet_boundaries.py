@@ -1,4 +1,4 @@
-"""Both sides of a lane of ScenarioNet, and the checked reading of what its features hold."""
+"""Lane boundaries of ScenarioNet maps, and checked access to map features."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ MapFeature = Mapping[str, Any]
 
 
 def read_list(where: str, feature: MapFeature, name: str) -> list[Any]:
-    """The members of a list, tuple or array; none if it is not there; raises InputError."""
+    """Return a list, tuple or array as a list, empty if it is missing; raise InputError."""
     raw = feature.get(name)
     if raw is None:
         return []
@@ -23,7 +23,7 @@ def read_list(where: str, feature: MapFeature, name: str) -> list[Any]:
 
 
 def read_finite(where: str, feature: MapFeature, name: str) -> float:
-    """A finite number, which Waymo's lanes may have as a word; 0 if it is not there; raises InputError."""
+    """Return a finite number, which Waymo's lanes may store as text; 0 if it is missing; raise InputError."""
     raw = feature.get(name)
     try:
         value = float(0.0 if raw is None else raw)
@@ -35,7 +35,7 @@ def read_finite(where: str, feature: MapFeature, name: str) -> float:
 
 
 def read_lane_width(where: str, feature: MapFeature) -> float:
-    """Width [m] by Waymo's distances (N, 2) of the centre line to both sides, 0 where unknown; NaN without any."""
+    """Return the width [m] from Waymo's distances (N, 2) to both sides, 0 where unknown; NaN without any."""
     sides = parse_numbers(f"{where}.width", () if feature.get("width") is None else feature["width"])
     if sides.ndim != 2 or sides.shape[1] != 2:
         return float("nan")
@@ -44,7 +44,7 @@ def read_lane_width(where: str, feature: MapFeature) -> float:
 
 
 def read_lane_boundaries(where: str, feature: MapFeature, features: Mapping[str, MapFeature]) -> tuple[Float, Float]:
-    """Boundaries left and right: from the ring around the lane (nuScenes, nuPlan) or from road lines (Waymo)."""
+    """Return left and right boundaries from the lane polygon (nuScenes, nuPlan) or road lines (Waymo)."""
     if feature.get("polygon") is not None:
         ring, line = (
             parse_points(f"{where}.polygon", feature["polygon"]),
@@ -56,14 +56,14 @@ def read_lane_boundaries(where: str, feature: MapFeature, features: Mapping[str,
 
 
 def _select_side(ring: Float, line: Polyline, side: float) -> Float:
-    """The corners of a ring on one side of a centre line, in its order; a ring may end where it began."""
+    """Return the corners of a ring on one side of a centre line, in its order; the ring may be closed."""
     corners = ring[:-1] if len(ring) > 1 and np.allclose(ring[0], ring[-1]) else ring
     stations = [(s, i) for i, (x, y) in enumerate(corners) for s, d in (line.project(x, y),) if side * d > 0]
     return corners[[i for _, i in sorted(stations)]].reshape(-1, 2)
 
 
 def _read_boundary(where: str, feature: MapFeature, name: str, features: Mapping[str, MapFeature]) -> Float:
-    """Pieces of road lines between the ends of the stretches of the lane beside which they lie."""
+    """Return the parts of road lines along the stretches of the lane that they bound."""
     centre = parse_all_points(where, feature["polyline"])
     pieces = [np.zeros((0, 2))]
     for one in read_list(where, feature, name):

@@ -1,4 +1,4 @@
-"""The map of a ScenarioNet description: lanes of nuScenes, Waymo and nuPlan, each with what its source says."""
+"""Build the map of a ScenarioNet description with the lanes of nuScenes, Waymo or nuPlan."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,9 +14,9 @@ from real2sim.readers.scenarionet_boundaries import read_finite, read_lane_bound
 from real2sim.readers.shapes import build_cross_line, describe_value, parse_points
 
 DEFAULT_LINE_M = 3.5
-"""Length of a stop line across a lane of unknown width."""
+"""[m] Length of a stop line across a lane of unknown width."""
 TOUCH_M = 0.1
-"""Ends of lanes this close to each other are one place: in nuScenes they agree to 1e-11 m or not at all."""
+"""[m] Lane ends this close are connected: in nuScenes they agree to 1e-11 m or not at all."""
 TOUCH_RAD = np.radians(45)
 MPS_PER_MPH = 0.44704
 
@@ -25,7 +25,7 @@ Notes = tuple[str, ...]
 
 
 def build_scenarionet_map(path: Path, description: Mapping[str, Any], dataset: str) -> tuple[HdMap, Notes]:
-    """The map, and what had to be passed over or guessed; raises InputError."""
+    """Build the map, with notes on what was skipped or assumed; raise InputError."""
     features = _read_features(path, description)
     lanes, lane_notes = _build_lanes(path, features, dataset)
     stops, stop_notes = _build_stop_signs(path, features, lanes)
@@ -52,7 +52,7 @@ def _read_features(path: Path, description: Mapping[str, Any]) -> MapFeatures:
 
 
 def _read_entries(path: Path, description: Mapping[str, Any], name: str) -> MapFeatures:
-    """A dict of dicts with their ids as words: Waymo has numbers."""
+    """Return a dict of dicts with text ids: Waymo has numbers."""
     entries = description.get(name, {})
     if not isinstance(entries, dict):
         raise InputError(f"{path}: {name}: expected a dict, found {type(entries).__name__}")
@@ -105,9 +105,10 @@ def _read_ids(where: str, feature: Mapping[str, Any], name: str) -> tuple[str, .
 
 
 def _find_neighbour(where: str, feature: Mapping[str, Any], name: str, nearest: int) -> str:
-    """nuPlan names all lanes on that side from left to right, Waymo one a stretch of the lane: the longest counts.
+    """Return the nearest neighbour with the same direction.
 
-    Both mean lanes of the same direction only.
+    nuPlan lists all lanes on that side from left to right, Waymo one per stretch of the lane: the longest stretch
+    counts.
     """
     neighbours = read_list(where, feature, name)
     if not neighbours:
@@ -132,14 +133,14 @@ def _read_speed_limit(where: str, feature: Mapping[str, Any]) -> float:
 
 
 def _is_in_junction(feature: Mapping[str, Any], dataset: str) -> bool:
-    """Connectors: in nuScenes they are the lanes without a polygon, in Waymo those interpolated between others."""
+    """Return whether the lane is a connector: without a polygon in nuScenes, interpolated between others in Waymo."""
     if dataset == "nuscenes":
         return "polygon" not in feature
     return feature["type"] == "LANE_SURFACE_UNSTRUCTURE" or bool(feature.get("interpolating"))
 
 
 def _link_touching_lanes(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
-    """The same lanes with entries and exits where one ends as another begins, in about the same direction."""
+    """Add entries and exits where one lane ends as another begins, in about the same direction."""
     ids = list(lanes)
     starts, ends = (np.array([lanes[id_].centre[row] for id_ in ids]) for row in (0, -1))
     first, last = (np.array([_compute_yaw(lanes[id_].centre, row) for id_ in ids]) for row in (0, -2))
@@ -179,7 +180,7 @@ def _build_stop_signs(
 def _build_traffic_lights(
     path: Path, lights: MapFeatures, lanes: Mapping[str, MapLane], dataset: str
 ) -> tuple[tuple[StopLine, ...], dict[str, tuple[str, ...]], Notes]:
-    """Stop lines of traffic lights. nuPlan's stop point lies 8 m behind the line, where the connector begins."""
+    """Return stop lines of traffic lights. nuPlan's stop point is 8 m behind the line, where the connector begins."""
     lines: list[StopLine] = []
     signals: dict[str, tuple[str, ...]] = {}
     for id_, light in lights.items():

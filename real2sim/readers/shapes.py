@@ -1,4 +1,4 @@
-"""Lines and columns of a log: checked at the border, then plain arrays."""
+"""Check arrays and points of untrusted logs, and build lines from them."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from real2sim.recording import RecordedTrack
 
 
 def parse_numbers(where: str, raw: Any) -> Float:
-    """An array of any shape; raises InputError if it does not consist of numbers."""
+    """Return an array of any shape; raise InputError if it does not consist of numbers."""
     try:
         return np.asarray(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -18,14 +18,14 @@ def parse_numbers(where: str, raw: Any) -> Float:
 
 
 def describe_value(raw: Any) -> str:
-    """Anything in a sentence."""
+    """Describe any value for an error message."""
     if isinstance(raw, np.ndarray):
         return f"an array of {raw.dtype.name} of shape {raw.shape}"
     return " ".join(repr(raw)[:60].split())
 
 
 def parse_all_points(where: str, raw: Any) -> Float:
-    """The first two columns (N, 2) [m] of a list of points, N >= 1, all of them; raises InputError."""
+    """Return the first two columns (N, 2) [m] of a list of points, N >= 1; raise InputError."""
     xy = parse_numbers(where, raw)
     if xy.ndim != 2 or xy.shape[1] < 2 or not len(xy):
         raise InputError(f"{where}: expected points with x and y, found {describe_value(raw)}")
@@ -37,7 +37,7 @@ def parse_all_points(where: str, raw: Any) -> Float:
 
 
 def parse_points(where: str, raw: Any) -> Float:
-    """As `parse_all_points`, without consecutive repetitions (closer than 1 mm); raises InputError."""
+    """Like `parse_all_points`, without consecutive duplicates (closer than 1 mm); raise InputError."""
     xy = parse_all_points(where, raw)
     return xy[np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-3))]
 
@@ -55,7 +55,7 @@ def _sample_line(line: Polyline, share: Float) -> Float:
 
 
 def build_cross_line(centre: Float, x: float, y: float, width: float) -> Float:
-    """A line (2, 2) [m] across a lane, from left to right, where it passes (x, y)."""
+    """Return a line (2, 2) [m] across a lane through (x, y), from left to right."""
     line = Polyline(centre)
     s = min(max(line.project(x, y)[0], 0.0), line.length)
     yaw, middle = line.yaw_at(s), np.array(line.at(s))
@@ -64,5 +64,5 @@ def build_cross_line(centre: Float, x: float, y: float, width: float) -> Float:
 
 
 def shift_ahead(track: RecordedTrack, distance: float) -> RecordedTrack:
-    """The same track with every pose `distance` [m] further ahead: from a vehicle's rear axle to its box centre."""
-    return track.with_rows(x=track.x + distance * np.cos(track.yaw), y=track.y + distance * np.sin(track.yaw))
+    """Shift every pose of a track `distance` [m] ahead, e.g. from the rear axle to the box centre."""
+    return track.replace_columns(x=track.x + distance * np.cos(track.yaw), y=track.y + distance * np.sin(track.yaw))

@@ -1,4 +1,4 @@
-"""Windows: a part of a long log."""
+"""Crop a recording to a time window."""
 
 from dataclasses import replace
 
@@ -6,11 +6,11 @@ from mdrive_sumo.core.errors import InputError
 from real2sim.recording import ObserverView, RecordedTrack, Recording
 
 TimeWindow = tuple[float, float]
-"""Start and end [s] since the first frame of the log; the frames at both are part of it."""
+"""Start and end [s] since the first frame of the log, both inclusive."""
 
 
 def crop_recording(where: str, recording: Recording, window: TimeWindow | None) -> Recording:
-    """The part of a recording within a window, without the tracks that are not there; raises InputError."""
+    """Return the part of a recording within a window, without absent tracks; raise InputError."""
     if window is None:
         return recording
     rows = _select_frames(where, recording, window)
@@ -25,7 +25,7 @@ def crop_recording(where: str, recording: Recording, window: TimeWindow | None) 
 
 
 def _select_frames(where: str, recording: Recording, window: TimeWindow) -> slice:
-    end_s = (recording.frames - 1) * recording.dt_s
+    end_s = (recording.frame_count - 1) * recording.dt_s
     if not 0.0 <= window[0] < window[1] <= end_s + recording.dt_s / 2:
         raise InputError(f"{where}: expected a window within 0 s to {end_s:g} s, found {_format_window(window)}")
     first, last = (round(time / recording.dt_s) for time in window)
@@ -43,4 +43,4 @@ def _crop_view(view: ObserverView, rows: slice) -> ObserverView:
 
 def _crop_track(track: RecordedTrack, rows: slice) -> RecordedTrack:
     columns = ("valid", "x", "y", "yaw", "length", "width")
-    return track.with_rows(**{name: getattr(track, name)[rows] for name in columns})
+    return track.replace_columns(**{name: getattr(track, name)[rows] for name in columns})

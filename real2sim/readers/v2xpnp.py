@@ -1,7 +1,7 @@
-"""V2XPnP logs: agent folders of 10 Hz YAML and a vector map (shared format notes, sections 1 and 2).
+"""V2XPnP logs: read agent folders of 10 Hz YAML and a vector map (data_formats, sections 1 and 2).
 
-One view an agent, as it stands in the files: the same thing has the same id in every view, but its own size, box and
-label in each; a CAV is missing from its own view and is an ordinary car in the others. Nothing is fused here.
+Each agent has one view. The same object has the same id in every view, but its own size, box and label in each; a CAV
+is missing in its own view and an ordinary car in the others. Views are not merged here.
 """
 
 import math
@@ -22,13 +22,13 @@ from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
-"""The files have no times; the dataset is recorded at 10 Hz."""
+"""[s] The files have no times; the dataset is recorded at 10 Hz."""
 OFF_MAP_M = 30.0
-"""So far from any lane a point is off the map."""
+"""[m] A point further from any lane is off the map."""
 MAX_OFF_MAP_SHARE = 0.5
-"""More points off the map than that: it is the map of another place."""
+"""A larger share of points off the map means that the map shows another place."""
 MAX_PROBES = 3000
-"""How many track points are enough to tell maps apart."""
+"""Number of track points that suffices to distinguish maps."""
 CATEGORY_BY_LABEL: Mapping[str, ObjectCategory] = MappingProxyType(
     {
         **dict.fromkeys(("car", "policecar"), ObjectCategory.CAR),
@@ -43,21 +43,22 @@ CATEGORY_BY_LABEL: Mapping[str, ObjectCategory] = MappingProxyType(
         ),
     }
 )
-"""Labels without regard to case and separators."""
+"""Labels without case and separators."""
 CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
     (1.2, ObjectCategory.PEDESTRIAN),
     (2.6, ObjectCategory.BICYCLE),
     (6.5, ObjectCategory.CAR),
     (math.inf, ObjectCategory.TRUCK),
 )
-"""What an unknown label is taken for, by the length of the box [m]."""
+"""Category of an unknown label by the length of the box [m]."""
 
 
 def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str] | None = None) -> Recording:
-    """Reads a scenario folder and the one of the given vector maps that it lies on.
+    """Read a scenario folder, and the vector map of the given ones that fits it.
 
-    `agents` names the folders to be read, if not all; without any map the recording has none (HdMap()), and says so.
-    Raises InputError: no or incomplete agent folders, frames with holes, unreadable files, no map of this place.
+    `agents` names the folders to read, all by default. Without any map the recording has an empty HdMap and a note.
+    Raises InputError for missing or incomplete agent folders, missing frames, unreadable files and maps of another
+    place.
     """
     views = read_views(folder, agents)
     candidates = (maps,) if isinstance(maps, Path) else tuple(maps)
@@ -67,16 +68,16 @@ def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str]
         id=folder.resolve().name,
         source="v2xpnp",
         dt_s=DT_S,
-        frames=len(view_list[0].pose),
+        frame_count=len(view_list[0].pose),
         views=view_list,
         map=found,
-        cavs=tuple(view.observer for view in view_list if not view.infrastructure),
+        cavs=tuple(view.observer for view in view_list if not view.is_infrastructure),
         notes=tuple(note for _, notes in views for note in notes) + map_notes,
     )
 
 
 def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple[ObserverView, tuple[str, ...]], ...]:
-    """Every agent's view with the notes on it; raises InputError."""
+    """Return every agent's view with its notes; raise InputError."""
     names = _list_agents(folder) if agents is None else list(agents)
     files = {name: _list_frames(folder / name) for name in names}
     first = names[0]
@@ -91,7 +92,7 @@ def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple
 
 
 def _list_agents(folder: Path) -> list[str]:
-    """Agent folders, CAVs first; they are numbered without holes, so a missing one shows."""
+    """Return the agent folders, CAVs first. They are numbered consecutively, so a missing one is detected."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
     numbers = sorted(int(p.name) for p in folder.iterdir() if p.is_dir() and re.fullmatch(r"-?[0-9]+", p.name))
@@ -105,7 +106,7 @@ def _list_agents(folder: Path) -> list[str]:
 
 
 def _list_frames(folder: Path) -> dict[int, Path]:
-    """Frame files by their number, in order; raises InputError if there is none or one is missing between."""
+    """Return frame files by number, in order; raise InputError if there is none or one is missing."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected an agent folder with frames, found none")
     named = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
@@ -130,11 +131,11 @@ def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> tuple[ObserverVi
     notes = [f"agent {folder.name}: {note}" for note in _note_labels(labels)]
     tracks = tuple(_build_track(name, box, labels[name], static[name]) for name, box in zip(names, boxes, strict=True))
     pose = np.column_stack((sensor[:, 0], sensor[:, 1], np.radians(sensor[:, 4])))
-    return ObserverView(folder.name, tracks, pose, infrastructure=folder.name.startswith("-")), tuple(notes)
+    return ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-")), tuple(notes)
 
 
 def _index_objects(frames: Sequence[V2xpnpFrame]) -> tuple[list[str], list[int]]:
-    """All ids as they appear first, and for every object of every frame the place of its id."""
+    """Return all ids in order of appearance, and for every object of every frame the index of its id."""
     places: dict[str, int] = {}
     rows = [places.setdefault(name, len(places)) for frame in frames for name in frame.ids]
     return list(places), rows
@@ -162,12 +163,12 @@ def _find_category(label: str) -> ObjectCategory | None:
 
 
 def _find_most_frequent(votes: Counter[str]) -> str:
-    """The most frequent, the first seen of equals."""
+    """Return the most frequent value, the first one of equals."""
     return votes.most_common(1)[0][0]
 
 
 def _build_track(name: str, boxes: Float, labels: Counter[str], static: Counter[bool]) -> RecordedTrack:
-    """boxes: (T, 12) as `Frame.boxes`, NaN where it was not seen."""
+    """Build a track from boxes (T, 12) as in `V2xpnpFrame.boxes`, NaN where it is not observed."""
     angle, centre, extent, location = (boxes[:, i : i + 3] for i in (0, 3, 6, 9))
     size = 2 * np.where(extent > 0, extent, np.nan)
     valid = np.isfinite(location[:, 0])
@@ -206,7 +207,7 @@ def _choose_map(folder: Path, views: Sequence[ObserverView], paths: Sequence[Pat
 
 
 def _select_probes(views: Sequence[ObserverView]) -> Float:
-    """Track points (N, 2), evenly thinned; the sensors' own places if nobody saw anything."""
+    """Return track points (N, 2), evenly thinned; the sensor positions if there are no tracks."""
     xy = np.concatenate([track.xy[track.valid] for view in views for track in view.tracks] or [np.zeros((0, 2))])
     if not len(xy):
         xy = np.concatenate([view.pose[:, :2] for view in views])
@@ -214,7 +215,7 @@ def _select_probes(views: Sequence[ObserverView]) -> Float:
 
 
 def _measure_lane_distances(found: HdMap, points: Float) -> Float:
-    """Distance (N,) [m] from each point to the nearest lane's centre line."""
+    """Return the distance (N,) [m] from each point to the nearest centre line."""
     lines = [shapely.LineString(lane.centre) for lane in found.lanes.values()]
     spots = shapely.points(points)
     _, gaps = shapely.STRtree(lines).query_nearest(spots, return_distance=True, all_matches=False)

@@ -1,8 +1,7 @@
-"""Frames of V2XPnP: what one agent noted in one 10 Hz YAML file.
+"""Read frames of V2XPnP: one 10 Hz YAML file of one agent.
 
-Half of what libyaml needs seconds for is one fixed layout (PyYAML's own dump of the dataset's fields), so files of
-exactly this layout are read by one regular expression; every other file goes through the YAML parser, to the same
-result.
+Most files have one fixed layout (PyYAML's dump of the dataset's fields), for which libyaml takes seconds per log. They
+are parsed by one regular expression; every other file goes through the YAML parser with the same result.
 """
 
 import math
@@ -19,12 +18,12 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 
 COLUMNS = ("angle", "center", "extent", "location")
-"""Fields of an object, three numbers each, in the order of `Frame.boxes`."""
+"""Fields of an object, three numbers each, in the order of `V2xpnpFrame.boxes`."""
 
 
 @dataclass(frozen=True, slots=True)
 class V2xpnpFrame:
-    """One file, in the file's own units (degrees, half sizes). All lists are of the same N objects."""
+    """One file in its own units (degrees, half sizes). All lists refer to the same N objects."""
 
     infrastructure: bool
     sensor: tuple[float, ...]
@@ -37,7 +36,7 @@ class V2xpnpFrame:
 
 
 def read_frame(path: Path) -> V2xpnpFrame:
-    """Reads one file; raises InputError if it is cut off, no YAML, or lacks what a frame needs."""
+    """Read one file; raise InputError if it is truncated, not YAML, or incomplete."""
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -52,7 +51,7 @@ def read_frame(path: Path) -> V2xpnpFrame:
 
 
 _NUMBER = r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+(?:e[-+][0-9]+)?)?"
-"""The numbers of YAML 1.1 that Python's float() reads alike."""
+"""Numbers of YAML 1.1 that Python's float() parses identically."""
 _THREE = rf"    - ({_NUMBER})\n" * 3
 _SIX = rf"- ({_NUMBER})\n" * 6
 _HEAD = re.compile(
@@ -65,13 +64,13 @@ _OBJECT = re.compile(
     re.MULTILINE,
 )
 _LINES = 19
-"""Lines of an object without speed."""
+"""Number of lines of an object without speed."""
 _WORDS = frozenset(("yes", "no", "true", "false", "on", "off", "null"))
-"""Labels that YAML reads as something else than text."""
+"""Labels that YAML does not read as text."""
 
 
 def _parse_regular(text: str) -> V2xpnpFrame | None:
-    """The frame if every line of the text belongs to the dataset's fixed layout, else None."""
+    """Return the frame if all lines follow the dataset's fixed layout, else None."""
     head = _HEAD.match(text)
     if head is None:
         return None
@@ -95,7 +94,7 @@ def _parse_regular(text: str) -> V2xpnpFrame | None:
 
 
 def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
-    """The frame of any YAML text; raises InputError."""
+    """Return the frame of any YAML text; raise InputError."""
     try:
         raw: Any = yaml.load(text, yaml.CSafeLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:

@@ -1,7 +1,7 @@
-"""Vector maps of V2XPnP: a pickle of plain classes, read without running anything that is in it.
+"""Read vector maps of V2XPnP: a pickle of plain classes, loaded without executing its contents.
 
-The classes of the original's module become bags of their fields; every other name in the pickle is refused
-(`safe_pickle`). The map knows centre lines and one list of boundary points a lane, no widths, limits or neighbours;
+Classes of the original module become containers of their fields; all other names in the pickle are refused
+(`safe_pickle`). The map has centre lines and one list of boundary points per lane, but no widths, limits or neighbours;
 the order of a lane's points is not its direction of travel.
 """
 
@@ -22,28 +22,28 @@ from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
 from real2sim.readers.shapes import parse_points
 
 MODULE = "opencood.data_utils.datasets.map.map_types"
-"""Under which the dataset's authors pickled their classes."""
+"""Module of the classes in the dataset's pickles."""
 LANE_KINDS: Mapping[int, LaneKind] = MappingProxyType(
     {1: LaneKind.DRIVING, 2: LaneKind.SIDEWALK, 3: LaneKind.SHOULDER, 4: LaneKind.PARKING}
 )
 """The format's LaneType; 0 is unknown."""
 ON_CENTRE_M = 0.05
-"""A boundary point so near to the centre line lies on neither side."""
+"""[m] A boundary point this close to the centre line is on neither side."""
 
 
 class PickledFields:
-    """An object of the pickle: its fields and nothing else."""
+    """An object of the pickle, reduced to its fields."""
 
     fields: dict[Any, Any]
 
     def __new__(cls, *_: object) -> "PickledFields":
-        """Whatever the pickle would construct it with is dropped."""
+        """Ignore the constructor arguments in the pickle."""
         bag = super().__new__(cls)
         bag.fields = {}
         return bag
 
     def __setstate__(self, state: object) -> None:
-        """Keeps the fields of a plain or a slotted class."""
+        """Store the fields of a plain or a slotted class."""
         for part in state if isinstance(state, tuple) else (state,):
             self.fields.update(part if isinstance(part, dict) else {})
 
@@ -72,9 +72,9 @@ _ALLOWED_GLOBALS = {
 
 
 def read_vector_map(path: Path) -> tuple[HdMap, tuple[str, ...]]:
-    """Reads a vector map [m, frame of the logs], with notes on what was passed over.
+    """Read a vector map [m, frame of the logs], with notes on what was skipped.
 
-    Raises InputError if it is no such pickle, names another class, or has no lane.
+    Raises InputError if it is not such a pickle, names another class, or has no lane.
     """
     root: Any = load_pickle(path, _ALLOWED_GLOBALS)
     if not _is_instance(root, "Map"):
@@ -118,7 +118,7 @@ def _parse_integer(where: str, raw: Any) -> int:
 
 
 def _parse_map_points(where: str, raw: Any) -> Float:
-    """(N, 2) of a list of MapPoints or an array with columns x, y; without repetitions, N = 0 if there is none."""
+    """Return (N, 2) of a list of MapPoints or an array with columns x, y, without duplicates; N may be 0."""
     line = _parse_list(where, raw)
     if not line:
         return np.zeros((0, 2))
@@ -158,7 +158,7 @@ def _build_lanes(path: Path, features: list[Any], passed: Counter[str]) -> Itera
 
 
 def _split_boundary(centre: Float, boundary: Float) -> tuple[Float, Float]:
-    """The boundary points (N, 2) to the left and to the right of the centre line, along it; the format mixes them."""
+    """Split boundary points (N, 2) into those left and right of the centre line, sorted along it."""
     if not len(boundary):
         return boundary, boundary
     line, spots = shapely.LineString(centre), shapely.points(boundary)
@@ -185,7 +185,7 @@ def _build_crosswalks(path: Path, features: list[Any], passed: Counter[str]) -> 
 
 
 def _build_signals(path: Path, states: Any, features: list[Any], passed: Counter[str]) -> Mapping[str, tuple[str, ...]]:
-    """One traffic light for every lane that ever has a state; the format names lanes by their place in the list."""
+    """Return one traffic light per lane with any state; the format refers to lanes by list index."""
     signals: dict[str, tuple[str, ...]] = {}
     for state in _parse_list(f"{path}: dynamic_states", states):
         for lane_state in _parse_list(f"{path}: lane_states", _get_field(state, "lane_states")):

@@ -64,7 +64,7 @@ def simulate_log(
 
 
 def _rail_of(track: RecordedTrack, dt_s: float) -> _Rail:
-    rows = track.frames
+    rows = track.valid_frames
     xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
     times = rows.astype(np.float64) * dt_s
     return _Rail(times, np.column_stack((xy, yaw, _speed(xy, times))))

@@ -164,6 +164,6 @@ def _placed(track: RecordedTrack, poses: Float) -> RecordedTrack:
     valid = np.isfinite(poses[:, 0])
     length, width = median_size(track)
     full = np.where(valid, 1.0, np.nan)
-    return track.with_rows(
+    return track.replace_columns(
         valid=valid, x=poses[:, 0], y=poses[:, 1], yaw=poses[:, 2], length=length * full, width=width * full
     )

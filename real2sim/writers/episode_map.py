@@ -1,4 +1,4 @@
-"""The map of a recorded episode: the network it was driven on, as a log would bring it."""
+"""Build the map of a recorded episode from the network it was driven on."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -11,13 +11,13 @@ from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 
 SPACING_M = 0.5
-"""Largest distance between points of a lane, as in V2XPnP's maps."""
+"""[m] Maximum distance between points of a lane, as in V2XPnP's maps."""
 
 
 def build_hd_map(roads: RoadMap) -> HdMap:
-    """A network as the map of a log: lanes for cars with boundaries, links, neighbours, limits; crosswalks, signs.
+    """Build the HD map of a network: car lanes with boundaries, links, neighbours, limits; crosswalks, signs.
 
-    Footways are not told: a RoadMap knows their outlines only.
+    Footways are omitted: a RoadMap contains only their outlines.
     """
     entries: defaultdict[str, list[str]] = defaultdict(list)
     for lane in roads.driving:
@@ -52,7 +52,7 @@ def _build_lane(lane: Lane, entries: tuple[str, ...]) -> MapLane:
 
 
 def _offset_line(centre: Float, left_m: float) -> Float:
-    """(N, 2) the points, moved to the left across the mean direction of their two segments."""
+    """Return points (N, 2) shifted to the left, perpendicular to the mean direction of their two segments."""
     ahead = np.diff(centre, axis=0)
     ahead /= np.hypot(ahead[:, 0], ahead[:, 1])[:, None]
     mean = np.concatenate((ahead[:1], ahead)) + np.concatenate((ahead, ahead[-1:]))
@@ -78,7 +78,7 @@ def _build_cross_line(line: Polyline, s: float, width: float) -> Float:
 
 
 def _build_signals(roads: RoadMap) -> Mapping[str, tuple[str, ...]]:
-    """Traffic light -> lanes it controls."""
+    """Return traffic light id -> ids of the lanes it controls."""
     lanes: defaultdict[str, list[str]] = defaultdict(list)
     for lane in roads.driving:
         for light in sorted({link.rpartition(":")[0] for link in lane.lights.values()}):

@@ -1,7 +1,7 @@
-"""Recorded episodes as logs: what was driven in SUMO becomes a Recording, as if somebody had filmed it.
+"""Convert recorded episodes to logs: the simulated motion becomes a Recording.
 
-All road users are in one view, without any error: the truth. `write_v2xpnp` makes of it what observers would have
-noted. The frame is the network's.
+All road users are in one view without any error (ground truth); `write_v2xpnp` derives the views of observers. The
+frame is that of the network.
 """
 
 from collections.abc import Sequence
@@ -25,19 +25,19 @@ CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
     (6.5, ObjectCategory.VAN),
     (np.inf, ObjectCategory.TRUCK),
 )
-"""What vehicles are called, by their length [m], where the scenario does not say."""
+"""Category of vehicles by length [m], where the scenario names none."""
 STATION_YAW = 0.0
-"""Stations look in all directions."""
+"""Stations observe all directions."""
 
 
 def record_episode(
     episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, window_s: tuple[float, float] | None = None
 ) -> Recording:
-    """The episode as a log of 10 Hz: all road users as tracks of the first view, a further view for every station.
+    """Return the episode as a 10 Hz log: all road users in the first view, one further view per station.
 
-    `window_s` [s since the start] is what is kept; by default from the start until the first CAV leaves, since an
-    observer of a log is there in all frames. CAVs that are not there throughout are ordinary vehicles and listed in
-    the notes. Raises InputError for another scenario's episode or a window without frames.
+    `window_s` [s since the start] selects a part; by default from the start until the first CAV leaves, because an
+    observer must be present in all frames. Other CAVs are ordinary vehicles and are listed in the notes. Raises
+    InputError for an episode of another scenario or a window without frames.
     """
     if (episode.scenario, episode.ego_ids) != (scenario.id, tuple(ego.id for ego in scenario.egos)):
         raise InputError(f"recording of {episode.scenario}: expected an episode of scenario {scenario.id}")
@@ -53,7 +53,7 @@ def record_episode(
         id=scenario.id,
         source="mdrive-sumo",
         dt_s=DT_S,
-        frames=len(ticks),
+        frame_count=len(ticks),
         views=(ObserverView("log", tracks), *posts),
         map=build_hd_map(roads),
         cavs=cavs,
@@ -62,7 +62,7 @@ def record_episode(
 
 
 def _select_ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) -> np.ndarray:
-    """The ticks that are frames of the log."""
+    """Return the ticks that become frames of the log."""
     if window_s is None:
         first, last = 0, int(episode.valid[:, : episode.egos].sum(axis=0).min()) - 1
     else:
@@ -77,7 +77,7 @@ def _select_ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) 
 
 
 def _assign_categories(episode: EpisodeRecord, scenario: Scenario) -> Sequence[ObjectCategory]:
-    """Of every column of the episode: as the scenario calls it, else by kind and size."""
+    """Return the category of every episode column: that of the scenario, else by kind and size."""
     models = {actor.id: actor.model for actor in scenario.actors}
     known = {category.value: category for category in ObjectCategory}
     return [

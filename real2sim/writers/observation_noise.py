@@ -1,7 +1,7 @@
-"""What several observers would have noted of a known scene: the noise that V2XPnP's logs show (format notes, 2.2).
+"""Simulate what several observers would record of a known scene, with the noise of V2XPnP's logs (format notes, 2.2).
 
-A surrogate: sizes, yaws, ranges and offsets have the magnitudes measured on the real frames; how errors hang together
-in time, how often gaps occur and how often labels are wrong could not be measured on single frames and are assumed.
+A surrogate: errors of sizes, yaws, ranges and offsets have the magnitudes measured on real frames; the correlation of
+errors in time and the rates of gaps and wrong labels cannot be measured on single frames and are assumed.
 """
 
 import math
@@ -22,37 +22,37 @@ from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory, ObserverView, Rec
 
 @dataclass(frozen=True, slots=True)
 class ObservationNoise:
-    """How unlike the truth, and one another, the views of a scene are."""
+    """Differences of the views from the truth and from each other."""
 
     position_m: float = 0.06
-    """Standard deviation in x and in y: two agents then are 0.1 m apart in the median, as measured."""
+    """Standard deviation in x and in y: two agents then differ by 0.1 m in the median, as measured."""
     correlation_s: float = 1.0
-    """Assumed: how long an error of position lasts."""
+    """Correlation time of position errors; assumed."""
     size: float = 0.06
-    """Relative standard deviation of a vehicle's size, one draw an agent (4.04 m against 4.60 m was seen)."""
-    walker_size: float = 0.15
-    """Of a pedestrian's, one draw a frame."""
+    """Relative standard deviation of a vehicle's size, one draw per agent (4.04 m instead of 4.60 m was observed)."""
+    pedestrian_size: float = 0.15
+    """The same for pedestrians, one draw per frame."""
     yaw_deg: float = 0.5
     lag_s: float = 0.4
-    """The yaw of boxes follows motion with this delay: 10 degrees in a turn of 25 degrees/s."""
-    flip: float = 0.02
-    """Assumed: chance per frame that a pedestrian's yaw, which is junk, turns round."""
+    """Delay of the yaw of boxes behind the motion: 10 degrees in a turn of 25 degrees/s."""
+    flip_probability: float = 0.02
+    """Probability per frame that a pedestrian's yaw, which is meaningless, flips; assumed."""
     mount_m: tuple[float, float] = (0.5, 0.9)
-    """How far before or behind the box's centre a CAV's lidar is."""
+    """Range of the longitudinal offset of a CAV's lidar from the box centre."""
     mount_deg: float = 5.0
-    """Largest turn of the lidar against the car."""
+    """Maximum angle between lidar and car."""
     cav_range_m: float = 120.0
     station_range_m: float = 85.0
-    least_visible: float = 0.1
-    """Share of a box that must be in sight."""
+    min_visible_share: float = 0.1
+    """Minimum share of a box that must be visible."""
     gaps_per_s: float = 0.05
     """Assumed."""
-    longest_gap: int = 5
-    """[frames]; assumed."""
-    wrong_label: float = 0.03
-    """Chance for a thing in one agent's view; assumed."""
-    wrong_attribute: float = 0.1
-    """Chance that an agent does not call a parked thing static; for others it is a tenth of that. Assumed."""
+    max_gap_frames: int = 5
+    """[frames] Assumed."""
+    label_error_probability: float = 0.03
+    """Probability per object and agent; assumed."""
+    attribute_error_probability: float = 0.1
+    """Probability that an agent does not label a parked object static; a tenth of it for other objects. Assumed."""
 
 
 CONFUSED_WITH: Mapping[ObjectCategory, ObjectCategory] = {
@@ -64,11 +64,11 @@ CONFUSED_WITH: Mapping[ObjectCategory, ObjectCategory] = {
 
 
 def simulate_observers(truth: Recording, noise: ObservationNoise | None, seed: int) -> Recording:
-    """The scene as its observers noted it: one view for every CAV (1, 2, ...) and every station (-1, -2, ...).
+    """Return the scene as its observers record it: one view per CAV (1, 2, ...) and per station (-1, -2, ...).
 
-    `truth` holds all tracks in its first view; `truth.cavs` names those that observe, which must be there in every
-    frame; stations are further views with `infrastructure` and a pose. Ids become numbers
-    (`assign_numbers`). Without noise every observer sees everything exactly, except itself.
+    `truth` holds all tracks in its first view; `truth.cavs` names the observers, which must be valid in every frame;
+    stations are further views with `is_infrastructure` and a pose. Ids become numbers (`assign_numbers`). Without noise
+    every observer sees everything exactly, except itself.
     """
     names = assign_numbers(truth)
     tracks = tuple(replace(track, id=names[track.id]) for track in truth.views[0].tracks)
@@ -86,7 +86,7 @@ def simulate_observers(truth: Recording, noise: ObservationNoise | None, seed: i
 
 
 def assign_numbers(truth: Recording) -> dict[str, str]:
-    """The number that stands for each track's id: the id itself if all are plain numbers, else counted."""
+    """Return the number for each track id: the id itself if all ids are plain numbers, else a counter."""
     ids = [track.id for track in truth.views[0].tracks]
     if all(name.isdecimal() and name == str(int(name)) for name in ids):
         return {name: name for name in ids}
@@ -94,7 +94,7 @@ def assign_numbers(truth: Recording) -> dict[str, str]:
 
 
 def _list_stations(truth: Recording) -> list[ObserverView]:
-    return [view for view in truth.views[1:] if view.infrastructure]
+    return [view for view in truth.views[1:] if view.is_infrastructure]
 
 
 def _get_cav_pose(track: RecordedTrack, cav: str) -> Float:
@@ -106,7 +106,7 @@ def _get_cav_pose(track: RecordedTrack, cav: str) -> Float:
 def _simulate_view(
     agent: str, scene: ObserverView, noise: ObservationNoise | None, seed: int, dt_s: float
 ) -> ObserverView:
-    """scene: all tracks, the carrier's id as observer ("" for a station) and the carrier's pose."""
+    """Simulate one view; `scene` holds all tracks, the carrier's id as observer ("" for a station) and its pose."""
     others = tuple(track for track in scene.tracks if track.id != scene.observer)
     station = agent.startswith("-")
     if noise is None:
@@ -121,7 +121,7 @@ def _simulate_view(
 
 
 def _offset_sensor(pose: Float, noise: ObservationNoise, rng: np.random.Generator) -> Float:
-    """Pose (T, 3) of a lidar on a car."""
+    """Return the pose (T, 3) of a lidar mounted on a car."""
     ahead = rng.choice((-1.0, 1.0)) * rng.uniform(*noise.mount_m)
     aside, turn = rng.normal(0.0, 0.05), math.radians(rng.uniform(-noise.mount_deg, noise.mount_deg))
     cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
@@ -159,16 +159,16 @@ def _build_objects(tracks: list[RecordedTrack], t: int) -> Objects:
 def _observe_track(
     track: RecordedTrack, seen: Bool, noise: ObservationNoise, rng: np.random.Generator, dt_s: float
 ) -> RecordedTrack:
-    """One track as one agent notes it; `seen` (T,)."""
+    """Return a track as one agent records it; `seen` is (T,)."""
     count = len(track.valid)
     valid = track.valid & seen & ~_draw_gaps(count, noise, rng, dt_s)
     gone = np.where(valid, 0.0, np.nan)
     walker = track.category is ObjectCategory.PEDESTRIAN
     error = _draw_correlated_error(count, noise, rng, dt_s)
-    scale = np.exp(rng.normal(0.0, noise.walker_size if walker else noise.size, (2, count if walker else 1)))
+    scale = np.exp(rng.normal(0.0, noise.pedestrian_size if walker else noise.size, (2, count if walker else 1)))
     yaw = _draw_random_yaw(count, noise, rng) if walker else _lag_yaw(track, noise, rng, dt_s)
-    mistaken = rng.random() < noise.wrong_label
-    doubt = noise.wrong_attribute if track.parked else noise.wrong_attribute / 10
+    mistaken = rng.random() < noise.label_error_probability
+    doubt = noise.attribute_error_probability if track.parked else noise.attribute_error_probability / 10
     return replace(
         track,
         category=CONFUSED_WITH.get(track.category, track.category) if mistaken else track.category,
@@ -183,15 +183,15 @@ def _observe_track(
 
 
 def _draw_gaps(count: int, noise: ObservationNoise, rng: np.random.Generator, dt_s: float) -> Bool:
-    """(T,) where a track is interrupted."""
+    """Return a mask (T,) of interruptions."""
     gaps = np.zeros(count, dtype=np.bool_)
     for start in np.flatnonzero(rng.random(count) < noise.gaps_per_s * dt_s).tolist():
-        gaps[start : start + int(rng.integers(1, noise.longest_gap, endpoint=True))] = True
+        gaps[start : start + int(rng.integers(1, noise.max_gap_frames, endpoint=True))] = True
     return gaps
 
 
 def _draw_correlated_error(count: int, noise: ObservationNoise, rng: np.random.Generator, dt_s: float) -> Float:
-    """(T, 2) [m] a stationary first-order process: errors that last a while."""
+    """Return (T, 2) [m] of a stationary first-order process."""
     keep = math.exp(-dt_s / noise.correlation_s)
     error = rng.normal(0.0, noise.position_m, (count, 2))
     for t in range(1, count):
@@ -200,12 +200,12 @@ def _draw_correlated_error(count: int, noise: ObservationNoise, rng: np.random.G
 
 
 def _draw_random_yaw(count: int, noise: ObservationNoise, rng: np.random.Generator) -> Float:
-    flips = np.cumsum(rng.random(count) < noise.flip).astype(np.float64)
+    flips = np.cumsum(rng.random(count) < noise.flip_probability).astype(np.float64)
     return wrap_angles(rng.uniform(-math.pi, math.pi) + math.pi * flips)
 
 
 def _lag_yaw(track: RecordedTrack, noise: ObservationNoise, rng: np.random.Generator, dt_s: float) -> Float:
-    """The yaw of some time ago, by a low pass over the frames in which the thing is there."""
+    """Return the yaw delayed by a low-pass filter over the valid frames."""
     follow = dt_s / (noise.lag_s + dt_s)
     yaw, late = track.yaw.copy(), math.nan
     for t in np.flatnonzero(np.isfinite(yaw)).tolist():

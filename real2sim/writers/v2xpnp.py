@@ -1,7 +1,7 @@
-"""Writes recordings as V2XPnP logs, since the real ones cannot be shipped: agent folders of 10 Hz YAML.
+"""Write recordings as V2XPnP logs: agent folders of 10 Hz YAML. The original logs cannot be shipped.
 
-The text is what PyYAML makes of the dataset's fields, to the last space, so that the reader is tested on the real
-layout. Heights and slopes are none of a plane recording's: z and the other two angles are 0, heights are usual ones.
+The text equals PyYAML's output for the dataset's fields to the last space, so that the reader is tested on the real
+layout. A recording is planar: z and the other two angles are 0, heights are typical values.
 """
 
 import math
@@ -39,10 +39,10 @@ def write_v2xpnp(truth: Recording, folder: Path, noise: ObservationNoise | None,
 
 
 def write_views(recording: Recording, folder: Path) -> None:
-    """Writes every view as it is, in a folder of the observer's name.
+    """Write every view to a folder named after its observer.
 
-    Raises ValueError unless observers and ids are numbers and frames 0.1 s apart. The format knows no thing without
-    yaw: such are written with 0. Sizes that are NaN are written as 0, which the reader takes for unknown.
+    Raises ValueError unless observers and ids are numbers and frames are 0.1 s apart. The format requires a yaw:
+    unknown ones are written as 0. Unknown sizes are written as 0, which the reader treats as unknown.
     """
     if not math.isclose(recording.dt_s, DT_S):
         raise ValueError(f"V2XPnP has frames {DT_S} s apart, not {recording.dt_s} s")
@@ -51,15 +51,15 @@ def write_views(recording: Recording, folder: Path) -> None:
             raise ValueError(f"V2XPnP has numbers for observers and ids, not those of view {view.observer!r}")
         target = folder / view.observer
         target.mkdir(parents=True, exist_ok=True)
-        for t, text in enumerate(_format_frames(view, recording.frames)):
+        for t, text in enumerate(_format_frames(view, recording.frame_count)):
             (target / f"{t:06d}.yaml").write_text(text, encoding="utf-8")
 
 
 def _format_frames(view: ObserverView, frames: int) -> list[str]:
-    """The text of every frame."""
+    """Return the text of every frame."""
     objects: list[list[str]] = [[] for _ in range(frames)]
     for track in sorted(view.tracks, key=lambda track: int(track.id)):
-        for t, numbers in zip(track.frames.tolist(), _tabulate(track), strict=True):
+        for t, numbers in zip(track.valid_frames.tolist(), _tabulate(track), strict=True):
             objects[t].append(_format_object(track, numbers))
     yaws = np.degrees(view.pose[:, 2])
     heads = [_format_head(view, x, y, yaw) for (x, y, _), yaw in zip(view.pose.tolist(), yaws.tolist(), strict=True)]
@@ -67,8 +67,8 @@ def _format_frames(view: ObserverView, frames: int) -> list[str]:
 
 
 def _tabulate(track: RecordedTrack) -> list[list[float]]:
-    """Rows of x, y, yaw [degrees], half length, half width of the frames in which it is there."""
-    rows = np.column_stack((track.xy, np.degrees(track.yaw), track.length / 2, track.width / 2))[track.frames]
+    """Return rows of x, y, yaw [degrees], half length, half width of the valid frames."""
+    rows = np.column_stack((track.xy, np.degrees(track.yaw), track.length / 2, track.width / 2))[track.valid_frames]
     known: Float = np.where(np.isnan(rows), 0.0, rows)
     return known.tolist()
 
@@ -78,9 +78,9 @@ def _format_number(value: float) -> str:
 
 
 def _format_head(view: ObserverView, x: float, y: float, yaw_deg: float) -> str:
-    height = 4.0 if view.infrastructure else 1.9
+    height = 4.0 if view.is_infrastructure else 1.9
     pose = "".join(f"- {_format_number(value)}\n" for value in (x, y, height, 0.0, yaw_deg, 0.0))
-    infra = "true" if view.infrastructure else "false"
+    infra = "true" if view.is_infrastructure else "false"
     return f"ego_speed: 0\ninfra: {infra}\nlidar_pose:\n{pose}true_ego_pose:\n{pose}vehicles:"
 
 

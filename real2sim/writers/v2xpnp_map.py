@@ -1,7 +1,7 @@
-"""Writes vector maps as V2XPnP does: a pickle under the class names of the original, without having these classes.
+"""Write vector maps in V2XPnP's format: a pickle that names the original classes, without requiring them.
 
-The pickle is put together opcode by opcode (Python's pickletools lists them), since a plain dump needs importable
-modules of those names. Whoever has the original's classes unpickles it with them.
+The pickle is assembled opcode by opcode (see Python's pickletools), because pickle.dump needs importable modules of
+those names. The original code base can unpickle it.
 """
 
 import re
@@ -18,7 +18,7 @@ from real2sim.readers.v2xpnp_map import LANE_KINDS, MODULE
 
 @dataclass(frozen=True, slots=True)
 class _PickledObject:
-    """An instance of a class of the original."""
+    """An instance of an original class."""
 
     name: str
     fields: "Mapping[str, _PickledValue]"
@@ -35,10 +35,10 @@ _TYPES = {kind: number for number, kind in LANE_KINDS.items()} | {LaneKind.BIKE:
 
 
 def write_vector_map(found: HdMap, path: Path) -> Mapping[str, str]:
-    """Writes a map, and tells under which "road_lane" each lane id stands in it.
+    """Write a map; return the "road_lane" name of each lane id.
 
-    Lost is what the format cannot say: widths, limits, neighbours, directions, stop lines, ids of traffic lights; a
-    lane's two boundaries become one list.
+    The format cannot represent widths, limits, neighbours, directions, stop lines and ids of traffic lights; the two
+    boundaries of a lane become one list.
     """
     numbers = assign_lane_numbers(found)
     names = {lane: f"{road}_{place}" for lane, (road, place) in numbers.items()}
@@ -56,7 +56,7 @@ def write_vector_map(found: HdMap, path: Path) -> Mapping[str, str]:
 
 
 def assign_lane_numbers(found: HdMap) -> dict[str, tuple[int, int]]:
-    """road_id and lane_id of every lane: as the ids say if all are "road_lane", else counted.
+    """Return road_id and lane_id of every lane: those in the ids if all are "road_lane", else counters.
 
     Lanes of one group, or else neighbours, become one road, counted from left to right from 1.
     """
@@ -71,7 +71,7 @@ def assign_lane_numbers(found: HdMap) -> dict[str, tuple[int, int]]:
 
 
 def _find_leftmost(found: HdMap, lane: MapLane) -> tuple[str, int]:
-    """The lane farthest to the left over neighbours, and how many steps it is away."""
+    """Return the leftmost lane over neighbours, and the number of steps to it."""
     seen = [lane.id]
     while (left := found.lanes[seen[-1]].left_neighbour) in found.lanes and left not in seen:
         seen.append(left)
@@ -96,7 +96,7 @@ def _build_points(line: Float) -> list[_PickledObject]:
 
 
 def _build_dynamic_states(found: HdMap) -> list[_PickledObject] | None:
-    """One moment in which every lane of a traffic light is unknown; none in practice."""
+    """Return one state with all controlled lanes unknown; None without traffic lights."""
     places = {name: i for i, name in enumerate(found.lanes)}
     lit = sorted({places[lane] for lanes in found.signals.values() for lane in lanes if lane in places})
     if not lit:
@@ -110,7 +110,7 @@ def _encode_global(name: str) -> bytes:
 
 
 def _encode(value: _PickledValue) -> bytes:
-    """Opcodes (protocol 2) that leave the value on the stack."""
+    """Return opcodes (protocol 2) that leave the value on the stack."""
     match value:
         case None:
             return b"N"

@@ -54,12 +54,12 @@ def conversion_rows(folder: Path) -> Iterator[Row]:
 
 def _step_rows(log: LogSource, draft: Path) -> Iterator[Row]:
     spent: dict[str, float] = defaultdict(float)
-    for name in STEPS:
+    for name in STEPS.values():
         setattr(scenario_builder, name, _timed(name, getattr(scenario_builder, name), spent))
     began = time.perf_counter()
     convert_log(log, draft, scenario_builder.ConversionOptions(), False)
     whole = time.perf_counter() - began
-    yield from ((f"convert, of these {name.strip('_')}", spent[name], "s", "-") for name in STEPS)
+    yield from ((f"convert, of these {row}", spent[name], "s", "-") for row, name in STEPS.items())
     yield "convert, of these reading and writing", whole - sum(spent.values()), "s", "-"
 
 

@@ -71,7 +71,7 @@ def plant_duplicates(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 5
     for v, t in picked(log, rng, count, lambda track: track.valid.sum() > 40, avoid):
         view = log.recording.views[v]
         track = view.tracks[t]
-        frames = track.frames[: int(rng.integers(20, track.valid.sum()))]
+        frames = track.valid_frames[: int(rng.integers(20, track.valid.sum()))]
         off = rng.normal(0, 0.08, 2) if track.category is ObjectCategory.PEDESTRIAN else rng.normal(0, 0.2, 2)
         copy = without(track, np.setdiff1d(np.arange(len(track.x)), frames))
         copy = replace(copy, id=f"{9000 + len(faults)}", x=copy.x + off[0], y=copy.y + off[1])
@@ -139,7 +139,7 @@ def plant_ego_ghosts(log: Log, seed: int, avoid: Avoid = NOTHING) -> Planted:
     rng = np.random.default_rng(seed)
     faults: list[Fault] = []
     for v, view in enumerate(log.recording.views):
-        own = [thing for thing in log.truth if len(view.pose) and not view.infrastructure and is_own(thing, view)]
+        own = [thing for thing in log.truth if len(view.pose) and not view.is_infrastructure and is_own(thing, view)]
         for thing in own:
             off = rng.normal(0, 0.15, 2)
             ghost = replace(thing, id=f"{8000 + v}", x=thing.x + off[0], y=thing.y + off[1])

@@ -110,7 +110,7 @@ def observed(things: Sequence[RecordedTrack], seed: int, noise: float = 1.0, cav
     for name, (x, y) in posts:
         pose = np.tile((x, y, 0.0), (frames, 1))
         views.append(seen(things, name, pose, (rng, noise)))
-    names = tuple(view.observer for view in views if not view.infrastructure)
+    names = tuple(view.observer for view in views if not view.is_infrastructure)
     return Log(Recording(f"made-{seed}", "made", DT, frames, tuple(views), HdMap(), names), tuple(things))
 
 

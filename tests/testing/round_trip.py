@@ -128,13 +128,13 @@ def windowed(recording: Recording, frames: slice) -> Recording:
 
     def cut(track: RecordedTrack) -> RecordedTrack:
         columns = ("valid", "x", "y", "yaw", "length", "width")
-        return track.with_rows(**{name: getattr(track, name)[frames] for name in columns})
+        return track.replace_columns(**{name: getattr(track, name)[frames] for name in columns})
 
     views = tuple(
         replace(view, tracks=tuple(k for track in view.tracks if (k := cut(track)).valid.any()), pose=view.pose[frames])
         for view in recording.views
     )
-    return replace(recording, frames=len(range(recording.frames)[frames]), views=views)
+    return replace(recording, frames=len(range(recording.frame_count)[frames]), views=views)
 
 
 def as_truth(recording: Recording, stations: int = 2) -> Recording:
@@ -146,7 +146,7 @@ def as_truth(recording: Recording, stations: int = 2) -> Recording:
     movers = sorted(whole, key=lambda t: -float(np.ptp(t.xy, axis=0).max()))[:2]
     middle = np.nanmedian(np.concatenate([t.xy for t in tracks]), axis=0)
     posts = [
-        ObserverView(f"post{n}", (), np.tile((*(middle + 20.0 * n), 0.0), (recording.frames, 1)), True)
+        ObserverView(f"post{n}", (), np.tile((*(middle + 20.0 * n), 0.0), (recording.frame_count, 1)), True)
         for n in range(stations)
     ]
     return replace(recording, dt_s=0.1, views=(ObserverView("log", tracks), *posts), cavs=tuple(t.id for t in movers))

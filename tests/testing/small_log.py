@@ -59,7 +59,7 @@ def recording() -> Recording:
         track("14", 70.0, -4.0, 0.0),
     )
     pose = np.tile((*STATION, 0.0), (FRAMES, 1))
-    views = (ObserverView("log", tracks), ObserverView("-1", (), pose, infrastructure=True))
+    views = (ObserverView("log", tracks), ObserverView("-1", (), pose, is_infrastructure=True))
     return Recording("small", "test", DT_S, FRAMES, views, road(), ("1", "2"))
 
 

@@ -1,1 +1,1 @@
-"""Synthetic recordings in the V2XPnP format: dense traffic on maps of our own, recorded, written, converted."""
+"""Synthetic recordings in the V2XPnP format: dense traffic on our own maps, recorded, written and converted."""

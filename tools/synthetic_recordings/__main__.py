@@ -1,4 +1,4 @@
-"""`python -m tools.synthetic_recordings`: see make.py."""
+"""`python -m tools.synthetic_recordings`: see build_suite.py."""
 
 from tools.synthetic_recordings.build_suite import main
 

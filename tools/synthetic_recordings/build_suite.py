@@ -1,9 +1,9 @@
-"""Makes the V2XPnP bucket: `python -m tools.synthetic_recordings [--count N] [--seed S] [--out DIR]`.
+"""Build the V2XPnP bucket: `python -m tools.synthetic_recordings [--count N] [--seed S] [--out DIR]`.
 
 Synthetic recordings in the V2XPnP format, not the V2XPnP data set: drives in SUMO on two maps of our own are recorded
-by CAVs and roadside units, written in the format with its noise (logs and maps stay in OUT.work), and converted as
-`mdrive-sumo convert v2xpnp` does, save that all logs of a map share one network. Of somewhat more recordings than are
-asked for those are kept that come nearest to the paper's table; ones in which a CAV cannot arrive are left out.
+by CAVs and roadside units, written in the format with its noise (logs and maps stay in OUT.work), and converted like
+`mdrive-sumo convert v2xpnp`, except that all logs of a map share one network. More recordings are made than needed;
+those whose means come nearest to the paper's table are kept. Recordings in which a CAV cannot arrive are dropped.
 """
 
 import argparse
@@ -39,15 +39,15 @@ from tools.synthetic_recordings.record_drive import RECORDING_SITES
 
 COUNT = 67
 SHARES = {("crossing", 2): 28, ("crossing", 1): 7, ("corridor", 2): 26, ("corridor", 1): 6}
-"""Of 67: how many on each map with so many CAVs; 1.81 CAVs a scenario (paper: 1.80)."""
+"""Of 67: number of scenarios by map and number of CAVs; 1.81 CAVs per scenario (paper: 1.80)."""
 DRIVES_PER_SCENARIO = 2.0
-"""Drives for every scenario: in some a CAV stands at a red light, some are not solvable, and the means must fit."""
+"""Some drives stop at a red light, some are not solvable, and the means must match."""
 LIMIT_S = 600.0
 R = TypeVar("R")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Writes the suite to --out, which must be new."""
+    """Write the suite to --out, which must be new."""
     asked = argparse.ArgumentParser(description="Synthetic recordings in the V2XPnP format, as a suite.")
     asked.add_argument("--count", type=int, default=COUNT)
     asked.add_argument("--seed", type=int, default=0)
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def build_suite(out: Path, count: int, seed: int, workers: int) -> None:
-    """Records, converts, chooses, and writes; raises InputError."""
+    """Record, convert, select and write; raise InputError."""
     work = out.with_name(out.name + ".work")
     for folder in (out, work):
         if folder.exists():
@@ -75,10 +75,10 @@ def build_suite(out: Path, count: int, seed: int, workers: int) -> None:
 
 
 def write_selection(out: Path, outcomes: Sequence[RecordingOutcome], wanted: dict[str, int]) -> None:
-    """Chooses among the scenarios that were made, removes the others, completes and seals the suite.
+    """Select among the converted scenarios, remove the others, complete and seal the suite.
 
-    Left out are those that would not pass `mdrive-sumo validate`; where enough are left also those in which
-    `omniscient` has an infraction.
+    Scenarios that would fail `mdrive-sumo validate` are dropped; if enough remain, also those in which `omniscient` has
+    an infraction.
     """
     found: list[SelectionCandidate] = []
     for group, count in wanted.items():
@@ -98,7 +98,7 @@ def write_selection(out: Path, outcomes: Sequence[RecordingOutcome], wanted: dic
 
 
 def split_count(count: int) -> dict[tuple[str, int], int]:
-    """How many of each kind; rounded so that they add up."""
+    """Return the number of scenarios per kind, rounded so that they add up to `count`."""
     exact = {key: share * count / COUNT for key, share in SHARES.items()}
     found = {key: math.floor(number) for key, number in exact.items()}
     for key in sorted(exact, key=lambda key: found[key] - exact[key])[: count - sum(found.values())]:
@@ -107,7 +107,7 @@ def split_count(count: int) -> dict[tuple[str, int], int]:
 
 
 def _build_tasks(wanted: dict[tuple[str, int], int], seed: int, work: Path, out: Path) -> list[RecordingTask]:
-    """Numbers run over each map."""
+    """Return all tasks, numbered per map."""
     tasks: list[RecordingTask] = []
     for place in RECORDING_SITES:
         drives = [
@@ -121,7 +121,7 @@ def _build_tasks(wanted: dict[tuple[str, int], int], seed: int, work: Path, out:
 
 
 def _add_networks(tasks: Sequence[RecordingTask]) -> list[RecordingTask]:
-    """The tasks with the network of their map."""
+    """Return the tasks with the network of their map."""
     found: list[RecordingTask] = []
     for place in RECORDING_SITES:
         here = [task for task in tasks if task.place == place]
@@ -134,7 +134,7 @@ def _add_networks(tasks: Sequence[RecordingTask]) -> list[RecordingTask]:
 def _run_all(
     function: Callable[[RecordingTask], R | str], tasks: Sequence[RecordingTask], workers: int
 ) -> Iterator[tuple[RecordingTask, R | str]]:
-    """What became of every task, as they finish; told on standard error."""
+    """Yield the result of every task as it finishes; report progress on standard error."""
     with ProcessPool(function, workers, LIMIT_S) as pool:
         for n, (task, answer) in enumerate(pool.run(tasks), 1):
             said = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
@@ -143,7 +143,7 @@ def _run_all(
 
 
 def _print_summary(chosen: Sequence[SelectionCandidate], outcomes: Sequence[RecordingOutcome]) -> None:
-    """The means, and how the baselines did, on standard output."""
+    """Print the means and the results of the baselines on standard output."""
     kept = [one for one in outcomes if one.task.name in {other.id for other in chosen}]
     length, turned, actors = compute_means(chosen).tolist()
     about = {

@@ -1,4 +1,4 @@
-"""Which of the converted recordings make up the bucket: those whose means are nearest to the paper's table."""
+"""Select the converted recordings whose means are nearest to the paper's table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,19 +10,19 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
 
 PAPER_MEANS = np.array((45.68, 60.92, 83.88))
-"""Means of the bucket in the paper's table: route [m] and heading change [deg] of a CAV, background actors."""
+"""Means of the bucket in the paper's table: route [m] and heading change [deg] per CAV, background actors."""
 MAX_ROUNDS = 200
 
 
 @dataclass(frozen=True)
 class SelectionCandidate:
-    """A converted recording and what counts of it."""
+    """A converted recording with its figures for the selection."""
 
     id: str
     group: str
-    """Map and number of CAVs; of every group so many are chosen as are asked for."""
+    """Map and number of CAVs; the required number of each group is selected."""
     sums: tuple[float, float, float]
-    """Route lengths [m] and heading changes [deg] summed over the CAVs, background actors."""
+    """Route lengths [m] and heading changes [deg] summed over the CAVs, number of background actors."""
     cavs: int
 
 
@@ -34,7 +34,7 @@ def build_candidate(scenario: Scenario, group: str) -> SelectionCandidate:
 
 
 def compute_means(chosen: Sequence[SelectionCandidate]) -> Float:
-    """In the order of `PAPER_MEANS`; lengths and turns over all CAVs, actors over the scenarios."""
+    """Return means in the order of `PAPER_MEANS`; lengths and turns over all CAVs, actors over the scenarios."""
     sums = np.array([one.sums for one in chosen]).sum(axis=0)
     cavs = sum(one.cavs for one in chosen)
     return sums / (cavs, cavs, len(chosen))
@@ -43,7 +43,7 @@ def compute_means(chosen: Sequence[SelectionCandidate]) -> Float:
 def select_candidates(
     candidates: Sequence[SelectionCandidate], wanted: Mapping[str, int]
 ) -> tuple[SelectionCandidate, ...]:
-    """The first of every group, then the best exchange for another of its group until none is better."""
+    """Start with the first of every group, then apply the best exchange within a group until none improves."""
     chosen = [
         one
         for group, count in wanted.items()

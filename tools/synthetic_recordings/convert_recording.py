@@ -1,4 +1,4 @@
-"""The V2XPnP bucket: many synthetic recordings, converted onto one network a map, driven, and a choice of them."""
+"""Record, convert and examine one synthetic recording; all recordings of a map share one network."""
 
 import os
 from collections.abc import Sequence
@@ -29,12 +29,12 @@ ABOUT = SuiteFile(
     " written in the V2XPnP format with its noise, and converted back. Not the V2XPnP data set.",
 )
 VOTING_LOGS = 8
-"""Logs whose vehicles tell in which direction lanes are driven, and how fast."""
+"""Number of logs whose vehicles determine lane directions and speeds."""
 
 
 @dataclass(frozen=True)
 class RecordingTask:
-    """One recording to be made: where its log and its scenario go, and on which network it is converted."""
+    """One recording: its parameters, folders and network."""
 
     place: str
     number: int
@@ -46,7 +46,7 @@ class RecordingTask:
 
     @property
     def name(self) -> str:
-        """Of the log and of the scenario."""
+        """Name of the log and of the scenario."""
         return f"{self.place}_{self.number:03d}"
 
     @property
@@ -56,18 +56,18 @@ class RecordingTask:
 
     @property
     def log(self) -> Path:
-        """Its folder of agents."""
+        """Folder of the log's agents."""
         return self.work / LOGS / self.name
 
     @property
     def map(self) -> Path:
-        """The vector map."""
+        """Vector map of the log."""
         return self.work / MAPS / f"{self.place}.pkl"
 
 
 @dataclass(frozen=True)
 class RecordingOutcome:
-    """What became of a recording."""
+    """Result of one recording."""
 
     task: RecordingTask
     misses: tuple[str, ...]
@@ -77,7 +77,7 @@ class RecordingOutcome:
 
 
 def record_log(task: RecordingTask) -> Path | str:
-    """Writes the log and the map; where the log lies, or why there is none."""
+    """Write the log and the map; return the log's folder, or why there is none."""
     _redirect_stdout()
     drive = record_drive(task.place, task.number, task.cavs, task.seed)
     if (part := find_window(drive)) is None:
@@ -90,7 +90,7 @@ def record_log(task: RecordingTask) -> Path | str:
 
 
 def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
-    """SUITE/networks/<map> from the map of some logs and what moves in the first `VOTING_LOGS` of them."""
+    """Build SUITE/networks/<map> from the map and the motion in the first `VOTING_LOGS` logs."""
     first = tasks[0]
     name = f"v2xpnp_{first.place}"
     recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTING_LOGS]]
@@ -103,7 +103,7 @@ def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
 
 
 def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
-    """Converts a log onto its network and drives the scenario; a sentence if that cannot be done."""
+    """Convert a log on its network and examine the scenario; return a sentence if that is impossible."""
     _redirect_stdout()
     recording = read_v2xpnp(task.log, task.map)
     scene = SourceScene(
@@ -138,5 +138,5 @@ def _examine(task: RecordingTask) -> ScenarioValidation:
 
 
 def _redirect_stdout() -> None:
-    """SUMO writes warnings to standard output."""
+    """Redirect standard output to standard error, because SUMO writes warnings there."""
     os.dup2(2, 1)

@@ -1,4 +1,4 @@
-"""Smaller scenario files: timed poses that lie on the straight line between their neighbours are left out."""
+"""Shrink scenario files: drop timed poses that lie on the straight line between their neighbours."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
 
 AWAY_M, TURNED_RAD = 0.03, 0.05
-"""A pose may move and turn by this much. The smallest noise that a log has is 0.06 m."""
+"""Tolerance of a pose [m], [rad]. The smallest noise in a log is 0.06 m."""
 WALKER_TURNED_RAD = 0.3
-"""The same for people on foot, whose heading matters to nobody."""
+"""The same for pedestrians, whose heading has no effect."""
 
 
 def thin_scenario(scenario: Scenario) -> Scenario:
-    """The same scenario; replays and schedules go linearly from one of their points to the next."""
+    """Return the scenario with thinned replays and schedules, which are interpolated linearly."""
     vehicles = tuple(map(_thin_vehicle, scenario.background.vehicles))
     background = scenario.background.model_copy(update={"vehicles": vehicles})
     return scenario.model_copy(update={"background": background, "actors": tuple(map(_thin_actor, scenario.actors))})
@@ -39,7 +39,7 @@ def _thin_vehicle(vehicle: BackgroundVehicle) -> BackgroundVehicle:
 
 
 def _select_needed(rows: Float, away: Float) -> list[int]:
-    """Which of the rows (N, 1 + K), of time and K values, are needed for all to be within `away` (K,) of the lines.
+    """Return the rows of (N, 1 + K), time and K values, needed to keep all within `away` (K,) of the lines.
 
     The method of Ramer (1972), with differences at the same time instead of distances.
     """

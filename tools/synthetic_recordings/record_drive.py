@@ -1,7 +1,7 @@
-"""Synthetic recordings in the V2XPnP format: dense reactive traffic in SUMO, noted by CAVs and stations with noise.
+"""Record one drive: dense reactive traffic in SUMO, observed by CAVs and stations with noise.
 
-The real V2XPnP logs cannot be shipped. These are no copies of them: the places, the people and the drives are made up;
-what is alike is the format, its noise (`v2xpnp_noise`), and how full the scenes are.
+The real V2XPnP logs cannot be shipped, and these are no copies of them: places, people and drives are invented; format,
+noise (`writers.observation_noise`) and traffic density are alike.
 """
 
 from dataclasses import dataclass
@@ -29,21 +29,22 @@ from tools.synthetic_recordings.traffic import build_cavs, build_traffic
 
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"
-"""Who drives the CAVs while they are recorded."""
+"""Agent of the CAVs during the recording."""
 WINDOW_S = 9.0
 WARM_UP_S = 2.0
 LATEST_START_S = 24.0
-"""The recording begins between these two moments [s] of the drive."""
+"""[s] The recording begins between `WARM_UP_S` and this time of the drive."""
 MIN_DISTANCE_M = 12.0
-"""Each CAV drives at least this far in a recording."""
+"""[m] Each CAV drives at least this far in a recording."""
 LONG_M, LONG_COST = 42.0, 3.0
-"""Every metre that a CAV drives beyond this costs so many degrees in the choice of the part that is recorded: the
-paper's routes are short, 45.68 m on average."""
+"""[m], [deg/m] Cost of every metre beyond `LONG_M` in the choice of the window: the paper's routes are short, 45.68 m
+on average.
+"""
 
 
 @dataclass(frozen=True)
 class RecordingSite:
-    """A map, the stations on it, and how full it is."""
+    """A map with its stations and traffic density."""
 
     network: str
     stations: tuple[tuple[float, float], ...]
@@ -60,7 +61,7 @@ RECORDING_SITES = {
 
 @dataclass(frozen=True)
 class RecordedDrive:
-    """What was driven, and where."""
+    """A recorded drive."""
 
     scenario: Scenario
     roads: RoadMap
@@ -68,7 +69,7 @@ class RecordedDrive:
 
 
 def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDrive:
-    """A drive of `count` CAVs among dense traffic at one of `RECORDING_SITES`."""
+    """Record a drive of `count` CAVs in dense traffic at one of `RECORDING_SITES`."""
     where = RECORDING_SITES[place]
     roads = load_road_map(find_network_folder(where.network))
     name = f"{place}_{number:03d}"
@@ -93,16 +94,17 @@ def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDriv
 
 
 def _build_episode_config(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeConfig:
-    """Nobody speaks, so that stations need not look; and the drive is over when the last recording may end."""
+    """Configure an episode without messages, so that stations need no detections, that ends with the last window."""
     over = round((LATEST_START_S + WINDOW_S) * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
     return EpisodeConfig(scenario, roads, seed, comm=PRESETS["off"], replayed_failures=endings)
 
 
 def find_window(drive: RecordedDrive) -> tuple[float, float] | None:
-    """The part [s] of the drive in which the CAVs turn most, of those in which all are there and drive; None if none.
+    """Return the window [s] in which the CAVs turn most while all of them drive; None if there is none.
 
-    Way beyond `LONG_M` counts against a part. A tenth of a degree counts as nothing, of equal parts the first is taken.
+    Distance beyond `LONG_M` counts against a window. Differences below a tenth of a degree are ignored; the first
+    window wins.
     """
     parts = [(start, start + WINDOW_S) for start in np.arange(WARM_UP_S, LATEST_START_S + 0.5, 1.0).tolist()]
     fit = [part for part in parts if _do_all_cavs_drive(drive.episode, part)]
@@ -115,7 +117,7 @@ def _score_window(episode: EpisodeRecord, part: tuple[float, float]) -> float:
 
 
 def _select_rows(part: tuple[float, float]) -> slice:
-    """The ticks of a part, one in every tenth of a second."""
+    """Return the ticks of a window at 10 Hz."""
     first, last = (round(s * TICKS_PER_SECOND) for s in part)
     return slice(first, last + 1, TICKS_PER_SECOND // 10)
 
@@ -128,7 +130,7 @@ def _do_all_cavs_drive(episode: EpisodeRecord, part: tuple[float, float]) -> boo
 
 
 def _measure_distances(episode: EpisodeRecord, part: tuple[float, float]) -> Float:
-    """Of every CAV."""
+    """Return the driven distance [m] of every CAV."""
     x, y = (values[_select_rows(part), : episode.egos] for values in (episode.x, episode.y))
     return np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0)
 
@@ -139,6 +141,6 @@ def _measure_heading_change(episode: EpisodeRecord, part: tuple[float, float]) -
 
 
 def write_log(drive: RecordedDrive, window_s: tuple[float, float], folder: Path, seed: int) -> None:
-    """Writes FOLDER/<agent>/<frame>.yaml."""
+    """Write FOLDER/<agent>/<frame>.yaml."""
     truth = record_episode(drive.episode, drive.scenario, drive.roads, window_s)
     write_v2xpnp(truth, folder, ObservationNoise(), derive_seed(seed, "noise", drive.scenario.id))

@@ -1,6 +1,6 @@
-"""Where people walk, wait, ride and park on the two maps of the synthetic recordings, measured from their lanes.
+"""Poses beside the lanes on the two maps: where people walk, wait and ride, and where vehicles park.
 
-Both networks have the same cross-section on every road: lanes for cars, 2.2 m to park on, a pavement of 2.5 m.
+Both networks have the same cross-section on every road: car lanes, 2.2 m of parking, a pavement of 2.5 m.
 """
 
 import gzip
@@ -14,52 +14,52 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 
 PARKING_M, PAVEMENT_M = 2.2, 2.5
-"""Widths of the recipes (`networks/city_crossing`, `networks/city_corridor`)."""
+"""Widths in the recipes (`networks/city_crossing`, `networks/city_corridor`)."""
 RIDE_M = 0.6
-"""How far from the lane's edge cyclists ride in the empty parking strip."""
+"""[m] Distance of cyclists from the lane's edge, in the empty parking strip."""
 RoadsidePose = tuple[float, float, float]
 """x, y [m], yaw [rad]"""
 
 
 @dataclass(frozen=True)
 class SignalledCrossing:
-    """A pedestrian crossing: its ends, and when lights let people go."""
+    """A pedestrian crossing: its ends and green times."""
 
     line: Float
     """(2, 2) [m], from kerb to kerb."""
     green: tuple[tuple[float, float], ...]
-    """Intervals [s] within `cycle_s`; () where there are no lights."""
+    """Intervals [s] within `cycle_s`; () without traffic lights."""
     cycle_s: float
 
 
 def find_kerb_lanes(roads: RoadMap) -> list[Lane]:
-    """The rightmost lane for cars of every road."""
+    """Return the rightmost car lane of every road."""
     return [lane for lane in roads.driving if not lane.junction and not lane.right]
 
 
 def compute_roadside_pose(lane: Lane, s: float, right_m: float) -> RoadsidePose:
-    """Pose to the right of a lane's centre, at arc length s [m]."""
+    """Return a pose to the right of a lane's centre at arc length s [m]."""
     (x, y), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
     return round(x + right_m * float(np.sin(yaw)), 3), round(y - right_m * float(np.cos(yaw)), 3), round(float(yaw), 4)
 
 
 def compute_parking_pose(lane: Lane, s: float) -> RoadsidePose:
-    """In the middle of the parking strip."""
+    """Return a pose in the middle of the parking strip."""
     return compute_roadside_pose(lane, s, lane.width / 2 + PARKING_M / 2)
 
 
 def compute_cycling_pose(lane: Lane, s: float) -> RoadsidePose:
-    """In the parking strip, near the lane."""
+    """Return a pose in the parking strip, near the lane."""
     return compute_roadside_pose(lane, s, lane.width / 2 + RIDE_M)
 
 
 def compute_walking_pose(lane: Lane, s: float, aside: float) -> RoadsidePose:
-    """On the pavement, `aside` from -1 (at the kerb) to 1 (at the houses)."""
+    """Return a pose on the pavement, `aside` from -1 (at the kerb) to 1 (at the houses)."""
     return compute_roadside_pose(lane, s, lane.width / 2 + PARKING_M + PAVEMENT_M / 2 * (1 + 0.8 * aside))
 
 
 def find_crossings(roads: RoadMap) -> list[SignalledCrossing]:
-    """The crossings of a network with their green times, from its net file; in the order of `RoadMap.crossings`."""
+    """Return the crossings with their green times from the net file, in the order of `RoadMap.crossings`."""
     net = ET.fromstring(gzip.decompress(roads.net_file.read_bytes()))
     lights = {
         way.attrib["to"]: (way.attrib["tl"], int(way.attrib["linkIndex"]))
@@ -82,7 +82,7 @@ def _build_crossing(net: ET.Element, line: Float, light: tuple[str, int] | None)
 
 
 def _list_phases(net: ET.Element, light: str) -> Iterator[tuple[float, float, str]]:
-    """Begin and end [s] and state of every phase."""
+    """Yield begin and end [s] and state of every phase."""
     now = 0.0
     for program in net.iter("tlLogic"):
         if program.attrib["id"] == light:

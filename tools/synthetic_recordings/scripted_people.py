@@ -1,7 +1,7 @@
-"""People, cyclists and parked vehicles of a synthetic recording: scripted actors beside the lanes, drawn at random.
+"""Pedestrians, cyclists and parked vehicles: scripted actors beside the lanes, drawn at random.
 
-Pedestrians walk on pavements, stand at corners, and cross on crossings when lights let them, or at any time where there
-are none; then they stand. Cyclists ride along kerbs at which nobody parks.
+Pedestrians walk on pavements, stand at corners, and use crossings when lights allow it, or at any time without lights;
+then they stand. Cyclists ride along kerbs without parked vehicles.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,21 +25,21 @@ from tools.synthetic_recordings.roadside_poses import (
 )
 
 STEP_M = 3.0
-"""Between points of a path."""
+"""[m] Between points of a path."""
 BOX_M = {"pedestrian": (0.5, 0.6), "cyclist": (1.8, 0.6)}
 BAY_M = 6.8
-"""Of the kerb for each parked vehicle."""
+"""[m] Kerb length per parked vehicle."""
 CLEAR_M = 12.0
-"""Nobody parks so near to a junction."""
+"""[m] No parking this close to a junction."""
 VAN_SHARE = 0.15
 """Share of vans among parked vehicles."""
 WAIT_M, BEYOND_M = 1.8, 3.0
-"""How far from the kerb people wait to cross, and how far beyond the other kerb they go."""
+"""[m] Distance from the kerb while waiting, and distance beyond the other kerb."""
 
 
 @dataclass(frozen=True)
 class PopulationCounts:
-    """How many of each there are."""
+    """Number of road users of each kind."""
 
     walkers: int
     waiting: int
@@ -51,7 +51,7 @@ class PopulationCounts:
 def build_people(
     roads: RoadMap, count: PopulationCounts, until_s: float, rng: np.random.Generator
 ) -> tuple[Actor, ...]:
-    """All of them; `until_s` [s] is the last moment at which somebody begins to cross."""
+    """Build all of them; `until_s` [s] is the latest time at which a pedestrian begins to cross."""
     lanes = find_kerb_lanes(roads)
     strips = {lanes[i].id for i in rng.choice(len(lanes), size=max(len(lanes) // 4, 2), replace=False).tolist()}
     return (
@@ -66,7 +66,7 @@ def build_people(
 def _build_moving_actor(
     name: str, kind: str, places: Sequence[RoadsidePose], speed: float, start_s: float | None = None
 ) -> Actor:
-    """Somebody on a path, from the start or from a time on."""
+    """Build an actor on a path that moves from the start or from a given time."""
     x, y, yaw = places[0]
     length, width = BOX_M[kind]
     return Actor.model_validate(
@@ -101,7 +101,7 @@ def _build_walkers(lanes: Sequence[Lane], count: int, rng: np.random.Generator) 
 
 
 def _compute_stations(*turns: float) -> list[float]:
-    """Stations from the first turning point to the last; who walks on behind its path would walk onto the road."""
+    """Return stations from the first turning point to the last; walking beyond the path would lead onto the road."""
     return [s for begin, end in pairwise(turns) for s in _space_stations(begin, end)[1:]]
 
 
@@ -110,7 +110,7 @@ def _space_stations(begin: float, end: float) -> list[float]:
 
 
 def _build_waiting(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
-    """People who stand, most of them near a junction."""
+    """Yield standing pedestrians, most of them near a junction."""
     for n in range(count):
         lane = lanes[int(rng.integers(len(lanes)))]
         s = min(float(rng.exponential(10.0)), lane.centre.length - 1.0)
@@ -151,7 +151,7 @@ def _build_crossing(
 
 
 def _draw_crossing_time(zebra: SignalledCrossing, until_s: float, rng: np.random.Generator) -> float:
-    """A moment within the first two thirds of a green interval, or at any time."""
+    """Draw a time within the first two thirds of a green interval, or any time."""
     if not zebra.green:
         return round(float(rng.uniform(0.05, until_s)), 2)
     cycles = range(int(until_s // zebra.cycle_s) + 1)

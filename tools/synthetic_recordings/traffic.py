@@ -15,20 +15,20 @@ TURN_DEG = 45.0
 TURNING_SHARE = 0.75
 """Share of CAVs that turn."""
 START_M = (10.0, 35.0)
-"""How far before the end of their first lane CAVs start, at `START_MPS`."""
+"""[m] Distance of CAV starts from the end of their first lane; they start with `START_MPS`."""
 START_MPS = 5.0
 APART_M = 14.0
-"""From a CAV to any other vehicle at the start."""
+"""[m] From a CAV to any other vehicle at the start."""
 GAP_M = 13.0
-"""From one vehicle to the next on a lane at the start."""
+"""[m] Between vehicles on a lane at the start."""
 TRUCK_SHARE = 0.08
 HEADWAY_S = (7.0, 16.0)
-"""Between vehicles that come onto the map on one lane."""
+"""[s] Between vehicles that enter the map on one lane."""
 
 
 @dataclass(frozen=True)
 class VehicleStart:
-    """Where a vehicle is at the beginning."""
+    """Start position of a vehicle."""
 
     lane: Lane
     s: float
@@ -36,7 +36,7 @@ class VehicleStart:
 
 
 def build_cavs(roads: RoadMap, count: int, rng: np.random.Generator) -> tuple[Ego, ...]:
-    """CAVs well apart before junctions, on roads of one axis: lights then let all of them go at about the same time."""
+    """Build CAVs well apart before junctions, on roads of one axis: lights then release them together."""
     found: list[Ego] = []
     while len(found) < count:
         ego = _build_cav(roads, str(len(found)), rng)
@@ -73,13 +73,13 @@ def _build_cav(roads: RoadMap, name: str, rng: np.random.Generator) -> Ego:
 
 
 def _list_junction_passes(roads: RoadMap) -> list[tuple[Lane, Lane]]:
-    """Pairs of lanes: one that leads into a junction, and one that it leads to."""
+    """Return pairs of lanes: one that leads into a junction, and one that follows it."""
     into = [lane for lane in roads.driving if not lane.junction and lane.successors]
     return [(lane, after) for lane in into for after in _find_lanes_beyond(roads, lane)]
 
 
 def _find_lanes_beyond(roads: RoadMap, lane: Lane) -> list[Lane]:
-    """The lanes of roads behind the junction at a lane's end."""
+    """Return the lanes behind the junction at a lane's end."""
     found: list[Lane] = []
     for name in lane.successors:
         after = roads.lanes[name]
@@ -95,7 +95,7 @@ def _compute_turn(first: Lane, last: Lane) -> float:
 def build_traffic(
     roads: RoadMap, egos: Sequence[Ego], count: int, until_s: float, rng: np.random.Generator
 ) -> tuple[BackgroundVehicle, ...]:
-    """`count` vehicles that are there at the start, and others that come onto the map until `until_s` [s]."""
+    """Build `count` vehicles present at the start, and others that enter the map until `until_s` [s]."""
     cars = np.array([(ego.start.x, ego.start.y) for ego in egos])
     free = [
         VehicleStart(lane, float(s))
@@ -124,7 +124,7 @@ def _build_later_traffic(roads: RoadMap, until_s: float, rng: np.random.Generato
 def _build_vehicle(
     roads: RoadMap, name: str, start: VehicleStart, depart_s: float, rng: np.random.Generator
 ) -> BackgroundVehicle:
-    """A vehicle that goes where its lane leads, at random."""
+    """Build a vehicle that follows its lane and turns at random."""
     edges, lane = [start.lane.edge], start.lane
     while nexts := _find_lanes_beyond(roads, lane):
         lane = nexts[int(rng.integers(len(nexts)))]

@@ -60,9 +60,9 @@ def episode(*last: int) -> EpisodeRecord:
 
 def test_everybody_is_there_at_ten_hertz_with_name_kind_and_size() -> None:
     found = record_episode(episode(TICKS - 1), scenario("0"), ROADS)
-    assert (found.id, found.dt_s, found.frames, found.cavs, found.notes) == ("straight", 0.1, 20, ("0",), ())
+    assert (found.id, found.dt_s, found.frame_count, found.cavs, found.notes) == ("straight", 0.1, 20, ("0",), ())
     whole, post = found.views
-    assert (post.observer, post.infrastructure, post.pose.tolist()) == ("post", True, [[3.0, 4.0, 0.0]] * 20)
+    assert (post.observer, post.is_infrastructure, post.pose.tolist()) == ("post", True, [[3.0, 4.0, 0.0]] * 20)
     tracks = {track.id: track for track in whole.tracks}
     assert {name: track.category for name, track in tracks.items()} == {
         "0": ObjectCategory.CAR,
@@ -74,7 +74,7 @@ def test_everybody_is_there_at_ten_hertz_with_name_kind_and_size() -> None:
         np.testing.assert_allclose(tracks[name].width[there], width)
         np.testing.assert_allclose(tracks[name].yaw[there], 0.5)
     np.testing.assert_allclose(tracks["0"].x, np.arange(20) * 1.0)
-    assert tracks["car"].frames.tolist() == list(range(5, 20))
+    assert tracks["car"].valid_frames.tolist() == list(range(5, 20))
     assert np.isnan(tracks["car"].x[:5]).all()
     assert {name for name, track in tracks.items() if track.parked} == {"cone"}
 
@@ -82,9 +82,9 @@ def test_everybody_is_there_at_ten_hertz_with_name_kind_and_size() -> None:
 def test_a_log_ends_with_its_first_observer_unless_a_window_is_given() -> None:
     driven, asked = episode(TICKS - 1, 20), scenario("0", "1")
     found = record_episode(driven, asked, ROADS)
-    assert (found.frames, found.cavs) == (11, ("0", "1"))
+    assert (found.frame_count, found.cavs) == (11, ("0", "1"))
     later = record_episode(driven, asked, ROADS, (0.5, 1.5))
-    assert (later.frames, later.cavs, later.notes) == (11, ("0",), ("CAV 1 is not there throughout",))
+    assert (later.frame_count, later.cavs, later.notes) == (11, ("0",), ("CAV 1 is not there throughout",))
     assert later.views[0].tracks[0].x[0] == pytest.approx(5.0)
     with pytest.raises(InputError, match=r"straight: expected a window within its 2 s, found \(5.0, 6.0\)"):
         record_episode(driven, asked, ROADS, (5.0, 6.0))

@@ -88,7 +88,7 @@ def mirrored(recording: Recording) -> Recording:
     """A log as it would be in a country that keeps to the other side; which side that is it does not tell."""
 
     def track(one: RecordedTrack) -> RecordedTrack:
-        return one.with_rows(y=-one.y, yaw=-one.yaw)
+        return one.replace_columns(y=-one.y, yaw=-one.yaw)
 
     views = tuple(
         replace(view, tracks=tuple(map(track, view.tracks)), pose=view.pose * (1.0, -1.0, -1.0))
@@ -115,8 +115,8 @@ def same_network(one: NetworkReport, other: NetworkReport) -> None:
         one.nodes,
         one.connections,
     )
-    assert other.lost.keys() == one.lost.keys()
-    assert max(other.fit.p95, other.fit.back_p95) <= 0.02
+    assert other.drop_reason_by_lane.keys() == one.drop_reason_by_lane.keys()
+    assert max(other.deviation.p95, other.deviation.back_p95) <= 0.02
 
 
 def check_both_sides(recording: Recording, folder: Path) -> None:
@@ -138,7 +138,7 @@ def check_both_sides(recording: Recording, folder: Path) -> None:
     other = load_road_map(folder / "right")
     for a, b in zip(motions(right), motions(left), strict=True):
         here, there = match_track(a, other), match_track(b, roads)
-        assert (here.off_road, here.reason) == (there.off_road, there.reason)
+        assert (here.is_off_road, here.reason) == (there.is_off_road, there.reason)
         assert (
             abs(len(here.route) - len(there.route)) <= 1
         )  # where ways through a junction part the first may be either

@@ -104,10 +104,10 @@ def test_who_paces_off_the_lanes_keeps_to_its_path_with_a_note(directory: Direct
 
 def test_lanes_go_straightest_on(tmp_path: Path) -> None:
     """Behind the end of its path an actor's lanes go on, at the fork not to the side."""
-    east = lane("e", UCLA_FRAME.xy(np.array([(0, 0), (60, 0)])), exits=("on", "off"))
+    east = lane("e", UCLA_FRAME.to_map_xy(np.array([(0, 0), (60, 0)])), exits=("on", "off"))
     on, off = (
-        lane("on", UCLA_FRAME.xy(np.array([(60, 0), (160, 0)]))),
-        lane("off", UCLA_FRAME.xy(np.array([(60, 0), (70, -2), (80, -10), (85, -25), (85, -60)]))),
+        lane("on", UCLA_FRAME.to_map_xy(np.array([(60, 0), (160, 0)]))),
+        lane("off", UCLA_FRAME.to_map_xy(np.array([(60, 0), (70, -2), (80, -10), (85, -25), (85, -60)]))),
     )
     directory = Directory(tmp_path)
     directory.add("npc", "a.xml", xml([(20, 0, 0), (40, 0, 0)]), name="a")

@@ -46,7 +46,7 @@ def directory(tmp_path: Path) -> Directory:
 
 def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path: Path) -> None:
     """The map is a pickle whose lanes tell no direction; the logged car and a pedestrian are where the log has them."""
-    west = lane("0_1", UCLA_FRAME.xy(np.array([(x, 0.0) for x in range(200, -1, -1)])), directed=False)
+    west = lane("0_1", UCLA_FRAME.to_map_xy(np.array([(x, 0.0) for x in range(200, -1, -1)])), directed=False)
     write_vector_map(lanes_map(west), tmp_path / "map.pkl")
     for name, x in (("x_vehicle_1_0.xml", 5), ("x_vehicle_2_1.xml", 25)):
         (directory.folder / name).write_text(xml([(x, 0, 0), (60, 0, 0)]))

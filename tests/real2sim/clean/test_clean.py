@@ -139,7 +139,7 @@ def test_a_long_gap_stays_and_is_told() -> None:
     cleaned = clean_recording(recording(without(CAR, np.arange(40, 70))))
     (track,) = cleaned.tracks
     assert not track.valid[40:70].any()
-    assert [change.frames for change in cleaned.report.of(ChangeReason.LONG_GAP)] == [30]
+    assert [change.frames for change in cleaned.report.list_changes(ChangeReason.LONG_GAP)] == [30]
 
 
 def test_a_car_that_reverses_keeps_its_heading() -> None:
@@ -168,13 +168,13 @@ def test_sizes_are_the_median_of_all_observers() -> None:
     views = [ObserverView(str(n), (replace(CAR, length=np.full(100, size)),)) for n, size in enumerate((4.0, 4.5, 5.5))]
     cleaned = clean_recording(replace(recording(CAR), views=tuple(views)))
     assert (cleaned.tracks[0].length == 4.5).all()
-    assert len(cleaned.report.of(ChangeReason.SIZE)) == 1
+    assert len(cleaned.report.list_changes(ChangeReason.SIZE)) == 1
 
 
 def test_sizes_nobody_tells_are_assumed_and_told() -> None:
     cleaned = clean_recording(recording(replace(CAR, length=np.full(100, np.nan), width=np.full(100, np.nan))))
     assert cleaned.tracks[0].length[0] == pytest.approx(4.6)
-    assert "assumed" in cleaned.report.of(ChangeReason.SIZE)[0].detail
+    assert "assumed" in cleaned.report.list_changes(ChangeReason.SIZE)[0].detail
 
 
 def test_labels_are_voted() -> None:
@@ -184,7 +184,7 @@ def test_labels_are_voted() -> None:
     ]
     cleaned = clean_recording(replace(recording(CAR), views=tuple(views)))
     assert cleaned.tracks[0].category is ObjectCategory.VAN
-    assert len(cleaned.report.of(ChangeReason.LABEL)) == 1
+    assert len(cleaned.report.list_changes(ChangeReason.LABEL)) == 1
 
 
 def test_a_bin_that_drives_is_a_car_and_one_ten_metres_long_is_one_parked() -> None:
@@ -207,7 +207,7 @@ def test_same_name_far_apart_is_two_things() -> None:
 def test_what_is_left_out_is_listed() -> None:
     cleaned = clean_recording(recording(CAR, replace(without(CAR, np.arange(2, 100)), id="x", y=np.full(100, 30.0))))
     assert [track.id for track in cleaned.tracks] == ["100"]
-    assert cleaned.report.lost == {"x": "seen in 2 frames only"}
+    assert cleaned.report.drop_reason_by_track == {"x": "seen in 2 frames only"}
 
 
 def test_an_empty_log_is_clean() -> None:
@@ -230,9 +230,9 @@ def test_fusion_of_the_real_excerpt(shared_data: Path, tmp_path: Path) -> None:
     cleaned = clean_recording(Recording("excerpt", "v2xpnp", DT, 1, views, HdMap()))
     names = {track.id for view in views for track in view.tracks}
     assert {track.id for track in cleaned.tracks} == names - {"7", "30"} | {"cav_1", "cav_2"}
-    ghosts = {change.track: change.detail for change in cleaned.report.of(ChangeReason.EGO_GHOST)}
+    ghosts = {change.track: change.detail for change in cleaned.report.list_changes(ChangeReason.EGO_GHOST)}
     assert ghosts == {"cav_1": "30 of 2", "cav_2": "7 of 1"}
-    differing = {change.track: change.detail for change in cleaned.report.of(ChangeReason.SIZE)}
+    differing = {change.track: change.detail for change in cleaned.report.list_changes(ChangeReason.SIZE)}
     assert "4.04 to 4.60 m" in differing["17"] and "4.55 to 5.22 m" in differing["4"]
     cav = next(track for track in cleaned.tracks if track.id == "cav_1")
     assert np.degrees(cav.yaw[0]) == pytest.approx(-98.2, abs=0.5)

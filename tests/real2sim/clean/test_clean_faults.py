@@ -37,7 +37,7 @@ def repaired(fault: Fault, log: Log, cleaned: CleanedRecording) -> bool:
     error = np.hypot(track.x - thing.x, track.y - thing.y)
     turned = np.abs(wrap_angles(track.yaw - thing.yaw))
     if fault.kind == "id flip":
-        frames = [frame for frame in track.frames if abs(frame - frames[0]) < 40]
+        frames = [frame for frame in track.valid_frames if abs(frame - frames[0]) < 40]
     near = bool(track.valid[frames].all() and (error[frames] < ERROR_M).all())
     return near and (fault.kind != "heading" or bool((turned[frames] < HEADING_RAD).all()))
 
@@ -48,7 +48,9 @@ def told(fault: Fault, log: Log, cleaned: CleanedRecording) -> bool:
     A duplicate too far off to be fused is left out for lying inside the track, which the entry names.
     """
     names = {track.id for track in tracks_of(cleaned.tracks, log.truth[fault.thing])} | {log.truth[fault.thing].id}
-    inside = {change for change in cleaned.report.of(ChangeReason.INSIDE) if names & set(change.detail.split())}
+    inside = {
+        change for change in cleaned.report.list_changes(ChangeReason.INSIDE) if names & set(change.detail.split())
+    }
     found = {change for change in cleaned.report.changes if change.reason in REASONS[fault.kind]}
     return any(change.track in names for change in found) or bool(inside and fault.kind == "duplicate")
 

@@ -45,8 +45,8 @@ def test_a_track_that_is_badly_seen_at_first_begins_later() -> None:
     second = late(car(1, 8 * T + np.clip(3.0 + 6.0 * (T - 2.2), 3.0, 9.0)), 20)
     (_, kept), changes = settled(car(0, 8 * T), second)
     assert {(change.reason, change.track) for change in changes} == {(ChangeReason.OVERLAP, second.id)}
-    assert kept.frames[0] == 20 + sum(change.frames for change in changes)
-    assert 22 < kept.frames[0] <= 33
+    assert kept.valid_frames[0] == 20 + sum(change.frames for change in changes)
+    assert 22 < kept.valid_frames[0] <= 33
 
 
 def test_boxes_a_little_too_large_become_smaller() -> None:
@@ -76,4 +76,4 @@ def test_cleaning_tells_of_it_and_lists_what_is_lost() -> None:
     view = ObserverView("log", (car(0, 8 * T), walker))
     cleaned = clean_recording(Recording("made", "made", DT, 60, (view,), HdMap()))
     assert [track.id for track in cleaned.tracks] == ["100"]
-    assert cleaned.report.lost == {"101": "overlaps 100 in 60 of 60 frames: left out"}
+    assert cleaned.report.drop_reason_by_track == {"101": "overlaps 100 in 60 of 60 frames: left out"}

@@ -29,7 +29,6 @@ from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.quality_file import load_quality
 from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 from real2sim.recording import ObserverView
-from real2sim.fidelity_targets import (FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost)
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
@@ -238,7 +237,7 @@ def test_an_odd_size_is_bounded_and_told() -> None:
         for one in log.views[0].tracks
     )
     cleaned = clean_recording(replace(log, views=(ObserverView("log", tracks), log.views[1])))
-    told = {change.track: change.detail for change in cleaned.report.of(ChangeReason.SIZE)}
+    told = {change.track: change.detail for change in cleaned.report.list_changes(ChangeReason.SIZE)}
     assert told["11"] == (
         "length 54.00 m is beyond what a scenario can have: 40, width 14.40 m is beyond what a scenario can have: 10"
     )
@@ -333,8 +332,10 @@ def test_a_track_of_the_source_may_be_lost_with_a_reason_only(small: tuple[Path,
 
 
 def test_a_whole_track_that_is_left_out_as_a_teleport_is_lost_with_its_reason() -> None:
-    whole = TrackChange(ChangeReason.TELEPORT, "7", 3, "left out of 1", whole=True)
-    assert CleaningReport((whole, TrackChange(ChangeReason.TELEPORT, "8", 1, "a step"))).lost == {"7": "left out of 1"}
+    whole = TrackChange(ChangeReason.TELEPORT, "7", 3, "left out of 1", is_whole_track=True)
+    assert CleaningReport((whole, TrackChange(ChangeReason.TELEPORT, "8", 1, "a step"))).drop_reason_by_track == {
+        "7": "left out of 1"
+    }
 
 
 @pytest.mark.parametrize(("mode", "driven"), [("reactive", 2), ("hybrid", 2), ("replay", 0)])

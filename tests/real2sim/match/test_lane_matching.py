@@ -53,9 +53,9 @@ def drivable(roads: RoadMap, route: tuple[str, ...]) -> bool:
 def checked(track: Float, roads: RoadMap, worst_offset: float = 0.2) -> LaneMatch:
     """The match of a track that must be matched throughout."""
     found = match_track(track, roads)
-    assert (found.reason, found.off_road, found.breaks) == ("", False, ())
+    assert (found.reason, found.is_off_road, found.break_frames) == ("", False, ())
     assert drivable(roads, found.route)
-    assert set(found.lane) <= set(found.route)
+    assert set(found.lanes) <= set(found.route)
     assert np.abs(found.offset).max() <= worst_offset
     return found
 
@@ -133,7 +133,7 @@ def test_lane_changes_are_seen_where_they_happen(tmp_path: Path) -> None:
     y = 3.5 / (1 + np.exp(-(s - 60) / 4)) + 3.5 / (1 + np.exp(-(s - 140) / 4))
     found = checked(drive(np.column_stack((s, y))), roads, worst_offset=1.8)
     assert found.route == ("el0_0", "el0_1", "el0_2")
-    changes = [k for k in range(1, len(found.lane)) if found.lane[k] != found.lane[k - 1]]
+    changes = [k for k in range(1, len(found.lanes)) if found.lanes[k] != found.lanes[k - 1]]
     assert [float(found.s[k]) for k in changes] == pytest.approx([60.0, 140.0], abs=2.0)
 
 
@@ -169,8 +169,8 @@ def test_at_a_fork_the_whole_track_decides(goal: str, end: float, tmp_path: Path
     track = drive(line)
     track[:, 1] += 0.3 * np.sin(np.arange(len(track)))
     found = match_track(track, roads)
-    assert found.lane[-1] == f"e{goal}_0"
-    assert {id_ for id_ in found.lane if not roads.lanes[id_].junction} == {"ein_0", f"e{goal}_0"}
+    assert found.lanes[-1] == f"e{goal}_0"
+    assert {id_ for id_ in found.lanes if not roads.lanes[id_].junction} == {"ein_0", f"e{goal}_0"}
 
 
 def test_gaps_are_bridged_and_unseen_frames_have_no_lane(roundabout: Town) -> None:
@@ -179,7 +179,7 @@ def test_gaps_are_bridged_and_unseen_frames_have_no_lane(roundabout: Town) -> No
     found = match_track(track, roundabout.roads)
     assert found.reason == ""
     assert found.route == match_track(roundabout.tracks["half"], roundabout.roads).route
-    assert found.lane[39] and found.lane[60] and not any(found.lane[40:60])
+    assert found.lanes[39] and found.lanes[60] and not any(found.lanes[40:60])
     assert np.isnan(found.s[40:60]).all()
 
 
@@ -222,8 +222,8 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
 )
 def test_what_is_off_the_road_stays_there(track: Float, reason: str, street: RoadMap) -> None:
     found = match_track(track, street)
-    assert (found.off_road, found.reason, found.route) == (True, reason, ())
-    assert set(found.lane) == {""}
+    assert (found.is_off_road, found.reason, found.route) == (True, reason, ())
+    assert set(found.lanes) == {""}
     assert np.isnan(found.offset).all()
 
 
@@ -233,27 +233,27 @@ def test_a_queue_stands_in_its_lane(street: RoadMap) -> None:
 
 
 def test_a_wrong_way_driver_is_not_on_the_lane(street: RoadMap) -> None:
-    assert match_track(drive(EAST[::-1] - (0.0, 1.0)), street).lane[50] in ("", "ewest_0")
+    assert match_track(drive(EAST[::-1] - (0.0, 1.0)), street).lanes[50] in ("", "ewest_0")
 
 
 def test_one_frame_is_enough(street: RoadMap) -> None:
-    assert match_track(np.array([[50.0, 0.1, 0.0]]), street).lane == ("eeast_0",)
+    assert match_track(np.array([[50.0, 0.1, 0.0]]), street).lanes == ("eeast_0",)
 
 
 def test_out_of_a_driveway_the_route_begins_on_the_road(street: RoadMap) -> None:
     turn = np.concatenate(([(60.0, -25.0)], arc(68.0, -8.0, 8.0, 180.0, 90.0), EAST[15:]))
     found = match_track(drive(turn), street)
-    assert (found.off_road, found.reason, found.route) == (False, "", ("eeast_0",))
-    assert found.lane[0] == ""
+    assert (found.is_off_road, found.reason, found.route) == (False, "", ("eeast_0",))
+    assert found.lanes[0] == ""
 
 
 def test_where_no_way_leads_on_the_match_says_so(tmp_path: Path) -> None:
     roads = roads_of(tmp_path, lanes_map(lane("a", EAST), lane("b", moved(EAST, 250.0, 0.0))))
     found = match_track(drive(np.concatenate((EAST, moved(EAST, 250.0, 0.0)))), roads)
     assert found.reason == "no way from lane ea_0 to lane eb_0"
-    assert not found.off_road
-    assert len(found.breaks) == 1
-    assert found.lane[found.breaks[0]] == "eb_0"
+    assert not found.is_off_road
+    assert len(found.break_frames) == 1
+    assert found.lanes[found.break_frames[0]] == "eb_0"
     assert found.route in (("ea_0",), ("eb_0",))
 
 
@@ -271,18 +271,18 @@ def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
     through = ways[int(rng.integers(len(ways)))].centre
     xy = np.array([through.at(s) for s in np.linspace(-6.0, through.length + 6.0, 4)]) + rng.normal(0, 1.0, (4, 2))
     yaw = np.array([through.yaw_at(s) for s in np.linspace(0.0, through.length, 4)])
-    near = index.near(xy, yaw, 3.0)
+    near = index.find_candidates(xy, yaw, 3.0)
     keys = [int(k) for k in np.unique(near.point)]
     rows, hops = find_best_chain(index, near, keys, xy)
 
     def cost(chain: tuple[int, ...]) -> float:
-        total = float(compute_emission_cost(near.d[list(chain)], near.turn[list(chain)]).sum())
+        total = float(compute_emission_cost(near.offset[list(chain)], near.turn[list(chain)]).sum())
         for a, b in itertools.pairwise(chain):
             driven = float(np.hypot(*np.diff(xy[near.point[a] : near.point[b] + 1], axis=0).T).sum())
             start, goal = (roads.driving[near.lane[row]].id for row in (a, b))
-            hop = index.hops(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
+            hop = index.find_paths(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
             along = 0.0 if hop is None else hop.length + float(near.s[b] - near.s[a])
-            total += 60.0 if hop is None else min(compute_transition_cost(along, driven, hop.changes), 60.0)
+            total += 60.0 if hop is None else min(compute_transition_cost(along, driven, hop.lane_changes), 60.0)
         return total
 
     layers = [np.flatnonzero(near.point == key).tolist() for key in keys]
@@ -294,10 +294,10 @@ def test_hops_are_the_shortest_ways() -> None:
     roads = load_road_map(list_packaged_networks()["boulevard"])
     index = load_candidate_index(roads)
     start = next(one.id for one in roads.driving if not one.junction and one.left and one.successors)
-    for goal, hop in index.hops(start, 400.0, LANE_CHANGE_M).items():
+    for goal, hop in index.find_paths(start, 400.0, LANE_CHANGE_M).items():
         assert (hop.lanes[0], hop.lanes[-1]) == (start, goal)
         steps = list(itertools.pairwise(hop.lanes))
         ahead = [roads.lanes[a].centre.length for a, b in steps if b in roads.lanes[a].successors]
         assert hop.length == pytest.approx(sum(ahead))
-        assert hop.changes == len(steps) - len(ahead)
-    assert {goal: hop.length for goal, hop in index.hops(start, 1.0, LANE_CHANGE_M).items()}[start] == 0.0
+        assert hop.lane_changes == len(steps) - len(ahead)
+    assert {goal: hop.length for goal, hop in index.find_paths(start, 1.0, LANE_CHANGE_M).items()}[start] == 0.0

@@ -52,13 +52,13 @@ def test_a_network_made_a_map_and_built_again_is_the_same(name: str, tmp_path: P
     source = load_road_map(list_packaged_networks()[name])
     report, roads = built(tmp_path, as_map(source))
     tiny = {one.id for one in source.driving if one.centre.length < 0.5}
-    assert set(report.lost) == tiny  # what they joined is linked instead
+    assert set(report.drop_reason_by_lane) == tiny  # what they joined is linked instead
     assert (report.links_dropped, report.directions.inverted) == ((), ())
     assert bool(report.links_added) == bool(tiny)
     ours = shapely.MultiLineString([one.centre.xy for one in roads.driving])
     points = np.concatenate([one.centre.resampled(1.0).xy for one in source.driving])
     assert shapely.distance(shapely.points(points), ours).max() < 0.02
-    assert max(report.fit.max, report.fit.back_max) < (0.1 if tiny else 0.05)
+    assert max(report.deviation.max, report.deviation.back_max) < (0.1 if tiny else 0.05)
     assert report.left_hand is False
 
 
@@ -78,8 +78,8 @@ def test_lanes_start_and_end_exactly_where_the_map_says(tmp_path: Path) -> None:
     right = lane("right", [(102.0, 0.0), (110.0, -2.0), (115.0, -10.0)], junction=True)
     report, roads = built(tmp_path, lanes_map(lane("in", EAST, ("short",)), short, left, right))
     assert roads.lanes["eshort_0"].centre.xy == pytest.approx(short.centre)
-    assert report.fit.max < 0.01
-    assert report.fit.back_max < 0.01
+    assert report.deviation.max < 0.01
+    assert report.deviation.back_max < 0.01
 
 
 def test_fit_is_the_distance_to_lines_of_the_same_direction() -> None:
@@ -202,7 +202,7 @@ def test_a_lane_beside_is_a_neighbour_only_where_it_runs(tmp_path: Path) -> None
     assert before != beside
     assert roads.lanes[before].left == ""
     assert roads.lanes[beside].left == in_pocket
-    assert report.sources[before] == report.sources[beside] == "through"
+    assert report.source_by_lane[before] == report.source_by_lane[beside] == "through"
 
 
 def test_oncoming_lanes_are_no_neighbours(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_lanes_drawn_through_a_crossing_get_a_junction(tmp_path: Path) -> None:
     middle = [roads.driving[i] for i in roads.nearest(np.array([(45.0, 0.0), (50.0, 5.0)])).lane]
     assert [one.junction for one in middle] == [True, True]
     assert report.connections == 2
-    assert report.fit.max < 0.01
+    assert report.deviation.max < 0.01
     assert (report.edges, report.nodes) == (4, 5)
 
 
@@ -232,8 +232,8 @@ def test_ways_through_several_connectors_become_one_connection(tmp_path: Path) -
     report, roads = built(tmp_path, lanes)
     way = roads.lanes["ein_0"].successors
     assert len(way) == 1
-    assert report.fit.max < 0.01
-    assert report.lost == {}
+    assert report.deviation.max < 0.01
+    assert report.drop_reason_by_lane == {}
 
 
 def test_a_stop_sign_gives_way_and_is_in_the_network_file(tmp_path: Path) -> None:
@@ -293,7 +293,7 @@ def test_pavements_and_crosswalks_are_for_walkers_and_other_lanes_are_lost_with_
     assert set(roads.lanes) == {"ea_0"}
     areas = sorted(shapely.Polygon(outline).area for outline in roads.pavements)
     assert areas == pytest.approx([32.0, 200.0], rel=0.01)
-    assert report.lost == {"park": "a parking lane, not for driving", "dot": "shorter than 0.5 m"}
+    assert report.drop_reason_by_lane == {"park": "a parking lane, not for driving", "dot": "shorter than 0.5 m"}
 
 
 # --- side of the traffic ------------------------------------------------------------------------------------------
@@ -312,7 +312,7 @@ def test_the_side_of_the_traffic_is_where_the_oncoming_lane_is_not(y: float, lef
     assert report.directions.inverted == ("west",)
     kerb = roads.lanes[on_lane(roads, 50.0, -y)]  # SUMO counts lanes from the kerb
     assert (kerb.index, roads.lanes[on_lane(roads, 50.0, 0.0)].index) == (0, 1)
-    assert report.fit.max < 0.01
+    assert report.deviation.max < 0.01
 
 
 def test_what_the_map_says_about_the_side_of_the_traffic_counts(tmp_path: Path) -> None:

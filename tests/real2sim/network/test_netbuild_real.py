@@ -77,10 +77,10 @@ def network(request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory:
 
 def test_centre_lines_lie_on_those_of_the_source(network: Network) -> None:
     report = network.report
-    assert max(report.fit.mean, report.fit.back_mean) <= 0.01  # the issue asks for 0.2 m
-    assert max(report.fit.p95, report.fit.back_p95) <= 0.02  # the issue asks for 0.5 m
+    assert max(report.deviation.mean, report.deviation.back_mean) <= 0.01  # the issue asks for 0.2 m
+    assert max(report.deviation.p95, report.deviation.back_p95) <= 0.02  # the issue asks for 0.5 m
     assert report.left_hand is (network.name in LEFT_HAND)
-    assert len(report.lost) <= 1
+    assert len(report.drop_reason_by_lane) <= 1
     assert report.directions.inverted == ()
     assert report.links_dropped == ()
 
@@ -88,11 +88,11 @@ def test_centre_lines_lie_on_those_of_the_source(network: Network) -> None:
 def test_every_driven_manoeuvre_is_routable(network: Network) -> None:
     driving = [motion for motion in read(network.name).motions if moves(motion)]
     matches = [match_track(motion, network.roads) for motion in driving]
-    on_road = [found for found in matches if not found.off_road]
+    on_road = [found for found in matches if not found.is_off_road]
     assert all(found.reason == "" for found in on_road)
     assert all(found.route for found in on_road)
     for motion, found in zip(driving, matches, strict=True):
-        if found.off_road:  # the source's own lanes are as far away
+        if found.is_off_road:  # the source's own lanes are as far away
             assert near_lanes(network.name, seen(motion)) < 0.51
     assert len(on_road) >= 0.6 * len(driving)
 
@@ -105,8 +105,8 @@ def test_maps_as_dirty_as_those_of_v2xpnp_route_every_manoeuvre_too(
     """No directions, no sides, no neighbours, a fifth of the links, ends up to 0.7 m short, lanes 5 cm astray."""
     _, roads = built(name, dirty(read(name).map, np.random.default_rng(0)), tmp_path)
     matches = [match_track(motion, roads) for motion in read(name).motions if moves(motion)]
-    assert {found.reason for found in matches if not found.off_road} == {""}
-    assert sum(not found.off_road for found in matches) >= 0.6 * len(matches)
+    assert {found.reason for found in matches if not found.is_off_road} == {""}
+    assert sum(not found.is_off_road for found in matches) >= 0.6 * len(matches)
 
 
 def dirty(hd_map: HdMap, rng: np.random.Generator) -> HdMap:

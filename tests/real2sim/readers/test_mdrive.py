@@ -295,12 +295,12 @@ def test_a_name_of_no_blueprint_has_no_class() -> None:
 
 
 def test_carlas_frame_lies_where_mdrive_says_in_the_frame_of_v2xpnp() -> None:
-    log = UCLA_FRAME.xy(np.array([(-114.6, 20.0)]))
+    log = UCLA_FRAME.to_map_xy(np.array([(-114.6, 20.0)]))
     assert log[0].tolist() == pytest.approx([-114.6 + 502.5, -20.0 - 201.0])
-    assert UCLA_FRAME.yaw_of(30.0) == pytest.approx(-math.radians(30.0))
+    assert UCLA_FRAME.to_map_yaw(30.0) == pytest.approx(-math.radians(30.0))
     quarter = CarlaFrame(1.0, 2.0, math.pi / 2)
-    assert quarter.xy(np.array([(10.0, -5.0)]))[0].tolist() == pytest.approx([1 - 5, 2 + 10])
-    assert quarter.yaw_of(90.0) == pytest.approx(0.0)
+    assert quarter.to_map_xy(np.array([(10.0, -5.0)]))[0].tolist() == pytest.approx([1 - 5, 2 + 10])
+    assert quarter.to_map_yaw(90.0) == pytest.approx(0.0)
 
 
 def test_a_vector_map_has_its_scenarios_in_its_own_frame(directory: Directory) -> None:

@@ -65,7 +65,11 @@ def _in_lanes(recording: Recording) -> tuple[Bool, Bool]:
     lanes = recording.map.lanes.values()
     area = shapely.union_all([shapely.Polygon(np.concatenate((lane.left, lane.right[::-1]))) for lane in lanes])
     vehicles = [track for track in _tracks(recording).values() if track.category.kind is Kind.VEHICLE]
-    moving = [track.xy[track.frames] for track in vehicles if np.hypot(*np.ptp(track.xy[track.frames], axis=0)) > 5]
+    moving = [
+        track.xy[track.valid_frames]
+        for track in vehicles
+        if np.hypot(*np.ptp(track.xy[track.valid_frames], axis=0)) > 5
+    ]
     points = shapely.points(np.concatenate(moving))
     return shapely.contains(area, points), shapely.contains(area.convex_hull, points)
 
@@ -77,7 +81,7 @@ def test_everything_of_the_real_scenario_is_there(forecasting: Recording, foreca
     tracks = _tracks(forecasting)
     assert set(tracks) == {row["track_id"] for row in known}
     assert forecasting.id == table[0]["scenario_id"]
-    assert (forecasting.frames, forecasting.dt_s, forecasting.cavs) == (table[0]["num_timestamps"], 0.1, ("AV",))
+    assert (forecasting.frame_count, forecasting.dt_s, forecasting.cavs) == (table[0]["num_timestamps"], 0.1, ("AV",))
     assert sum(track.valid.sum() for track in tracks.values()) == len(known)
     for row in known:
         track, at = tracks[row["track_id"]], row["timestep"]
@@ -94,7 +98,7 @@ def test_everything_of_the_real_log_is_there(sensor: Recording, sensor_folder: P
     boxes = [row for row in rows if row["category"] != "EGO_VEHICLE"]
     tracks = _tracks(sensor)
     assert set(tracks) == {row["track_uuid"] for row in boxes} | {"AV"}
-    assert (sensor.frames, sensor.dt_s, sensor.cavs) == (len({row["timestamp_ns"] for row in rows}), 0.1, ("AV",))
+    assert (sensor.frame_count, sensor.dt_s, sensor.cavs) == (len({row["timestamp_ns"] for row in rows}), 0.1, ("AV",))
     for id_ in tracks.keys() - {"AV"}:
         assert tracks[id_].valid.sum() == sum(row["track_uuid"] == id_ for row in boxes)
     assert (tracks["AV"].length[0], tracks["AV"].width[0]) == (4.877, 2.0)
@@ -142,7 +146,7 @@ def test_velocity_by_differences_is_that_of_the_source(forecasting: Recording, f
     differences = []
     for row in parquet.read_table(path).to_pylist():
         track, at = tracks.get(row["track_id"]), row["timestep"]
-        if track is not None and 0 < at < forecasting.frames - 1 and track.category is ObjectCategory.CAR:
+        if track is not None and 0 < at < forecasting.frame_count - 1 and track.category is ObjectCategory.CAR:
             velocity = (track.xy[at + 1] - track.xy[at - 1]) / 0.2
             differences.append(np.hypot(*(velocity - (row["velocity_x"], row["velocity_y"]))))
     assert np.nanmedian(differences) < 0.2
@@ -243,7 +247,7 @@ def test_rows_of_a_scenario_fall_into_their_frames(tmp_path: Path, timesteps: se
     order.shuffle(shuffled)
     rows = joined(track_rows("7", "vehicle", tuple(shuffled)), track_rows("AV", "vehicle", ALL))
     track = _tracks(read_argoverse2(scenario(tmp_path, rows)))["7"]
-    assert track.frames.tolist() == sorted(timesteps)
+    assert track.valid_frames.tolist() == sorted(timesteps)
     assert track.x[track.valid].tolist() == [5.0 + step for step in sorted(timesteps)]
     assert np.isnan(np.concatenate((track.x[~track.valid], track.yaw[~track.valid], track.length))).all()
 
@@ -380,8 +384,8 @@ def test_sweeps_come_onto_a_grid_of_10_hz(tmp_path: Path) -> None:
     """A car at 20 m/s on a clock that is 0.3 % fast: rows by number instead of by time would be 0.06 m off a sweep."""
     car = box_rows("car", "REGULAR_VEHICLE", lambda t: (720.0 + 20 * t, 2000.0, 3.1 + 0.2 * t))
     recording = read_argoverse2(log(tmp_path, car))
-    track, t = _tracks(recording)["car"], np.arange(recording.frames) * 0.1
-    assert (recording.dt_s, recording.frames) == (0.1, SWEEPS)
+    track, t = _tracks(recording)["car"], np.arange(recording.frame_count) * 0.1
+    assert (recording.dt_s, recording.frame_count) == (0.1, SWEEPS)
     np.testing.assert_allclose(track.x[:-1], (720.0 + 20 * t)[:-1], atol=5e-3)
     np.testing.assert_allclose(wrap_angles(track.yaw - 3.1 - 0.2 * t), 0.0, atol=1e-3)  # it passes pi
 
@@ -390,13 +394,13 @@ def test_frames_without_a_sweep_are_not_made_up(tmp_path: Path) -> None:
     gaps = (2, 3, 4, 7, 8)
     recording = read_argoverse2(log(tmp_path, CAR, box_rows("7", "TRUCK", standing(730.0), gaps)))
     track = _tracks(recording)["7"]
-    assert track.frames.tolist() == list(gaps)
+    assert track.valid_frames.tolist() == list(gaps)
     assert np.isnan(track.x[~track.valid]).all()
 
 
 def test_the_ego_is_the_connected_vehicle_at_its_box_centre(tmp_path: Path) -> None:
     recording = read_argoverse2(log(tmp_path))
-    ego, t = _tracks(recording)["AV"], np.arange(recording.frames) * 0.1
+    ego, t = _tracks(recording)["AV"], np.arange(recording.frame_count) * 0.1
     yaw = 0.4 + 0.3 * t
     np.testing.assert_allclose(ego.x, 700.0 + 8 * t + AXLE_TO_CENTRE_M * np.cos(yaw), atol=2e-3)
     np.testing.assert_allclose(ego.y, 2000.0 + 2 * t + AXLE_TO_CENTRE_M * np.sin(yaw), atol=2e-3)
@@ -409,7 +413,7 @@ def test_the_box_of_the_ego_gives_its_size_only(tmp_path: Path) -> None:
     own = box_rows("uuid", "EGO_VEHICLE", lambda t: (*ego_at(t)[0][:2], ego_at(t)[1]))
     recording = read_argoverse2(log(tmp_path, CAR, own, name="annotations_with_ego.feather"))
     assert set(_tracks(recording)) == {"AV", "car"}
-    assert _tracks(recording)["AV"].length.tolist() == [4.5] * recording.frames
+    assert _tracks(recording)["AV"].length.tolist() == [4.5] * recording.frame_count
     assert any("the ego is a box" in note for note in recording.notes)
 
 

@@ -56,12 +56,12 @@ def test_every_recorded_state_is_there(real: Real) -> None:
     tracks = _tracks(recording)
     assert set(tracks) == {one.get("id") for one in obstacles}
     assert recording.dt_s == float(root.get("timeStepSize", "nan"))
-    assert recording.frames == 1 + max(int(_float(one, "time/exact")) for one in root.iter("state"))
+    assert recording.frame_count == 1 + max(int(_float(one, "time/exact")) for one in root.iter("state"))
     for one in obstacles:
         track = tracks[one.get("id", "")]
         states = [*one.iter("initialState"), *one.iter("state")]
         rows = [int(_float(state, "time/exact")) for state in states]
-        assert track.frames.tolist() == rows
+        assert track.valid_frames.tolist() == rows
         expected = [_float(state, name) for state in states for name in ("position/point/x", "position/point/y")]
         np.testing.assert_allclose(track.xy[rows].ravel(), expected, atol=1e-9)
         np.testing.assert_allclose(track.yaw[rows], [_float(state, "orientation/exact") for state in states])
@@ -113,7 +113,9 @@ def test_recorded_vehicles_drive_along_lanes(real: Real) -> None:
     lanes = list(recording.map.lanes.values())
     tree = shapely.STRtree([shapely.Polygon(np.concatenate((lane.left, lane.right[::-1]))) for lane in lanes])
     lines = [Polyline(lane.centre) for lane in lanes]
-    poses = np.concatenate([np.column_stack((one.xy, one.yaw))[one.frames] for one in _tracks(recording).values()])
+    poses = np.concatenate(
+        [np.column_stack((one.xy, one.yaw))[one.valid_frames] for one in _tracks(recording).values()]
+    )
     on_lane = along = 0
     for x, y, yaw in poses:
         hits = tree.query(shapely.Point(x, y), predicate="within")
@@ -138,7 +140,7 @@ def test_lanes_within_an_intersection(shared_data: Path) -> None:
 def test_a_window_of_a_recording(shared_data: Path) -> None:
     path = shared_data / "real_logs/commonroad/USA_Peach-4_8_T-1.xml"
     whole, part = read_commonroad(path), read_commonroad(path, (2.5, 4.0))
-    assert part.frames == 16
+    assert part.frame_count == 16
     there = {id_ for id_, track in _tracks(whole).items() if track.valid[25:41].any()}
     assert set(_tracks(part)) == there < set(_tracks(whole))
 
@@ -198,7 +200,7 @@ def write(tmp_path: Path) -> Write:
 def test_gaps_and_the_first_frame(write: Write) -> None:
     recording = read_commonroad(write(_lanelet(1, 0), _obstacle(7)))
     track = _tracks(recording)["7"]
-    assert (recording.frames, recording.id) == (4, "USA_Test-1_1_T-1")
+    assert (recording.frame_count, recording.id) == (4, "USA_Test-1_1_T-1")
     np.testing.assert_array_equal(track.x, [10, 11, np.nan, 13])
     np.testing.assert_array_equal(track.valid, [True, True, False, True])
     np.testing.assert_array_equal(track.width, [1.8, 1.8, np.nan, 1.8])
@@ -444,7 +446,7 @@ def test_a_scenario_with_some_element_damaged(tmp_path: Path, data: st.DataObjec
     except InputError as error:
         assert str(error).startswith(str(path))
     else:
-        assert recording.frames >= 1
+        assert recording.frame_count >= 1
 
 
 def test_a_missing_file(tmp_path: Path) -> None:

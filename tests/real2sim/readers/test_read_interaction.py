@@ -50,7 +50,7 @@ def _tracks(recording: Recording) -> tuple[RecordedTrack, ...]:
 def _vehicle_points(recording: Recording) -> np.ndarray:
     """(N, 3) x, y, yaw of every tenth frame."""
     vehicles = (track for track in _tracks(recording) if track.category.kind is Kind.VEHICLE)
-    return np.concatenate([np.column_stack((one.xy, one.yaw))[one.frames[::10]] for one in vehicles])
+    return np.concatenate([np.column_stack((one.xy, one.yaw))[one.valid_frames[::10]] for one in vehicles])
 
 
 def _areas(hd_map: HdMap) -> list[shapely.Geometry]:
@@ -61,7 +61,7 @@ def _areas(hd_map: HdMap) -> list[shapely.Geometry]:
 def test_real_counts_and_clock(real: Recording) -> None:
     kinds = [track.category.kind for track in _tracks(real)]
     assert (kinds.count(Kind.VEHICLE), kinds.count(Kind.PEDESTRIAN)) == (74, 23)
-    assert (real.dt_s, real.frames, len(real.map.lanes)) == (0.1, 3007, 59)
+    assert (real.dt_s, real.frame_count, len(real.map.lanes)) == (0.1, 3007, 59)
     assert real.cavs == ()
 
 
@@ -141,7 +141,7 @@ def test_real_crosswalks(real: Recording) -> None:
 
 def test_real_window(real: Recording, data: Path) -> None:
     part = read_interaction(data / "vehicle_tracks_000.csv", data / MAP, (100.0, 110.0))
-    assert part.frames == 101
+    assert part.frame_count == 101
     there = {track.id: track for track in _tracks(real) if track.valid[1000:1101].any()}
     assert {track.id for track in _tracks(part)} == set(there)
     for track in _tracks(part):
@@ -340,7 +340,7 @@ def folder(tmp_path: Path) -> Path:
 def test_frames_start_with_the_first_of_both_tables(folder: Path) -> None:
     recording = read_interaction(folder, folder / "map.osm")
     first, truck, walker, cyclist = _tracks(recording)
-    assert (recording.frames, recording.id) == (5, "map_vehicle_tracks_007")
+    assert (recording.frame_count, recording.id) == (5, "map_vehicle_tracks_007")
     np.testing.assert_array_equal(first.valid, [False, True, True, False, True])
     np.testing.assert_array_equal(first.x, [np.nan, 1, 2, np.nan, 4])
     assert (truck.category, truck.length[2], truck.yaw[2]) == (ObjectCategory.TRUCK, 9, 3.1)
@@ -351,7 +351,7 @@ def test_frames_start_with_the_first_of_both_tables(folder: Path) -> None:
 
 def test_a_window_keeps_the_frames_at_both_ends(folder: Path) -> None:
     part = read_interaction(folder, folder / "map.osm", (0.1, 0.2))
-    assert part.frames == 2
+    assert part.frame_count == 2
     assert [(track.id, track.valid.tolist()) for track in _tracks(part)] == [("1", [True, True]), ("2", [False, True])]
 
 

@@ -49,13 +49,13 @@ Scene = tuple[Recording, Description]
 
 def _moving(recording: Recording) -> list[RecordedTrack]:
     vehicles = [track for track in recording.views[0].tracks if track.category.kind is Kind.VEHICLE]
-    return [track for track in vehicles if np.hypot(*np.ptp(track.xy[track.frames], axis=0)) > 5]
+    return [track for track in vehicles if np.hypot(*np.ptp(track.xy[track.valid_frames], axis=0)) > 5]
 
 
 def test_everything_of_a_real_scene_is_there(scene: Scene) -> None:
     recording, raw = scene
     assert recording.id == raw["id"]
-    assert recording.frames == raw["length"] == len(raw["metadata"]["ts"])
+    assert recording.frame_count == raw["length"] == len(raw["metadata"]["ts"])
     assert recording.dt_s == 0.1
     assert recording.cavs == ("ego",)
     assert recording.map.left_hand is None
@@ -65,14 +65,14 @@ def test_everything_of_a_real_scene_is_there(scene: Scene) -> None:
     assert set(recording.map.lanes) == lanes
     for track in view.tracks:
         assert track.valid.sum() == raw["tracks"][track.id]["state"]["valid"].sum()
-        assert len(track.x) == recording.frames
+        assert len(track.x) == recording.frame_count
 
 
 def test_real_vehicles_drive_on_lanes_and_forwards(scene: Scene) -> None:
     recording, _ = scene
     centres = shapely.STRtree([shapely.LineString(lane.centre) for lane in recording.map.lanes.values()])
     moving = _moving(recording)
-    xy = np.concatenate([track.xy[track.frames] for track in moving])
+    xy = np.concatenate([track.xy[track.valid_frames] for track in moving])
     _, distance = centres.query_nearest(shapely.points(xy), return_distance=True, all_matches=False)
     assert len(moving) >= 10
     assert np.median(distance) < 0.6
@@ -306,7 +306,7 @@ def test_the_ego_of_nuscenes_lies_along_its_heading(tmp_path: Path) -> None:
 @pytest.mark.parametrize("protocol", [3, 4, 5])
 def test_all_protocols_and_numpy_numbers_are_read(tmp_path: Path, protocol: int) -> None:
     raw = description() | {"length": np.int64(FRAMES)}
-    assert read(tmp_path, raw, protocol).frames == FRAMES
+    assert read(tmp_path, raw, protocol).frame_count == FRAMES
 
 
 # --- damaged and hostile files ---

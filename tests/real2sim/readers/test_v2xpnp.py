@@ -65,9 +65,9 @@ def test_units_and_frames(tmp_path: Path) -> None:
     turned = frame({7: thing(1.0, 2.0, center=[0.5, -0.25, 0])}, pose=[1, 2, 3, 4, -180, 6])
     station = frame({}, infra=True, pose=[5.0, 6.0, 7.0, 0.0, 45.0, 0.0])
     read = read_v2xpnp(log(tmp_path / "2023_1_0", {"1": [frame(), turned], "-1": [station, station]}), ())
-    assert (read.id, read.source, read.dt_s, read.frames, read.cavs) == ("2023_1_0", "v2xpnp", 0.1, 2, ("1",))
+    assert (read.id, read.source, read.dt_s, read.frame_count, read.cavs) == ("2023_1_0", "v2xpnp", 0.1, 2, ("1",))
     cav, infra = read.views
-    assert (cav.observer, cav.infrastructure, infra.observer, infra.infrastructure) == ("1", False, "-1", True)
+    assert (cav.observer, cav.is_infrastructure, infra.observer, infra.is_infrastructure) == ("1", False, "-1", True)
     np.testing.assert_allclose(cav.pose, [[10, 20, math.pi / 2], [1, 2, -math.pi]])
     np.testing.assert_allclose(infra.pose, [[5, 6, math.pi / 4]] * 2)
     (car,) = cav.tracks
@@ -151,14 +151,14 @@ def test_other_yaml_files_are_skipped(tmp_path: Path) -> None:
     folder = log(tmp_path / "a", {"1": [frame()]})
     for name in ("000000_additional.yaml", "000001_camera_gt.yaml", "data_protocol.yaml"):
         (folder / "1" / name).write_text("nothing of ours")
-    assert read_v2xpnp(folder, ()).frames == 1
+    assert read_v2xpnp(folder, ()).frame_count == 1
 
 
 def test_first_frame_may_have_any_number(tmp_path: Path) -> None:
     folder = log(tmp_path / "a", {"1": [frame(), frame()], "2": [frame(), frame()]})
     for agent in "12":
         (folder / agent / "000000.yaml").rename(folder / agent / "000002.yaml")
-    assert read_v2xpnp(folder, ()).frames == 2
+    assert read_v2xpnp(folder, ()).frame_count == 2
 
 
 numbers = st.one_of(
@@ -313,7 +313,7 @@ BAD: dict[str, tuple[Spoil, str]] = {
 @pytest.mark.parametrize("case", BAD)
 def test_bad_logs(tmp_path: Path, case: str) -> None:
     folder = log(tmp_path / "a", {"1": [frame()] * 3, "2": [frame()] * 3})
-    assert read_v2xpnp(folder, ()).frames == 3
+    assert read_v2xpnp(folder, ()).frame_count == 3
     spoil, message = BAD[case]
     spoil(folder)
     with pytest.raises(InputError) as caught:

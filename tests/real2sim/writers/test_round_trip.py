@@ -54,7 +54,7 @@ def trip(busy: Recording, tmp_path_factory: pytest.TempPathFactory) -> Trip:
 def test_the_busy_log_is_as_large_as_its_speed_target_says(busy: Recording, tmp_path: Path) -> None:
     log, vector_map = make_busy_log(tmp_path, noise=None)
     found = read_v2xpnp(log, vector_map)
-    assert (found.frames, [view.observer for view in found.views]) == (101, ["1", "2", "-1", "-2"])
+    assert (found.frame_count, [view.observer for view in found.views]) == (101, ["1", "2", "-1", "-2"])
     assert len({track.id for view in found.views for track in view.tracks}) == ACTORS == 84
     moving = [track for track in busy.views[0].tracks if not track.parked]
     assert len(moving) > 60
@@ -81,7 +81,7 @@ def car(name: str, seen: Bool) -> RecordedTrack:
 
 
 def seen_by(*tracks: RecordedTrack) -> Recording:
-    views = tuple(ObserverView(f"-{n}", (track,), infrastructure=True) for n, track in enumerate(tracks, start=1))
+    views = tuple(ObserverView(f"-{n}", (track,), is_infrastructure=True) for n, track in enumerate(tracks, start=1))
     return Recording("log", "test", 0.1, len(tracks[0].x), views, HdMap())
 
 
@@ -101,8 +101,8 @@ def test_what_nobody_saw_for_long_is_no_step() -> None:
     found = clean_recording(seen_by(car("7", seen)))
     (track,) = found.tracks
     assert np.hypot(*(track.xy - car("7", seen).xy)[seen].T).max() < 0.3
-    assert found.report.of(ChangeReason.TELEPORT) == ()
-    assert found.report.of(ChangeReason.LONG_GAP)
+    assert found.report.list_changes(ChangeReason.TELEPORT) == ()
+    assert found.report.list_changes(ChangeReason.LONG_GAP)
 
 
 def test_without_noise_it_comes_back_exactly(busy: Recording, tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_the_network_comes_back(busy: Recording, trip: Trip, tmp_path: Path) -> 
     roads, original = load_road_map(tmp_path / "net"), load_road_map(find_network_folder("boulevard"))
     same_roads(original, roads)
     same_roads(roads, original)
-    assert (report.lost, report.links_dropped, report.links_added) == ({}, (), ())
+    assert (report.drop_reason_by_lane, report.links_dropped, report.links_added) == ({}, (), ())
     assert (report.left_hand, report.directions.inverted, report.directions.undecided) == (False, (), ())
 
 
@@ -166,7 +166,7 @@ def test_many_drives_come_back(tmp_path: Path) -> None:
 def real(name: str) -> Recording:
     """A real log, of the long one ten seconds."""
     found = READ[name]()
-    return windowed(found, slice(1000, 1100)) if found.frames > 300 else found
+    return windowed(found, slice(1000, 1100)) if found.frame_count > 300 else found
 
 
 @pytest.mark.full

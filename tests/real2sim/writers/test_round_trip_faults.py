@@ -30,7 +30,12 @@ from tests.real2sim.clean.test_clean_faults import repaired, told
 
 SHARE = 0.98
 CLEAN = ObservationNoise(
-    least_visible=0.0, gaps_per_s=0.0, cav_range_m=300.0, station_range_m=300.0, wrong_label=0.0, wrong_attribute=0.0
+    min_visible_share=0.0,
+    gaps_per_s=0.0,
+    cav_range_m=300.0,
+    station_range_m=300.0,
+    label_error_probability=0.0,
+    attribute_error_probability=0.0,
 )
 """Everybody sees everything all the time, with the usual errors of position, size and yaw."""
 CROWD = Crowd(vehicles=30, walkers=12, all=54)
@@ -84,7 +89,7 @@ def expected(thing: RecordedTrack, found: Sequence[RecordedTrack]) -> RecordedTr
     (track,) = found
     there = thing.valid & track.valid
     columns = {name: np.where(there, getattr(track, name), np.nan) for name in ("x", "y", "yaw")}
-    return thing.with_rows(valid=there, **columns)
+    return thing.replace_columns(valid=there, **columns)
 
 
 def shares(results: Sequence[Result]) -> dict[str, float]:
@@ -97,7 +102,7 @@ def test_a_clean_log_needs_no_repair() -> None:
     log = clean_log(0)
     gaps = [np.nanmedian(np.hypot(*(a.xy - b.xy).T)) for a, b in zip(log.truth, scene(0).views[0].tracks, strict=True)]
     assert max(gaps) < 0.5
-    assert clean_recording(log.recording).report.of(ChangeReason.TELEPORT) == ()
+    assert clean_recording(log.recording).report.list_changes(ChangeReason.TELEPORT) == ()
 
 
 @pytest.mark.parametrize("kind", sorted(PLANTS))

@@ -101,9 +101,9 @@ def test_what_is_written_is_read(written: Recording) -> None:
         read = read_v2xpnp(Path(folder) / "log", ())
         for file in Path(folder).glob("log/*/*.yaml"):  # the layout is PyYAML's own, as in the real files
             assert yaml.dump(yaml.safe_load(file.read_text())) == file.read_text()
-    assert (read.id, read.dt_s, read.frames, read.cavs) == ("log", 0.1, written.frames, written.cavs)
+    assert (read.id, read.dt_s, read.frame_count, read.cavs) == ("log", 0.1, written.frame_count, written.cavs)
     for before, after in zip(written.views, read.views, strict=True):
-        assert (after.observer, after.infrastructure) == (before.observer, before.infrastructure)
+        assert (after.observer, after.is_infrastructure) == (before.observer, before.is_infrastructure)
         np.testing.assert_allclose(after.pose[:, :2], before.pose[:, :2], atol=HALF_MM)
         np.testing.assert_allclose(wrap_angles(after.pose[:, 2] - before.pose[:, 2]), 0, atol=math.radians(HALF_MM))
         found = {track.id: track for track in after.tracks}
@@ -167,7 +167,7 @@ def observed() -> tuple[Recording, Recording]:
         track("0", 0.5 * t, 0.0), track("1", 5 + 0.5 * t, 5.0, 1.0), *far, *walkers, turning,
         cavs=("0", "1"), stations=((3.0, -6.0, 0.5),),
     )  # fmt: skip
-    return truth, simulate_observers(truth, ObservationNoise(least_visible=0.0), 3)
+    return truth, simulate_observers(truth, ObservationNoise(min_visible_share=0.0), 3)
 
 
 def by_id(view: ObserverView) -> dict[str, RecordedTrack]:
@@ -239,7 +239,7 @@ def test_the_lidar_is_not_the_box(observed: tuple[Recording, Recording]) -> None
 
 def test_tracks_have_gaps(observed: tuple[Recording, Recording]) -> None:
     truth, seen = observed
-    whole = simulate_observers(truth, ObservationNoise(least_visible=0.0, gaps_per_s=0.0), 3)
+    whole = simulate_observers(truth, ObservationNoise(min_visible_share=0.0, gaps_per_s=0.0), 3)
     share = 0.05 * 0.1 * 3  # gaps a second, seconds a frame, mean length of a gap [frames]
     for with_gaps, without in zip(seen.views, whole.views, strict=True):
         kept, full = by_id(with_gaps), by_id(without)
@@ -254,7 +254,9 @@ def test_range_and_occlusion() -> None:
         track("0", 0.0, 0.0), wall, track("2", 40.0, 0.0), track("3", 0.0, 100.0), track("4", 0.0, -130.0),
         cavs=("0",), stations=((0.0, 5.0, 0.0),),
     )  # fmt: skip
-    cav, station = map(by_id, simulate_observers(truth, ObservationNoise(gaps_per_s=0.0, wrong_label=0.0), 0).views)
+    cav, station = map(
+        by_id, simulate_observers(truth, ObservationNoise(gaps_per_s=0.0, label_error_probability=0.0), 0).views
+    )
     assert cav.keys() == {"1", "3"}  # 2 is behind the truck, 4 out of range
     assert station.keys() == {"0", "1"}
     assert by_id(simulate_observers(truth, ObservationNoise(cav_range_m=200.0), 0).views[0]).keys() == {"1", "3", "4"}
@@ -264,7 +266,7 @@ def test_labels_and_attributes_disagree() -> None:
     angles = [(n, n / 100 * math.pi) for n in range(2, 200)]
     ring = [track(str(n), 180 * math.cos(a), 180 * math.sin(a), a + math.pi / 2, parked=n % 2 == 0) for n, a in angles]
     truth = scene(*(track(str(n), 0.0, 5.0 * n) for n in range(2)), *ring, cavs=("0", "1"))
-    noise = ObservationNoise(least_visible=0.0, cav_range_m=500.0)
+    noise = ObservationNoise(min_visible_share=0.0, cav_range_m=500.0)
     first, second = map(by_id, simulate_observers(truth, noise, 0).views)
     shared = [k for k in first.keys() & second.keys() if k not in "01"]
     assert len(shared) > 100  # the CAVs hide some from each other
@@ -278,7 +280,7 @@ def test_labels_and_attributes_disagree() -> None:
 
 def test_the_seed_decides(observed: tuple[Recording, Recording], tmp_path: Path) -> None:
     truth, seen = observed
-    noise = ObservationNoise(least_visible=0.0)
+    noise = ObservationNoise(min_visible_share=0.0)
     again, other = simulate_observers(truth, noise, 3), simulate_observers(truth, noise, 4)
     np.testing.assert_array_equal(again.views[0].tracks[5].x, seen.views[0].tracks[5].x)
     assert not np.array_equal(other.views[0].tracks[5].x, seen.views[0].tracks[5].x, equal_nan=True)
