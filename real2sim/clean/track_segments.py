@@ -65,7 +65,7 @@ class TrackSegments:
             ids=tuple(self.ids[i] for i in keep),
             categories=tuple(self.categories[i] for i in keep),
             parked=self.parked[keep],
-            broken=self.is_cut[keep],
+            is_cut=self.is_cut[keep],
             valid=valid,
             **hidden,
         )
@@ -146,7 +146,7 @@ def split_at_jumps(whole: TrackSegments, dt_s: float) -> tuple[TrackSegments, tu
             valid[row, tail] = False
             mistakes.append(RemovedFrames(k, len(tail), "frozen before a jump"))
     broken = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
-    return replace(whole.select(keep, valid), broken=broken), tuple(mistakes)
+    return replace(whole.select(keep, valid), is_cut=broken), tuple(mistakes)
 
 
 def _find_excursions(off: Float, breaks: Bool, longest: int) -> Bool:

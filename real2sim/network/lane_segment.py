@@ -79,7 +79,7 @@ def split_segment(strip: LaneSegment, stations: Sequence[float]) -> list[LaneSeg
         return [strip]
     bounds = [0.0, *stations, strip.centreline.length]
     return [
-        replace(strip, id=f"{strip.id}~{k}", line=clip_polyline(strip.centreline, bounds[k], bounds[k + 1]))
+        replace(strip, id=f"{strip.id}~{k}", centreline=clip_polyline(strip.centreline, bounds[k], bounds[k + 1]))
         for k in range(len(bounds) - 1)
     ]
 

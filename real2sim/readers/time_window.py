@@ -21,7 +21,7 @@ def crop_recording(where: str, recording: Recording, window: TimeWindow | None) 
         )
     there = {name for view in views for name in (view.observer, *(track.id for track in view.tracks))}
     cavs = tuple(cav for cav in recording.cavs if cav in there)
-    return replace(recording, views=views, frames=rows.stop - rows.start, cavs=cavs)
+    return replace(recording, views=views, frame_count=rows.stop - rows.start, cavs=cavs)
 
 
 def _select_frames(where: str, recording: Recording, window: TimeWindow) -> slice:

@@ -134,7 +134,7 @@ def windowed(recording: Recording, frames: slice) -> Recording:
         replace(view, tracks=tuple(k for track in view.tracks if (k := cut(track)).valid.any()), pose=view.pose[frames])
         for view in recording.views
     )
-    return replace(recording, frames=len(range(recording.frame_count)[frames]), views=views)
+    return replace(recording, frame_count=len(range(recording.frame_count)[frames]), views=views)
 
 
 def as_truth(recording: Recording, stations: int = 2) -> Recording:
