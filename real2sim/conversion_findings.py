@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
+from real2sim.fidelity_targets import FidelityTarget
 from real2sim.fit.disposition import TrackRole
 from real2sim.network import NetworkReport
 from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.fidelity_targets import FidelityTarget
 from real2sim.traffic_fidelity import TrafficFidelity
 
 

@@ -73,7 +73,7 @@ def find_silently_lost(
 ) -> tuple[str, ...]:
     """Tracks of the source of which nothing is in the scenario, and nobody says why."""
     silent = TrackRole(Disposition.LEFT_OUT)
-    told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.lost)
+    told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.drop_reason_by_track)
     source = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
     return tuple(sorted(id_ for id_ in source if not told & {id_, *cleaned.successors.get(id_, ())}))
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.clean.cleaning_report import TrackChange
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import describe_changes, describe_failures, format_figure, format_frames
 from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_table, tag
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.map_figures import MapFrame, draw_actor_map
 from real2sim.fidelity_report.report_entry import ReportEntry
-from real2sim.conversion_findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics

@@ -6,13 +6,13 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mdrive_sumo.scenario.suite import natural_sort_key
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure, format_share
 from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_page, render_table, tag
 from real2sim.fidelity_report.map_figures import draw_thumbnail, fit_map_frame
 from real2sim.fidelity_report.report_entry import build_entries
 from real2sim.fidelity_report.report_page import PAGE
 from real2sim.fidelity_report.target_tiles import find_missed_targets
-from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_targets import count_sumo_driven
 
 HEAD = (

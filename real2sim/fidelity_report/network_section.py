@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_table, tag
 from real2sim.fidelity_report.map_figures import AROUND_M, MapFrame, draw_far_points
@@ -42,7 +43,11 @@ def compute_deviation(findings: ConversionFindings) -> CentreLineDeviation:
 def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
     """Driving lanes that the network has, in their direction of travel."""
     inverted = set(network.directions.inverted)
-    lanes = [lane for id_, lane in map.lanes.items() if lane.kind is LaneKind.DRIVING and id_ not in network.lost]
+    lanes = [
+        lane
+        for id_, lane in map.lanes.items()
+        if lane.kind is LaneKind.DRIVING and id_ not in network.drop_reason_by_lane
+    ]
     return [build_polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
 
 
@@ -64,7 +69,7 @@ def _sizes(network: NetworkReport) -> Markup:
 
 
 def _fit_table(network: NetworkReport) -> Markup:
-    fit = network.fit
+    fit = network.deviation
     rows = (
         ("source to network", *(format_figure(value, decimals=3) for value in (fit.mean, fit.p95, fit.max))),
         (

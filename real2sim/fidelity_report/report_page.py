@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from real2sim.clean.cleaning_report import ChangeReason
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.actor_section import ActorSection, gather_actors, render_actor_cards, render_actor_table
 from real2sim.fidelity_report.formatting import CLEANED, describe_figure, format_figure, format_frames
 from real2sim.fidelity_report.html import (
@@ -21,8 +22,6 @@ from real2sim.fidelity_report.network_section import render_network_section
 from real2sim.fidelity_report.report_entry import ReportEntry, build_entries, number_by_id
 from real2sim.fidelity_report.target_tiles import find_missed_targets, render_tiles
 from real2sim.fidelity_report.traffic_section import render_traffic_section
-from real2sim.conversion_findings import ConversionFindings
-from real2sim.quality import CHECKS
 from real2sim.fidelity_targets import count_sumo_driven
 from real2sim.quality import CHECKS
 

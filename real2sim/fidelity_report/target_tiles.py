@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Markup, join_markup, tag
-from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_targets import FidelityTarget, build_reconstruction_targets, build_traffic_targets
 
 STATES = {True: ("met", "met"), False: ("missed", "missed"), None: ("open", "not measured")}

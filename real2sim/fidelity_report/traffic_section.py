@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure, format_frames, format_share
 from real2sim.fidelity_report.html import Markup, join_markup, link_entry, render_collapsible_list, render_table, tag
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.report_entry import ReportEntry, number_by_id
-from real2sim.conversion_findings import ConversionFindings
 from real2sim.traffic_fidelity import MEDIAN_5S_M, PositionErrors, TrafficFidelity
 
 HEAD = ("after departure [s]", "vehicles", "lower quartile [m]", "median [m]", "upper quartile [m]", "worst [m]")

@@ -158,7 +158,7 @@ def _lane_index(one: RoutedTrack) -> int:
     """Index of the lane on which it departs: that of its first frame, else of the edge before the junction."""
     first = int(np.flatnonzero(np.isfinite(one.progress))[0])
     edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
-    on = [lane for lane in edge.lanes if lane.id == one.match.lane[first]]
+    on = [lane for lane in edge.lanes if lane.id == one.match.lanes[first]]
     return (on or list(edge.lanes))[0].index
 
 
@@ -212,7 +212,7 @@ def _seen_on(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
     found: dict[tuple[int, str], tuple[float, float]] = {}
     least, front = 0, one.front_progress
     for frame in np.flatnonzero(np.isfinite(one.progress)).tolist():
-        lane = one.match.lane[frame]
+        lane = one.match.lanes[frame]
         k = one.path.find_edge_index(lane, least) if lane else None
         if k is not None:
             least, at = max(k, least), float(front[frame])

@@ -65,7 +65,7 @@ def find_abreast(all_of_them: CentrelineTraffic, dt_s: float) -> dict[str, str]:
 
 
 def _side_by_side(all_of_them: CentrelineTraffic, k: int, n: int) -> np.ndarray:
-    one, other = (all_of_them.drivers[i].match.lane for i in (k, n))
+    one, other = (all_of_them.drivers[i].match.lanes for i in (k, n))
     same = np.array([a == b != "" for a, b in zip(one, other, strict=True)], dtype=np.bool_)
     frames = _near(all_of_them, k, same, all_of_them.poses[n, :, :2])
     if not len(frames):

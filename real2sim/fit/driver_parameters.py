@@ -63,7 +63,7 @@ def _gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float
     one = drivers[k]
     begins = np.full((int(lanes.max()) + 2,), np.nan)
     by_name = {lane: number for row, other in zip(lanes, drivers, strict=True)
-               for number, lane in zip(row.tolist(), other.match.lane, strict=True)}  # fmt: skip
+               for number, lane in zip(row.tolist(), other.match.lanes, strict=True)}  # fmt: skip
     for stage in one.path.edges_in_order:
         for lane in stage.lanes:
             if lane.id in by_name:

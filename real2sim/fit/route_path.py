@@ -128,12 +128,12 @@ def _known(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.nda
     ahead: list[float] = []
     stage = 0
     for frame in whole.tolist():
-        found = path.find_edge_index(match.lane[frame], stage) if match.lane[frame] else None
+        found = path.find_edge_index(match.lanes[frame], stage) if match.lanes[frame] else None
         if found is None:
             continue
         stage = max(stage, found)
         here = path.edges_in_order[found]
-        lane = next(one for one in here.lanes if one.id == match.lane[frame])
+        lane = next(one for one in here.lanes if one.id == match.lanes[frame])
         at.append(frame)
         ahead.append(here.begin + float(match.s[frame]) * here.length / lane.centre.length)
     return np.array(at, dtype=np.intp), np.array(ahead)

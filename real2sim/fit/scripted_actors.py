@@ -64,7 +64,7 @@ def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTra
     motion: Motion = StandingMotion()
     said: list[str] = []
     if any(_drives_through(box, one, track) for one in traffic.drivers):
-        first, last = int(track.frames[0]) * dt_s, (int(track.frames[-1]) + 1) * dt_s
+        first, last = int(track.valid_frames[0]) * dt_s, (int(track.valid_frames[-1]) + 1) * dt_s
         motion = ReplayMotion(
             poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
         )

@@ -23,7 +23,7 @@ MIN_SPEED_SAMPLES = 10
 
 
 @dataclass(frozen=True)
-class CentrelineDeviation:
+class MapDeviation:
     """Distances [m] between centre lines: from points of the source to the network, and back."""
 
     mean: float
@@ -34,11 +34,11 @@ class CentrelineDeviation:
     back_max: float
 
 
-def measure_centreline_deviation(source: Sequence[Polyline], roads: RoadMap) -> CentrelineDeviation:
+def measure_centreline_deviation(source: Sequence[Polyline], roads: RoadMap) -> MapDeviation:
     """Measure every metre of all source lanes against the nearest lane with the same direction, and back."""
     ours = [lane.centre for lane in roads.driving]
     there, back = measure_line_distances(source, ours), measure_line_distances(ours, source)
-    return CentrelineDeviation(*_summarise(there), *_summarise(back))
+    return MapDeviation(*_summarise(there), *_summarise(back))
 
 
 def _summarise(distance: Float) -> tuple[float, float, float]:

@@ -19,7 +19,7 @@ from real2sim.network.lane_links import RebuiltLinks, rebuild_links
 from real2sim.network.lane_segment import MIN_LANE_M, LaneLink, LaneSegment, measure_boundary_width
 from real2sim.network.lane_shapes import restore_shapes
 from real2sim.network.map_measurements import (
-    CentrelineDeviation,
+    MapDeviation,
     is_left_hand_traffic,
     measure_centreline_deviation,
     measure_observed_speeds,
@@ -57,7 +57,7 @@ class NetworkReport:
     links_added: tuple[LaneLink, ...]
     drop_reason_by_lane: Mapping[str, str]
     """Lane of the source -> why it is not in the network."""
-    deviation: CentrelineDeviation
+    deviation: MapDeviation
     """Distance between centre lines in both directions."""
     default_widths: int
     """Number of lanes of unknown width: they get the spacing of their neighbours, else 3.5 m."""

@@ -7,13 +7,6 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
 from real2sim.clean.cleaning_report import CleaningReport
 from real2sim.conversion_findings import ConversionFindings
-from real2sim.fit import FittedTraffic
-from real2sim.fit.disposition import Disposition, TrackRole
-from real2sim.match import LaneMatch
-from real2sim.network import NetworkReport
-from real2sim.pipeline.quality_file import CleaningChange, CleaningFigures, NetworkFigures, QualityFile, TrackRoleEntry
-from real2sim.quality import ReconstructionQuality
-from real2sim.recording import RecordedTrack, Recording
 from real2sim.fidelity_targets import (
     FidelityTarget,
     build_lost_target,
@@ -22,6 +15,13 @@ from real2sim.fidelity_targets import (
     build_traffic_targets,
     count_sumo_driven,
 )
+from real2sim.fit import FittedTraffic
+from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.match import LaneMatch
+from real2sim.network import NetworkReport
+from real2sim.pipeline.quality_file import CleaningChange, CleaningFigures, NetworkFigures, QualityFile, TrackRoleEntry
+from real2sim.quality import ReconstructionQuality
+from real2sim.recording import RecordedTrack, Recording
 from real2sim.traffic_fidelity import TrafficFidelity
 
 
@@ -114,11 +114,11 @@ def _cleaning(report: CleaningReport) -> CleaningFigures:
         CleaningChange(reason=change.reason, track=change.track, frames=change.frames, detail=change.detail)
         for change in report.changes
     )
-    return CleaningFigures(counts=report.counts(), changes=tuple(changes))
+    return CleaningFigures(counts=report.count_by_reason(), changes=tuple(changes))
 
 
 def _network(report: NetworkReport) -> NetworkFigures:
-    fit = report.fit
+    fit = report.deviation
     return NetworkFigures(
         name=report.name,
         checksum=report.checksum,

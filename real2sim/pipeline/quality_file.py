@@ -12,9 +12,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
+from real2sim.fidelity_targets import FidelityTarget
 from real2sim.fit.disposition import Disposition
 from real2sim.quality import ReconstructionQuality
-from real2sim.fidelity_targets import FidelityTarget
 from real2sim.traffic_fidelity import TrafficFidelity
 
 QUALITY_FILE = "quality.json"

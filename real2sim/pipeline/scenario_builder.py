@@ -67,7 +67,7 @@ def build_scenario(
     check_on_map(recording)
     cleaned, dt_s = clean_recording(recording), recording.dt_s
     if not cleaned.tracks:
-        raise InputError(f"expected tracks of at least half a second, found none in {recording.frames} frames")
+        raise InputError(f"expected tracks of at least half a second, found none in {recording.frame_count} frames")
     seen = vehicle_trajectories(cleaned.tracks)
     if network is None:
         network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
@@ -107,7 +107,7 @@ def _assessed(
     )
     raw = {track.id: track for track in cleaned.tracks}
     return assess_reconstruction(
-        ReconstructedLog(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.lost)
+        ReconstructedLog(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.drop_reason_by_track)
     )
 
 

@@ -68,7 +68,7 @@ def summarize_suite(qualities: Sequence[QualityFile]) -> FidelitySummary:
     for quality in qualities:
         for target in quality.targets:
             if target.met is False:
-                misses.setdefault(target.name, {})[quality.scenario] = target.sentence()
+                misses.setdefault(target.name, {})[quality.scenario] = target.format_sentence()
     return FidelitySummary(scenarios=lines, all=_all(lines), misses=misses)
 
 

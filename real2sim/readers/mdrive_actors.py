@@ -144,7 +144,7 @@ def _note_ignored(authored: AuthoredActor, motion: Motion) -> list[str]:
     notes: list[str] = []
     if authored.route.attributes.get("snap_to_road", "").lower() == "true":
         notes.append("is not moved onto the road (snap_to_road), but is where its file says")
-    if authored.route.point_speeds and isinstance(motion, PathMotion):
+    if authored.route.has_point_speeds and isinstance(motion, PathMotion):
         notes.append(f"speeds at its points are not read, it drives at {motion.speed:g} m/s")
     return notes
 

@@ -143,7 +143,7 @@ def _compute_visibility(scene: ObserverView, pose: Float, noise: ObservationNois
         ids = [scene.tracks[i].id for i in rows]
         eye = SensorPose(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
         boxes = _build_objects([scene.tracks[i] for i in rows], t)
-        seen[rows, t] = find_visible_rows(eye, SensingFrame(t, boxes, {}), buildings, range_m, noise.least_visible)
+        seen[rows, t] = find_visible_rows(eye, SensingFrame(t, boxes, {}), buildings, range_m, noise.min_visible_share)
     return {track.id: row for track, row in zip(scene.tracks, seen, strict=True)}
 
 

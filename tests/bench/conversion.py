@@ -21,15 +21,16 @@ from real2sim.pipeline.log_conversion import convert_log
 from real2sim.pipeline.log_source import LogSource
 
 Row = tuple[str, float, str, str]
-STEPS = (
-    "clean",
-    "build_network",
-    "reconstruct_tracks",
-    "match",
-    "fit_traffic",
-    "_assessed",
-    "measure_traffic_fidelity",
-)
+STEPS = {
+    "clean": "clean_recording",
+    "build_network": "build_network",
+    "reconstruct": "reconstruct_tracks",
+    "match": "match_track",
+    "fit": "fit_traffic",
+    "assessed": "_assessed",
+    "closeness": "measure_traffic_fidelity",
+}
+"""Row of the table -> function of `scenario_builder` that is timed."""
 
 
 def conversion_rows(folder: Path) -> Iterator[Row]:

@@ -21,6 +21,7 @@ from real2sim.atomic_folder import atomic_folder
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
 from real2sim.cli.log_options import show_progress
+from real2sim.fidelity_targets import FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost
 from real2sim.fit.background_vehicle import median_size
 from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.pipeline.cav_selection import select_cav_tracks

@@ -14,12 +14,12 @@ from testing.paths import ROOT
 from testing.report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
 from real2sim.clean.cleaning_report import ChangeReason
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import CLEANED, FIGURES, describe_failures, describe_figure
 from real2sim.fidelity_report.index_page import build_index_row, render_index, write_index
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.network_section import compute_deviation
 from real2sim.fidelity_report.report_page import PAGE, render_report, write_report
-from real2sim.conversion_findings import ConversionFindings
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
 from real2sim.readers.scenarionet import read_scenarionet

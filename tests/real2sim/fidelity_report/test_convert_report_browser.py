@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from testing.report_findings import HOSTILE, small_findings
 
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.index_page import build_index_row, write_index
 from real2sim.fidelity_report.report_page import write_report
-from real2sim.conversion_findings import ConversionFindings
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update")
