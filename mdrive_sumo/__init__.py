@@ -1,10 +1,107 @@
-"""The MDrive closed-loop cooperative-driving benchmark on Eclipse SUMO."""
+"""The MDrive closed-loop cooperative-driving benchmark on Eclipse SUMO.
+
+    import mdrive_sumo as md
+
+    suite = md.load_suite("interdrive")
+    run = md.evaluate(suite, agent="sharing", comm="realistic", workers=2)
+    episode = md.simulate("i11_ins_sl_town", agent="sharing", seed=0)
+
+A name is imported when it is first used, so `import mdrive_sumo` itself loads nothing: the command line and the child
+processes of agents stay light.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mdrive_sumo.api.comparison import compare
+    from mdrive_sumo.api.episode import Episode, load_episode
+    from mdrive_sumo.api.evaluation import evaluate
+    from mdrive_sumo.api.run import Run, Scores, load_run
+    from mdrive_sumo.api.simulation import Simulation, simulate
+    from mdrive_sumo.contract import Agent, Briefing, Control, Message, Note, Observation, Plan, Reply, SensorSpec
+    from mdrive_sumo.core.errors import InputError, MdriveError, WorldError
+    from mdrive_sumo.loop.agent_driver import AgentFailure
+    from mdrive_sumo.report.replay_page import ReplayPage
+    from mdrive_sumo.runs.compare import RunComparison
+    from mdrive_sumo.scenario.catalog import Suite, list_suites, load_suite
+    from mdrive_sumo.scenario.scenario import Scenario
+
+    __version__: str
+
+__all__ = [
+    # scenarios
+    "Scenario",
+    "Suite",
+    "list_suites",
+    "load_suite",
+    # driving
+    "Simulation",
+    "evaluate",
+    "simulate",
+    # results
+    "RunComparison",
+    "Episode",
+    "ReplayPage",
+    "Run",
+    "Scores",
+    "compare",
+    "load_episode",
+    "load_run",
+    # what an agent exchanges with the benchmark
+    "Agent",
+    "Briefing",
+    "Control",
+    "Message",
+    "Note",
+    "Observation",
+    "Plan",
+    "Reply",
+    "SensorSpec",
+    # errors
+    "AgentFailure",
+    "InputError",
+    "MdriveError",
+    "WorldError",
+]
+
+_MODULE_BY_NAME = {
+    "Scenario": "scenario.scenario",
+    "Suite": "scenario.catalog",
+    "list_suites": "scenario.catalog",
+    "load_suite": "scenario.catalog",
+    "Simulation": "api.simulation",
+    "evaluate": "api.evaluation",
+    "simulate": "api.simulation",
+    "RunComparison": "runs.compare",
+    "Episode": "api.episode",
+    "ReplayPage": "report.replay_page",
+    "Run": "api.run",
+    "Scores": "api.run",
+    "compare": "api.comparison",
+    "load_episode": "api.episode",
+    "load_run": "api.run",
+    **dict.fromkeys(
+        ("Agent", "Briefing", "Control", "Message", "Note", "Observation", "Plan", "Reply", "SensorSpec"), "contract"
+    ),
+    "AgentFailure": "loop.agent_driver",
+    **dict.fromkeys(("InputError", "MdriveError", "WorldError"), "core.errors"),
+}
 
 
-def __getattr__(name: str) -> str:
-    """`__version__`, read when it is asked for: where an agent runs there is the code, but no installed package."""
-    if name != "__version__":
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use (PEP 562). `__version__` needs the installed package, which agents lack."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("mdrive-sumo")
+    if name not in _MODULE_BY_NAME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib.metadata import version
+    from importlib import import_module
 
-    return version("mdrive-sumo")
+    value = getattr(import_module(f"{__name__}.{_MODULE_BY_NAME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

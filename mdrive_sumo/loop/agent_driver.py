@@ -59,7 +59,7 @@ class LocalDriver:
     def __init__(self, agent: Agent) -> None:
         self._agent = agent
         self._seen: Observation | None = None
-        self.label = agent.label
+        self.label = getattr(agent, "label", "single")
         self.thought_s = 0.0
 
     def sensors(self) -> tuple[SensorSpec, ...]:

@@ -1,36 +1,23 @@
-"""The replay viewer: one episode as one self-contained page that never reaches the network.
-
-Everything that comes from files travels inside one base64 block (gzip of a JSON header and int32 tables), so that
-no id or text of a scenario can become markup; the page's script puts texts into the document only as text.
-"""
+"""The replay of an episode: one self-contained HTML page that never accesses the network."""
 
 import base64
-import gzip
 import hashlib
 import html
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.resources import files
-from string import Template
-from typing import Any
+from pathlib import Path
+from typing import Self
 
-import numpy as np
-import shapely
+from jinja2 import Environment, StrictUndefined
 
-from mdrive_sumo.core.geometry import Float, Int
-from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.report.replay_messages import build_message_tables
-from mdrive_sumo.report.replay_notes import list_notes
-from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
-from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.report.replay_data import pack_replay_data
+from mdrive_sumo.report.replay_marks import ReplayMark, find_marks
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import ScenarioResult
 
-SURROUNDINGS_M = 80.0
-"""Roads farther than this from every road user and route are left out of the page."""
-CELL_M = 20.0
-"""Grid on which positions are gathered before the surroundings are drawn around them."""
 SCRIPTS = (
     "viewer_replay.js",
     "viewer_talk.js",
@@ -43,164 +30,55 @@ SCRIPTS = (
     "viewer_input.js",
     "viewer.js",
 )
+FRAME_HEIGHT_PX = 640
+"""Height of the page inside a notebook."""
 
 
 @dataclass(frozen=True, slots=True)
-class ReplayMark:
-    """Something to find on the timeline and on the map: an infraction or how an ego ended.
+class ReplayPage:
+    """A replay page as a value: a notebook shows it inline, `save` writes it to a file."""
 
-    `kind` is a word such as "collision-vehicle", "blocked" or "arrived"; x and y are in the world frame [m].
-    """
+    html: str
 
-    tick: int
-    ego: str
-    kind: str
-    text: str
-    x: float
-    y: float
+    @classmethod
+    def build(cls, record: EpisodeRecord, scenario: Scenario, roads: RoadMap, result: ScenarioResult) -> Self:
+        """Build the page of a scored episode, with marks for its infractions and arrivals."""
+        return cls(render_replay(record, scenario, roads, find_marks(record, result)))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page, for any browser, and return its path."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(self.html, encoding="utf-8")
+        return path
+
+    def __repr__(self) -> str:
+        return f"ReplayPage({len(self.html)} characters; .save(path) writes it)"
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own, so that neither its style nor its script reach the notebook."""
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="{FRAME_HEIGHT_PX}"'
+            ' style="border: 0" sandbox="allow-scripts"></iframe>'
+        )
 
 
 def render_replay(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
-    """The page. The same episode gives the same bytes; its own policy forbids it every connection."""
+    """Return the page. The same episode gives the same bytes; its content policy forbids every connection."""
     static = files("mdrive_sumo.report") / "static"
     script = "\n".join((static / name).read_text("utf-8") for name in SCRIPTS)
     style = (static / "viewer.css").read_text("utf-8")
-    return Template((static / "viewer.html").read_text("utf-8")).substitute(
-        title=html.escape(f"{scenario.id} · mdrive-sumo"),
+    environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
+    return environment.from_string((static / "viewer.html").read_text("utf-8")).render(
+        title=f"{scenario.id} · mdrive-sumo",
         style=style,
-        style_hash=_policy_hash(style),
+        style_hash=hash_for_policy(style),
         script=script,
-        script_hash=_policy_hash(script),
-        data=_data(episode, scenario, roads, marks),
+        script_hash=hash_for_policy(script),
+        data=pack_replay_data(episode, scenario, roads, marks),
     )
 
 
-def _policy_hash(text: str) -> str:
-    """The name of an inline script or style in a Content-Security-Policy (CSP level 3, section 2.3.1)."""
+def hash_for_policy(text: str) -> str:
+    """Return the name of an inline script or style in a Content-Security-Policy (CSP level 3, section 2.3.1)."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-
-
-def _data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
-    # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
-    origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
-    talk, talk_tables = build_message_tables(episode, scenario, origin)
-    tables = {
-        "motion": _motion(episode, origin),
-        "valid": episode.valid.T,
-        "controls": np.moveaxis(episode.controls, 0, -1),
-        "plan_points": _plan_points(episode, origin),
-        "sight": compute_visibility(episode, roads),
-        **talk_tables,
-    }
-    header = {
-        **_run(episode, scenario, marks, origin),
-        "origin": origin.tolist(),
-        "map": _map(roads, _surroundings(episode, scenario), origin),
-        "talk": talk,
-        "notes": list_notes(episode),
-        "sight_every": SIGHT_EVERY_TICKS,
-        "sight_range": SIGHT_RANGE_M,
-        "tables": [(name, table.shape[-1], table.size) for name, table in tables.items()],
-    }
-    head = json.dumps(header, separators=(",", ":"), allow_nan=False, default=str).encode()
-    body = b"".join(_differences(table) for table in tables.values())
-    packed = gzip.compress(len(head).to_bytes(4, "little") + head + body, compresslevel=9, mtime=0)
-    return base64.b64encode(packed).decode()
-
-
-def _differences(table: Any) -> bytes:
-    """Rows (..., T) as their first value and steps, little-endian int32: what moves smoothly packs well."""
-    return np.diff(table.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4").tobytes()
-
-
-def _motion(episode: EpisodeRecord, origin: Float) -> Int:
-    """(N, 4, T): x, y [mm] from the origin, yaw [0.1 mrad], speed [mm/s]."""
-    shift = np.array((*(origin * 1000), 0, 0)).astype(np.int64)
-    return np.moveaxis(np.where(episode.valid[..., None], episode.quanta - shift, 0), 0, -1)
-
-
-def _plan_points(episode: EpisodeRecord, origin: Float) -> Int:
-    """(2, K): the points of all plans, one after the other [cm] from the origin."""
-    points = [plan.points for plan in episode.plans]
-    return _centimetres(np.concatenate([*points, np.zeros((0, 2))]), origin).T
-
-
-def _centimetres(xy: Float, origin: Float) -> Int:
-    return np.rint((xy - origin) * 100).astype(np.int64)
-
-
-def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark], origin: Float) -> dict[str, Any]:
-    """What happened, other than motion. CAVs are named by their column."""
-    column = {ego: i for i, ego in enumerate(episode.ego_ids)}
-    routes = {ego.id: _line(ego.xy, origin) for ego in scenario.egos}
-    return {
-        "scenario": scenario.id,
-        "category": f"{scenario.bucket} / {scenario.category}",
-        "network": scenario.network,
-        "about": {str(key): str(value) for key, value in episode.about.items()},
-        "tick_s": DT,
-        "ticks": episode.ticks,
-        "ids": episode.ids,
-        "egos": episode.egos,
-        "kinds": [Kind(kind).name.lower() for kind in episode.kind.tolist()],
-        "sizes": np.round(np.stack((episode.length, episode.width), axis=-1), 2).tolist(),
-        "routes": [routes[ego] for ego in episode.ego_ids],
-        "endings": [_ending(column, ending) for ending in episode.endings],
-        "marks": [astuple(mark)[:4] + tuple(_line(np.array([(mark.x, mark.y)]), origin)) for mark in marks],
-        "contacts": [(tick, column[contact.ego], contact.other) for tick, contact in episode.contacts],
-        "signals": [(change.tick, change.light, change.state) for change in episode.signals],
-        "plans": [(plan.tick, column[plan.ego], len(plan.points)) for plan in episode.plans],
-    }
-
-
-def _ending(column: Mapping[str, int], ending: Ending) -> tuple[int, int, str, str]:
-    """Column of the CAV, tick, word, and why its agent failed if it did."""
-    reason = " ".join(filter(None, (ending.failure, ending.text)))
-    return column[ending.ego], ending.tick, str(ending.end), reason
-
-
-def _line(xy: Float, origin: Float) -> list[int]:
-    """Points as x0, y0, x1, y1, ... [cm] from the origin."""
-    return _centimetres(xy, origin).ravel().tolist()
-
-
-def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
-    """The area (a shapely geometry) within `SURROUNDINGS_M` of every road user and of every route."""
-    present = np.stack((episode.x[episode.valid], episode.y[episode.valid]), axis=-1)
-    points = np.concatenate([present, *(ego.xy for ego in scenario.egos)])
-    cells = np.unique(np.rint(points / CELL_M), axis=0) * CELL_M
-    return shapely.buffer(shapely.multipoints(cells), SURROUNDINGS_M + CELL_M, quad_segs=4)
-
-
-def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
-    """The roads that come near the area, each whole."""
-    shapely.prepare(area)
-
-    def near(xy: Float) -> bool:
-        return bool(shapely.intersects(area, shapely.linestrings(xy)))
-
-    lanes = [lane for lane in roads.driving if near(lane.centre.xy)]
-    buildings = [building.outline for building in roads.buildings]
-    signs = [sign for sign in roads.stop_signs or () if near(roads.lanes[sign.lane].centre.xy)]
-    return {
-        "lanes": [_lane(lane, origin) for lane in lanes],
-        "junctions": [_line(outline, origin) for outline in roads.junctions if near(outline)],
-        "pavements": [_line(outline, origin) for outline in roads.pavements if near(outline)],
-        "crossings": [(_line(xy, origin), round(width, 2)) for xy, width in roads.crossings if near(xy)],
-        "buildings": [_line(outline, origin) for outline in buildings if near(outline)],
-        "stops": [_stop(sign, roads.lanes[sign.lane], origin) for sign in signs],
-        "signs_known": roads.stop_signs is not None,
-    }
-
-
-def _lane(lane: Lane, origin: Float) -> tuple[list[int], float, bool, bool, bool, list[str]]:
-    """Centre line, width, in a junction, neighbours to the left and right, ids of the lights at its end."""
-    lights = list(dict.fromkeys(lane.lights.values()))
-    line, width = _line(lane.centre.xy, origin), round(lane.width, 2)
-    return line, width, lane.junction, bool(lane.left), bool(lane.right), lights
-
-
-def _stop(sign: StopSignBox, lane: Lane, origin: Float) -> tuple[int, int, float, float]:
-    """Where the line crosses the lane [cm], the lane's direction there [rad] and its width [m]."""
-    x, y = _line(np.array([lane.centre.at(sign.line_pos_m)]), origin)
-    return x, y, round(lane.centre.yaw_at(sign.line_pos_m), 4), lane.width

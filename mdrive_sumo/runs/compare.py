@@ -2,13 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.scoring import Results, ScenarioResult
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TIE = 0.005
 """Driving scores closer than this are a tie: half of the last digit that tables show."""
@@ -48,6 +53,21 @@ class RunComparison:
         wins = sum(d > TIE for d in differences)
         losses = sum(d < -TIE for d in differences)
         return wins, len(differences) - wins - losses, losses
+
+    def __str__(self) -> str:
+        return comparison_table(self)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return one row per scenario with the scores of both runs, the worst losses of B first. Needs pandas."""
+        return build_data_frame(
+            {
+                "scenario": pair.scenario,
+                "category": pair.category,
+                **{"ds_a": pair.ds[0], "ds_b": pair.ds[1], "sr_a": pair.sr[0], "sr_b": pair.sr[1]},
+                "ds_difference": pair.ds_difference,
+            }
+            for pair in self.pairs
+        )
 
 
 def compare(a: Results, b: Results) -> RunComparison:

@@ -9,7 +9,7 @@ from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
-from mdrive_sumo.report.replay_page import ReplayMark
+from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.scenario import Ego, Scenario

@@ -8,8 +8,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from testing.actors_world import actor
 
-from mdrive_sumo.report.actor_plot import COLOURS as KIND_COLOURS
-from mdrive_sumo.report.scenario_plot import BUILDING, COLOURS, save_scenario_plot
+from mdrive_sumo.report.actor_plot import KIND_COLOURS
+from mdrive_sumo.report.map_plot import BUILDING
+from mdrive_sumo.report.scenario_plot import EGO_COLOURS, save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
@@ -33,12 +34,12 @@ def pixels(path: Path, colour: str) -> int:
 def test_every_cav_and_the_houses_are_in_the_picture(tmp_path: Path) -> None:
     one = scenario("i38")
     path = drawn(one, tmp_path / "new" / "i38.png")
-    assert all(pixels(path, colour) > 50 for colour in COLOURS[: len(one.egos)])
+    assert all(pixels(path, colour) > 50 for colour in EGO_COLOURS[: len(one.egos)])
     assert pixels(path, BUILDING) > 5000
 
 
 def test_an_absent_cav_is_not(tmp_path: Path) -> None:
-    assert pixels(drawn(scenario("i07"), tmp_path / "i07.png"), COLOURS[2]) == 0
+    assert pixels(drawn(scenario("i07"), tmp_path / "i07.png"), EGO_COLOURS[2]) == 0
 
 
 @pytest.mark.parametrize(("start", "words"), [("i13", ("i13_ins_sl_minor_road", "STOP")), ("i46", ("hw_c",))])

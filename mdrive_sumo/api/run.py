@@ -1,0 +1,144 @@
+"""Run: the results of an evaluation, one run folder per seed."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+from mdrive_sumo.api.episode import Episode, load_episode
+from mdrive_sumo.core.data_frame import build_data_frame
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.result_tables import format_summary
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.preparation import recording_path
+from mdrive_sumo.runs.process_pool import count_available_cores
+from mdrive_sumo.runs.rescore import rescore_run
+from mdrive_sumo.runs.stored_run import open_run
+from mdrive_sumo.runs.verify import VerificationResult, sample_results, verify
+from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, load_results
+from mdrive_sumo.scoring.summary import means
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCORE_COLUMNS = ("scenario", "seed", "bucket", "category", "status", "ds", "sr", "rc", "ip", "min_ttc", "ticks")
+
+
+@dataclass(frozen=True)
+class Scores(Sequence[ScenarioResult]):
+    """Results of scenarios, one per scenario and seed. DS, SR and RC are percentages, IP is a factor in [0, 1]."""
+
+    results: tuple[ScenarioResult, ...]
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __iter__(self) -> Iterator[ScenarioResult]:
+        return iter(self.results)
+
+    @overload
+    def __getitem__(self, index: int) -> ScenarioResult: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Scores": ...
+    def __getitem__(self, index: int | slice) -> "ScenarioResult | Scores":
+        return Scores(self.results[index]) if isinstance(index, slice) else self.results[index]
+
+    @property
+    def mean(self) -> Means:
+        """Mean DS, SR, RC and IP, every scenario with the same weight. Void scenarios count as DS 0."""
+        return means(self.results)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return one row per scenario and seed, with the number of infractions that cost something. Needs pandas."""
+        return build_data_frame(map(_describe_result, self.results), (*SCORE_COLUMNS, "infractions", "reason"))
+
+    def cavs_to_frame(self) -> "pd.DataFrame":
+        """Return one row per CAV: how it ended, its scores and the kinds of its infractions. Needs pandas."""
+        columns = ("scenario", "seed", "cav", "outcome", "reason", "ds", "rc", "ip", "infractions")
+        return build_data_frame((row for result in self.results for row in _describe_cavs(result)), columns)
+
+
+def _describe_result(result: ScenarioResult) -> dict[str, object]:
+    infractions = sum(one.factor < 1.0 for ego in result.egos for one in ego.infractions)
+    columns = {name: getattr(result, "id" if name == "scenario" else name) for name in SCORE_COLUMNS}
+    return {**columns, "infractions": infractions, "reason": result.reason}
+
+
+def _describe_cavs(result: ScenarioResult) -> Iterator[dict[str, object]]:
+    for ego in result.egos:
+        kinds = [infraction.kind for infraction in ego.infractions if infraction.factor < 1.0]
+        yield {
+            "scenario": result.id,
+            "seed": result.seed,
+            "cav": ego.id,
+            "outcome": str(ego.outcome),
+            "reason": ego.reason,
+            "ds": ego.ds,
+            "rc": ego.rc,
+            "ip": ego.ip,
+            "infractions": kinds,
+        }
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished evaluation. Each seed has a run folder of its own, as `mdrive-sumo eval` writes it."""
+
+    folders: tuple[Path, ...]
+    results: tuple[Results, ...]
+    """The contents of `results.json`, one per seed."""
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds in the order of the folders."""
+        return tuple(results.run.seed for results in self.results)
+
+    @property
+    def scores(self) -> Scores:
+        """The result of every scenario and seed."""
+        return Scores(tuple(scenario for results in self.results for scenario in results.scenarios))
+
+    def __str__(self) -> str:
+        return "\n\n".join(format_summary(results) for results in self.results)
+
+    def __repr__(self) -> str:
+        info, mean = self.results[0].run, self.scores.mean
+        return (
+            f"Run(suite {info.suite!r}, agent {info.agent!r}, seeds {list(self.seeds)},"
+            f" {len(self.scores)} episodes, DS {mean.ds:.2f}, SR {mean.sr:.2f})"
+        )
+
+    def worst(self, count: int = 10) -> Scores:
+        """Return the scenarios with the lowest driving score, the lowest first; ties are ordered by id and seed."""
+        return Scores(tuple(sorted(self.scores, key=lambda result: (result.ds, result.id, result.seed))[:count]))
+
+    def episode(self, scenario: str | ScenarioResult, seed: int | None = None) -> Episode:
+        """Return the recorded episode of a scenario: by its id, or by an entry of `scores`.
+
+        seed: needed only to choose among several seeds; default: the first. Raises InputError.
+        """
+        if isinstance(scenario, ScenarioResult):
+            scenario, seed = scenario.id, scenario.seed
+        if seed is not None and seed not in self.seeds:
+            raise InputError(f"episode: seed: expected one of {', '.join(map(str, self.seeds))}, found {seed}")
+        folder = self.folders[0 if seed is None else self.seeds.index(seed)]
+        return load_episode(recording_path(folder, scenario), open_run(folder)[0].suite)
+
+    def rescore(self, mode: ScoreMode | str) -> "Run":
+        """Return the run in another score mode, computed from its recordings without simulation."""
+        opened = [open_run(folder) for folder in self.folders]
+        return Run(self.folders, tuple(rescore_run(run, results, ScoreMode(mode)) for run, results in opened))
+
+    def verify(self, sample: int | None = None, workers: int | None = None) -> list[VerificationResult]:
+        """Execute the scenarios again, or a sample of each seed, and compare every tick with the recording."""
+        found: list[VerificationResult] = []
+        for folder in self.folders:
+            run, results = open_run(folder)
+            found += verify(run, sample_results(results, sample), workers or count_available_cores())
+        return found
+
+
+def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
+    """Load the results of one run folder, or of several folders of one run with different seeds. Raises InputError."""
+    folders = tuple(map(Path, (folder,) if isinstance(folder, str | Path) else folder))
+    return Run(folders, tuple(load_results(path / RESULTS_FILE) for path in folders))

@@ -1,0 +1,41 @@
+"""Find the scenario that a user names, and its road network."""
+
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scenario.scenario import Scenario, load_scenario
+
+
+def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) -> tuple[Scenario, RoadMap]:
+    """Return a scenario and its network.
+
+    scenario: an id, or a scenario itself. suite: a suite, its name or its folder; None: the packaged suites. A scenario
+    whose network belongs to a suite of one's own needs that suite. Raises InputError.
+    """
+    if suite is not None:
+        owner = load_suite(suite) if isinstance(suite, str) else suite
+        found = scenario if isinstance(scenario, Scenario) else _find_in(owner, scenario)
+        return found, load_road_map(find_network_folder(found.network, owner.home(found.id)))
+    scenario_id = scenario.id if isinstance(scenario, Scenario) else scenario
+    folder = _find_packaged_suite(scenario_id)
+    if isinstance(scenario, Scenario):
+        return scenario, load_road_map(find_network_folder(scenario.network, folder))
+    if folder is None:
+        raise InputError(f"scenario {scenario!r}: expected the id of a scenario in a packaged suite, found none")
+    found = load_scenario(folder / scenario / SCENARIO_FILE)
+    return found, load_road_map(find_network_folder(found.network, folder))
+
+
+def _find_in(suite: Suite, scenario_id: str) -> Scenario:
+    found = next((scenario for scenario in suite if scenario.id == scenario_id), None)
+    if found is None:
+        raise InputError(f"scenario {scenario_id!r}: expected the id of a scenario in suite {suite.name}, found none")
+    return found
+
+
+def _find_packaged_suite(scenario_id: str) -> Path | None:
+    """Return the folder of the packaged suite that has a scenario; None if none has it. Loads nothing."""
+    folders = list_packaged_suites().values()
+    return next((folder for folder in folders if (folder / scenario_id / SCENARIO_FILE).is_file()), None)

@@ -1,0 +1,242 @@
+"""Drive one scenario in this process: with an agent (`simulate`), or step by step (`Simulation`)."""
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, ClassVar, Self
+
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, load_agent_class
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.api.episode import Episode
+from mdrive_sumo.api.options import make_options
+from mdrive_sumo.api.scenario_source import find_scenario
+from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.core.clock import Clock
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import FailureReason, Frame
+from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, open_world, run_episode
+from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
+from mdrive_sumo.runs.preparation import LIMITS
+
+AgentFactory = Callable[[Mapping[str, Any]], Any]
+from mdrive_sumo.runs.agent_spec import Hiring, hired
+from mdrive_sumo.scenario.catalog import Suite
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.v2x.comm import CommSettings
+
+AgentFactory = Callable[[Mapping[str, Any]], Any]
+DEFAULT_SENSORS = (SensorSpec("objects"),)
+
+
+def simulate(
+    scenario: str | Scenario,
+    agent: str | AgentFactory = "idm",
+    *,
+    agent_config: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    suite: str | Suite | None = None,
+    comm: str | CommSettings = "ideal",
+    agent_clock: str | Clock = "ideal",
+    actors: str = "default",
+    friction: str = "dry",
+    raise_agent_errors: bool = True,
+) -> Episode:
+    """Drive one scenario in this process and return the episode: the same one, bit for bit, as `evaluate` records.
+
+    scenario: an id, or a scenario of a suite. agent: a built-in name, a class, `module:Class`, `path.py:Class` or
+    `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
+    raise_agent_errors: an agent that fails raises AgentFailure here, with its own exception as the cause, instead of
+    ending its CAV.
+
+    Raises InputError, WorldError and AgentFailure.
+    """
+    found, roads = find_scenario(scenario, suite)
+    spec = Hiring(agent, agent_config or {}, LIMITS)
+    options = make_options(comm, agent_clock, actors, friction)
+    config = EpisodeConfig(
+        found,
+        roads,
+        seed,
+        {
+            "agent": str(spec.agent),
+            "seed": seed,
+        },
+        **options,
+    )
+    Simulation.close_open()
+    with _open_local_agents(spec, [ego.id for ego in found.egos]) as drivers, open_world(config) as world:
+        if raise_agent_errors:
+            drivers = {ego: _RaisingDriver(ego, driver) for ego, driver in drivers.items()}
+        try:
+            record = run_episode(config, world, drivers)
+        except _AgentError as error:
+            raise AgentFailure(error.failure.failure, f"CAV {error.ego}: {error.failure.text}") from (
+                error.failure.__cause__
+            )
+    return Episode(record, found, roads, seed)
+
+
+@contextmanager
+def _open_local_agents(spec: Any, egos: Sequence[str]) -> Generator[Mapping[str, AgentDriver]]:
+    """Start an agent for every CAV in this process; only an agent of the CARLA leaderboard needs a child process."""
+    if isinstance(spec.agent, str) and (spec.agent in AGENTS or find_carla_file(spec.agent) is not None):
+        with hired(spec, egos) as drivers:
+            yield drivers
+        return
+    factory = load_agent_class(spec.agent) if isinstance(spec.agent, str) else spec.agent
+    yield {ego: LocalDriver(factory(spec.config)) for ego in egos}
+
+
+class _AgentError(Exception):
+    """The failure of an agent on its way past the loop, which catches AgentFailure."""
+
+    def __init__(self, ego: str, failure: AgentFailure) -> None:
+        super().__init__(failure.text)
+        self.ego, self.failure = ego, failure
+
+
+class _RaisingDriver:
+    """An AgentDriver whose failures leave the loop instead of ending the CAV."""
+
+    def __init__(self, ego: str, driver: AgentDriver) -> None:
+        self._ego, self._driver = ego, driver
+
+    def __getattr__(self, name: str) -> Any:
+        """Pass attributes on; methods raise _AgentError instead of AgentFailure."""
+        value = getattr(self._driver, name)
+        if not callable(value):
+            return value
+
+        def call(*arguments: Any) -> Any:
+            try:
+                return value(*arguments)
+            except AgentFailure as error:
+                raise _AgentError(self._ego, error) from None
+
+        return call
+
+
+class Simulation:
+    """One episode whose loop the caller owns: `reset`, then `step` until `is_done`, then `episode`.
+
+        with md.Simulation("i11_ins_sl_town") as simulation:
+            observations = simulation.reset()
+            while not simulation.is_done:
+                observations = simulation.step({ego: decide(seen) for ego, seen in observations.items()})
+        simulation.episode.replay()
+
+    It is the tick of the benchmark: with the replies of an agent it gives the episode of that agent. SUMO holds one
+    simulation per process, so opening another one closes this one.
+    """
+
+    _open: ClassVar["Simulation | None"] = None
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        *,
+        seed: int = 0,
+        suite: str | Suite | None = None,
+        sensors: Sequence[SensorSpec] | Mapping[str, Sequence[SensorSpec]] = DEFAULT_SENSORS,
+        comm: str | CommSettings = "ideal",
+        actors: str = "default",
+        friction: str = "dry",
+    ) -> None:
+        """sensors: those of every CAV, or those of each CAV by id. The other arguments are those of `simulate`.
+
+        Raises InputError.
+        """
+        self.scenario, self.roads = find_scenario(scenario, suite)
+        self.seed = seed
+        egos = [ego.id for ego in self.scenario.egos]
+        by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)
+        self._sensors = {ego: tuple(by_ego.get(ego, ())) for ego in egos}
+        options = make_options(comm, "ideal", actors, friction)
+        about = {"agent": "external", "seed": seed}
+        self._config = EpisodeConfig(self.scenario, self.roads, seed, about, **options)
+        self._world: SumoWorld | None = None
+        self._simulation = EpisodeSimulation(self._config, open_world(self._config), self._sensors)
+
+    @classmethod
+    def close_open(cls) -> None:
+        """Close the simulation of this process that is open, if any."""
+        if Simulation._open is not None:
+            Simulation._open.close()
+
+    @property
+    def briefings(self) -> Mapping[str, Briefing]:
+        """What an agent learns before the first tick, by CAV id: route, vehicle, speed limits, time limit."""
+        return self._simulation.briefings
+
+    @property
+    def tick(self) -> int:
+        """The current tick; 20 ticks are one second."""
+        return self._simulation.tick
+
+    @property
+    def frame(self) -> Frame:
+        """The true state of everything in the current tick."""
+        return self._simulation.frame
+
+    @property
+    def active_egos(self) -> tuple[str, ...]:
+        """Ids of the CAVs that have not ended."""
+        return self._simulation.active_egos
+
+    @property
+    def is_done(self) -> bool:
+        """Whether every CAV has ended."""
+        return self._simulation.is_done
+
+    @property
+    def episode(self) -> Episode:
+        """The recorded episode. Raises RuntimeError before the episode is done."""
+        return Episode(self._simulation.finish(), self.scenario, self.roads, self.seed)
+
+    def reset(self) -> dict[str, Observation]:
+        """Start the episode, or start it anew, and return the first observations by CAV id. Raises WorldError."""
+        Simulation.close_open()
+        self._world = open_world(self._config)
+        self._simulation = EpisodeSimulation(self._config, self._world, self._sensors)
+        self._world.__enter__()
+        Simulation._open = self
+        return self._simulation.reset()
+
+    def step(self, replies: Mapping[str, Reply]) -> dict[str, Observation]:
+        """Apply a reply per CAV, advance by one tick, and return the new observations by CAV id.
+
+        A CAV without a reply repeats its last control. The result is empty when every CAV has ended. Raises InputError
+        for an unusable reply or a closed simulation, and WorldError if SUMO fails.
+        """
+        if self._world is None:
+            raise InputError("step: expected an open simulation, found a closed one; reset() starts it anew")
+        observations = self._simulation.step({ego: self._check(ego, reply) for ego, reply in replies.items()})
+        if self.is_done:
+            self.close()
+        return observations
+
+    def _check(self, ego: str, reply: object) -> Reply:
+        if ego not in self._sensors:
+            raise InputError(f"step: expected replies of {', '.join(self._sensors)}, found {ego!r}")
+        try:
+            return validate_reply(reply)
+        except AgentFailure as error:
+            raise InputError(f"step: reply of CAV {ego}: {error.text}") from None
+
+    def end(self, ego: str, reason: str = "ended by the caller") -> None:
+        """End a CAV in the current tick as a failed agent would."""
+        self._simulation.fail_agent(ego, AgentFailure(FailureReason.CRASHED, reason))
+
+    def close(self) -> None:
+        """Close SUMO. `episode` stays available if the episode is done."""
+        if self._world is not None:
+            self._world.__exit__(None, None, None)
+            self._world = None
+        if Simulation._open is self:
+            Simulation._open = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

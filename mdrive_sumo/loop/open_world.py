@@ -1,0 +1,13 @@
+"""Connect an episode's configuration to the simulator."""
+
+from mdrive_sumo.core.seeding import derive_seed
+from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
+from mdrive_sumo.sumo import SumoWorld
+
+
+def open_world(config: EpisodeConfig) -> SumoWorld:
+    """Return the SUMO world of an episode, not started yet: a context manager that starts and closes it."""
+    scenario = config.scenario
+    dimensions = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    seed = derive_seed(config.seed, scenario.id, "sumo")
+    return SumoWorld(scenario, config.roads, dimensions, seed, config.friction.grip(scenario.weather))

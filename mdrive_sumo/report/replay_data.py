@@ -1,0 +1,156 @@
+"""The data of a replay page: an episode, its map and its marks as one block of base64 text.
+
+The block is a gzip stream of a JSON header and int32 tables, so no id or text of a file can become markup.
+"""
+
+import base64
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.state import DT, Kind
+from mdrive_sumo.episode import Ending, EpisodeRecord
+from mdrive_sumo.report.replay_marks import ReplayMark
+from mdrive_sumo.report.replay_messages import build_message_tables
+from mdrive_sumo.report.replay_notes import list_notes
+from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
+from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
+from mdrive_sumo.scenario.scenario import Scenario
+
+SURROUNDINGS_M = 80.0
+"""Roads farther than this from every road user and route are left out of the page."""
+CELL_M = 20.0
+"""Side of the grid cells by which positions are grouped before the surroundings are computed around them."""
+
+
+def pack_replay_data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
+    """Return the data block of a page."""
+    # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
+    origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
+    talk, talk_tables = build_message_tables(episode, scenario, origin)
+    tables = {
+        "motion": _motion(episode, origin),
+        "valid": episode.valid.T,
+        "controls": np.moveaxis(episode.controls, 0, -1),
+        "plan_points": _plan_points(episode, origin),
+        "sight": compute_visibility(episode, roads),
+        **talk_tables,
+    }
+    header = {
+        **_run(episode, scenario, marks, origin),
+        "origin": origin.tolist(),
+        "map": _map(roads, _surroundings(episode, scenario), origin),
+        "talk": talk,
+        "notes": list_notes(episode),
+        "sight_every": SIGHT_EVERY_TICKS,
+        "sight_range": SIGHT_RANGE_M,
+        "tables": [(name, table.shape[-1], table.size) for name, table in tables.items()],
+    }
+    head = json.dumps(header, separators=(",", ":"), allow_nan=False, default=str).encode()
+    body = b"".join(_differences(table) for table in tables.values())
+    packed = gzip.compress(len(head).to_bytes(4, "little") + head + body, compresslevel=9, mtime=0)
+    return base64.b64encode(packed).decode()
+
+
+def _differences(table: Any) -> bytes:
+    """Rows (..., T) as their first value and steps, little-endian int32: what moves smoothly packs well."""
+    return np.diff(table.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4").tobytes()
+
+
+def _motion(episode: EpisodeRecord, origin: Float) -> Int:
+    """(N, 4, T): x, y [mm] from the origin, yaw [0.1 mrad], speed [mm/s]."""
+    shift = np.array((*(origin * 1000), 0, 0)).astype(np.int64)
+    return np.moveaxis(np.where(episode.valid[..., None], episode.quanta - shift, 0), 0, -1)
+
+
+def _plan_points(episode: EpisodeRecord, origin: Float) -> Int:
+    """(2, K): the points of all plans, one after the other [cm] from the origin."""
+    points = [plan.points for plan in episode.plans]
+    return _centimetres(np.concatenate([*points, np.zeros((0, 2))]), origin).T
+
+
+def _centimetres(xy: Float, origin: Float) -> Int:
+    return np.rint((xy - origin) * 100).astype(np.int64)
+
+
+def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark], origin: Float) -> dict[str, Any]:
+    """What happened, other than motion. CAVs are named by their column."""
+    column = {ego: i for i, ego in enumerate(episode.ego_ids)}
+    routes = {ego.id: _line(ego.xy, origin) for ego in scenario.egos}
+    return {
+        "scenario": scenario.id,
+        "category": f"{scenario.bucket} / {scenario.category}",
+        "network": scenario.network,
+        "about": {str(key): str(value) for key, value in episode.about.items()},
+        "tick_s": DT,
+        "ticks": episode.ticks,
+        "ids": episode.ids,
+        "egos": episode.egos,
+        "kinds": [Kind(kind).name.lower() for kind in episode.kind.tolist()],
+        "sizes": np.round(np.stack((episode.length, episode.width), axis=-1), 2).tolist(),
+        "routes": [routes[ego] for ego in episode.ego_ids],
+        "endings": [_ending(column, ending) for ending in episode.endings],
+        "marks": [astuple(mark)[:4] + tuple(_line(np.array([(mark.x, mark.y)]), origin)) for mark in marks],
+        "contacts": [(tick, column[contact.ego], contact.other) for tick, contact in episode.contacts],
+        "signals": [(change.tick, change.light, change.state) for change in episode.signals],
+        "plans": [(plan.tick, column[plan.ego], len(plan.points)) for plan in episode.plans],
+    }
+
+
+def _ending(column: Mapping[str, int], ending: Ending) -> tuple[int, int, str, str]:
+    """Column of the CAV, tick, word, and why its agent failed if it did."""
+    reason = " ".join(filter(None, (ending.failure, ending.text)))
+    return column[ending.ego], ending.tick, str(ending.end), reason
+
+
+def _line(xy: Float, origin: Float) -> list[int]:
+    """Points as x0, y0, x1, y1, ... [cm] from the origin."""
+    return _centimetres(xy, origin).ravel().tolist()
+
+
+def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
+    """The area (a shapely geometry) within `SURROUNDINGS_M` of every road user and of every route."""
+    present = np.stack((episode.x[episode.valid], episode.y[episode.valid]), axis=-1)
+    points = np.concatenate([present, *(ego.xy for ego in scenario.egos)])
+    cells = np.unique(np.rint(points / CELL_M), axis=0) * CELL_M
+    return shapely.buffer(shapely.multipoints(cells), SURROUNDINGS_M + CELL_M, quad_segs=4)
+
+
+def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
+    """The roads that come near the area, each whole."""
+    shapely.prepare(area)
+
+    def near(xy: Float) -> bool:
+        return bool(shapely.intersects(area, shapely.linestrings(xy)))
+
+    lanes = [lane for lane in roads.driving if near(lane.centre.xy)]
+    buildings = [building.outline for building in roads.buildings]
+    signs = [sign for sign in roads.stop_signs or () if near(roads.lanes[sign.lane].centre.xy)]
+    return {
+        "lanes": [_lane(lane, origin) for lane in lanes],
+        "junctions": [_line(outline, origin) for outline in roads.junctions if near(outline)],
+        "pavements": [_line(outline, origin) for outline in roads.pavements if near(outline)],
+        "crossings": [(_line(xy, origin), round(width, 2)) for xy, width in roads.crossings if near(xy)],
+        "buildings": [_line(outline, origin) for outline in buildings if near(outline)],
+        "stops": [_stop(sign, roads.lanes[sign.lane], origin) for sign in signs],
+        "signs_known": roads.stop_signs is not None,
+    }
+
+
+def _lane(lane: Lane, origin: Float) -> tuple[list[int], float, bool, bool, bool, list[str]]:
+    """Centre line, width, in a junction, neighbours to the left and right, ids of the lights at its end."""
+    lights = list(dict.fromkeys(lane.lights.values()))
+    line, width = _line(lane.centre.xy, origin), round(lane.width, 2)
+    return line, width, lane.junction, bool(lane.left), bool(lane.right), lights
+
+
+def _stop(sign: StopSignBox, lane: Lane, origin: Float) -> tuple[int, int, float, float]:
+    """Where the line crosses the lane [cm], the lane's direction there [rad] and its width [m]."""
+    x, y = _line(np.array([lane.centre.at(sign.line_pos_m)]), origin)
+    return x, y, round(lane.centre.yaw_at(sign.line_pos_m), 4), lane.width
