@@ -3,7 +3,7 @@
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.weather import Friction
+from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.v2x.comm import PRESETS, CommSettings
 
 
@@ -18,7 +18,7 @@ def make_options(comm: str | CommSettings, agent_clock: str | Clock, actors: str
         comm = PRESETS[comm]
     clock = parse_clock(agent_clock) if isinstance(agent_clock, str) else agent_clock
     try:
-        return {"comm": comm, "clock": clock, "actor_mode": ActorMode(actors), "friction": Friction(friction)}
+        return {"comm": comm, "clock": clock, "actor_mode": ActorMode(actors), "friction": FrictionMode(friction)}
     except ValueError as error:
-        modes, frictions = ", ".join(ActorMode), ", ".join(Friction)
+        modes, frictions = ", ".join(ActorMode), ", ".join(FrictionMode)
         raise InputError(f"actors, friction: expected one of {modes}, and one of {frictions}: {error}") from None

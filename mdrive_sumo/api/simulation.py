@@ -15,10 +15,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, open_world, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
-from mdrive_sumo.runs.preparation import LIMITS
-
-AgentFactory = Callable[[Mapping[str, Any]], Any]
 from mdrive_sumo.runs.agent_spec import Hiring, hired
+from mdrive_sumo.runs.preparation import LIMITS
 from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo import SumoWorld
