@@ -8,7 +8,7 @@ import click
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.cli.comm import channel_of, comm_options
-from mdrive_sumo.cli.progress import ProgressDisplay
+from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary

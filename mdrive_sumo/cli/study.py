@@ -9,7 +9,7 @@ from typing import TextIO
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
-from mdrive_sumo.cli.progress import ProgressDisplay
+from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError

@@ -1,0 +1,122 @@
+"""Drive a suite with an agent: what `mdrive-sumo eval` does, as a function."""
+
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from mdrive_sumo.api.options import make_options
+from mdrive_sumo.api.run import Run
+from mdrive_sumo.core.clock import Clock
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.progress import ProgressDisplay
+from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
+from mdrive_sumo.runs.evaluate import Progress, report_write_errors
+from mdrive_sumo.runs.evaluate import evaluate as run_jobs
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
+from mdrive_sumo.runs.process_pool import count_available_cores
+from mdrive_sumo.runs.run_config import RunConfig, Scalar
+from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scoring import Results, ScoreMode
+from mdrive_sumo.v2x.comm_settings import CommSettings
+
+REPORT_FILE = "report.md"
+
+
+def evaluate(
+    suite: str | Suite = "interdrive",
+    agent: str | AgentFactory = "idm",
+    *,
+    scenario: str = "*",
+    agent_config: Mapping[str, Scalar] | None = None,
+    seeds: int | Iterable[int] = 1,
+    comm: str | CommSettings = "ideal",
+    agent_clock: str | Clock = "ideal",
+    actors: str = "default",
+    friction: str = "dry",
+    score_mode: str = "mdrive",
+    workers: int | None = None,
+    scheduler: str = "",
+    record: bool = True,
+    out: str | Path | None = None,
+    fresh: bool = False,
+    progress: bool = True,
+) -> Run:
+    """Drive every scenario of a suite in worker processes, score it, and return the run.
+
+    suite: a suite (also a part of one, such as `suite["i1*"]`), its name or its folder. scenario: a glob over ids and
+    categories. agent: a built-in name, `module:Class`, `path.py:Class`, `carla:path.py`, or a class, which may be
+    defined in a notebook. seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
+    default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
+    out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
+    the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
+    progress: whether to print a line per scenario on standard error. The other arguments are the options of
+    `mdrive-sumo eval`.
+
+    Raises InputError, also if the folder holds another run.
+    """
+    name, pattern = _locate(suite, scenario)
+    chosen = tuple(range(seeds) if isinstance(seeds, int) else seeds)
+    if not chosen:
+        raise InputError("evaluate: seeds: expected at least one, found none")
+    configs = [
+        RunConfig(
+            suite=name,
+            scenario=pattern,
+            agent=AgentSpec(agent, agent_config or {}),
+            seed=seed,
+            options=make_options(comm, agent_clock, actors, friction),
+            score_mode=ScoreMode(score_mode),
+            workers=workers or count_available_cores(),
+            scheduler=scheduler,
+            record=record,
+            out=_choose_folder(out, seed, len(chosen)),
+            fresh=fresh,
+        )
+        for seed in chosen
+    ]
+    runs = [prepare(config) for config in configs]
+    results = tuple(_evaluate_with_display(run, progress) for run in runs)
+    return Run(tuple(run.folder for run in runs), results)
+
+
+def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
+    """Drive what a prepared run lacks, write `results.json` and `report.md`, and return the results.
+
+    Raises InputError and KeyboardInterrupt; the journal then keeps every finished scenario.
+    """
+    results = run_jobs(run, progress)
+    with report_write_errors(run.folder / REPORT_FILE):
+        (run.folder / REPORT_FILE).write_text(build_run_report(results), encoding="utf-8")
+    return results
+
+
+def _evaluate_with_display(run: PreparedRun, is_shown: bool) -> Results:
+    display = ProgressDisplay(sys.stderr if is_shown else None)
+    try:
+        return evaluate_run(run, display)
+    finally:
+        display.close()
+
+
+def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
+    """Return the name or folder of a suite, and globs of the scenarios to drive. Raises InputError."""
+    if isinstance(suite, str):
+        return suite, scenario
+    name = suite.name if list_packaged_suites().get(suite.name) == suite.folder else str(suite.folder)
+    stored = load_suite(name)
+    known = {one.id: one for one in stored}
+    changed = [one.id for one in suite if known.get(one.id) != one]
+    if changed:
+        raise InputError(
+            f"suite {suite.name}: expected scenarios as they are in {suite.folder}, found another {changed[0]!r};"
+            " save_suite() writes it"
+        )
+    chosen = suite.find_matching(scenario)
+    return name, scenario if len(suite) == len(stored) else ",".join(one.id for one in chosen)
+
+
+def _choose_folder(out: str | Path | None, seed: int, seeds: int) -> Path | None:
+    if out is None:
+        return None
+    return Path(out) / f"seed{seed}" if seeds > 1 else Path(out)
