@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from mdrive_sumo.loop.agent_driver import AgentFailure
     from mdrive_sumo.report.replay_page import ReplayPage
     from mdrive_sumo.runs.compare import RunComparison
-    from mdrive_sumo.scenario.catalog import Suite, list_suites, load_suite
     from mdrive_sumo.scenario.scenario import Scenario
+    from mdrive_sumo.scenario.suite import Suite, list_suites, load_suite
 
     __version__: str
 
@@ -66,9 +66,9 @@ __all__ = [
 
 _MODULE_BY_NAME = {
     "Scenario": "scenario.scenario",
-    "Suite": "scenario.catalog",
-    "list_suites": "scenario.catalog",
-    "load_suite": "scenario.catalog",
+    "Suite": "scenario.suite",
+    "list_suites": "scenario.suite",
+    "load_suite": "scenario.suite",
     "Simulation": "api.simulation",
     "evaluate": "api.evaluation",
     "simulate": "api.simulation",

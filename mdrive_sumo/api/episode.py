@@ -16,8 +16,8 @@ from mdrive_sumo.episode import EpisodeRecord, save_episode
 from mdrive_sumo.episode import load_episode as load_record
 from mdrive_sumo.report.replay_page import ReplayPage
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 
 if TYPE_CHECKING:

@@ -10,10 +10,9 @@ from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import build_run_report
-from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, report_write_errors
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
-from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
+from mdrive_sumo.runs.preparation import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import RunConfig, Scalar
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
@@ -25,7 +24,7 @@ REPORT_FILE = "report.md"
 
 def evaluate(
     suite: str | Suite = "interdrive",
-    agent: str | AgentFactory = "idm",
+    agent: str = "idm",
     *,
     scenario: str = "*",
     agent_config: Mapping[str, Scalar] | None = None,
@@ -45,8 +44,8 @@ def evaluate(
     """Drive every scenario of a suite in worker processes, score it, and return the run.
 
     suite: a suite (also a part of one, such as `suite["i1*"]`), its name or its folder. scenario: a glob over ids and
-    categories. agent: a built-in name, `module:Class`, `path.py:Class`, `carla:path.py`, or a class, which may be
-    defined in a notebook. seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
+    categories. agent: a built-in name, `module:Class`, `path.py:Class`, `carla:path.py`.
+    seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
     out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
     the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
@@ -59,13 +58,16 @@ def evaluate(
     chosen = tuple(range(seeds) if isinstance(seeds, int) else seeds)
     if not chosen:
         raise InputError("evaluate: seeds: expected at least one, found none")
+    options = make_options(comm, agent_clock, actors, friction)
+    options["actors"] = options.pop("actor_mode")
     configs = [
         RunConfig(
             suite=name,
             scenario=pattern,
-            agent=AgentSpec(agent, agent_config or {}),
+            agent=agent,
+            agent_config=agent_config or {},
             seed=seed,
-            options=make_options(comm, agent_clock, actors, friction),
+            **options,
             score_mode=ScoreMode(score_mode),
             workers=workers or count_available_cores(),
             scheduler=scheduler,
@@ -112,7 +114,7 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
             f"suite {suite.name}: expected scenarios as they are in {suite.folder}, found another {changed[0]!r};"
             " save_suite() writes it"
         )
-    chosen = suite.find_matching(scenario)
+    chosen = suite.matching(scenario)
     return name, scenario if len(suite) == len(stored) else ",".join(one.id for one in chosen)
 
 

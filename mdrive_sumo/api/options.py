@@ -4,7 +4,7 @@ from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.weather import FrictionMode
-from mdrive_sumo.v2x.comm import PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 
 def make_options(comm: str | CommSettings, agent_clock: str | Clock, actors: str, friction: str) -> dict:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
-from mdrive_sumo.scenario.catalog import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
 
 
 def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) -> tuple[Scenario, RoadMap]:

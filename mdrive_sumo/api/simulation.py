@@ -17,10 +17,10 @@ from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, open_world, run_e
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
 from mdrive_sumo.runs.agent_spec import Hiring, hired
 from mdrive_sumo.runs.preparation import LIMITS
-from mdrive_sumo.scenario.catalog import Suite
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.v2x.comm import CommSettings
+from mdrive_sumo.v2x.comm_settings import CommSettings
 
 AgentFactory = Callable[[Mapping[str, Any]], Any]
 DEFAULT_SENSORS = (SensorSpec("objects"),)

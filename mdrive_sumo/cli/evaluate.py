@@ -8,9 +8,9 @@ import click
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.cli.comm import channel_of, comm_options
-from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, report_write_errors

@@ -9,11 +9,11 @@ from typing import TextIO
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
-from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.preparation import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config

@@ -1,4 +1,4 @@
-"""How far an evaluation has come: one live line on a terminal, one plain line a scenario elsewhere."""
+"""Progress of an evaluation: one live line on a terminal, one line per scenario elsewhere."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -12,17 +12,18 @@ BAR_WIDTH = 24
 
 
 class ProgressDisplay:
-    """Writes to `stream`; `clock` [s] only serves the estimate of the time left."""
+    """Implements `runs.evaluate.Progress` on a text stream."""
 
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, stream: TextIO | None, clock: Callable[[], float] = time.monotonic) -> None:
+        """stream: None discards everything. clock: time [s] for the estimate of the time left."""
         self._stream, self._clock = stream, clock
-        self._live = stream.isatty()
+        self._live = stream is not None and stream.isatty()
         self._total = self._kept = 0
         self._results: list[ScenarioResult] = []
         self._began = clock()
 
     def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
-        """See suite.Progress."""
+        """See Progress."""
         self._total, self._kept = total, len(kept)
         self._results = list(kept.values())
         self._began = self._clock()
@@ -33,7 +34,7 @@ class ProgressDisplay:
         self._draw("")
 
     def done(self, result: ScenarioResult) -> None:
-        """See suite.Progress."""
+        """See Progress."""
         self._results.append(result)
         if self._live:
             self._draw(result.id)
@@ -41,12 +42,12 @@ class ProgressDisplay:
             self._write(f"{self._state()}  {result.id} {_brief(result)}\n")
 
     def note(self, text: str) -> None:
-        """See suite.Progress."""
+        """See Progress."""
         self._write(("\r\x1b[K" if self._live else "") + text + "\n")
         self._draw("")
 
     def close(self) -> None:
-        """Clears the live line."""
+        """Clear the live line."""
         if self._live:
             self._write("\r\x1b[K")
 
@@ -73,8 +74,9 @@ class ProgressDisplay:
         return f"{minutes}:{seconds:02}"
 
     def _write(self, text: str) -> None:
-        self._stream.write(text)
-        self._stream.flush()
+        if self._stream is not None:
+            self._stream.write(text)
+            self._stream.flush()
 
 
 def _mean(values: Iterable[float]) -> str:
