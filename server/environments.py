@@ -55,7 +55,7 @@ RECIPES: Mapping[str, EnvironmentRecipe] = {
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """One that is made, as `agents.child.BoxPlan` wants it."""
+    """One that is made, as `AgentBox` expects it."""
 
     name: str
     python: Path

@@ -1,15 +1,16 @@
 """An unpacked archive as an agent that may be asked and driven: one description for the server and for dry runs."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mdrive_sumo.agent_process.child_process import BoxPlan
+from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
+from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits
 from mdrive_sumo.core.state import End
-from mdrive_sumo.runs.agent_spec import ANYBODY, Declaration, Hiring, box_text, opened
-from mdrive_sumo.runs.job import EpisodeJob
-from mdrive_sumo.scoring import ScenarioResult, ScoreMode
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.open_agents import declare_agent
+from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 from server.archive import ArchiveRefused, Manifest
@@ -38,57 +39,36 @@ class SubmittedAgent:
     limits: AgentLimits = field(default_factory=AgentLimits)
     backend: str = "bubblewrap"
 
-    def plan(self) -> BoxPlan | None:
-        """Its box; environments that need more memory than a box usually has get it."""
+    def agent_box(self) -> AgentBox | None:
+        """Return its box; an environment that needs more memory than a box usually has gets it."""
         if self.environment is None:
             return None
         recipe = RECIPES[self.manifest.environment]
-        box = replace(self.box, memory_bytes=max(self.box.memory_bytes, recipe.memory_bytes))
-        return BoxPlan(
-            folder=str(self.folder),
+        return AgentBox(
+            folder=self.folder,
             python=str(self.environment.python),
-            site=str(self.environment.site or ""),
+            site=self.environment.site,
             backend=self.backend,
-            rootfs=str(self.environment.rootfs or ""),
-            limits=asdict(box),
+            rootfs=self.environment.rootfs,
+            limits=replace(self.box, memory_bytes=max(self.box.memory_bytes, recipe.memory_bytes)),
         )
 
-    def hiring(self) -> Hiring:
-        """To ask it what it declares."""
-        plan = self.plan()
-        if plan is None:
+    def agent_spec(self) -> AgentSpec:
+        """Return the agent for a run."""
+        box = self.agent_box()
+        if box is None:
             folder = str(self.folder.absolute())
-            return Hiring(self.manifest.locator(folder), self.manifest.agent_config(folder), self.limits)
-        return Hiring(self.manifest.entry, self.manifest.agent_config(), self.limits, box_text(plan))
-
-    def job(self, suite_folder: Path, scenario: str, seed: int, recording: str = "", logs: str = "") -> EpisodeJob:
-        """To drive one scenario."""
-        hiring = self.hiring()
-        return EpisodeJob(
-            suite_folder=str(suite_folder),
-            scenario=scenario,
-            agent=hiring.agent,
-            agent_config=hiring.config,
-            seed=seed,
-            score_mode=ScoreMode.MDRIVE,
-            recording=recording,
-            log_folder=logs,
-            limits=hiring.limits,
-            box=hiring.box,
-        )
+            return AgentSpec(self.manifest.locator(folder), self.manifest.agent_config(folder), self.limits)
+        return AgentSpec(self.manifest.entry, self.manifest.agent_config(), self.limits, box)
 
 
-def read_declaration(entrant: SubmittedAgent) -> Declaration:
+def read_declaration(entrant: SubmittedAgent) -> AgentDeclaration:
     """What the agent declares, if it may have that. Only from the main thread, if it is in a box.
 
     Raises ArchiveRefused: the submission is `rejected`; AgentFailure if it cannot even be made; InputError and BoxError
     where it is the box that cannot be had.
     """
-    driver = opened(entrant.hiring(), (ANYBODY,))[ANYBODY]  # its InputErrors are about the box
-    try:
-        found = Declaration(driver.label, driver.sensors())
-    finally:
-        driver.close()
+    found = declare_agent(entrant.agent_spec())
     if found.label == "privileged" or any(sensor.kind == "privileged" for sensor in found.sensors):
         raise ArchiveRefused(
             "agent: expected sensors that a car can have, found the privileged one, which is not allowed"

@@ -57,10 +57,12 @@ class AgentProgram:
     """What a child runs: a style of agent that `host` knows, where it is, and where its output goes."""
 
     locator: str
-    """`module:Class` or `path.py:Class`, or for the style carla `path.py`; paths as the child sees them."""
+    """`module:Class`, `path.py:Class`, for the style carla `path.py`, for the style pickle "": paths of the child."""
     style: str = "agent"
     log: Path | None = None
-    """File for what it prints; None throws it away."""
+    """File for its output; None discards it."""
+    pickled: bytes = b""
+    """Style pickle: the agent's class; `open_agent_connection` writes it into a file of the child."""
 
     def arguments(self, fd: int, frames: str) -> tuple[str, ...]:
         """The command line after the interpreter."""
@@ -68,19 +70,18 @@ class AgentProgram:
 
 
 @dataclass(frozen=True, slots=True)
-class BoxPlan:
-    """The box of an agent, as plain values. What lies in `folder` is seen as /agent."""
+class AgentBox:
+    """The sandbox of an agent. The content of `folder` is mounted read-only as /agent."""
 
-    folder: str
+    folder: Path
     python: str = "/usr/bin/python3"
-    """The interpreter; one outside /usr is shown to the box with its whole installation."""
-    site: str = ""
+    """The interpreter; the installation of one outside /usr is mounted as a whole."""
+    site: Path | None = None
     """Folder with the packages of the environment, numpy and msgpack among them."""
     backend: str = "bubblewrap"
-    rootfs: str = ""
-    """Unpacked image instead of this host's programs; `python` is then a path in it."""
-    limits: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Fields of `sandbox.BoxLimits` that are not the default."""
+    rootfs: Path | None = None
+    """Unpacked image that replaces this host's programs; `python` is then a path in it."""
+    limits: sandbox.BoxLimits = field(default_factory=sandbox.BoxLimits)
 
 
 class PlainAgentProcess:
@@ -126,19 +127,19 @@ class PlainAgentProcess:
 class BoxedAgentProcess:
     """In a box of its own. Only from the main thread, see `sandbox.open_box`."""
 
-    def __init__(self, program: AgentProgram, frames: Path, plan: BoxPlan) -> None:
+    def __init__(self, program: AgentProgram, frames: Path, box: AgentBox) -> None:
         """Raises InputError if there is no such box here, and BoxError."""
-        interpreter, shown = _interpreter(plan)
+        interpreter, shown = _interpreter(box)
         spec = sandbox.BoxSpec(
-            command=(interpreter, *_options(plan), *program.arguments(AGENT_FD, FRAMES)),
-            readonly={Path(plan.folder): "/agent", frames: FRAMES} | shown | _kit(plan.backend),
+            command=(interpreter, *_options(box), *program.arguments(AGENT_FD, FRAMES)),
+            readonly={box.folder: "/agent", frames: FRAMES} | shown | _kit(box.backend),
             # A fixed hash seed: what an agent does with sets and dictionaries shall not differ from run to run.
-            env={"PYTHONPATH": f"{KIT}:{SITE}" if plan.site else KIT, "PYTHONHASHSEED": "0"},
-            limits=sandbox.BoxLimits(**plan.limits),
-            backend=plan.backend,
-            rootfs=Path(plan.rootfs) if plan.rootfs else None,
+            env={"PYTHONPATH": f"{KIT}:{SITE}" if box.site else KIT, "PYTHONHASHSEED": "0"},
+            limits=box.limits,
+            backend=box.backend,
+            rootfs=box.rootfs,
         )
-        self._backend, self._log = plan.backend, program.log
+        self._backend, self._log = box.backend, program.log
         self._box = sandbox.open_box(spec)
         self._report: sandbox.BoxReport | None = None
 
@@ -179,17 +180,17 @@ class BoxedAgentProcess:
         return {"backend": self._backend, **asdict(self._report)}
 
 
-def _options(plan: BoxPlan) -> tuple[str, ...]:
+def _options(box: AgentBox) -> tuple[str, ...]:
     """No packages but those of the environment, if it has some: what else a host has would change results."""
-    return ("-s", "-S") if plan.site else ("-s",)
+    return ("-s", "-S") if box.site else ("-s",)
 
 
-def _interpreter(plan: BoxPlan) -> tuple[str, dict[Path, str]]:
+def _interpreter(box: AgentBox) -> tuple[str, dict[Path, str]]:
     """The interpreter's path in the box, and what must be shown for it."""
-    shown = {Path(plan.site): SITE} if plan.site else {}
-    path = Path(plan.python)
-    if plan.rootfs or path.resolve().is_relative_to("/usr"):
-        return (plan.python if plan.rootfs else str(path.resolve())), shown
+    shown = {box.site: SITE} if box.site else {}
+    path = Path(box.python)
+    if box.rootfs or path.resolve().is_relative_to("/usr"):
+        return (box.python if box.rootfs else str(path.resolve())), shown
     path = path.resolve()
     return f"{PYTHON}/bin/{path.name}", shown | {path.parents[1]: PYTHON}
 

@@ -7,6 +7,7 @@ msgpack is imported: this also runs in boxes that have nothing else.
 
 import ctypes
 import os
+import pickle
 import signal
 import socket
 import sys
@@ -37,7 +38,7 @@ def main() -> None:
     cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # what the agent prints survives its end
     os.set_inheritable(int(fd), False)
     line, reader = socket.socket(fileno=int(fd)), FrameReader(Path(frames))
-    handle = _own_style(locator) if style == "agent" else _carla_style(locator)
+    handle = _handle_carla_agent(locator) if style == "carla" else _handle_agent(locator, style)
     sys.argv = sys.argv[:1]
     while (size := _read(line, wire_protocol.LENGTH.size)) is not None:
         data = _read(line, wire_protocol.LENGTH.unpack(size)[0])
@@ -85,13 +86,14 @@ def _answered(handle: Handler, request: Mapping[str, Any]) -> bytes:
         return wire_protocol.encode_frame({"tick": tick, "invalid": str(error)[:1000]})
 
 
-def _own_style(locator: str) -> Handler:
-    """An `Agent` for one CAV."""
+def _handle_agent(locator: str, style: str) -> Handler:
+    """Return the handler of an `Agent` for one CAV, whose class a locator names or a file of style "pickle" holds."""
     agent: list[Agent] = []
 
     def handle(call: str, value: Any) -> Any:
         if call == "create":
-            agent.append(load_agent_class(locator)(value))
+            cls = _unpickle_agent_class(Path(locator)) if style == "pickle" else load_agent_class(locator)
+            agent.append(cls(value))
             return {"label": str(getattr(agent[0], "label", "single")), "sensors": tuple(agent[0].sensors())}
         if call == "start":
             agent[0].start(value)
@@ -101,8 +103,14 @@ def _own_style(locator: str) -> Handler:
     return handle
 
 
-def _carla_style(path: str) -> Handler:
-    """An agent of the CARLA leaderboard for all CAVs."""
+def _unpickle_agent_class(path: Path) -> Callable[[Mapping[str, Any]], Agent]:
+    """Return the class that the user's own process has written; it finds modules where that process does."""
+    sys.path[:], pickled = pickle.loads(path.read_bytes())
+    return pickle.loads(pickled)
+
+
+def _handle_carla_agent(path: str) -> Handler:
+    """Return the handler of an agent of the CARLA leaderboard for all CAVs."""
     from mdrive_sumo.agent_process.carla_adapter import CarlaAgentAdapter
 
     agent: list[CarlaAgentAdapter] = []

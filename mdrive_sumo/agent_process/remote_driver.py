@@ -1,11 +1,14 @@
 """RemoteDriver: one CAV's agent in a process of its own, so that one that hangs in C code can be ended."""
 
+import pickle
+import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from mdrive_sumo.agent_process import reply_decoding
 from mdrive_sumo.agent_process.agent_connection import AgentConnection, AgentLimits
-from mdrive_sumo.agent_process.child_process import AgentProgram, BoxedAgentProcess, BoxPlan, PlainAgentProcess
+from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram, BoxedAgentProcess, PlainAgentProcess
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
 from mdrive_sumo.contract import LABELS, Briefing, Observation, Reply, SensorSpec
@@ -77,13 +80,15 @@ class RemoteDriver:
         return self._declared
 
 
-def open_agent_connection(program: AgentProgram, limits: AgentLimits, plan: BoxPlan | None = None) -> AgentConnection:
-    """A line to a new process: a plain child, or one in a box. Raises InputError, BoxError, OSError."""
+def open_agent_connection(program: AgentProgram, limits: AgentLimits, box: AgentBox | None = None) -> AgentConnection:
+    """Start an agent's process, plain or boxed, and return the connection. Raises InputError, BoxError, OSError."""
     frames = FrameFolder()
     try:
-        child = (
-            PlainAgentProcess(program, frames.path) if plan is None else BoxedAgentProcess(program, frames.path, plan)
-        )
+        if program.pickled:
+            file = frames.path / "agent.pickle"
+            file.write_bytes(pickle.dumps((sys.path, program.pickled)))
+            program = replace(program, locator=str(file))
+        child = PlainAgentProcess(program, frames.path) if box is None else BoxedAgentProcess(program, frames.path, box)
     except BaseException:
         frames.close()
         raise

@@ -14,8 +14,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.runs.preparation import PreparedRun, recording_path
-from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
+from mdrive_sumo.runs.prepared_run import PreparedRun, recording_path
+from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.study.ablation import (
     AblationResult,
@@ -50,8 +50,9 @@ def command(
 
     Exit codes: 0 done, 1 the recording itself comes out differently, 2 unusable input, 130 interrupted.
     """
-    run, results = open_run(run_folder, suite)
-    if changed := describe_version_changes(run):
+    stored = load_stored_run(run_folder, suite)
+    run, results = stored.run, stored.results
+    if changed := stored.describe_version_changes():
         click.echo(f"warning: the run was made with another {changed}", err=True)
     recorded = _recorded(run, results, scenario)
     messages = load_episode(recording_path(run.folder, recorded.id)).messages

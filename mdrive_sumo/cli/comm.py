@@ -1,14 +1,14 @@
-"""Options of the V2X channel and of the agents' clock, for every command that drives."""
+"""Options of an episode for every command that drives: V2X channel, agents' clock, scripted actors, friction."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import click
 
-from mdrive_sumo.core.clock import Clock, parse_clock
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.episode_config import EpisodeOptions
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
 
@@ -33,21 +33,35 @@ _OPTIONS = (
 )
 
 
-def comm_options(command: Command) -> Command:
-    """Adds the options to a click command; its function takes them as `**options` and gives them to `channel_of`."""
-    for option in reversed(_OPTIONS):
+def episode_options(command: Command) -> Command:
+    """Add the options of an episode to a click command, which gives its `**options` to `read_episode_options`."""
+    for option in reversed((*_OPTIONS, *_make_choice_options())):
         command = option(command)
     return command
 
 
-def channel_of(options: dict[str, Any]) -> tuple[CommSettings, Clock]:
-    """The channel and the clock; their options are taken out of the dict. Raises InputError naming the option."""
+def _make_choice_options() -> Iterator[Callable[[Any], Any]]:
+    """Yield an option for every field of `EpisodeOptions` with a fixed set of values."""
+    for key, (name, kind, text) in EpisodeOptions.list_choices().items():
+        default = str(getattr(EpisodeOptions(), name))
+        yield click.option(
+            f"--{key}",
+            type=click.Choice([value.value for value in kind]),
+            default=default,
+            show_default=True,
+            help=text,
+        )
+
+
+def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
+    """Return the options of an episode and take them out of the dict. Raises InputError naming the option."""
     names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
-    comm = comm_of(**{name: options.pop(name) for name in names})
-    return comm, parse_clock(options.pop("agent_clock"))
+    comm = parse_comm_options(**{name: options.pop(name) for name in names})
+    choices = {name: kind(options.pop(key)) for key, (name, kind, _) in EpisodeOptions.list_choices().items()}
+    return EpisodeOptions(comm, parse_clock(options.pop("agent_clock")), **choices)
 
 
-def comm_of(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:
+def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:
     """The channel of a preset, except for options that are given (as typed; None: not given). Raises InputError."""
     if comm not in PRESETS:
         raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
@@ -70,12 +84,10 @@ def _with(comm: CommSettings, option: str, text: str) -> CommSettings:
     for name, values in _by_type(text).items():
         fields = read(values)
         if name:
-            comm = replace(
-                comm, by_type=MappingProxyType({**comm.by_type, name: replace(comm.link_of(name), **fields)})
-            )
+            comm = replace(comm, by_type={**comm.by_type, name: replace(comm.link_of(name), **fields)})
         else:
             links = {other: replace(link, **fields) for other, link in comm.by_type.items()}
-            comm = replace(comm, link=replace(comm.link, **fields), by_type=MappingProxyType(links))
+            comm = replace(comm, link=replace(comm.link, **fields), by_type=links)
     return comm
 
 

@@ -3,39 +3,27 @@
 import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
-from mdrive_sumo.actors import ActorMode
-from mdrive_sumo.cli.comm import channel_of, comm_options
+from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
 from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, report_write_errors
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.preparation import EPISODES_FOLDER, PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
-from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
 REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
 EXECUTORS = ("local", "dask")
-ACTOR_MODES = tuple(mode.value for mode in ActorMode)
-FRICTIONS = tuple(friction.value for friction in FrictionMode)
-
-
-def actor_mode(_: click.Context, __: click.Parameter, value: str) -> ActorMode:
-    """The option --actors."""
-    return ActorMode(value)
-
-
-def friction_of(_: click.Context, __: click.Parameter, value: str) -> FrictionMode:
-    """The option --friction."""
-    return FrictionMode(value)
 
 
 @click.command("eval")
@@ -49,28 +37,12 @@ def friction_of(_: click.Context, __: click.Parameter, value: str) -> FrictionMo
     help="Who drives: one instance of it in every CAV.",
 )
 @click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object.")
-@comm_options
+@episode_options
 @click.option(
     "--transcript",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     metavar="FILE",
     help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
-)
-@click.option(
-    "--actors",
-    type=click.Choice(ACTOR_MODES),
-    default=ACTOR_MODES[0],
-    show_default=True,
-    callback=actor_mode,
-    help="Scripted road users: reacting, on a global clock; or as in MDrive's own code.",
-)
-@click.option(
-    "--friction",
-    type=click.Choice(FRICTIONS),
-    default=FRICTIONS[0],
-    show_default=True,
-    callback=friction_of,
-    help="Roads: dry in every weather; or wet in rain, for CAVs and SUMO's traffic.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
 @workers_option
@@ -95,7 +67,7 @@ def command(
     no_record: bool,
     score_mode: str,
     captured: bool,
-    **options: object,
+    **options: Any,
 ) -> None:
     """Drive a suite with an agent and score it.
 
@@ -104,24 +76,22 @@ def command(
 
     Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
     """
-    config = load_agent_config(agent_config) if agent_config else {}
+    agent_options = load_agent_config(agent_config) if agent_config else {}
     if transcript is not None:
-        config["transcript"] = str(transcript.resolve())
+        agent_options["transcript"] = str(transcript.resolve())
     if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
         raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
-    comm, clock = channel_of(options)
-    settings = RunConfig(
-        **options,  # pyright: ignore[reportArgumentType] - click has made them what the fields say
-        agent_config=config,
-        comm=comm,
-        clock=clock,
+    config = RunConfig(
+        agent=AgentSpec(options.pop("agent"), agent_options),
+        options=read_episode_options(options),
         record=not no_record,
         score_mode=ScoreMode(score_mode),
         command=("mdrive-sumo", *sys.argv[1:]),
+        **options,
     )
-    run = prepare(settings)
+    run = prepare(config)
     whole = evaluated(ctx, run)
-    shares = with_references(ctx, whole, settings) if captured else None
+    shares = with_references(ctx, whole, config) if captured else None
     with report_write_errors(run.folder / REPORT_FILE):
         (run.folder / REPORT_FILE).write_text(build_run_report(whole, shares))
     click.echo(format_summary(whole, shares))
@@ -129,14 +99,16 @@ def command(
     ctx.exit(1 if whole.void else 0)
 
 
-def with_references(ctx: click.Context, results: Results, settings: RunConfig) -> CapturedCooperation:
-    """Captured cooperation of a run; its two references are found finished or driven. Raises InputError."""
+def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:
+    """CapturedCooperation cooperation of a run; its two references are found finished or driven. Raises InputError."""
 
     def evaluate_reference(run: PreparedRun) -> Results:
-        click.echo(f"reference {run.config.agent}, --comm {run.config.comm.preset}: {run.folder}", err=True)
+        click.echo(
+            f"reference {run.config.agent.name}, --comm {run.config.options.comm.preset}: {run.folder}", err=True
+        )
         return evaluated(ctx, run)
 
-    return evaluate_captured_cooperation(results, settings, evaluate_reference)
+    return evaluate_captured_cooperation(results, config, evaluate_reference)
 
 
 def evaluated(ctx: click.Context, run: PreparedRun) -> Results:

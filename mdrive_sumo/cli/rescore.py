@@ -7,7 +7,7 @@ import click
 from mdrive_sumo.cli.evaluate import MODES
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.runs.rescore import rescore_run, save_rescored
-from mdrive_sumo.runs.stored_run import open_run
+from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import ScoreMode
 
 
@@ -21,7 +21,8 @@ def command(ctx: click.Context, run_folder: Path, score_mode: str | None, suite:
 
     Exit codes: 0 done, 1 some scenarios are void, 2 unusable input.
     """
-    run, results = open_run(run_folder, suite)
+    stored = load_stored_run(run_folder, suite)
+    run, results = stored.run, stored.results
     again = rescore_run(run, results, ScoreMode(score_mode or results.run.score_mode))
     path = save_rescored(run, again)
     click.echo(format_summary(again))

@@ -14,7 +14,7 @@ from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.report.scenario_plot import save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
-from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
+from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.suite import load_suite
 
 
@@ -51,11 +51,12 @@ def command(ctx: click.Context, what: str, suite: str | None, out: Path | None, 
 
 def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | None, workers: int) -> None:
     """workers: for the references of captured cooperation; 0: without it."""
-    run, results = open_run(folder, suite)
-    if workers and (changed := describe_version_changes(run)):
+    stored = load_stored_run(folder, suite)
+    run, results = stored.run, stored.results
+    if workers and (changed := stored.describe_version_changes()):
         click.echo(f"warning: the run was made with another {changed} than its references", err=True)
-    settings = replace(run.config, suite=suite or run.config.suite, workers=workers)
-    shares = with_references(ctx, results, settings) if workers else None
+    config = replace(run.config, suite=suite or run.config.suite, workers=workers)
+    shares = with_references(ctx, results, config) if workers else None
     click.echo(format_summary(results, shares))
     if out is not None:
         with report_write_errors(out):

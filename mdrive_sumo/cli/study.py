@@ -13,9 +13,11 @@ from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.progress import ProgressDisplay
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.runs.preparation import PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.conditions import (
@@ -188,11 +190,9 @@ class _Asked:
             RunConfig(
                 suite=self.suite,
                 scenario=self.scenario,
-                agent=agent,
-                agent_config=load_agent_config(config) if config else {},
+                agent=AgentSpec(agent, load_agent_config(config) if config else {}),
                 seed=self.seed,
-                comm=self.base(),
-                clock=parse_clock(self.agent_clock),
+                options=EpisodeOptions(self.base(), parse_clock(self.agent_clock)),
                 record=not self.no_record,
                 workers=self.workers,
                 out=self.out,

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.runs.stored_run import describe_version_changes, open_run
+from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.runs.verify import sample_results, verify
 
 
@@ -23,8 +23,9 @@ def command(ctx: click.Context, run_folder: Path, sample: int | None, suite: str
 
     Exit codes: 0 all identical, 1 something differs, 2 unusable input.
     """
-    run, results = open_run(run_folder, suite)
-    if changed := describe_version_changes(run):
+    stored = load_stored_run(run_folder, suite)
+    run, results = stored.run, stored.results
+    if changed := stored.describe_version_changes():
         click.echo(f"warning: the run was made with another {changed}", err=True)
     if not run.config.record:
         click.echo("warning: the run has no recordings; only final digests are compared", err=True)

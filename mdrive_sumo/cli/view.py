@@ -12,8 +12,8 @@ from mdrive_sumo.report.replay_marks import find_marks
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.runs.preparation import PreparedRun, recording_path
-from mdrive_sumo.runs.stored_run import open_run
+from mdrive_sumo.runs.prepared_run import PreparedRun, recording_path
+from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import Results, ScenarioResult
 
@@ -29,7 +29,8 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
 
     The page is one self-contained HTML file that never reaches the network; `?` in it lists the keys.
     """
-    run, results = open_run(run_folder, suite)
+    stored = load_stored_run(run_folder, suite)
+    run, results = stored.run, stored.results
     chosen = find_one_scenario(run.suite, scenario) if scenario else run.scenarios[0]
     path = export or run_folder / "view" / f"{chosen.id}.html"
     page = _page(run, chosen, _result(results, chosen))

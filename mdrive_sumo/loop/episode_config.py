@@ -1,20 +1,72 @@
 """The configuration of one episode, and the vehicle that every CAV drives."""
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
 from typing import Any
 
 from mdrive_sumo.actors import ActorMode
-from mdrive_sumo.core.clock import IDEAL, Clock
+from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
 from mdrive_sumo.episode import Ending, ThinkTime
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import FrictionMode
-from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json, parse_comm
 from mdrive_sumo.vehicle import dynamics
 
 VEHICLE = dynamics.MKZ_2017
 """Every CAV is the paper's car (protocol K6)."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeOptions:
+    """Conditions of an episode that the user chooses besides scenario, agents and seed.
+
+    They identify a run: journal, recordings and results hold them. An option whose type is a StrEnum needs a field with
+    metadata here, a field of `scoring.RunInfo` (the published format of results.json) and its place of use. The
+    option of the command line, the name of the default run folder and the serialised forms follow from the field.
+    """
+
+    comm: CommSettings = PRESETS["ideal"]
+    """Properties of the V2X channel."""
+    clock: Clock = IDEAL
+    """What an agent's think time costs."""
+    actor_mode: ActorMode = field(
+        default=ActorMode.DEFAULT,
+        metadata={
+            "key": "actors",
+            "help": "Scripted road users: reacting, on a global clock; or as in MDrive's own code.",
+        },
+    )
+    """Behaviour of the scripted actors."""
+    friction: FrictionMode = field(
+        default=FrictionMode.DRY,
+        metadata={
+            "key": "friction",
+            "help": "Roads: dry in every weather; or wet in rain, for CAVs and SUMO's traffic.",
+        },
+    )
+    """Road friction. Agents are not informed: the briefing states the limits of a dry road."""
+
+    @classmethod
+    def list_choices(cls) -> dict[str, tuple[str, type[StrEnum], str]]:
+        """Return the options with a fixed set of values: key -> (field, type, help text)."""
+        return {f.metadata["key"]: (f.name, type(f.default), f.metadata["help"]) for f in fields(cls) if f.metadata}
+
+    def to_dict(self) -> dict[str, str]:
+        """Return the options as journal and recordings hold them; the inverse of `from_dict`."""
+        choices = {key: str(getattr(self, name)) for key, (name, _, _) in self.list_choices().items()}
+        return {"comm": format_comm_json(self.comm), "agent_clock": self.clock.text, **choices}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "EpisodeOptions":
+        """Return the options of a journal's fingerprint; a missing choice has its default.
+
+        Raises KeyError, ValueError or InputError for unusable values.
+        """
+        choices = {name: kind(values[key]) for key, (name, kind, _) in cls.list_choices().items() if key in values}
+        return cls(parse_comm(json.loads(values["comm"])), parse_clock(values["agent_clock"]), **choices)
 
 
 @dataclass(frozen=True)
@@ -28,14 +80,13 @@ class EpisodeConfig:
     """Scalars that identify the run; they are written into the recording."""
     replayed_failures: tuple[Ending, ...] = ()
     """Agent failures of a recorded run. They are repeated in the same tick, because a time-out is not reproducible."""
-    comm: CommSettings = PRESETS["ideal"]
-    """Properties of the V2X channel."""
-    clock: Clock = IDEAL
+    options: EpisodeOptions = EpisodeOptions()
     think_times: tuple[ThinkTime, ...] = ()
     """Think times of the agents of a recorded run, to re-execute it under a measured clock."""
-    actor_mode: ActorMode = ActorMode.DEFAULT
-    """Behaviour of the scripted actors."""
-    friction: FrictionMode = FrictionMode.DRY
-    """Road friction for the CAVs. Agents are not informed: the briefing states the limits of a dry road."""
     pass_through: bool = False
     """Whether boxes may overlap; contacts are recorded in either case."""
+
+    @property
+    def road_grip(self) -> float:
+        """Share of the friction of a dry road, in (0, 1]."""
+        return self.options.friction.grip(self.scenario.weather)

@@ -27,7 +27,7 @@ def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, Agent
                 failures[ego] = error
     for ego, error in failures.items():
         simulation.fail_agent(ego, error)
-    scheduler = AgentScheduler(drivers, config.clock, config.think_times, simulation.fail_agent)
+    scheduler = AgentScheduler(drivers, config.options.clock, config.think_times, simulation.fail_agent)
     observations = simulation.reset()
     while not simulation.is_done:
         replies = scheduler.collect_replies(simulation.tick, observations)

@@ -53,10 +53,10 @@ class EpisodeSimulation:
             ego.id: dynamics.initial_state(ego.start.x, ego.start.y, ego.start.yaw, ego.start_speed)
             for ego in scenario.egos
         }
-        self._vehicle = replace(VEHICLE, grip=config.friction.grip(scenario.weather))
+        self._vehicle = replace(VEHICLE, grip=config.road_grip)
         self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
         self._walls = contact.walls(building.outline for building in config.roads.buildings)
-        self._scripted = ScriptedActors(scenario, config.roads, config.actor_mode)
+        self._scripted = ScriptedActors(scenario, config.roads, config.options.actor_mode)
         self._controllers: dict[tuple[str, str], control.Controller] = {}
         self._controls: dict[str, Control] = dict.fromkeys(self._vehicle_states, STANDSTILL)
         self._plans: dict[str, Plan] = {}
@@ -67,7 +67,7 @@ class EpisodeSimulation:
         self._frame: Frame | None = None
         self._dimensions = dict.fromkeys(self._vehicle_states, (VEHICLE.length, VEHICLE.width))
         self._recorder = Recorder(scenario.id, config.about, self._dimensions)
-        self._channel = Channel(config.comm, derive_seed(config.seed, scenario.id, "channel"))
+        self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
@@ -75,7 +75,7 @@ class EpisodeSimulation:
         common = SensorContext(
             config.roads, WEATHERS[scenario.weather], derive_seed(config.seed, scenario.id, "sensing")
         )
-        self._roadside = RoadsideUnits(scenario.rsus if config.comm.on else (), common)
+        self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
 
     @property

@@ -9,11 +9,11 @@ from typing import Protocol
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.episode_job import run_job
 from mdrive_sumo.runs.executor import run_jobs
-from mdrive_sumo.runs.job import run_job
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.preparation import TRANSCRIPTS_FOLDER, PreparedRun, recording_path
+from mdrive_sumo.runs.prepared_run import TRANSCRIPTS_FOLDER, PreparedRun, recording_path
 from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_write_error
 from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts

@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.episode_job import rescore
 from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.runs.job import rescore
-from mdrive_sumo.runs.preparation import PreparedRun
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarise
 
 

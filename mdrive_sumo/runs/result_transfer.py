@@ -1,11 +1,11 @@
-"""Jobs on machines that share no disk: what a job writes comes back with its result."""
+"""Transfer the files of a job from a machine that shares no disk: they come back with the result."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mdrive_sumo.runs.job import EpisodeJob
+from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 
 RECORDING, LOGS, TRANSCRIPTS = "recording.npz", "logs", "transcripts"
@@ -13,36 +13,38 @@ RECORDING, LOGS, TRANSCRIPTS = "recording.npz", "logs", "transcripts"
 
 @dataclass(frozen=True, slots=True)
 class TransferableResult:
-    """A result, and the files of its job by their path in a folder of its own."""
+    """A result, and the content of the files of its job by relative path."""
 
     result: ScenarioResult
     files: Mapping[str, bytes]
 
 
 def run_with_output_files(function: Callable[[EpisodeJob], ScenarioResult], job: EpisodeJob) -> TransferableResult:
-    """Runs `function` (`run_job`) where its files are to be carried away."""
+    """Run `function` (`run_job`) with its files in a temporary folder and return them with the result."""
     with TemporaryDirectory(prefix="mdrive-job-") as name:
         folder = Path(name)
         (folder / LOGS).mkdir()
-        inside = replace(
+        local = replace(
             job,
-            recording=str(folder / RECORDING) if job.recording else "",
-            log_folder=str(folder / LOGS) if job.log_folder else "",
-            transcripts=str(folder / TRANSCRIPTS) if job.transcripts else "",
+            recording=folder / RECORDING if job.recording else None,
+            logs=folder / LOGS if job.logs else None,
+            transcripts=folder / TRANSCRIPTS if job.transcripts else None,
         )
-        result = function(inside)
-        written = sorted(path for path in folder.rglob("*") if path.is_file())
-        return TransferableResult(result, {str(path.relative_to(folder)): path.read_bytes() for path in written})
+        result = function(local)
+        paths = sorted(path for path in folder.rglob("*") if path.is_file())
+        return TransferableResult(result, {str(path.relative_to(folder)): path.read_bytes() for path in paths})
 
 
-def store_output_files(job: EpisodeJob, carried: TransferableResult) -> ScenarioResult:
-    """Writes the files to where the job wanted them; raises OSError."""
-    homes = {LOGS: job.log_folder, TRANSCRIPTS: job.transcripts}
-    for name, data in carried.files.items():
+def store_output_files(job: EpisodeJob, output: TransferableResult) -> ScenarioResult:
+    """Write the files to the places that the job names and return the result. Raises OSError."""
+    folders = {LOGS: job.logs, TRANSCRIPTS: job.transcripts}
+    for name, data in output.files.items():
         first, _, rest = name.partition("/")
-        path = Path(homes[first]) / rest if rest else Path(job.recording)
+        folder = folders[first] if rest else None
+        path = folder / rest if folder else job.recording
+        assert path is not None, f"{name}: a file of a kind that the job does not ask for"
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
         part.write_bytes(data)
         part.replace(path)
-    return carried.result
+    return output.result

@@ -1,4 +1,4 @@
-"""What a user asks of `eval`."""
+"""RunConfig: one evaluation as the user asks for it, from the command line to the worker and the journal."""
 
 import hashlib
 import json
@@ -7,49 +7,90 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from mdrive_sumo.actors import ActorMode
-from mdrive_sumo.core.clock import IDEAL, Clock
+from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.weather import FrictionMode
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
-Scalar = float | str | bool
+ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
 
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """An evaluation: scenarios of a suite that match a glob, driven by an agent, scored in a mode."""
+    """An evaluation: the scenarios of a suite that match a glob, driven by an agent, scored in a mode."""
 
     suite: str = "interdrive"
     """Name of a packaged suite, or a folder."""
     scenario: str = "*"
-    agent: str = "idm"
-    agent_config: Mapping[str, Scalar] = field(default_factory=dict[str, Scalar])
+    agent: AgentSpec = field(default_factory=lambda: AgentSpec("idm"))
     seed: int = 0
     score_mode: ScoreMode = ScoreMode.MDRIVE
-    comm: CommSettings = PRESETS["ideal"]
-    clock: Clock = IDEAL
-    actors: ActorMode = ActorMode.DEFAULT
-    """How scripted road users behave."""
-    friction: FrictionMode = FrictionMode.DRY
-    """How slippery roads are."""
+    options: EpisodeOptions = field(default_factory=EpisodeOptions)
     record: bool = True
     workers: int = 1
     scheduler: str = ""
-    """Address of a Dask scheduler, whose workers then drive; "": worker processes of our own."""
+    """Address of a Dask scheduler, whose workers then drive; "": own worker processes."""
     out: Path | None = None
     """The run folder; None: `default_folder`."""
     fresh: bool = False
     """Start anew instead of continuing what the folder holds."""
     command: tuple[str, ...] = ()
-    """As the user typed it, for the report."""
+    """The command as the user typed it, for the report."""
+
+    def to_dict(self) -> dict[str, str | int | bool]:
+        """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
+
+        Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `command`) change no result.
+        """
+        return {
+            "suite": self.suite,
+            "scenario": self.scenario,
+            "agent": self.agent.resolve().name,
+            "agent_config": self.agent.config_text(),
+            "seed": self.seed,
+            "score_mode": str(self.score_mode),
+            **self.options.to_dict(),
+            "record": self.record,
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "RunConfig":
+        """Return the run of a fingerprint. Raises KeyError, TypeError, ValueError and InputError for a corrupt one."""
+        return cls(
+            suite=values["suite"],
+            scenario=values["scenario"],
+            agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
+            seed=values["seed"],
+            score_mode=ScoreMode(values["score_mode"]),
+            options=EpisodeOptions.from_dict(values),
+            record=values["record"],
+        )
+
+    def default_folder(self, suite_name: str) -> Path:
+        """Return the folder of a run that names none: the same for the same run, another one for another."""
+        chosen, default = self.options.to_dict(), EpisodeOptions().to_dict()
+        parts = [
+            suite_name,
+            re.sub(r"^.*/|\.py(?=:)", "", self.agent.name),
+            f"seed{self.seed}",
+            self.scenario if self.scenario != "*" else "",
+            self.agent.config_hash()[7:13],
+            _name_channel(self.options.comm),
+            self.options.clock.text if self.options.clock != IDEAL else "",
+            *(f"{chosen[key]}-{key}" for key in EpisodeOptions.list_choices() if chosen[key] != default[key]),
+            self.score_mode if self.score_mode != ScoreMode.MDRIVE else "",
+            "" if self.record else "norecord",
+        ]
+        return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
 
 
-def load_agent_config(path: Path) -> dict[str, Scalar]:
-    """Reads the options of an agent, a JSON object of numbers, strings and booleans; raises InputError."""
+def load_agent_config(path: Path) -> dict[str, ConfigValue]:
+    """Read the options of an agent, a JSON object of finite numbers, strings and booleans. Raises InputError."""
     try:
         config = json.loads(path.read_bytes())
     except OSError as error:
@@ -59,41 +100,13 @@ def load_agent_config(path: Path) -> dict[str, Scalar]:
     if not isinstance(config, dict):
         raise InputError(f"{path}: expected a JSON object, found a {type(config).__name__}")
     for key, value in config.items():
-        if not isinstance(value, int | Scalar) or (isinstance(value, float) and not math.isfinite(value)):
+        if not isinstance(value, int | ConfigValue) or (isinstance(value, float) and not math.isfinite(value)):
             raise InputError(f"{path}: {key}: expected a finite number, a string or a boolean, found {value!r}")
     return config
 
 
-def config_text(config: Mapping[str, Scalar]) -> str:
-    """The options of an agent as canonical JSON."""
-    return json.dumps(dict(config), sort_keys=True, separators=(",", ":"))
-
-
-def config_hash(config: Mapping[str, Scalar]) -> str:
-    """Checksum of an agent's options; "" if there are none."""
-    return "sha256:" + hashlib.sha256(config_text(config).encode()).hexdigest() if config else ""
-
-
-def default_folder(settings: RunConfig, suite_name: str) -> Path:
-    """Where a run is kept that names no folder: the same for the same command, another one for another."""
-    parts = [
-        suite_name,
-        re.sub(r"^.*/|\.py(?=:)", "", settings.agent),
-        f"seed{settings.seed}",
-        settings.scenario if settings.scenario != "*" else "",
-        config_hash(settings.agent_config)[7:13],
-        _comm_part(settings.comm),
-        settings.clock.text if settings.clock != IDEAL else "",
-        f"{settings.actors}-actors" if settings.actors != ActorMode.DEFAULT else "",
-        f"{settings.friction}-friction" if settings.friction != FrictionMode.DRY else "",
-        settings.score_mode if settings.score_mode != ScoreMode.MDRIVE else "",
-        "" if settings.record else "norecord",
-    ]
-    return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
-
-
-def _comm_part(comm: CommSettings) -> str:
-    """The channel in a folder's name: "" if ideal, a preset's name, or that and a checksum of what was changed."""
+def _name_channel(comm: CommSettings) -> str:
+    """Return the channel's part of a folder's name: "" if ideal, a preset, or that and a checksum of the changes."""
     name = "" if comm.preset == "ideal" else comm.preset
     if comm == PRESETS.get(comm.preset):
         return name

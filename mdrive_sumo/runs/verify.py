@@ -2,20 +2,18 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
-from mdrive_sumo.core.state import DT, End
+from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.episode.quantization import from_quanta
-from mdrive_sumo.runs.job import EpisodeJob, reexecute
-from mdrive_sumo.runs.preparation import PreparedRun
+from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, reexecute
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.runs.transcript import transcript_path
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
@@ -75,34 +73,26 @@ def verify(run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int) -> 
 
 
 def verify_episode(check: VerificationJob) -> VerificationResult:
-    """Executes one scenario again; runs in a worker."""
-    job = replace(check.job, log_folder="", transcripts="")
-    if not job.recording:
-        again = reexecute(job)
+    """Execute one scenario again and compare it with its recording; runs in a worker."""
+    job = check.job
+    if job.recording is None:
+        again = reexecute(replace(job, logs=None, transcripts=None))
         same = again.digest == check.digest
         text = f"final digest {again.digest}" + ("" if same else f", was {check.digest}") + " (no recording)"
         return VerificationResult(job.scenario, same, text)
-    recorded = load_episode(Path(job.recording))
+    recorded = load_episode(job.recording)
     if recorded.digest != check.digest:
         return VerificationResult(
             job.scenario,
             False,
             f"the recording's digest is {recorded.digest}, that of the results {check.digest}",
         )
-    failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
-    again = replace(job, replayed=failures, thought=recorded.thinking)
-    difference = find_first_difference(recorded, reexecute(_from_transcript(again, check.job.transcripts)))
+    difference = find_first_difference(recorded, reexecute(make_reexecution(job, recorded)))
     if difference is None:
         return VerificationResult(job.scenario, True, f"identical ({recorded.ticks} ticks)")
     seconds = difference.tick * DT
     text = f"first difference at tick {difference.tick} ({seconds:.2f} s): {difference.text}"
     return VerificationResult(job.scenario, False, text)
-
-
-def _from_transcript(job: EpisodeJob, folder: str) -> EpisodeJob:
-    """The job with the answers of its language models taken from the run's transcript, if it has one."""
-    path = transcript_path(Path(folder), job.scenario)
-    return replace(job, agent_config={**job.agent_config, "transcript": str(path)}) if path.is_file() else job
 
 
 def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:

@@ -1,25 +1,21 @@
 """The value of a message: a recorded episode executed again without some of its messages."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
-from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import EpisodeRecord, load_episode
-from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
-from mdrive_sumo.runs.preparation import PreparedRun
+from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, make_reexecution, reexecute
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.runs.transcript import transcript_path
 from mdrive_sumo.runs.verify import find_first_difference
-from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.scoring import ScenarioResult, score_episode
 from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
-from mdrive_sumo.v2x.comm_settings import CommSettings, format_comm_json, parse_comm
+from mdrive_sumo.v2x.comm_settings import CommSettings
 
 Mute = tuple[str, ...]
 """Patterns of `CommSettings.mute` that are muted together; () changes nothing."""
@@ -95,15 +91,16 @@ def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], wor
 def ablate_episode(ablation: AblationJob) -> MuteEffect:
     """Executes one episode again, as `verify` does: failures, thinking times and transcripts are replayed."""
     job = ablation.job
-    recorded = load_episode(Path(job.recording))
-    again = reexecute(_as_recorded(job, recorded, ablation.mute))
+    assert job.recording is not None
+    recorded = load_episode(job.recording)
+    again = reexecute(_mute(make_reexecution(job, recorded), ablation.mute))
     scenario, roads = load_job_scenario(job)
     difference = find_first_difference(recorded, again)
     muted = CommSettings(mute=ablation.mute).muted
     return MuteEffect(
         mute=ablation.mute,
         messages=sum(muted.has(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
-        result=score_episode(again, scenario, roads, ScoreMode(job.score_mode), job.seed),
+        result=score_episode(again, scenario, roads, job.score_mode, job.seed),
         parted=find_divergence_tick(recorded, again),
         difference=f"tick {difference.tick}: {difference.text}" if difference else "",
     )
@@ -153,20 +150,9 @@ def _apart(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int)
     return (here != there) | (here & moved)
 
 
-def _as_recorded(job: EpisodeJob, recorded: EpisodeRecord, mute: Mute) -> EpisodeJob:
-    failures = tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED)
-    comm = parse_comm(json.loads(job.comm))
-    transcript = transcript_path(Path(job.transcripts), job.scenario)
-    config = {**job.agent_config, "transcript": str(transcript)} if transcript.is_file() else job.agent_config
-    return replace(
-        job,
-        agent_config=config,
-        comm=format_comm_json(replace(comm, mute=(*comm.mute, *mute))),
-        log_folder="",
-        transcripts="",
-        replayed=failures,
-        thought=recorded.thinking,
-    )
+def _mute(job: EpisodeJob, mute: Mute) -> EpisodeJob:
+    comm = job.options.comm
+    return replace(job, options=replace(job.options, comm=replace(comm, mute=(*comm.mute, *mute))))
 
 
 def choose_mutes(

@@ -35,7 +35,7 @@ class ChannelFactor:
         """The channel with that level for every type of message."""
         fields = dict(zip(self.fields, level, strict=True))
         links = {name: replace(link, **fields) for name, link in comm.by_type.items()}
-        return replace(comm, link=replace(comm.link, **fields), by_type=MappingProxyType(links))
+        return replace(comm, link=replace(comm.link, **fields), by_type=links)
 
     def text(self, level: Level) -> str:
         """A level for people, e.g. "latency 6 ticks"."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, evaluate
-from mdrive_sumo.runs.fingerprint import compute_fingerprint, resolve_locator
-from mdrive_sumo.runs.preparation import PreparedRun
-from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
+from mdrive_sumo.runs.fingerprint import compute_fingerprint
+from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
+from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.study.conditions import ChannelCondition
-from mdrive_sumo.v2x.comm_settings import describe_comm
 
 RUNS_FOLDER = "runs"
 BEST = "omniscient"
@@ -81,7 +80,7 @@ class Study:
     ) -> "StudyRow":
         results: list[Results] = []
         for seed in self.seeds:
-            run = _cell(prepared, condition, seed, self.folder / RUNS_FOLDER)
+            run = _prepare_cell(prepared, condition, seed, self.folder / RUNS_FOLDER)
             progress.run(f"{name}, {condition.name}, seed {seed}")
             results.append(evaluate(run, progress))
         return StudyRow(name, condition, tuple(results), reused=False)
@@ -108,22 +107,21 @@ def is_silent(row: StudyRow) -> bool:
     return all(scenario.status == "ok" and not scenario.comm for scenario in row.scenarios)
 
 
-def _cell(prepared: PreparedRun, condition: ChannelCondition, seed: int, folder: Path) -> PreparedRun:
-    """The run of one agent in one condition with one seed."""
-    settings = replace(prepared.config, comm=condition.comm, seed=seed)
-    changed = {"comm": describe_comm(condition.comm), "seed": seed}
+def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int, folder: Path) -> PreparedRun:
+    """Return the run of one agent in one condition with one seed."""
+    config = replace(prepared.config, options=replace(prepared.config.options, comm=condition.comm), seed=seed)
     return replace(
         prepared,
-        settings=settings,
-        folder=folder / agent_folder(settings.agent) / condition.folder / f"seed{seed}",
-        info=RunInfo.model_validate(prepared.info.model_dump() | changed),
-        fingerprint=compute_fingerprint(settings, prepared.suite, prepared.scenarios),
+        config=config,
+        folder=folder / name_agent_folder(config.agent) / condition.folder / f"seed{seed}",
+        info=make_run_info(config, prepared.suite, prepared.info.labels),
+        fingerprint=compute_fingerprint(config, prepared.suite, prepared.scenarios),
     )
 
 
-def agent_folder(agent: str) -> str:
-    """A folder's name for an agent; a third-party one gets a checksum, for two may have classes of one name."""
-    if agent in AGENTS:
-        return agent
-    checksum = hashlib.sha256(resolve_locator(agent).encode()).hexdigest()[:6]
-    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", re.sub(r"^.*/|\.py(?=:)", "", agent)) + "-" + checksum
+def name_agent_folder(agent: AgentSpec) -> str:
+    """Return an agent's folder; that of a third-party agent has a checksum, for two classes may have one name."""
+    if agent.is_builtin:
+        return agent.name
+    checksum = hashlib.sha256(agent.resolve().name.encode()).hexdigest()[:6]
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", re.sub(r"^.*/|\.py(?=:)", "", agent.name)) + "-" + checksum

@@ -79,7 +79,7 @@ class CommSettings:
     on: bool = True
     """False: nothing is ever delivered."""
     link: LinkSettings = LinkSettings()
-    by_type: Mapping[str, LinkSettings] = field(default_factory=lambda: MappingProxyType({}))
+    by_type: Mapping[str, LinkSettings] = field(default_factory=dict[str, LinkSettings])
     """Links of single types in `messages.TYPES`; an agent's own types have the link of all."""
     budget_bytes_s: float = math.inf
     """What each station may send in any second, headers included; a message beyond it is dropped."""
@@ -175,7 +175,7 @@ def parse_comm(values: Mapping[str, Any]) -> CommSettings:
         raise InputError(f"V2X channel: unknown preset {own['preset']!r:.40}, expected one of {', '.join(PRESETS)}")
     own["mute"] = tuple(own.get("mute", "").split())
     by_type = {name: LinkSettings(**options) for name, options in links.items() if name}
-    return CommSettings(**own, link=LinkSettings(**links[""]), by_type=MappingProxyType(by_type))
+    return CommSettings(**own, link=LinkSettings(**links[""]), by_type=by_type)
 
 
 def _typed(name: str, value: object, kind: type) -> Any:

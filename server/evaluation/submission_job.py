@@ -4,7 +4,6 @@ import json
 import shutil
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,10 @@ from typing import Any
 from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.agent_spec import RejectedError
-from mdrive_sumo.runs.job import EpisodeJob, run_job
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.scenario.suite import list_packaged_suites
-from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server.archive import ArchiveRefused
 from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
@@ -91,9 +90,15 @@ def _load_agent(task: JobTask) -> SubmittedAgent:
 
 def _make_job(task: JobTask, entrant: SubmittedAgent) -> EpisodeJob:
     suite = list_packaged_suites().get(task.suite, Path(task.suite))
-    recording = str(task.stage / f"{task.scenario}.npz") if task.public else ""
-    job = entrant.job(suite.absolute(), task.scenario, task.seed, recording, str(task.stage))
-    return replace(job, comm=format_comm_json(COMM_BY_TRACK[task.track]))
+    return EpisodeJob(
+        suite_folder=suite.absolute(),
+        scenario=task.scenario,
+        agent=entrant.agent_spec(),
+        seed=task.seed,
+        options=EpisodeOptions(comm=COMM_BY_TRACK[task.track]),
+        recording=task.stage / f"{task.scenario}.npz" if task.public else None,
+        logs=task.stage,
+    )
 
 
 def collect_usage(folder: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.preparation import SIMULATION_LIMIT_S
+from mdrive_sumo.runs.prepared_run import SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.runs.agent_spec import Declaration
 from server.archive import Manifest
 from server.environments import Environment, current_environment, load_environment
 from server.participant.packaging import unpack_agent
@@ -47,7 +47,7 @@ def choose_environment(manifest: Manifest, environments: Path | None) -> Environ
     return found
 
 
-def ask_agent(entrant: SubmittedAgent) -> Declaration:
+def ask_agent(entrant: SubmittedAgent) -> AgentDeclaration:
     """What the agent declares; raises InputError, one sentence, if it would be rejected or cannot be made."""
     try:
         return read_declaration(entrant)
@@ -70,7 +70,7 @@ def format_manifest(manifest: Manifest) -> str:
     return "\n".join(lines)
 
 
-def format_declaration(found: Declaration) -> str:
+def format_declaration(found: AgentDeclaration) -> str:
     """What an agent declares."""
     sensors = ", ".join(f"{sensor.kind}:{sensor.id}" if sensor.id else sensor.kind for sensor in found.sensors)
     return (

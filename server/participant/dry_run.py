@@ -1,7 +1,7 @@
 """A submission driven here: boxes, limits and verdicts as on a server, as far as this machine has the layers for it."""
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,13 +9,13 @@ import click
 
 from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.agent_spec import RejectedError
-from mdrive_sumo.runs.job import EpisodeJob, run_job
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.summary import means
-from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server.enums import ChallengeTrack, ScenarioVerdict, SubmissionState
 from server.environments import Environment
 from server.participant.check import ask_agent, format_declaration, format_manifest
@@ -114,11 +114,15 @@ def run_jobs(
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{course.out}: cannot be written: {error.strerror}") from None
-    comm = format_comm_json(COMM_BY_TRACK[track])
     jobs = [
-        replace(
-            entrant.job(suite.folder.resolve(), one.id, course.seed, str(recordings / f"{one.id}.npz"), str(logs)),
-            comm=comm,
+        EpisodeJob(
+            suite.folder.resolve(),
+            one.id,
+            entrant.agent_spec(),
+            course.seed,
+            options=EpisodeOptions(comm=COMM_BY_TRACK[track]),
+            recording=recordings / f"{one.id}.npz",
+            logs=logs,
         )
         for one in scenarios
     ]

@@ -20,7 +20,6 @@ from typing import Any
 import libsumo
 import numpy as np
 
-from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.contract import Reply
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import TICKS_PER_SECOND
@@ -29,7 +28,8 @@ from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.roads import NetworkFile, RoadMap, build_lane_route, load_road_map
 from mdrive_sumo.roads.network_file import compute_net_checksum
-from mdrive_sumo.runs.agent_spec import Hiring, opened
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.open_agents import open_agents
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
@@ -181,8 +181,10 @@ def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
     ticks = [tick for _ in range(ROUNDS) for tick in evaluator_ticks(scenario, roads, "constant-speed")]
     yield "tick, 4 CAVs, no background", statistics.mean(ticks) * 1e3, "ms", "<= 1.0"
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    drivers = opened(Hiring("constant-speed", {}, AgentLimits()), [ego.id for ego in scenario.egos])
-    with SumoWorld(scenario, roads, sizes, 1) as world:
+    with (
+        open_agents(AgentSpec("constant-speed"), list(sizes)) as drivers,
+        SumoWorld(scenario, roads, sizes, 1) as world,
+    ):
         episode = run_episode(EpisodeConfig(scenario, roads, 0), world, drivers)
     save_episode(episode, folder / "e.npz")
     minutes = episode.ticks / TICKS_PER_SECOND / 60

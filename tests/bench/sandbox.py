@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
+from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
@@ -104,7 +104,7 @@ def main() -> None:
         folder = Path(made)
         folder.chmod(0o755)
         (folder / "agents.py").write_text(SOURCE)
-        plan = BoxPlan(made, python=sys.executable, site=str(Path(np.__file__).parents[1]))
+        plan = AgentBox(Path(made), python=sys.executable, site=Path(np.__file__).parents[1])
 
         def plain() -> RemoteDriver:
             return RemoteDriver(open_agent_connection(AgentProgram(f"{made}/agents.py:Agent"), AgentLimits()), {})

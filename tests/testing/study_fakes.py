@@ -1,15 +1,13 @@
 """A stand-in for `run_job` whose score depends on the channel as a study should find it. No tests in here."""
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 
 from mdrive_sumo import cli
 from mdrive_sumo.runs import evaluate
-from mdrive_sumo.runs.job import EpisodeJob
+from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScenarioResult, void_result
-from mdrive_sumo.v2x.comm_settings import parse_comm
+from mdrive_sumo.v2x.comm_settings import format_comm_json
 from testing.pool_fakes import Task, perform
 
 
@@ -18,18 +16,17 @@ def drive(job: EpisodeJob) -> ScenarioResult:
 
     Without a channel they have 30; the second seed adds 1. The deed in the scenario's description is done first.
     """
-    folder = Path(job.suite_folder)
+    folder, agent, comm = job.suite_folder, job.agent.name, job.options.comm
     with (folder / "calls").open("a") as calls:
-        calls.write(f"{job.agent} {job.comm} {job.seed} {job.scenario}\n")
-    scenario = next(s for s in load_suite(job.suite_folder).scenarios if s.id == job.scenario)
+        calls.write(f"{agent} {format_comm_json(comm)} {job.seed} {job.scenario}\n")
+    scenario = next(s for s in load_suite(str(job.suite_folder)).scenarios if s.id == job.scenario)
     perform(Task(job.scenario, scenario.description, str(folder)))
-    comm = parse_comm(json.loads(job.comm))
     link = comm.link
     talking = 70.0 - link.latency_ticks - 40.0 * link.loss - 10.0 * link.pose_error_m if comm.on else 30.0
-    score = {"omniscient": 90.0, "idm": 30.0}.get(job.agent, talking) + job.seed
-    said = {} if job.agent in ("omniscient", "idm") else {"sent": 1, "bytes": 4}
+    score = {"omniscient": 90.0, "idm": 30.0}.get(agent, talking) + job.seed
+    said = {} if agent in ("omniscient", "idm") else {"sent": 1, "bytes": 4}
     if job.recording:
-        Path(job.recording).write_text("recorded")
+        job.recording.write_text("recorded")
     return void_result(scenario, job.seed, "").model_copy(
         update={"status": "ok", "ds": score, "sr": score / 2, "rc": score, "ip": 1.0, "ticks": 1, "comm": said}
     )

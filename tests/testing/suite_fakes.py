@@ -7,7 +7,7 @@ from pathlib import Path
 from mdrive_sumo import cli
 from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs import evaluate
-from mdrive_sumo.runs.job import EpisodeJob
+from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
@@ -50,13 +50,13 @@ def _scenario(name: str, deed: str) -> Scenario:
 
 def drive(job: EpisodeJob) -> ScenarioResult:
     """Stands in for `run_job`: does the deed that the scenario's description names, and notes that it was called."""
-    run_folder = Path(job.recording).parents[1] if job.recording else Path(job.suite_folder)
+    run_folder = job.recording.parents[1] if job.recording else job.suite_folder
     with (run_folder / "calls").open("a") as calls:
         calls.write(job.scenario + "\n")
-    scenario = next(s for s in load_suite(job.suite_folder).scenarios if s.id == job.scenario)
+    scenario = next(s for s in load_suite(str(job.suite_folder)).scenarios if s.id == job.scenario)
     perform(Task(job.scenario, scenario.description, str(run_folder)))
     if job.recording:
-        Path(job.recording).write_text("recorded")
+        job.recording.write_text("recorded")
     score = 10.0 * int(job.scenario[1:]) + job.seed
     return void_result(scenario, job.seed, "").model_copy(
         update={"status": "ok", "ds": score, "rc": score, "ip": 1.0, "digest": f"{job.seed:016x}", "ticks": 1}

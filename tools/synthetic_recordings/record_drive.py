@@ -14,7 +14,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background
@@ -97,7 +97,7 @@ def _build_episode_config(scenario: Scenario, roads: RoadMap, seed: int) -> Epis
     """Configure an episode without messages, so that stations need no detections, that ends with the last window."""
     over = round((LATEST_START_S + WINDOW_S) * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
-    return EpisodeConfig(scenario, roads, seed, comm=PRESETS["off"], replayed_failures=endings)
+    return EpisodeConfig(scenario, roads, seed, options=EpisodeOptions(comm=PRESETS["off"]), replayed_failures=endings)
 
 
 def find_window(drive: RecordedDrive) -> tuple[float, float] | None:

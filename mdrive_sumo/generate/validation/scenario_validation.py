@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
@@ -9,7 +10,8 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation.requirements import find_unmet_requirements, has_near_miss
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
@@ -30,7 +32,7 @@ LIMIT_S = 300.0
 class ValidationTask:
     """A scenario to examine; plain values, so that it can be sent to a worker process."""
 
-    suite_folder: str
+    suite_folder: Path
     scenario: str
 
 
@@ -73,7 +75,7 @@ def _places(part: Suite) -> Iterator[tuple[float, int, str]]:
 
 def validate_scenarios(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[ScenarioValidation]:
     """Examines scenarios of a suite in worker processes; they come in the order in which they finish."""
-    questions = [ValidationTask(str(suite.folder.resolve()), scenario.id) for scenario in scenarios]
+    questions = [ValidationTask(suite.folder.resolve(), scenario.id) for scenario in scenarios]
     with ProcessPool[ValidationTask, ScenarioValidation](
         validate_scenario, min(workers, len(questions)), LIMIT_S
     ) as pool:
@@ -94,7 +96,7 @@ def validate_scenario(question: ValidationTask) -> ScenarioValidation:
 
 
 def _job(question: ValidationTask, agent: str) -> EpisodeJob:
-    return EpisodeJob(question.suite_folder, question.scenario, agent, {}, 0, ScoreMode.MDRIVE)
+    return EpisodeJob(question.suite_folder, question.scenario, AgentSpec(agent))
 
 
 def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """Joint agents: one program drives all CAVs; whatever it does ends its CAVs and nothing else."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,12 +13,12 @@ from mdrive_sumo.agent_process.child_process import AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, open_agent_connection
 from mdrive_sumo.core.clock import parse_clock
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.runs.agent_spec import Hiring, declaration, hired
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor, open_agents
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 
@@ -46,7 +47,7 @@ def bends(name: str, start: tuple[float, float], signs: tuple[int, ...]) -> Ego:
 
 
 def drive(scenario: Scenario, one: JointAgentSession, clock: str = "ideal") -> EpisodeRecord:
-    setting = EpisodeConfig(scenario, straight_road(), seed=0, clock=parse_clock(clock))
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, options=EpisodeOptions(clock=parse_clock(clock)))
     try:
         return run_episode(setting, EmptyWorld(), one.drivers)
     finally:
@@ -118,8 +119,8 @@ def test_a_dead_program_fails_every_call(tmp_path: Path) -> None:
 
 def test_a_camera_is_refused_with_one_sentence(tmp_path: Path) -> None:
     path = carla_agents.write(tmp_path, carla_agents.CAMERA)
-    with pytest.raises(InputError, match=r"sensor 'sensor\.camera\.rgb': expected .* found a camera"):
-        declaration(Hiring(f"carla:{path}", {}, AgentLimits()))
+    sensors = declare_agent(AgentSpec(f"carla:{path}")).sensors
+    assert re.match(r"sensor 'sensor\.camera\.rgb': expected .* found a camera", find_unknown_sensor(sensors))
 
 
 @pytest.mark.parametrize(
@@ -132,20 +133,20 @@ def test_a_camera_is_refused_with_one_sentence(tmp_path: Path) -> None:
 )
 def test_a_module_that_is_no_agent(tmp_path: Path, source: str, text: str) -> None:
     with pytest.raises(AgentFailure, match=text):
-        declaration(Hiring(f"carla:{carla_agents.write(tmp_path, source)}", {}, AgentLimits()))
+        declare_agent(AgentSpec(f"carla:{carla_agents.write(tmp_path, source)}"))
 
 
 def test_a_folder_called_carla_is_no_carla(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "carla"
     folder.mkdir()
     monkeypatch.chdir(tmp_path)
-    assert declaration(Hiring(f"carla:{carla_agents.plain(folder, 'good')}", {}, AgentLimits())).label == "joint"
+    assert declare_agent(AgentSpec(f"carla:{carla_agents.plain(folder, 'good')}")).label == "joint"
 
 
-def test_a_job_hires_a_crew(tmp_path: Path) -> None:
+def test_open_agents_starts_one_process_for_all_cavs(tmp_path: Path) -> None:
     path = carla_agents.plain(tmp_path, "good")
-    hiring = Hiring(f"carla:{path}", {}, AgentLimits(), logs=str(tmp_path / "s"))
-    assert declaration(hiring).label == "joint"
-    with hired(hiring, EGOS) as drivers:
+    spec = AgentSpec(f"carla:{path}")
+    assert declare_agent(spec).label == "joint"
+    with open_agents(spec, EGOS, tmp_path / "s") as drivers:
         assert [[spec.kind for spec in driver.sensors()] for driver in drivers.values()] == [["speedometer"]] * 2
     assert (tmp_path / "s.all.log").is_file()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import sys
 import time
 from collections.abc import Iterator
@@ -15,14 +16,16 @@ from testing.hostile_protocol import CASES, DEEDS, LATE, write_agent
 from testing.sandbox_runs import needs_bubblewrap
 
 from mdrive_sumo.agent_process import frame_file
-from mdrive_sumo.agent_process.child_process import AgentProgram, BoxPlan
+from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
+from mdrive_sumo.agent_process.sandbox import BoxLimits
 from mdrive_sumo.contract import Control, Message, Observation, OwnState, PointCloud
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.runs.agent_spec import Hiring, RejectedError, box_plan, box_text, declaration, hired
-from mdrive_sumo.runs.job import EpisodeJob, run_job
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.open_agents import RejectedError, declare_agent, open_agents
 from mdrive_sumo.scenario.suite import load_suite
 
 SITE = Path(np.__file__).parents[1]
@@ -31,13 +34,13 @@ boxed = needs_bubblewrap
 pytestmark = pytest.mark.slow
 
 
-def plan(folder: Path, **limits: int) -> BoxPlan:
-    return BoxPlan(str(folder), python=sys.executable, site=str(SITE), limits=limits)
+def box(folder: Path, **limits: int) -> AgentBox:
+    return AgentBox(folder, python=sys.executable, site=SITE, limits=BoxLimits(**limits))
 
 
-def driver(folder: Path, limits: AgentLimits, **box: int) -> RemoteDriver:
+def driver(folder: Path, limits: AgentLimits, **box_limits: int) -> RemoteDriver:
     program = AgentProgram("/agent/agents.py:Driver", log=folder / "log")
-    return RemoteDriver(open_agent_connection(program, limits, plan(folder, **box)), {})
+    return RemoteDriver(open_agent_connection(program, limits, box(folder, **box_limits)), {})
 
 
 @pytest.fixture
@@ -158,11 +161,10 @@ def test_drivers_of_a_job_in_boxes_leave_a_record_and_a_log(tmp_path: Path, fold
     logs = tmp_path / "logs"
     logs.mkdir()
     write_agent(folder, "exit", late=1)
-    box = box_text(plan(folder))
-    assert box_plan(box) == plan(folder)
-    hiring = Hiring("/agent/agents.py:Driver", {}, AgentLimits(), box, str(logs / "crossing"))
-    assert declaration(Hiring("/agent/agents.py:Driver", {}, AgentLimits(), box)).label == "single"
-    with hired(hiring, ("a", "b")) as drivers:
+    spec = AgentSpec("/agent/agents.py:Driver", box=box(folder))
+    assert pickle.loads(pickle.dumps(spec)) == spec
+    assert declare_agent(spec).label == "single"
+    with open_agents(spec, ("a", "b"), logs / "crossing") as drivers:
         for ego in ("a", "b"):
             drivers[ego].sensors()
             drivers[ego].ask(Observation(0, OWN))
@@ -240,25 +242,20 @@ def test_a_sensor_asked_for_in_a_race_only_is_refused_there(folder: Path, agent:
     """An agent may behave until a date: what it declares is looked at in every run."""
     (folder / "agents.py").write_text(agent)
     suite = load_suite("interdrive")
-    job = EpisodeJob(str(suite.folder), suite.scenarios[0].id, "/agent/agents.py:Driver", {}, 0, "mdrive")
-    with pytest.raises(RejectedError, match=text):
-        run_job(replace(job, box=box_text(plan(folder))))
-    with pytest.raises(InputError, match="expected a third-party agent for a box"):
-        run_job(replace(job, agent="omniscient", box=box_text(plan(folder))))
-
-
-@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"folder": "x", "colour": "red"}'])
-def test_a_box_that_is_none(text: str) -> None:
-    with pytest.raises(InputError, match="box: expected"):
-        box_plan(text)
+    for name, error, message in (
+        ("/agent/agents.py:Driver", RejectedError, text),
+        ("omniscient", InputError, "expected a third-party agent for a box"),
+    ):
+        with pytest.raises(error, match=message):
+            run_job(EpisodeJob(suite.folder, suite.scenarios[0].id, AgentSpec(name, box=box(folder))))
 
 
 @boxed
 def test_a_scenario_driven_in_boxes_is_the_same_bit_for_bit(folder: Path, tmp_path: Path) -> None:
     (folder / "agents.py").write_text("from mdrive_sumo.agents.sharing import SharingAgent as Driver\n")
     suite = load_suite("interdrive")
-    plain = EpisodeJob(str(suite.folder), suite.scenarios[0].id, "sharing", {}, 3, "mdrive")
-    inside = replace(plain, agent="/agent/agents.py:Driver", box=box_text(plan(folder)), log_folder=str(tmp_path))
+    plain = EpisodeJob(suite.folder, suite.scenarios[0].id, AgentSpec("sharing"), 3)
+    inside = replace(plain, agent=AgentSpec("/agent/agents.py:Driver", box=box(folder)), logs=tmp_path)
     results = [run_job(job) for job in (plain, inside)]
     assert results[0].digest == results[1].digest
     assert results[0] == results[1]
@@ -271,8 +268,8 @@ def test_a_scenario_driven_in_boxes_is_the_same_bit_for_bit(folder: Path, tmp_pa
 def test_a_joint_agent_drives_a_scenario_in_one_box(folder: Path, tmp_path: Path) -> None:
     carla_agents.write(folder, carla_agents.FOLLOWER)
     suite = load_suite("interdrive")
-    job = EpisodeJob(str(suite.folder), suite.scenarios[0].id, "carla:/agent/agents.py", {}, 0, "mdrive")
-    result = run_job(replace(job, box=box_text(plan(folder)), log_folder=str(tmp_path)))
+    agent = AgentSpec("carla:/agent/agents.py", box=box(folder))
+    result = run_job(EpisodeJob(suite.folder, suite.scenarios[0].id, agent, logs=tmp_path))
     assert result.rc > 50.0 and "agent-failed" not in result.model_dump_json()
     [record] = [json.loads(path.read_text()) for path in tmp_path.glob("*.all.json")]
     assert record["failure"] == "" and record["answers"] > 50 and record["clean"]

@@ -17,17 +17,18 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.negotiation import Parley
 from mdrive_sumo.perception.fusion import Fusion
 from mdrive_sumo.planning.space_time_planner import Barrier, Planner
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.runs.job import EpisodeJob, load_job_scenario, reexecute
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import list_packaged_suites
 from mdrive_sumo.scoring import ScoreMode, score_episode
-from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings, format_comm_json
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, ReferencePose, decode, encode
 
 TOWN, MINOR_ROAD = "i07_ins_ss_town", "i13_ins_sl_minor_road"
@@ -42,9 +43,17 @@ TALKING: Mapping[str, frozenset[str]] = {
 }
 
 
-def job(scenario: str, agent: str, comm: str = "{}", seed: int = 0, **options: float | str) -> EpisodeJob:
+def job(
+    scenario: str, agent: str, comm: CommSettings = PRESETS["ideal"], seed: int = 0, **options: float | str
+) -> EpisodeJob:
     """One of the packaged suite's scenarios."""
-    return EpisodeJob(str(list_packaged_suites()["interdrive"]), scenario, agent, options, seed, "mdrive", comm=comm)
+    return EpisodeJob(
+        list_packaged_suites()["interdrive"],
+        scenario,
+        AgentSpec(agent, options),
+        seed,
+        options=EpisodeOptions(comm=comm),
+    )
 
 
 @lru_cache
@@ -152,9 +161,7 @@ def test_cams_tell_the_truth_about_their_sender() -> None:
 
 @pytest.mark.parametrize("agent", ["sharing+negotiation", "perception-swap:fcooper"])
 def test_two_runs_over_a_bad_channel_are_equal(agent: str) -> None:
-    bad = format_comm_json(
-        CommSettings(link=LinkSettings(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6))
-    )
+    bad = CommSettings(link=LinkSettings(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6))
     one, other = (reexecute(job(TOWN, agent, comm=bad)) for _ in range(2))
     assert one.digest == other.digest
     assert one.digest != driven(TOWN, agent).digest
@@ -209,7 +216,7 @@ def test_who_negotiates_by_rule_stops_where_that_was_agreed(monkeypatch: pytest.
 
 def test_pose_errors_do_not_upset_who_shares() -> None:
     """Cars that are taken for each other for a while once had the same name, which nobody could stand."""
-    episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=format_comm_json(PRESETS["paper-pose"])))
+    episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=PRESETS["paper-pose"]))
     assert [(ending.end, ending.text) for ending in episode.endings] == [(End.ARRIVED, "")] * episode.egos
 
 

@@ -9,7 +9,7 @@ from mdrive_sumo.contract import Message, Observation, Reply, SensorSpec
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
-from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, EpisodeSimulation, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
@@ -18,7 +18,7 @@ SENSORS = {"0": (SensorSpec("objects", range_m=100.0),), "1": (SensorSpec("privi
 
 
 def make_config() -> EpisodeConfig:
-    return EpisodeConfig(SCENARIO, straight_road(), seed=3, comm=PRESETS["realistic"])
+    return EpisodeConfig(SCENARIO, straight_road(), seed=3, options=EpisodeOptions(comm=PRESETS["realistic"]))
 
 
 def decide(ego: str, observation: Observation) -> Reply:
@@ -62,7 +62,7 @@ def test_a_busy_cav_gets_no_observation_and_keeps_its_messages_until_the_next_on
 
 
 def test_a_fixed_clock_lets_a_cav_repeat_its_last_control() -> None:
-    config = EpisodeConfig(SCENARIO, straight_road(), seed=3, clock=parse_clock("fixed:100"))
+    config = EpisodeConfig(SCENARIO, straight_road(), seed=3, options=EpisodeOptions(clock=parse_clock("fixed:100")))
     seen: Mapping[str, Says] = {ego: Says(lambda seen: decide("1", seen)) for ego in "01"}
     run_episode(config, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in seen.items()})
     assert [one.tick for one in seen["1"].seen[:4]] == [0, 2, 4, 6]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 from mdrive_sumo.contract import Message, Note, Observation, Reply
 from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, run_episode
+from mdrive_sumo.episode import EpisodeRecord, ThinkTime
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.v2x.channel import DeliveryStatus
@@ -22,8 +23,8 @@ TWO = straight_scenario(straight_ego("0", x=50, length=30), straight_ego("1", x=
 QUIET = pedals(throttle=0.5)
 
 
-def drive(agents: dict[str, Says], scenario: Scenario = TWO, **setting: object) -> EpisodeRecord:
-    made = EpisodeConfig(scenario, straight_road(), seed=0, **setting)  # type: ignore[arg-type]
+def drive(agents: dict[str, Says], scenario: Scenario = TWO, **options: Any) -> EpisodeRecord:
+    made = EpisodeConfig(scenario, straight_road(), seed=0, options=EpisodeOptions(**options))
     return run_episode(made, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in agents.items()})
 
 
@@ -123,8 +124,9 @@ class Slow(LocalDriver):
 
 
 def test_measured_thinking_is_recorded_and_can_be_repeated() -> None:
-    def run(driver: type[LocalDriver], **setting: object) -> EpisodeRecord:
-        made = EpisodeConfig(TWO, straight_road(), seed=0, clock=Clock("measured"), **setting)  # type: ignore[arg-type]
+    def run(driver: type[LocalDriver], think_times: tuple[ThinkTime, ...] = ()) -> EpisodeRecord:
+        options = EpisodeOptions(clock=Clock("measured"))
+        made = EpisodeConfig(TWO, straight_road(), seed=0, options=options, think_times=think_times)
         return run_episode(made, EmptyWorld(), {ego: driver(Says(lambda seen: QUIET)) for ego in "01"})
 
     measured = run(Slow)

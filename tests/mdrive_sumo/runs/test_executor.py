@@ -19,12 +19,13 @@ from testing.paths import TESTS
 from testing.processes import alive, written
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.dask_executor import ExecutorLostError
+from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.executor import Executor, run_jobs
-from mdrive_sumo.runs.job import EpisodeJob
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.preparation import prepare
+from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.result_transfer import run_with_output_files, store_output_files
 from mdrive_sumo.runs.run_config import RunConfig
@@ -196,16 +197,17 @@ def _worker_of(child: int, own: Cluster) -> int:
 
 def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:
     def writes(job: EpisodeJob) -> ScenarioResult:
-        Path(job.recording).write_text("episode")
-        (Path(job.log_folder) / "s0.log").write_text("printed")
-        Path(job.transcripts).mkdir()
-        (Path(job.transcripts) / "s0.jsonl").write_text("said")
-        assert not Path(job.recording).is_relative_to(tmp_path)
+        assert job.recording and job.logs and job.transcripts
+        job.recording.write_text("episode")
+        (job.logs / "s0.log").write_text("printed")
+        job.transcripts.mkdir()
+        (job.transcripts / "s0.jsonl").write_text("said")
+        assert not job.recording.is_relative_to(tmp_path)
         return scored("s0")
 
     home = tmp_path / "run"
     job = EpisodeJob(
-        "", "s0", "idm", {}, 0, "mdrive", str(home / "e.npz"), str(home / "logs"), transcripts=str(home / "t")
+        Path(), "s0", AgentSpec("idm"), recording=home / "e.npz", logs=home / "logs", transcripts=home / "t"
     )
     carried = run_with_output_files(writes, job)
     assert not home.exists()
@@ -221,7 +223,7 @@ def test_eval_on_a_cluster_gives_the_same_bytes(two_workers: Cluster, tmp_path: 
 
     def evaluated(name: str, scheduler: str) -> dict[str, bytes]:
         out = tmp_path / name
-        settings = RunConfig(scenario="i07_*", agent="idm", workers=1, scheduler=scheduler, out=out)
+        settings = RunConfig(scenario="i07_*", agent=AgentSpec("idm"), workers=1, scheduler=scheduler, out=out)
         results = evaluate(prepare(settings), Quiet())
         assert results.void == 0
         return {path.name: path.read_bytes() for path in [out / "results.json", *sorted((out / "episodes").iterdir())]}

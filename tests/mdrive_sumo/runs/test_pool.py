@@ -98,9 +98,9 @@ PARENT = """
 import sys
 sys.path.insert(0, {here!r})
 import pool_fakes
-from mdrive_sumo.runs.process_pool import Pool
+from mdrive_sumo.runs.process_pool import ProcessPool
 if __name__ == "__main__":
-    with Pool(pool_fakes.perform, 1, 600.0) as pool:
+    with ProcessPool(pool_fakes.perform, 1, 600.0) as pool:
         list(pool.run([pool_fakes.Task("x", "hang", {folder!r})]))
 """
 

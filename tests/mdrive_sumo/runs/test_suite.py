@@ -1,16 +1,19 @@
 """`evaluate` with a stand-in for the simulation: order, resume, retries, voids, settings."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from testing.paths import TESTS
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
-from mdrive_sumo.runs.preparation import prepare
-from mdrive_sumo.runs.run_config import RunConfig, default_folder, load_agent_config
+from mdrive_sumo.runs.prepared_run import prepare
+from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScenarioResult, load_results
 
 
@@ -41,11 +44,10 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return suite_fakes
 
 
-def run(tmp_path: Path, progress: Notes | None = None, **options: object) -> Results:
-    settings = RunConfig(
-        **{"suite": str(tmp_path / "suite"), "agent": "stationary", "out": tmp_path / "run", **options}
-    )
-    return evaluate(prepare(settings), progress or Notes())
+def run(tmp_path: Path, progress: Notes | None = None, **options: Any) -> Results:
+    agent = AgentSpec(options.pop("agent", "stationary"), options.pop("agent_config", {}))
+    config = RunConfig(str(tmp_path / "suite"), agent=agent, out=tmp_path / "run")
+    return evaluate(prepare(replace(config, **options)), progress or Notes())
 
 
 def calls(tmp_path: Path) -> list[str]:
@@ -131,7 +133,7 @@ def test_the_same_command_tries_voids_again(fakes: ModuleType, tmp_path: Path) -
 
 
 def test_a_hung_episode_becomes_void(fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mdrive_sumo.runs.preparation.SIMULATION_LIMIT_S", 1.0)
+    monkeypatch.setattr("mdrive_sumo.runs.prepared_run.SIMULATION_LIMIT_S", 1.0)
     fakes.make_suite(tmp_path / "suite", "hang")
     assert run(tmp_path).scenarios[0].reason == "hung: no result within 1 s"
 
@@ -245,16 +247,16 @@ def test_a_good_agent_config(tmp_path: Path) -> None:
 
 
 def test_different_commands_get_different_folders() -> None:
-    settings = (
+    configs = (
         RunConfig(),
         RunConfig(seed=1),
-        RunConfig(agent="omniscient"),
-        RunConfig(agent="a/b.py:Mine"),
-        RunConfig(agent_config={"speed": 3}),
+        RunConfig(agent=AgentSpec("omniscient")),
+        RunConfig(agent=AgentSpec("a/b.py:Mine")),
+        RunConfig(agent=AgentSpec("idm", {"speed": 3})),
         RunConfig(scenario="ins_c*"),
         RunConfig(record=False),
     )
-    folders = [str(default_folder(s, "interdrive")) for s in settings]
+    folders = [str(config.default_folder("interdrive")) for config in configs]
     assert len(set(folders)) == len(folders)
     assert folders[0] == "runs/interdrive-idm-seed0"
     assert folders[3] == "runs/interdrive-b_Mine-seed0"

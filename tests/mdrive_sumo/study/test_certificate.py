@@ -11,7 +11,8 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.runs.job import EpisodeJob, reexecute
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
 from mdrive_sumo.study import occlusion_certificate
@@ -30,7 +31,7 @@ TOWN = load_road_map(find_network_folder("town_crossing"))
 
 @cache
 def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
-    job = EpisodeJob(str(list_packaged_suites()["interdrive"]), scenario, "constant-speed", {}, 0, "mdrive")
+    job = EpisodeJob(list_packaged_suites()["interdrive"], scenario, AgentSpec("constant-speed"))
     found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
     return reexecute(job), found
 

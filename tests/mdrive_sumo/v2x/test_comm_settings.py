@@ -14,9 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.cli.comm import channel_of, comm_of, comm_options
+from mdrive_sumo.cli.comm import episode_options, parse_comm_options, read_episode_options
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.v2x.comm_settings import (
     PER,
     PRESETS,
@@ -154,13 +155,13 @@ def test_the_realistic_preset_has_the_figures_of_its_sources() -> None:
 
 
 def test_options_override_the_preset() -> None:
-    comm = comm_of("realistic", comm_loss="0", comm_budget="inf", comm_mute=("*/text",))
+    comm = parse_comm_options("realistic", comm_loss="0", comm_budget="inf", comm_mute=("*/text",))
     expected = LinkSettings(latency_ticks=2, range_m=150.0)
     assert comm == replace(PRESETS["realistic"], link=expected, budget_bytes_s=math.inf, mute=("*/text",))
 
 
 def test_nothing_given_is_the_preset() -> None:
-    assert all(comm_of(name, comm_loss=None, pose_error=None) == comm for name, comm in PRESETS.items())
+    assert all(parse_comm_options(name, comm_loss=None, pose_error=None) == comm for name, comm in PRESETS.items())
 
 
 @pytest.mark.parametrize(
@@ -191,7 +192,7 @@ def test_nothing_given_is_the_preset() -> None:
 def test_values_for_all_types_and_for_some(
     options: dict[str, Any], everywhere: LinkSettings, of_types: dict[str, LinkSettings]
 ) -> None:
-    comm = comm_of(**options)
+    comm = parse_comm_options(**options)
     assert (comm.link, dict(comm.by_type)) == (everywhere, of_types)
 
 
@@ -222,7 +223,7 @@ def test_values_for_all_types_and_for_some(
 )
 def test_unusable_options_are_refused_in_one_sentence(options: dict[str, Any], why: str) -> None:
     with pytest.raises(InputError, match=why) as caught:
-        comm_of(**options)
+        parse_comm_options(**options)
     assert "\n" not in str(caught.value)
 
 
@@ -231,10 +232,10 @@ def parsed(*arguments: str) -> tuple[Any, ...]:
     found: list[tuple[Any, ...]] = []
 
     @click.command()
-    @comm_options
+    @episode_options
     @click.option("--other", default=3)
     def command(**options: Any) -> None:
-        found.append((*channel_of(options), options))
+        found.append((read_episode_options(options), options))
 
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
@@ -242,11 +243,15 @@ def parsed(*arguments: str) -> tuple[Any, ...]:
 
 
 def test_a_command_takes_its_channel_and_its_clock_out_of_its_options() -> None:
-    assert parsed() == (CommSettings(), Clock(), {"other": 3})
+    assert parsed() == (EpisodeOptions(), {"other": 3})
     mutes = ("--comm-mute", "a/cam", "--comm-mute", "*/text@7")
-    comm, clock, _ = parsed("--comm", "paper-latency", "--pose-error", "0.6,0.6", "--agent-clock", "fixed:100", *mutes)
-    assert comm.link == LinkSettings(latency_ticks=6, pose_error_m=0.6, pose_error_deg=0.6)
-    assert (comm.preset, comm.mute, clock) == ("paper-latency", ("a/cam", "*/text@7"), Clock("fixed", 2))
+    options, _ = parsed("--comm", "paper-latency", "--pose-error", "0.6,0.6", "--agent-clock", "fixed:100", *mutes)
+    assert options.comm.link == LinkSettings(latency_ticks=6, pose_error_m=0.6, pose_error_deg=0.6)
+    assert (options.comm.preset, options.comm.mute, options.clock) == (
+        "paper-latency",
+        ("a/cam", "*/text@7"),
+        Clock("fixed", 2),
+    )
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from testing.round_trip import as_truth
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.runs.job import EpisodeJob, reexecute
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
@@ -61,7 +62,7 @@ def test_its_cavs_stations_and_people_are_those_of_the_drive(suite: Path) -> Non
 
 
 def test_it_runs(suite: Path) -> None:
-    episode = reexecute(EpisodeJob(str(suite), "busy", "idm", {}, 0, "mdrive"))
+    episode = reexecute(EpisodeJob(suite, "busy", AgentSpec("idm")))
     assert [ending.end for ending in episode.endings] == [End.ARRIVED] * 2
     assert episode.ticks > 100
     assert len(episode.ids) > 70

@@ -16,11 +16,12 @@ from testing.sandbox_runs import needs_bubblewrap
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.episode import load_episode
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.executor import run_jobs
-from mdrive_sumo.runs.job import EpisodeJob, run_job
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.v2x.channel import DeliveryStatus
-from mdrive_sumo.v2x.comm_settings import format_comm_json
 from server import environments
 from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
 from server.evaluation.job_task import AgentRejection, JobTask
@@ -99,13 +100,10 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
     outcome = driven(wanted)
     assert outcome.verdict is ScenarioVerdict.OK
     again = EpisodeJob(
-        suite_folder=str(Path(environments.__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"),
+        suite_folder=Path(environments.__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive",
         scenario=SCENARIO,
-        agent=f"{wanted.unpacked / 'agent' / 'agents.py'}:Agent",
-        agent_config={},
-        seed=0,
-        score_mode="mdrive",
-        comm=format_comm_json(COMM_BY_TRACK[ChallengeTrack.SINGLE]),
+        agent=AgentSpec(f"{wanted.unpacked / 'agent' / 'agents.py'}:Agent"),
+        options=EpisodeOptions(comm=COMM_BY_TRACK[ChallengeTrack.SINGLE]),
     )
     assert outcome.result == run_job(again).model_dump(mode="json")
     used = outcome.usage

@@ -11,14 +11,14 @@ from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
+from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits, SandboxLayer
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
-from mdrive_sumo.runs.agent_spec import Declaration, box_plan
-from mdrive_sumo.runs.job import EpisodeJob
+from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
-from mdrive_sumo.v2x.comm_settings import format_comm_json
+from mdrive_sumo.v2x.comm_settings import CommSettings
 from server import environments
 from server.archive import ArchiveLimits, check_archive
 from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
@@ -83,10 +83,16 @@ def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
     sandbox = ServerSettings().sandbox
     assert entrant.box == sandbox.box_limits()
     assert (entrant.limits.tick_s, entrant.limits.reply_bytes) == (sandbox.tick_s, sandbox.reply_bytes)
-    job = entrant.job(tmp_path, "i01", 7)
-    plan = box_plan(job.box)
-    assert (job.agent, job.seed, plan.folder) == ("/agent/agents.py:Agent", 7, str(found.folder))
-    assert (plan.backend, plan.python, plan.site) == ("bubblewrap", sys.executable, "/site")
+    spec = entrant.agent_spec()
+    assert spec.box is not None
+    assert (spec.agent, spec.limits, spec.box.folder) == ("/agent/agents.py:Agent", entrant.limits, found.folder)
+    assert (spec.box.backend, spec.box.python, spec.box.site) == ("bubblewrap", sys.executable, Path("/site"))
+
+
+def memory_bytes(agent: SubmittedAgent) -> int:
+    box = agent.agent_box()
+    assert box is not None
+    return box.limits.memory_bytes
 
 
 def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
@@ -94,9 +100,9 @@ def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
     small = SubmittedAgent(manifest, tmp_path, HERE, BoxLimits(memory_bytes=1), AgentLimits())
     torch = replace(small, manifest=replace(manifest, environment="python3.11-torch-cpu"))
     needed = environments.RECIPES["python3.11-torch-cpu"].memory_bytes
-    assert small.plan().limits["memory_bytes"] == environments.RECIPES["python3.11-numpy"].memory_bytes
-    assert torch.plan().limits["memory_bytes"] == needed
-    assert replace(torch, box=BoxLimits(memory_bytes=2 * needed)).plan().limits["memory_bytes"] == 2 * needed
+    assert memory_bytes(small) == environments.RECIPES["python3.11-numpy"].memory_bytes
+    assert memory_bytes(torch) == needed
+    assert memory_bytes(replace(torch, box=BoxLimits(memory_bytes=2 * needed))) == 2 * needed
 
 
 def test_unknown_environments_are_told_the_known() -> None:
@@ -141,7 +147,7 @@ def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch,
     names = (*ServerSettings().sandbox.required, "gvisor")
     here = tuple(SandboxLayer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
     monkeypatch.setattr(dry_run, "examine_layers", lambda: here)
-    monkeypatch.setattr(dry_run, "ask_agent", lambda _: Declaration("single", ()))
+    monkeypatch.setattr(dry_run, "ask_agent", lambda _: AgentDeclaration("single", ()))
     monkeypatch.setattr(dry_run, "run_jobs", lambda *_: [])
     run("init-agent", "mine")
     said = run("submit", "mine", "--dry-run")
@@ -194,7 +200,7 @@ def test_what_is_asked_for_only_while_driving_is_rejected(
     archive = written(tmp_path, packed(dict(GOOD) | {"agents.py": agents, "src/x.py": b""}))
     ask = dry_run.ask
 
-    def asked(entrant: SubmittedAgent) -> Declaration:
+    def asked(entrant: SubmittedAgent) -> AgentDeclaration:
         found = ask(entrant)
         (entrant.folder / "src" / "later").touch()
         return found
@@ -207,7 +213,7 @@ def test_what_is_asked_for_only_while_driving_is_rejected(
 
 def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    asked: list[str] = []
+    asked: list[CommSettings] = []
 
     class Idle:
         def __init__(self, *_: object) -> None: ...
@@ -216,7 +222,7 @@ def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypat
 
         def __exit__(self, *_: object) -> None: ...
         def run(self, jobs: list[EpisodeJob]) -> list[object]:
-            asked.extend(job.comm for job in jobs)
+            asked.extend(job.options.comm for job in jobs)
             return []
 
     monkeypatch.setattr(dry_run, "ProcessPool", type("P", (), {"__class_getitem__": classmethod(lambda cls, _: Idle)}))
@@ -224,4 +230,4 @@ def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypat
     course = dry_run.DryRunOptions("interdrive", "i13*", 0, 1, tmp_path / "out")
     for track in ChallengeTrack:
         assert list(dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), track, course)) == []
-    assert asked == [format_comm_json(COMM_BY_TRACK[track]) for track in ChallengeTrack]
+    assert asked == [COMM_BY_TRACK[track] for track in ChallengeTrack]

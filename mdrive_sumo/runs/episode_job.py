@@ -1,0 +1,125 @@
+"""EpisodeJob: one episode as a typed, picklable value for a worker process. The composition root of a run."""
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derive_seed
+from mdrive_sumo.core.state import End
+from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.open_agents import RejectedError, open_agents
+from mdrive_sumo.runs.transcript import save_transcript, transcript_path
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.sumo import SumoWorld
+
+
+@dataclass(frozen=True)
+class EpisodeJob:
+    """One episode to run. It can be sent to any process or machine that has the suite."""
+
+    suite_folder: Path
+    scenario: str
+    agent: AgentSpec
+    seed: int = 0
+    score_mode: ScoreMode = ScoreMode.MDRIVE
+    options: EpisodeOptions = field(default_factory=EpisodeOptions)
+    recording: Path | None = None
+    """The episode file to write; None: none."""
+    logs: Path | None = None
+    """Folder for the output of third-party agents; None discards it."""
+    transcripts: Path | None = None
+    """Folder for the transcripts of language models; None: none."""
+    replayed_failures: tuple[Ending, ...] = ()
+    """Agent failures of the recorded run, for re-execution."""
+    think_times: tuple[ThinkTime, ...] = ()
+    """Think times of the agents of the recorded run, for re-execution."""
+
+
+def run_job(job: EpisodeJob) -> ScenarioResult:
+    """Drive and score one scenario, and write the files that the job names.
+
+    Raises WorldError, InputError or OSError; RejectedError for a boxed agent that declares a sensor it must not have.
+    """
+    scenario, roads = load_job_scenario(job)
+    episode = _drive(job, scenario, roads)
+    if job.recording:
+        save_episode(episode, job.recording)
+    if job.transcripts:
+        save_transcript(episode, job.transcripts)
+    return score_episode(episode, scenario, roads, job.score_mode, job.seed)
+
+
+def reexecute(job: EpisodeJob) -> EpisodeRecord:
+    """Drive one scenario again, for comparison with its recording."""
+    return _drive(job, *load_job_scenario(job))
+
+
+def make_reexecution(job: EpisodeJob, recorded: EpisodeRecord) -> EpisodeJob:
+    """Return the job that repeats a recording: agent failures, think times and answers of language models are replayed.
+
+    It writes no files.
+    """
+    agent = job.agent
+    transcript = transcript_path(job.transcripts, job.scenario) if job.transcripts else None
+    if transcript is not None and transcript.is_file():
+        agent = replace(agent, config={**agent.config, "transcript": str(transcript)})
+    return replace(
+        job,
+        agent=agent,
+        recording=None,
+        logs=None,
+        transcripts=None,
+        replayed_failures=tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED),
+        think_times=recorded.thinking,
+    )
+
+
+def rescore(job: EpisodeJob) -> ScenarioResult:
+    """Score the recording of a job without simulation. Raises InputError."""
+    scenario, roads = load_job_scenario(job)
+    return score_episode(load_episode(job.recording), scenario, roads, job.score_mode, job.seed)
+
+
+def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
+    """Return the scenario of a job and its network. Raises InputError."""
+    suite = _load_suite_once(job.suite_folder)
+    scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
+    if scenario is None:
+        raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
+    return scenario, load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
+
+
+@lru_cache(maxsize=2)
+def _load_suite_once(folder: Path) -> Suite:
+    return load_suite(str(folder))
+
+
+def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
+    config = EpisodeConfig(
+        scenario,
+        roads,
+        job.seed,
+        {"agent": job.agent.name, "seed": job.seed, **job.options.to_dict()},
+        replayed_failures=job.replayed_failures,
+        options=job.options,
+        think_times=job.think_times,
+    )
+    dimensions = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    sumo_seed = derive_seed(job.seed, scenario.id, "sumo")
+    logs = job.logs / scenario.id if job.logs is not None else None
+    with (
+        open_agents(job.agent, list(dimensions), logs) as drivers,
+        SumoWorld(scenario, roads, dimensions, sumo_seed, config.road_grip) as world,
+    ):
+        try:
+            return run_episode(config, world, drivers)
+        except InputError as error:  # the scenario has been checked before: it is about the agent's declaration
+            if job.agent.box is not None:
+                raise RejectedError(str(error)) from None
+            raise

@@ -1,0 +1,117 @@
+"""Start the agents of an episode: built-in ones in this process, all others in child processes, plain or boxed."""
+
+import json
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from mdrive_sumo.agent_process.agent_connection import AgentConnection
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
+from mdrive_sumo.agent_process.child_process import AgentProgram
+from mdrive_sumo.agent_process.joint_agent import JointAgentSession
+from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
+from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract import SensorSpec
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
+from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
+from mdrive_sumo.sensing.cameras import describe_camera_error
+from mdrive_sumo.sensing.observation_builder import KINDS
+
+PRIVILEGED = "privileged"
+ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "bev"), 8
+"""Sensors with large arrays, and how many of them a boxed agent may have: 64 of the largest would take 1 GB of the
+evaluator's memory for each CAV."""
+DECLARING_CAV = "cav"
+"""Id of the CAV of an agent that is created only to read its declaration."""
+
+
+class RejectedError(InputError):
+    """A boxed agent declares what does not exist or is not allowed; the text is for the participant."""
+
+
+def declare_agent(spec: AgentSpec) -> AgentDeclaration:
+    """Create an agent and return its label and sensors.
+
+    Raises AgentFailure, BoxError, and InputError, also for sensors that a boxed agent must not have.
+    """
+    with open_agents(spec, (DECLARING_CAV,)) as drivers:
+        driver = drivers[DECLARING_CAV]
+        return AgentDeclaration(driver.label, driver.sensors())
+
+
+def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:
+    """Return a sentence about the first sensor whose kind does not exist; "" if all exist."""
+    for spec in sensors:
+        if spec.kind not in KINDS:
+            known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(KINDS)}, found none of that kind"
+            return describe_camera_error(spec.kind) or known
+    return ""
+
+
+def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
+    """Raise InputError for sensors that a competing agent must not have."""
+    if unknown := find_unknown_sensor(sensors):
+        raise InputError(unknown)
+    if any(spec.kind == PRIVILEGED for spec in sensors):
+        raise InputError(
+            f"sensor {PRIVILEGED!r}: expected sensors that a car can have, found one that knows everything"
+        )
+    if (count := sum(sensor.kind in ARRAY_SENSORS for sensor in sensors)) > MAX_ARRAY_SENSORS:
+        raise InputError(
+            f"sensors: expected at most {MAX_ARRAY_SENSORS} of {' and '.join(ARRAY_SENSORS)}, found {count}"
+        )
+
+
+@contextmanager
+def open_agents(spec: AgentSpec, egos: Sequence[str], logs: Path | None = None) -> Generator[dict[str, AgentDriver]]:
+    """Start an agent for every CAV and yield driver by CAV id; the agents end with the block.
+
+    logs: path without ending for the output of child processes: the CAV's id and `.log` are appended, for boxes
+    also a record in `.json`; None discards the output. Raises InputError, BoxError and OSError.
+    """
+    with ExitStack() as stack:
+        yield _open(spec, egos, logs, stack)
+
+
+def _open(spec: AgentSpec, egos: Sequence[str], logs: Path | None, stack: ExitStack) -> dict[str, AgentDriver]:
+    if isinstance(spec.agent, str) and spec.agent in AGENTS:
+        if spec.box:
+            raise InputError(f"agent {spec.agent!r}: expected a third-party agent for a box, found a built-in one")
+        return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in egos}
+    check = _check_boxed_sensors if spec.box else None
+    if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
+        session = JointAgentSession(_connect(spec, "all", logs), spec.config, egos, check)
+        stack.callback(_close, session, spec, _append(logs, "all.json"))
+        return {**session.drivers}
+    drivers: dict[str, AgentDriver] = {}
+    for ego in egos:
+        drivers[ego] = driver = RemoteDriver(_connect(spec, ego, logs), spec.config, check)
+        stack.callback(_close, driver, spec, _append(logs, f"{ego}.json"))
+    return drivers
+
+
+def _connect(spec: AgentSpec, name: str, logs: Path | None) -> AgentConnection:
+    return open_agent_connection(_make_program(spec, _append(logs, f"{name}.log")), spec.limits, spec.box)
+
+
+def _make_program(spec: AgentSpec, log: Path | None) -> AgentProgram:
+    if not isinstance(spec.agent, str):
+        if spec.box:
+            raise InputError(f"agent {spec.name!r}: expected a locator for a box, found a class")
+        return AgentProgram("", "pickle", log, pickle_agent(spec.agent))
+    if (file := find_carla_file(spec.agent)) is not None:
+        return AgentProgram(str(file), "carla", log)
+    split_locator(spec.agent)
+    return AgentProgram(spec.agent, "agent", log)
+
+
+def _append(path: Path | None, ending: str) -> Path | None:
+    return None if path is None else path.with_name(f"{path.name}.{ending}")
+
+
+def _close(driver: RemoteDriver | JointAgentSession, spec: AgentSpec, record: Path | None) -> None:
+    driver.close()
+    if record is not None and spec.box is not None:
+        record.write_text(json.dumps(driver.usage_record()))
