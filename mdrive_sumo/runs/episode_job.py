@@ -82,6 +82,7 @@ def make_reexecution(job: EpisodeJob, recorded: EpisodeRecord) -> EpisodeJob:
 
 def rescore(job: EpisodeJob) -> ScenarioResult:
     """Score the recording of a job without simulation. Raises InputError."""
+    assert job.recording is not None, "a job with a recording"
     scenario, roads = load_job_scenario(job)
     return score_episode(load_episode(job.recording), scenario, roads, job.score_mode, job.seed)
 

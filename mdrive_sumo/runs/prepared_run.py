@@ -81,18 +81,20 @@ def prepare(config: RunConfig) -> PreparedRun:
 
 def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...]) -> RunInfo:
     """Return the description of a run for its results."""
-    return RunInfo(
-        agent=config.agent.name,
-        labels=labels,
-        agent_config=config.agent.config_hash(),
-        suite=suite.name,
-        suite_checksum=suite.checksum(),
-        seed=config.seed,
-        score_mode=config.score_mode,
-        versions=read_versions(),
-        command=config.command,
-        **{**config.options.to_dict(), "comm": describe_comm(config.options.comm)},
-    )
+    info = {
+        "agent": config.agent.name,
+        "labels": labels,
+        "agent_config": config.agent.config_hash(),
+        "suite": suite.name,
+        "suite_checksum": suite.checksum(),
+        "seed": config.seed,
+        "score_mode": config.score_mode,
+        "versions": read_versions(),
+        "command": config.command,
+        **config.options.to_dict(),
+        "comm": describe_comm(config.options.comm),
+    }
+    return RunInfo.model_validate(info)
 
 
 def recording_path(run_folder: Path, scenario: str) -> Path:

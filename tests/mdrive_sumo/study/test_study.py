@@ -21,6 +21,7 @@ from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarise
 from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence_tick, rank_effects
 from mdrive_sumo.study.captured_cooperation import (
@@ -37,7 +38,7 @@ from mdrive_sumo.study.conditions import (
     parse_pose_levels,
 )
 from mdrive_sumo.study.plots import draw_curves, make_curves
-from mdrive_sumo.study.study_runs import StudyRow, agent_folder, is_silent
+from mdrive_sumo.study.study_runs import StudyRow, is_silent, name_agent_folder
 from mdrive_sumo.study.study_summary import (
     StudyLine,
     compute_difference_interval,
@@ -130,8 +131,8 @@ def test_levels_are_read_as_they_were_written_and_never_mixed_up(losses: list[fl
 
 
 def test_folders_of_agents_differ_where_classes_have_one_name() -> None:
-    assert agent_folder("idm") == "idm"
-    names = [agent_folder("/a/x.py:Same"), agent_folder("/b/x.py:Same")]
+    assert name_agent_folder(AgentSpec("idm")) == "idm"
+    names = [name_agent_folder(AgentSpec(f"/{folder}/x.py:Same")) for folder in "ab"]
     assert len(set(names)) == 2 and all(name.startswith("x_Same-") for name in names)
 
 
