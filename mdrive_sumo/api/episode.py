@@ -139,8 +139,8 @@ def load_episode(path: str | Path, suite: str | Suite | None = None) -> Episode:
     path = Path(path)
     record = load_record(path)
     if suite is None and (path.parent.parent / "results.json").is_file():
-        from mdrive_sumo.runs.stored_run import open_run
+        from mdrive_sumo.runs.stored_run import load_stored_run
 
-        suite = open_run(path.parent.parent)[0].suite
+        suite = load_stored_run(path.parent.parent).run.suite
     scenario, roads = find_scenario(record.scenario, suite)
     return Episode(record, scenario, roads, int(record.about.get("seed", 0)))

@@ -10,11 +10,12 @@ from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, report_write_errors
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
-from mdrive_sumo.runs.preparation import PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
-from mdrive_sumo.runs.run_config import RunConfig, Scalar
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.v2x.comm_settings import CommSettings
@@ -24,10 +25,10 @@ REPORT_FILE = "report.md"
 
 def evaluate(
     suite: str | Suite = "interdrive",
-    agent: str = "idm",
+    agent: str | AgentFactory = "idm",
     *,
     scenario: str = "*",
-    agent_config: Mapping[str, Scalar] | None = None,
+    agent_config: Mapping[str, ConfigValue] | None = None,
     seeds: int | Iterable[int] = 1,
     comm: str | CommSettings = "ideal",
     agent_clock: str | Clock = "ideal",
@@ -44,7 +45,7 @@ def evaluate(
     """Drive every scenario of a suite in worker processes, score it, and return the run.
 
     suite: a suite (also a part of one, such as `suite["i1*"]`), its name or its folder. scenario: a glob over ids and
-    categories. agent: a built-in name, `module:Class`, `path.py:Class`, `carla:path.py`.
+    categories. agent: a built-in name, a class, `module:Class`, `path.py:Class`, `carla:path.py`.
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
     out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
@@ -59,16 +60,14 @@ def evaluate(
     if not chosen:
         raise InputError("evaluate: seeds: expected at least one, found none")
     options = make_options(comm, agent_clock, actors, friction)
-    options["actors"] = options.pop("actor_mode")
     configs = [
         RunConfig(
             suite=name,
             scenario=pattern,
-            agent=agent,
-            agent_config=agent_config or {},
+            agent=AgentSpec(agent, agent_config or {}),
             seed=seed,
-            **options,
             score_mode=ScoreMode(score_mode),
+            options=options,
             workers=workers or count_available_cores(),
             scheduler=scheduler,
             record=record,

@@ -10,10 +10,10 @@ from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.preparation import recording_path
+from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.rescore import rescore_run
-from mdrive_sumo.runs.stored_run import open_run
+from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.runs.verify import VerificationResult, sample_results, verify
 from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, load_results
 from mdrive_sumo.scoring.summary import means
@@ -122,19 +122,19 @@ class Run:
         if seed is not None and seed not in self.seeds:
             raise InputError(f"episode: seed: expected one of {', '.join(map(str, self.seeds))}, found {seed}")
         folder = self.folders[0 if seed is None else self.seeds.index(seed)]
-        return load_episode(recording_path(folder, scenario), open_run(folder)[0].suite)
+        return load_episode(recording_path(folder, scenario), load_stored_run(folder).run.suite)
 
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""
-        opened = [open_run(folder) for folder in self.folders]
-        return Run(self.folders, tuple(rescore_run(run, results, ScoreMode(mode)) for run, results in opened))
+        stored = [load_stored_run(folder) for folder in self.folders]
+        return Run(self.folders, tuple(rescore_run(one.run, one.results, ScoreMode(mode)) for one in stored))
 
     def verify(self, sample: int | None = None, workers: int | None = None) -> list[VerificationResult]:
         """Execute the scenarios again, or a sample of each seed, and compare every tick with the recording."""
         found: list[VerificationResult] = []
         for folder in self.folders:
-            run, results = open_run(folder)
-            found += verify(run, sample_results(results, sample), workers or count_available_cores())
+            stored = load_stored_run(folder)
+            found += verify(stored.run, sample_results(stored.results, sample), workers or count_available_cores())
         return found
 
 

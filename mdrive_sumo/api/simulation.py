@@ -1,6 +1,6 @@
 """Drive one scenario in this process: with an agent (`simulate`), or step by step (`Simulation`)."""
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, ClassVar, Self
 
@@ -15,14 +15,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, open_world, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
-from mdrive_sumo.runs.agent_spec import Hiring, hired
-from mdrive_sumo.runs.preparation import LIMITS
+from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
+from mdrive_sumo.runs.open_agents import open_agents
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.comm_settings import CommSettings
 
-AgentFactory = Callable[[Mapping[str, Any]], Any]
 DEFAULT_SENSORS = (SensorSpec("objects"),)
 
 
@@ -49,17 +48,14 @@ def simulate(
     Raises InputError, WorldError and AgentFailure.
     """
     found, roads = find_scenario(scenario, suite)
-    spec = Hiring(agent, agent_config or {}, LIMITS)
+    spec = AgentSpec(agent, agent_config or {})
     options = make_options(comm, agent_clock, actors, friction)
     config = EpisodeConfig(
         found,
         roads,
         seed,
-        {
-            "agent": str(spec.agent),
-            "seed": seed,
-        },
-        **options,
+        {"agent": spec.resolve().name, "seed": seed, **options.to_dict()},
+        options=options,
     )
     Simulation.close_open()
     with _open_local_agents(spec, [ego.id for ego in found.egos]) as drivers, open_world(config) as world:
@@ -75,10 +71,10 @@ def simulate(
 
 
 @contextmanager
-def _open_local_agents(spec: Any, egos: Sequence[str]) -> Generator[Mapping[str, AgentDriver]]:
+def _open_local_agents(spec: AgentSpec, egos: Sequence[str]) -> Generator[Mapping[str, AgentDriver]]:
     """Start an agent for every CAV in this process; only an agent of the CARLA leaderboard needs a child process."""
     if isinstance(spec.agent, str) and (spec.agent in AGENTS or find_carla_file(spec.agent) is not None):
-        with hired(spec, egos) as drivers:
+        with open_agents(spec, egos) as drivers:
             yield drivers
         return
     factory = load_agent_class(spec.agent) if isinstance(spec.agent, str) else spec.agent
@@ -150,8 +146,8 @@ class Simulation:
         by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)
         self._sensors = {ego: tuple(by_ego.get(ego, ())) for ego in egos}
         options = make_options(comm, "ideal", actors, friction)
-        about = {"agent": "external", "seed": seed}
-        self._config = EpisodeConfig(self.scenario, self.roads, seed, about, **options)
+        about = {"agent": "external", "seed": seed, **options.to_dict()}
+        self._config = EpisodeConfig(self.scenario, self.roads, seed, about, options=options)
         self._world: SumoWorld | None = None
         self._simulation = EpisodeSimulation(self._config, open_world(self._config), self._sensors)
 

@@ -10,4 +10,4 @@ def open_world(config: EpisodeConfig) -> SumoWorld:
     scenario = config.scenario
     dimensions = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     seed = derive_seed(config.seed, scenario.id, "sumo")
-    return SumoWorld(scenario, config.roads, dimensions, seed, config.friction.grip(scenario.weather))
+    return SumoWorld(scenario, config.roads, dimensions, seed, config.road_grip)

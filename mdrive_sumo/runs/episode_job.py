@@ -5,10 +5,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
-from mdrive_sumo.loop import VEHICLE, EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, open_world, run_episode
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, open_agents
@@ -16,7 +15,6 @@ from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
-from mdrive_sumo.sumo import SumoWorld
 
 
 @dataclass(frozen=True)
@@ -111,13 +109,8 @@ def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord
         options=job.options,
         think_times=job.think_times,
     )
-    dimensions = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    sumo_seed = derive_seed(job.seed, scenario.id, "sumo")
     logs = job.logs / scenario.id if job.logs is not None else None
-    with (
-        open_agents(job.agent, list(dimensions), logs) as drivers,
-        SumoWorld(scenario, roads, dimensions, sumo_seed, config.road_grip) as world,
-    ):
+    with open_agents(job.agent, [ego.id for ego in scenario.egos], logs) as drivers, open_world(config) as world:
         try:
             return run_episode(config, world, drivers)
         except InputError as error:  # the scenario has been checked before: it is about the agent's declaration
