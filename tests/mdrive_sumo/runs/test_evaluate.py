@@ -1,6 +1,5 @@
 """`evaluate` with a stand-in for the simulation: order, resume, retries, voids, settings."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -13,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import prepare
-from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results, ScenarioResult, load_results
 
 
@@ -219,44 +218,3 @@ def test_a_missing_network_is_found_before_any_work(fakes: ModuleType, tmp_path:
     (suite.folder / "networks" / "flat" / "map.net.xml.gz").unlink()
     with pytest.raises(InputError, match="cannot be read as a gzipped SUMO network"):
         run(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("{", "expected JSON, found none"),
-        ("[1]", "expected a JSON object, found a list"),
-        ('{"a": [1]}', r"a: expected a finite number, a string or a boolean, found \[1\]"),
-        ('{"a": NaN}', "a: expected a finite number"),
-        ('{"a": null}', "a: expected a finite number"),
-    ],
-)
-def test_a_bad_agent_config_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
-    path = tmp_path / "config.json"
-    path.write_text(text)
-    with pytest.raises(InputError, match=sentence):
-        load_agent_config(path)
-
-
-def test_a_good_agent_config(tmp_path: Path) -> None:
-    path = tmp_path / "config.json"
-    path.write_text(json.dumps({"speed": 8, "polite": True, "name": "x"}))
-    assert load_agent_config(path) == {"speed": 8, "polite": True, "name": "x"}
-    with pytest.raises(InputError, match="cannot be read: No such file"):
-        load_agent_config(tmp_path / "missing.json")
-
-
-def test_different_commands_get_different_folders() -> None:
-    configs = (
-        RunConfig(),
-        RunConfig(seed=1),
-        RunConfig(agent=AgentSpec("omniscient")),
-        RunConfig(agent=AgentSpec("a/b.py:Mine")),
-        RunConfig(agent=AgentSpec("idm", {"speed": 3})),
-        RunConfig(scenario="ins_c*"),
-        RunConfig(record=False),
-    )
-    folders = [str(config.default_folder("interdrive")) for config in configs]
-    assert len(set(folders)) == len(folders)
-    assert folders[0] == "runs/interdrive-idm-seed0"
-    assert folders[3] == "runs/interdrive-b_Mine-seed0"

@@ -1,0 +1,163 @@
+"""RunConfig, AgentSpec and EpisodeOptions: their serialised form, pickling, and agents given as a class."""
+
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mdrive_sumo.actors import ActorMode
+from mdrive_sumo.contract import Briefing, Observation, OwnState, Reply, SensorSpec
+from mdrive_sumo.core.clock import Clock
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.runs.open_agents import declare_agent, open_agents
+from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.scenario.weather import FrictionMode
+from mdrive_sumo.scoring import RunInfo, ScoreMode
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
+
+OPTIONS = EpisodeOptions(
+    CommSettings("realistic", link=LinkSettings(2, 0.1, 150.0), by_type={"cpm": LinkSettings(3)}, mute=("1/cam",)),
+    Clock("fixed", 2),
+    ActorMode.ORIGINAL,
+    FrictionMode.WEATHER,
+)
+CONFIG = RunConfig(
+    scenario="i13*", agent=AgentSpec("sharing", {"range": 80.0, "a": True}), seed=3, options=OPTIONS, record=False
+)
+WRITTEN = {
+    "suite": "interdrive",
+    "scenario": "i13*",
+    "agent": "sharing",
+    "agent_config": '{"a":true,"range":80.0}',
+    "seed": 3,
+    "score_mode": "mdrive",
+    "comm": '{"cpm.latency_ticks":3,"cpm.loss":0.0,"cpm.pose_error_deg":0.0,"cpm.pose_error_m":0.0,'
+    '"cpm.pose_error_per":"message","header_bytes":0,"latency_ticks":2,"loss":0.1,"mute":"1/cam","on":true,'
+    '"pose_error_deg":0.0,"pose_error_m":0.0,"pose_error_per":"message","preset":"realistic","range_m":150.0}',
+    "agent_clock": "fixed:100",
+    "actors": "original",
+    "friction": "weather",
+    "record": False,
+}
+"""What journals hold: a changed form makes every stored run unreadable."""
+
+
+def test_the_written_form_is_that_of_stored_runs() -> None:
+    assert CONFIG.to_dict() == WRITTEN
+    assert RunConfig.from_dict(WRITTEN) == CONFIG
+
+
+def test_a_journal_from_before_an_option_has_its_default() -> None:
+    assert RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "friction"}).options.friction == "dry"
+
+
+@pytest.mark.parametrize("key", ["agent_clock", "actors", "friction", "score_mode", "comm"])
+def test_a_corrupt_value_is_refused(key: str) -> None:
+    with pytest.raises((ValueError, InputError)):
+        RunConfig.from_dict(WRITTEN | {key: "{" if key == "comm" else "sometimes"})
+
+
+def test_results_describe_every_option() -> None:
+    assert set(OPTIONS.to_dict()) <= set(RunInfo.model_fields)
+
+
+def test_a_job_survives_pickling() -> None:
+    job = EpisodeJob(Path("/suite"), "i13", CONFIG.agent, 3, ScoreMode.MDRIVE, OPTIONS, logs=Path("/logs"))
+    assert pickle.loads(pickle.dumps(job)) == job
+
+
+def test_presets_survive_pickling() -> None:
+    assert all(pickle.loads(pickle.dumps(comm)) == comm for comm in PRESETS.values())
+
+
+def make_local_class() -> type:
+    """Return a class that no other process can import, as one of a notebook."""
+
+    class Counter:
+        label = "single"
+
+        def __init__(self, config: dict[str, float]) -> None:
+            self.range_m = config["range"]
+
+        def sensors(self) -> tuple[SensorSpec, ...]:
+            return (SensorSpec("objects", range_m=self.range_m),)
+
+        def start(self, briefing: Briefing) -> None: ...
+
+        def act(self, seen: Observation) -> Reply | None:
+            raise ValueError(f"tick {seen.tick}")
+
+    return Counter
+
+
+@pytest.fixture
+def spec() -> AgentSpec:
+    return AgentSpec(make_local_class(), {"range": 30.0})
+
+
+def test_a_class_runs_in_a_process_of_its_own(spec: AgentSpec) -> None:
+    in_worker = pickle.loads(pickle.dumps(spec))
+    assert in_worker.agent is not spec.agent or in_worker == spec
+    assert declare_agent(in_worker).sensors == (SensorSpec("objects", range_m=30.0),)
+    with open_agents(in_worker, ("a",)) as drivers:
+        drivers["a"].sensors()
+        drivers["a"].ask(Observation(7, OwnState(0, 0, 0, 0, 0, 0, 0)))
+        with pytest.raises(Exception, match="ValueError: tick 7"):
+            drivers["a"].answer()
+
+
+def test_a_class_has_a_name_and_a_checksum_of_its_source(spec: AgentSpec) -> None:
+    assert spec.name.endswith("Counter") and spec.resolve() == spec
+    assert spec.code_checksum() == AgentSpec(make_local_class()).code_checksum() != ""
+    other: Callable[..., object] = type("Other", (spec.agent,), {"start": lambda self, briefing: None})  # type: ignore[arg-type]
+    assert AgentSpec(other).code_checksum() != spec.code_checksum()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{", "expected JSON, found none"),
+        ("[1]", "expected a JSON object, found a list"),
+        ('{"a": [1]}', r"a: expected a finite number, a string or a boolean, found \[1\]"),
+        ('{"a": NaN}', "a: expected a finite number"),
+        ('{"a": null}', "a: expected a finite number"),
+    ],
+)
+def test_an_unusable_agent_config_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "config.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        load_agent_config(path)
+
+
+def test_an_agent_config_is_read_from_json(tmp_path: Path) -> None:
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"speed": 8, "polite": True, "name": "x"}))
+    assert load_agent_config(path) == {"speed": 8, "polite": True, "name": "x"}
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        load_agent_config(tmp_path / "missing.json")
+
+
+def test_different_runs_get_different_folders() -> None:
+    configs = (
+        RunConfig(),
+        RunConfig(seed=1),
+        RunConfig(agent=AgentSpec("omniscient")),
+        RunConfig(agent=AgentSpec("a/b.py:Mine")),
+        RunConfig(agent=AgentSpec("idm", {"speed": 3})),
+        RunConfig(scenario="ins_c*"),
+        RunConfig(record=False),
+        RunConfig(options=EpisodeOptions(friction=FrictionMode.WEATHER)),
+        RunConfig(options=EpisodeOptions(comm=PRESETS["realistic"], actor_mode=ActorMode.ORIGINAL)),
+    )
+    folders = [str(config.default_folder("interdrive")) for config in configs]
+    assert len(set(folders)) == len(folders)
+    assert folders[0] == "runs/interdrive-idm-seed0"
+    assert folders[3] == "runs/interdrive-b_Mine-seed0"
+    assert folders[7:] == ["runs/interdrive-idm-seed0-weather-friction",
+                           "runs/interdrive-idm-seed0-realistic-original-actors"]  # fmt: skip
