@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, computed_field
 from real2sim.clean import CleanedRecording
 from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.network import NetworkReport
-from real2sim.quality import SCRIPTED, ReconstructionQuality
+from real2sim.quality import SCRIPTED_CATEGORIES, ReconstructionQuality
 from real2sim.recording import Recording
 from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, TrafficFidelity
 
@@ -88,7 +88,7 @@ def build_lost_target(
 
 def count_sumo_driven(quality: ReconstructionQuality, roles: Mapping[str, TrackRole], mode: str) -> int:
     """How many of the moving vehicles SUMO drives; the others are CAVs, or scripted on their path of the log."""
-    moving = [actor.id for actor in quality.actors if actor.moving and actor.category not in SCRIPTED]
+    moving = [actor.id for actor in quality.actors if actor.moving and actor.category not in SCRIPTED_CATEGORIES]
     driven = (id_ for id_ in moving if id_ in roles and roles[id_].disposition is Disposition.BACKGROUND)
     return 0 if mode == "replay" else sum(1 for _ in driven)
 

@@ -1,4 +1,4 @@
-"""The actors of the report: a table of all, and for each its verdict, its pictures and what was done about it."""
+"""Report section on actors: a table of all, and for each its verdict, pictures, charts and cleaning changes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ GROUPS = {
     "walk": "On foot or cycle, passing",
     "rest": "Standing and passing",
 }
-"""Headings by look."""
+"""Headings by verdict class."""
 ERRORS_SHOWN_M = 2.0
-"""Charts of errors end there at the latest."""
+"""[m] Upper limit of the error charts."""
 
 
 @dataclass(frozen=True)
 class ActorSection:
-    """What the actors' pictures and words are made of."""
+    """Data of the actor section."""
 
     things: Sequence[ReportEntry]
     plan: MapFrame
@@ -43,7 +43,7 @@ class ActorSection:
 
 
 def gather_actors(findings: ConversionFindings, things: Sequence[ReportEntry], plan: MapFrame) -> ActorSection:
-    """Gathers what cleaning did by track."""
+    """Group the cleaning changes by track."""
     changes: dict[str, list[TrackChange]] = {}
     for change in findings.cleaned.report.changes:
         changes.setdefault(change.track, []).append(change)
@@ -51,7 +51,7 @@ def gather_actors(findings: ConversionFindings, things: Sequence[ReportEntry], p
 
 
 def render_actor_table(page: ActorSection) -> Markup:
-    """All actors, failing ones first."""
+    """Return the table of all actors, failing ones first."""
     return render_table(HEAD, (_row(page, thing) for thing in page.things), "All actors", text_columns=5)
 
 
@@ -91,7 +91,7 @@ def _role(thing: ReportEntry) -> Markup | str:
 
 
 def render_actor_cards(page: ActorSection) -> Markup:
-    """The actors one by one, to be opened; those that fail are open, those that just stand are put away."""
+    """Return a collapsible card for each actor; failing ones are open, static ones are in a collapsed group."""
     groups: dict[str, list[ReportEntry]] = {}
     for thing in page.things:
         groups.setdefault(GROUPS["fail" if thing.actor.failed else "cav" if thing.cav else thing.look], []).append(
@@ -148,7 +148,7 @@ def _seconds(page: ActorSection, thing: ReportEntry) -> str:
 
 
 def _charts(page: ActorSection, thing: ReportEntry) -> list[Markup]:
-    """Speed, distance to the log and jerk over time; of things that stand none."""
+    """Return the charts of speed, distance to the log and jerk over time; none for static objects."""
     raw, track = thing.raw, thing.track
     if track is None or not thing.actor.moving or track.valid.sum() < 2:
         return []
@@ -162,7 +162,7 @@ def _charts(page: ActorSection, thing: ReportEntry) -> list[Markup]:
 
 
 Axis = tuple[tuple[float, float], float, str]
-"""First and last second, seconds a frame, and of whom."""
+"""First and last second, seconds per frame, and the subject of the label."""
 
 
 def _speed_chart(raw: RecordedTrack | None, track: RecordedTrack, axis: Axis) -> LineChart:
@@ -203,7 +203,7 @@ def _jerk_chart(track: RecordedTrack, axis: Axis) -> LineChart:
 
 
 def speeds(track: RecordedTrack, dt_s: float) -> tuple[Float, Float]:
-    """Times (T-1,) between frames and speeds from the steps; NaN over gaps."""
+    """Return times (T-1,) [s] between frames and speeds from the steps; NaN over gaps."""
     step = np.hypot(np.diff(track.x), np.diff(track.y)) / dt_s
     there = track.valid[1:] & track.valid[:-1]
     return _times(len(step), dt_s) + 0.5 * dt_s, np.where(there, step, np.nan)

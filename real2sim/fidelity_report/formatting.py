@@ -1,4 +1,4 @@
-"""The words of the report: figures with their units, failed checks and cleaning as sentences."""
+"""Text of the report: figures with their units, failed checks and cleaning changes as phrases."""
 
 from collections.abc import Iterable
 
@@ -24,7 +24,7 @@ FIGURES: dict[str, tuple[str, str, int]] = {
     "off_route_frames": ("frames over 3 m from any lane", "", 0),
     "wrong_way_frames": ("frames against the direction of the lane", "", 0),
 }
-"""Words, unit and decimals of every figure that a check looks at."""
+"""Label, unit and decimals of every figure that a check uses."""
 
 CLEANED: dict[ChangeReason, str] = {
     ChangeReason.DUPLICATE: "one thing under several names, fused",
@@ -41,11 +41,11 @@ CLEANED: dict[ChangeReason, str] = {
     ChangeReason.INSIDE: "things inside others for most of their life, left out",
     ChangeReason.TOO_SHORT: "tracks too short to tell anything, left out",
 }
-"""What was found and what was done about it."""
+"""What each reason of cleaning means and what was done."""
 
 
 def format_figure(value: float | None, unit: str = "", decimals: int = 2) -> str:
-    """A figure with its unit; a dash where there is none."""
+    """Return a figure with its unit; a dash if there is none."""
     if value is None:
         return "–"
     decimals += decimals == 2 and 0 < abs(value) < 0.01
@@ -55,17 +55,17 @@ def format_figure(value: float | None, unit: str = "", decimals: int = 2) -> str
 
 
 def format_share(value: float | None) -> str:
-    """A share as percent."""
+    """Return a share in percent."""
     return "–" if value is None else f"{100 * value:.1f} %"
 
 
 def describe_figure(figure: str) -> tuple[str, str, int]:
-    """Words, unit and decimals of a figure."""
+    """Return label, unit and decimals of a figure."""
     return FIGURES.get(figure, (figure, "", 2))
 
 
 def describe_failures(actor: ActorQuality) -> list[str]:
-    """What the actor fails, with figure and limit, a phrase each."""
+    """Return a phrase for each failed check with its figure and limit."""
     limits = {check.figure: check.limit for check in CHECKS}
     return [_failure(name, getattr(actor, name, None), limits.get(name)) for name in actor.failed]
 
@@ -79,7 +79,7 @@ def _failure(name: str, value: float | None, limit: float | None) -> str:
 
 
 def describe_changes(changes: Iterable[TrackChange], track: str) -> list[str]:
-    """What cleaning did about one track, a phrase each."""
+    """Return a phrase for each change that cleaning made to one track."""
     return [
         f"{change.reason.value}, {format_frames(change.frames)}{': ' if change.detail else ''}{change.detail}"
         for change in changes
@@ -88,5 +88,5 @@ def describe_changes(changes: Iterable[TrackChange], track: str) -> list[str]:
 
 
 def format_frames(count: int) -> str:
-    """A number of frames."""
+    """Return a number of frames with its noun."""
     return f"{count} frame{'' if count == 1 else 's'}"

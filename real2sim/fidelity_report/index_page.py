@@ -1,4 +1,4 @@
-"""The index of a converted suite: a line for every scenario, what misses its targets first."""
+"""Index page of a converted suite: one row per scenario, those that miss targets first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class IndexRow:
-    """What the index tells of one scenario; small enough to come back from a worker."""
+    """Row of one scenario; small enough to be sent from a worker process."""
 
     id: str
     source: str
@@ -46,11 +46,11 @@ class IndexRow:
     median_at_5s: float | None = None
     order_share: float | None = None
     picture: Markup | None = None
-    """A small map."""
+    """Thumbnail map."""
 
 
 def build_index_row(findings: ConversionFindings) -> IndexRow:
-    """The line of one scenario."""
+    """Return the row of one scenario."""
     quality, closeness = findings.quality, findings.closeness
     things = build_entries(findings)
     return IndexRow(
@@ -70,14 +70,14 @@ def build_index_row(findings: ConversionFindings) -> IndexRow:
 
 
 def write_index(suite: Path, name: str, lines: Sequence[IndexRow]) -> Path:
-    """Writes `conversion.html` into the suite's folder."""
+    """Write `conversion.html` into the suite's folder."""
     path = suite / PAGE
     path.write_text(render_index(name, lines), encoding="utf-8")
     return path
 
 
 def render_index(name: str, lines: Sequence[IndexRow]) -> str:
-    """The index as text."""
+    """Return the index page as text."""
     ordered = sorted(lines, key=lambda line: (not line.misses, natural_sort_key(line.id)))
     faithful = sum(not line.misses for line in lines)
     passed, moving = sum(line.passed for line in lines), sum(line.moving for line in lines)

@@ -1,4 +1,4 @@
-"""Small line charts over time. Drawn in tenths of a pixel, so that every coordinate is a whole number."""
+"""Small line charts over time, in units of a tenth of a pixel, so that every coordinate is a whole number."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from real2sim.tracks.kinematics import find_runs
 
 WIDTH, HEIGHT = 3600, 1700
 LEFT, RIGHT, TOP, LOW = 400, 3500, 200, 1400
-"""Edges of the area between the axes."""
+"""Edges of the plot area."""
 TICKS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class ChartSeries:
-    """One line: x and y (N,), NaN where it is broken. `upper` makes it the band from y to there."""
+    """One line: x and y (N,), interrupted at NaN. With `upper` it is the band between y and `upper`."""
 
     class_: str
     x: Float
@@ -28,22 +28,22 @@ class ChartSeries:
 
 @dataclass(frozen=True, slots=True)
 class LineChart:
-    """A chart with its axes; y begins at 0. Values over `top` are cut off."""
+    """A chart with its axes; y begins at 0. Values above `top` are clipped."""
 
     label: str
-    """Read out instead of the picture."""
+    """Text for screen readers."""
     title: str
-    """With the unit of y."""
+    """Includes the unit of y."""
     series: Sequence[ChartSeries]
     x_range: tuple[float, float]
     top: float
     limits: Sequence[float] = ()
-    """Drawn across."""
+    """Horizontal lines."""
     x_title: str = "time [s]"
 
 
 def draw_chart(chart: LineChart) -> Markup:
-    """The chart as SVG."""
+    """Return the chart as SVG."""
     top = max(chart.top, 1e-6)
     x_ticks, y_ticks = _ticks(*chart.x_range), _ticks(0.0, top)
     grid = "".join(f"M{LEFT} {_y(y, top)}H{RIGHT}" for y in y_ticks)
@@ -101,7 +101,7 @@ def _word(x: int, y: int, text: str, anchor: str, class_: str | None = None) -> 
 
 
 def _ticks(first: float, last: float) -> list[float]:
-    """Round values between two."""
+    """Return round values in the interval."""
     rough = max(last - first, 1e-6) / TICKS
     power = 10.0 ** np.floor(np.log10(rough))
     step = float(power * next(m for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= rough * 0.999))

@@ -1,4 +1,4 @@
-"""Maps of the report: the roads and every track are drawn once and shown in the overview and beside every thing."""
+"""Maps of the report. Roads and tracks are drawn once and referenced by the overview and by every actor's map."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,31 +15,31 @@ from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
 
 MARGIN_M = 12.0
 AROUND_M = 60.0
-"""How far the roads reach beyond the overview: small pictures at its edge show them."""
+"""[m] Roads are drawn this far beyond the overview, for the small maps at its edge."""
 LEAST_M, LEAST_THING_M = 50.0, 24.0
 WIDTH_STEP_M = 0.25
 ARROWS_M, ARROW_M = 10.0, 0.45
-"""Distance between the arrows on a lane, and half their width."""
+"""[m] Distance between the arrows on a lane, and half their width."""
 THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class MapFrame:
-    """The overview and where it lies on the page."""
+    """The overview's view and its position on the page."""
 
     canvas: SvgFrame
     view: ViewBox
 
 
 def fit_map_frame(things: Sequence[ReportEntry]) -> MapFrame:
-    """A view of everything that the log shows."""
+    """Return a view of everything that the log shows."""
     places = [thing.xy for thing in things]
     view = fit_view_box(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M)
     return MapFrame(SvgFrame(view.left, view.high), view)
 
 
 def draw_definitions(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Markup:
-    """Roads and tracks by name, for all pictures of the page; shows nothing itself."""
+    """Return roads and tracks as invisible definitions for all pictures of the page."""
     drawn = join_markup((_tracks_of(plan.canvas, thing) for thing in things), "\n")
     return tag("svg", tag("defs", _roads(plan, roads), "\n", drawn), class_="definitions", aria_hidden="true")
 
@@ -72,7 +72,7 @@ def _roads(plan: MapFrame, roads: RoadMap) -> Markup:
 
 
 def _arrows(canvas: SvgFrame, line: Polyline) -> str:
-    """Small angles that point along a lane."""
+    """Return the path of small chevrons along a lane."""
     found = ""
     for s in np.arange(ARROWS_M / 2, line.length, ARROWS_M):
         yaw = line.yaw_at(float(s))
@@ -98,7 +98,7 @@ def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Markup:
 
 
 def _box(canvas: SvgFrame, track: RecordedTrack, number: int) -> Markup:
-    """The thing where it is last seen."""
+    """Return the box where the object is last seen."""
     last = int(track.valid_frames[-1])
     length, width = _size(track, last)
     yaw = float(np.nan_to_num(track.yaw[last]))
@@ -113,7 +113,7 @@ def _size(track: RecordedTrack, frame: int) -> tuple[float, float]:
 
 
 def draw_overview(plan: MapFrame, things: Sequence[ReportEntry]) -> Markup:
-    """Everything at once: still things below, failures on top, CAVs marked."""
+    """Return the overview: static objects below, failing actors on top, CAVs marked."""
     moving = sorted((thing for thing in reversed(things) if thing.look != "rest"), key=lambda thing: thing.cav)
     still = [thing for thing in things if thing.look == "rest"]
     size = 0.013 * max(plan.view.size) * CM
@@ -136,7 +136,8 @@ def _layer(name: str, content: Iterable[MarkupValue]) -> Markup:
 
 
 def _shown(thing: ReportEntry, boxes: bool) -> Markup | None:
-    """Its way, or its box, which leads to its own pictures. The mouse alone uses that; the table has links for all."""
+    """Return the path or the box, which links to the actor's entry. Only the mouse uses this link; the table has links
+    for all."""
     there = thing.known is not None and thing.known.valid.any() if boxes else thing.track is not None
     if not there:
         return None
@@ -159,7 +160,7 @@ def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Markup | None:
 
 
 def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Markup | None:
-    """The path of one thing, raw and reconstructed, with the roads around it."""
+    """Return the raw and reconstructed path of one actor with the roads around it."""
     if not len(thing.xy):
         return None
     view = fit_view_box(thing.xy, 4.0, LEAST_THING_M, 0.7)
@@ -177,7 +178,7 @@ def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Markup | None:
 
 
 def draw_thumbnail(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Markup:
-    """The overview in few strokes, complete in itself."""
+    """Return a simplified, self-contained overview."""
     lanes = (lane.centre.xy for lane in roads.driving if plan.view.near(lane.centre.xy))
     ways: dict[str, str] = {}
     for thing in things:
@@ -195,12 +196,12 @@ def draw_thumbnail(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]
 
 
 def _thinned(xy: Float) -> Float:
-    """A line (N, 2) with fewer points; one place is enough for a dot."""
+    """Return a line (N, 2) with fewer points; a single point stays."""
     if len(xy) < 2:
         return xy
     return shapely.get_coordinates(shapely.simplify(shapely.LineString(xy), THUMBNAIL_STEP_M))
 
 
 def draw_far_points(canvas: SvgFrame, xy: Float) -> Markup:
-    """Places where the network is off its source."""
+    """Return marks where the network deviates from its source."""
     return path(canvas.dots(xy), class_="far")

@@ -1,4 +1,4 @@
-"""The network of the report against the map of the source: how far its centre lines are off, and what was changed."""
+"""Report section on the network: deviation of its centre lines from the source, and what was changed."""
 
 from dataclasses import dataclass
 
@@ -17,14 +17,14 @@ from real2sim.network.map_measurements import SPACING_M, measure_line_distances
 from real2sim.polylines import sample_polylines
 
 FAR_M = 0.2
-"""Issue C: the mean distance of centre lines; places over it are marked."""
+"""[m] Target of issue C for the mean distance of centre lines; points beyond it are marked."""
 MEAN_M, P95_M = 0.2, 0.5
 """Issue C."""
 
 
 @dataclass(frozen=True)
 class CentreLineDeviation:
-    """Points every metre on the source's centre lines, and how far they lie off the network."""
+    """Points every metre on the source's centre lines, and their distances from the network."""
 
     lines: tuple[Float, ...]
     xy: Float
@@ -32,7 +32,7 @@ class CentreLineDeviation:
 
 
 def compute_deviation(findings: ConversionFindings) -> CentreLineDeviation:
-    """As `network.measure` measures it, but with the places."""
+    """Return the deviation as in `network.measure`, with the positions."""
     lines = _kept(findings.recording.map, findings.network)
     if not lines:
         return CentreLineDeviation((), np.zeros((0, 2)), np.zeros(0))
@@ -41,7 +41,7 @@ def compute_deviation(findings: ConversionFindings) -> CentreLineDeviation:
 
 
 def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
-    """Driving lanes that the network has, in their direction of travel."""
+    """Return the driving lanes that the network contains, in their direction of travel."""
     inverted = set(network.directions.inverted)
     lanes = [
         lane
@@ -52,7 +52,7 @@ def _kept(map: HdMap, network: NetworkReport) -> list[Polyline]:
 
 
 def render_network_section(findings: ConversionFindings, plan: MapFrame) -> Markup:
-    """Figures, a picture and lists."""
+    """Return figures, a picture and lists."""
     network = findings.network
     found = compute_deviation(findings)
     return join_markup((_sizes(network), _fit_table(network), _picture(found, plan), _lists(network)))

@@ -1,4 +1,4 @@
-"""Things of a log as the report shows them: numbered, what fails first, each with its tracks, verdict and role."""
+"""Entries of the report: the actors of a log, numbered, failing ones first, with tracks, verdict and disposition."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from real2sim.recording import ObjectCategory, RecordedTrack
 
 @dataclass(frozen=True)
 class ReportEntry:
-    """One road user or thing. Its number is its name on the page: ids of logs are long."""
+    """One road user or object. Its number identifies it on the page, because ids of logs are long."""
 
     number: int
     actor: ActorQuality
@@ -41,13 +41,13 @@ class ReportEntry:
 
     @property
     def xy(self) -> Float:
-        """(N, 2) positions of both tracks where they are known."""
+        """Positions (N, 2) of both tracks where they are valid."""
         both = [track.xy[track.valid] for track in (self.raw, self.track) if track is not None]
         return np.concatenate(both) if both else np.zeros((0, 2))
 
 
 def build_entries(findings: ConversionFindings) -> tuple[ReportEntry, ...]:
-    """All things: first what fails; of both what moves first, CAVs and other vehicles before walkers."""
+    """Return all entries: failing ones first, then moving ones, then CAVs and other vehicles before pedestrians."""
     raw = {track.id: track for track in findings.cleaned.tracks}
     tracks = {track.id: track for track in findings.tracks}
     cavs = set(findings.cleaned.cavs.values())
@@ -64,5 +64,5 @@ def build_entries(findings: ConversionFindings) -> tuple[ReportEntry, ...]:
 
 
 def number_by_id(things: tuple[ReportEntry, ...]) -> dict[str, int]:
-    """Number on the page by id."""
+    """Return the number on the page by actor id."""
     return {thing.actor.id: thing.number for thing in things}

@@ -1,4 +1,4 @@
-"""The report of one conversion: a page that shows how faithful a scenario is to its log, and where it is not."""
+"""The report of one conversion: a page that shows how faithful a scenario is to its log, and where it deviates."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,14 +30,14 @@ LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "wha
 
 
 def write_report(folder: Path, findings: ConversionFindings) -> Path:
-    """Writes `conversion.html` into the scenario's folder. The same findings give the same bytes."""
+    """Write `conversion.html` into the scenario's folder. The same findings give the same bytes."""
     path = folder / PAGE
     path.write_text(render_report(findings), encoding="utf-8")
     return path
 
 
 def render_report(findings: ConversionFindings) -> str:
-    """The page as text."""
+    """Return the page as text."""
     things = build_entries(findings)
     plan = fit_map_frame(things)
     actors = gather_actors(findings, things, plan)
@@ -77,7 +77,7 @@ def _heading(findings: ConversionFindings) -> Markup:
 
 
 def _verdict(misses: Sequence[str]) -> Markup:
-    """What misses its target, a sentence each."""
+    """Return one sentence for each missed target."""
     if not misses:
         return tag("p", tag("strong", "Faithful."), " Every measured figure meets its target.", class_="verdict met")
     words = f"Misses {len(misses)} target{'' if len(misses) == 1 else 's'}."

@@ -1,4 +1,4 @@
-"""Drawing in the world frame: metres become whole centimetres from one corner of the page's map, y downwards."""
+"""SVG drawing in the world frame: metres become whole centimetres from one corner of the map, y downwards."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from real2sim.tracks.kinematics import find_runs
 
 CM = 100.0
 NOSE = 0.35
-"""How far the tip of a drawn vehicle lies before its shoulders, as a share of its width."""
+"""Distance from the tip of a drawn vehicle to its shoulders, as a share of its width."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewBox:
-    """What a picture shows [m]."""
+    """The visible area of a picture [m]."""
 
     left: float
     low: float
@@ -35,7 +35,8 @@ class ViewBox:
 
 
 def fit_view_box(xy: Float, margin: float, least: float, flattest: float = 0.5) -> ViewBox:
-    """The view around points (N, 2), at least `least` [m] wide and high, its sides no less even than `flattest`."""
+    """Return a view around points (N, 2), at least `least` [m] wide and high, with an aspect ratio of at least
+    `flattest`."""
     known = xy[np.isfinite(xy).all(1)]
     known = known if len(known) else np.zeros((1, 2))
     centre = (known.min(0) + known.max(0)) / 2
@@ -47,7 +48,7 @@ def fit_view_box(xy: Float, margin: float, least: float, flattest: float = 0.5) 
 
 @dataclass(frozen=True, slots=True)
 class SvgFrame:
-    """Places on the page; `left` and `high` [m] are its corner."""
+    """Conversion from the world frame to SVG coordinates; `left` and `high` [m] are the origin."""
 
     left: float
     high: float
@@ -101,22 +102,22 @@ def _pair(point: Iterable[int]) -> str:
 
 
 def path(d: str, **attributes: MarkupValue) -> Markup:
-    """A path whose stroke has the same width at every zoom."""
+    """Return a path whose stroke has the same width at every zoom level."""
     return tag("path", d=d, **attributes, **{"vector-effect": "non-scaling-stroke"})
 
 
 def use(of: str, class_: str) -> Markup:
-    """Something drawn elsewhere on the page, here in another style."""
+    """Return a reference to a shape defined elsewhere on the page, in another style."""
     return tag("use", href=f"#{of}", class_=class_)
 
 
 def picture(label: str, box: str, *content: MarkupValue, class_: str) -> Markup:
-    """An SVG that is read out as one image."""
+    """Return an SVG that screen readers announce as one image."""
     return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
 
 
 def scale_bar(canvas: SvgFrame, view: ViewBox, words: float = 0.017) -> Markup:
-    """A bar of round length at the lower right; `words` is the height of its letters as a share of the picture."""
+    """Return a bar of round length at the lower right; `words` is its font size as a share of the picture."""
     width, height = view.size
     length = next((m for m in (100.0, 50.0, 20.0, 10.0, 5.0) if m <= width / 5), 2.0)
     right, low = view.right - 0.025 * width, view.low + 0.03 * height

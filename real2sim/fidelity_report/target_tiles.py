@@ -1,4 +1,4 @@
-"""The key figures of a conversion beside their targets, as tiles at the head of the report."""
+"""Key figures of a conversion with their targets, as tiles at the head of the report."""
 
 from collections.abc import Mapping
 
@@ -8,18 +8,18 @@ from real2sim.fidelity_report.html import Markup, join_markup, tag
 from real2sim.fidelity_targets import FidelityTarget, build_reconstruction_targets, build_traffic_targets
 
 STATES = {True: ("met", "met"), False: ("missed", "missed"), None: ("open", "not measured")}
-"""Class and word of `Target.met`."""
+"""CSS class and label of `Target.met`."""
 SHARES = ("moving vehicles passing all checks", "order kept at conflicts")
-"""Targets that are told by counts."""
+"""Targets that the tiles show as counts."""
 
 
 def find_missed_targets(findings: ConversionFindings) -> tuple[str, ...]:
-    """What misses its target, a sentence each."""
+    """Return one sentence for each missed target."""
     return findings.misses or tuple(target.format_sentence() for target in _targets(findings) if target.met is False)
 
 
 def render_tiles(findings: ConversionFindings) -> Markup:
-    """The figures as tiles; what misses its target says so in words, too."""
+    """Return the figures as tiles; a missed target is labelled in words, too."""
     quality, closeness = findings.quality, findings.closeness
     passed = f"{quality.moving_passed} of {quality.moving_vehicles}"
     kept = f"{closeness.order_kept} of {closeness.order_pairs}" if closeness else ""
@@ -41,7 +41,7 @@ def _tile(target: FidelityTarget, value: str) -> Markup:
 
 
 def _value(target: FidelityTarget, counts: Mapping[str, str]) -> str:
-    """Shares are told by their counts: 95 % of 8 is a matter of one."""
+    """Return the figure; shares as counts, because 95 % of 8 is a matter of one."""
     if target.value is not None and target.name in counts:
         return counts[target.name]
     return format_figure(target.value, _unit(target), 2 if target.unit else 0)

@@ -1,4 +1,4 @@
-"""How close reactive traffic stays to the log: drift over time, order through conflicts, who is missing."""
+"""Report section on reactive traffic: drift over time, order at conflict points, absent vehicles."""
 
 from collections.abc import Sequence
 
@@ -15,11 +15,11 @@ from real2sim.traffic_fidelity import MEDIAN_5S_M, PositionErrors, TrafficFideli
 HEAD = ("after departure [s]", "vehicles", "lower quartile [m]", "median [m]", "upper quartile [m]", "worst [m]")
 CAPTION = "Measured at the times of the table, over the vehicles that the log still has then."
 SHOWN_M = 20.0
-"""The curve ends there at the latest: a vehicle that is not there counts 100 m, which would flatten all others."""
+"""[m] Upper limit of the chart: an absent vehicle counts 100 m, which would flatten all other curves."""
 
 
 def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Markup:
-    """Words, curve, table and lists; scenarios know things by other names than their tracks."""
+    """Return text, chart, table and lists; a scenario uses other ids than the tracks of its log."""
     closeness = findings.closeness
     if closeness is None:
         return tag("p", "Not measured.", class_="none")

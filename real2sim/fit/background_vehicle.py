@@ -15,17 +15,18 @@ from real2sim.match import LaneMatch
 from real2sim.recording import RecordedTrack
 
 SCHEDULE_S = 0.2
-"""Between two points of a schedule."""
+"""[s] Interval between two points of a schedule."""
 BEYOND_M = 300.0
-"""How far the route goes on after the end of the log: 20 s at 15 m/s."""
+"""[m] Length of the route after the end of the log: 20 s at 15 m/s."""
 OFF_M = 3.0
-"""Who drives further than this before its first lane, or after its last, was off the road there."""
+"""[m] A vehicle that drives further than this before its first lane or after its last was off the road there."""
 EDGE_OF_MAP_M = 8.0
-"""A lane that nothing leads on to or from ends the map; who is that near to its end leaves the map there."""
+"""[m] A lane without predecessor or successor ends the map; within this distance of its end a vehicle leaves the
+map."""
 OVER_M = 1.0
-"""A front bumper this far beyond the last lane is off the map."""
-SHORTEST_M = 1.0
-"""How far from the end of an edge SUMO shall insert a vehicle at least."""
+"""[m] A front bumper this far beyond the last lane is off the map."""
+INSERTION_MARGIN_M = 1.0
+"""[m] Least distance from the end of an edge at which SUMO inserts a vehicle."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class RoutedTrack:
     track: RecordedTrack
     match: LaneMatch
     path: RoutePath
-    """With the edge before where it begins in a junction, and straight on after its end."""
+    """Includes the edge before a junction in which the track begins, and a straight continuation after its end."""
     progress: Float
-    """(T,) distance of the box centre along the path [m]; NaN where the track has not begun or has ended."""
+    """(T,) distance of the box centre along the path [m]; NaN before the first and after the last frame."""
     length: float
     width: float
     """[m]"""
@@ -45,11 +46,11 @@ class RoutedTrack:
     @property
     def front_progress(self) -> Float:
         """(T,) distance of the front bumper along the path [m]."""
-        return np.minimum(self.progress + self.length / 2, self.path.length - SHORTEST_M / 10)
+        return np.minimum(self.progress + self.length / 2, self.path.length - INSERTION_MARGIN_M / 10)
 
     @property
     def omitted_part(self) -> str:
-        """What of the track is not driven."""
+        """Sentence about the frames of the track that are not driven; "" if there are none."""
         seen, kept = self.track.valid_frames, np.flatnonzero(np.isfinite(self.progress))
         late, early = kept[0] - seen[0], seen[-1] - kept[-1]
         comes = f"comes onto the map at frame {kept[0]}, {late} frames after it is first seen" if late else ""
@@ -58,28 +59,28 @@ class RoutedTrack:
 
 
 def median_size(track: RecordedTrack) -> tuple[float, float]:
-    """Length and width [m] of a cleaned track, within what a scenario can have."""
+    """Return length and width [m] of a cleaned track, within the limits of a scenario."""
     size = float(np.median(track.length[track.valid])), float(np.median(track.width[track.valid]))
     return clamp_size(*size, track.category.kind)
 
 
 def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> RoutedTrack | str:
-    """The track on its route, or why it has no usable one."""
+    """Return the track on its route, or the reason why it has no usable one."""
     if match.is_off_road:
         return match.reason
     if match.break_frames or match.reason:
         return match.reason or "no way joins all lanes that it drove on"
     on = np.array([frame for frame in track.valid_frames.tolist() if match.lanes[frame]], dtype=np.intp)
-    if why := _off_ends(track, match, on, roads):
+    if why := _explain_off_road(track, match, on, roads):
         return why
-    lanes = (*_entry(roads, match.route[0]), *match.route)
+    lanes = (*_find_entry_lanes(roads, match.route[0]), *match.route)
     lanes = (*lanes, *find_straight_continuation(roads, lanes[-1], BEYOND_M))
     path = build_route_path(roads, lanes)
     if not path.edges:
         return "no edge outside a junction on its route"
     length, width = median_size(track)
     progress = compute_progress(path, track, match)
-    for off in _off_rows(track, on):
+    for off in _find_off_road_ends(track, on):
         progress[off] = np.nan
     front = progress + length / 2
     progress[(front < 0.0) | (front > path.length + OVER_M)] = np.nan
@@ -88,34 +89,36 @@ def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Route
     return RoutedTrack(track, match, path, progress, length, width)
 
 
-def _off_rows(track: RecordedTrack, on: np.ndarray) -> list[slice]:
-    """Frames before the first lane and after the last, where they lead further than `OFF_M`."""
+def _find_off_road_ends(track: RecordedTrack, on: np.ndarray) -> list[slice]:
+    """Return the frames before the first lane and after the last that are longer than `OFF_M`."""
     ends = (slice(0, int(on[0])), slice(int(on[-1]) + 1, len(track.valid)))
-    return [end for end, at in zip(ends, (on[0], on[-1]), strict=True) if _away(track, end, int(at)) > OFF_M]
+    return [
+        end for end, at in zip(ends, (on[0], on[-1]), strict=True) if _compute_end_length(track, end, int(at)) > OFF_M
+    ]
 
 
-def _away(track: RecordedTrack, end: slice, at: int) -> float:
-    """How far [m] a track drives in some frames and from there to frame `at`, or on from it."""
+def _compute_end_length(track: RecordedTrack, end: slice, at: int) -> float:
+    """Return the distance [m] driven in the frames of one end, up to or from frame `at`."""
     rows = sorted({*(np.flatnonzero(track.valid[end]) + end.start).tolist(), at})
     return float(np.hypot(*np.diff(track.xy[rows], axis=0).T).sum())
 
 
-def _off_ends(track: RecordedTrack, match: LaneMatch, on: np.ndarray, roads: RoadMap) -> str:
-    """Why the track leaves the roads where they go on; "" where it only comes onto the map or leaves it."""
-    for end in _off_rows(track, on):
+def _explain_off_road(track: RecordedTrack, match: LaneMatch, on: np.ndarray, roads: RoadMap) -> str:
+    """Return why the track leaves the roads where they continue; "" where it only enters or leaves the map."""
+    for end in _find_off_road_ends(track, on):
         first = end.start == 0
         at = int(on[0] if first else on[-1])
         lane = roads.lanes[match.lanes[at]]
         rest = float(match.s[at]) if first else lane.centre.length - float(match.s[at])
         onward = any(lane.id in one.successors for one in roads.driving) if first else bool(lane.successors)
         if onward or rest > EDGE_OF_MAP_M:
-            away = _away(track, end, at)
+            away = _compute_end_length(track, end, at)
             return f"drives {away:.1f} m off the road {'before its first' if first else 'after its last'} lane"
     return ""
 
 
-def _entry(roads: RoadMap, lane: str) -> tuple[str, ...]:
-    """The lanes before one inside a junction, from an edge on: SUMO inserts vehicles on edges only."""
+def _find_entry_lanes(roads: RoadMap, lane: str) -> tuple[str, ...]:
+    """Return the lanes before one inside a junction, from an edge on: SUMO inserts vehicles on edges only."""
     found: list[str] = []
     while roads.lanes[(found or [lane])[0]].junction:
         first = (found or [lane])[0]
@@ -129,46 +132,47 @@ def _entry(roads: RoadMap, lane: str) -> tuple[str, ...]:
 def build_background_vehicle(
     one: RoutedTrack, name: str, driving: CarFollowing, dt_s: float, log: bool
 ) -> BackgroundVehicle:
-    """The vehicle from its first frame on. `progress` of its schedule begins above 0 where it begins in a junction."""
+    """Return the vehicle from its first frame on. The `progress` of its schedule begins above 0 if it begins in a
+    junction."""
     frames = np.flatnonzero(np.isfinite(one.progress))
     first, front = int(frames[0]), one.front_progress
     edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
-    depart = min(max(float(front[first]) - edge.begin, 0.0), max(edge.length - SHORTEST_M, 0.0))
+    depart = min(max(float(front[first]) - edge.begin, 0.0), max(edge.length - INSERTION_MARGIN_M, 0.0))
     start = edge.begin + depart
     return BackgroundVehicle(
         id=name,
         depart_s=round(first * dt_s, 3),
         edges=one.path.edges,
-        depart_lane=_lane_index(one),
+        depart_lane=_find_depart_lane(one),
         depart_pos_m=round(depart, 2),
-        depart_speed=min(round(_first_speed(one.progress[frames], dt_s), 2), 60.0),
+        depart_speed=min(round(_compute_depart_speed(one.progress[frames], dt_s), 2), 60.0),
         length=one.length,
         width=one.width,
         driving=driving,
         schedule=Schedule(
-            progress=_progress(frames, front[frames] - start, dt_s),
-            lanes=_changes(one, start),
+            progress=_sample_schedule(frames, front[frames] - start, dt_s),
+            lanes=_find_lane_changes(one, start),
             leaves=int(frames[-1]) < len(front) - 1,
         ),
         log=timed_poses(one.track, dt_s) if log else (),
     )
 
 
-def _lane_index(one: RoutedTrack) -> int:
-    """Index of the lane on which it departs: that of its first frame, else of the edge before the junction."""
+def _find_depart_lane(one: RoutedTrack) -> int:
+    """Return the index of the departure lane: that of the first frame, else of the edge before the junction."""
     first = int(np.flatnonzero(np.isfinite(one.progress))[0])
     edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
     on = [lane for lane in edge.lanes if lane.id == one.match.lanes[first]]
     return (on or list(edge.lanes))[0].index
 
 
-def _first_speed(progress: Float, dt_s: float) -> float:
+def _compute_depart_speed(progress: Float, dt_s: float) -> float:
     ahead = min(3, len(progress) - 1)
     return float(progress[ahead] - progress[0]) / (ahead * dt_s) if ahead else 0.0
 
 
-def _progress(frames: np.ndarray, front: Float, dt_s: float) -> tuple[tuple[float, float], ...]:
-    """At most one point every `SCHEDULE_S`; first and last frame are always among them."""
+def _sample_schedule(frames: np.ndarray, front: Float, dt_s: float) -> tuple[tuple[float, float], ...]:
+    """Return at most one point per `SCHEDULE_S`, with the first and last frame."""
     every = max(round(SCHEDULE_S / dt_s), 1)
     kept = sorted({*range(0, len(frames), every), len(frames) - 1})
     if len(kept) < 2:
@@ -177,14 +181,15 @@ def _progress(frames: np.ndarray, front: Float, dt_s: float) -> tuple[tuple[floa
     return tuple((round(float(frames[k]) * dt_s, 3), float(s)) for k, s in zip(kept, rounded, strict=True))
 
 
-def _changes(one: RoutedTrack, start: float) -> tuple[tuple[float, int], ...]:
-    """Where its centre crosses over to the next lane of its route, front bumper's place; on the edge of that lane.
+def _find_lane_changes(one: RoutedTrack, start: float) -> tuple[tuple[float, int], ...]:
+    """Return where the front bumper is when the centre enters the next lane of its route [m], with the lane's index.
 
-    What the route needs but no frame shows (a lane that ends) comes where the log shows it last on the lane before.
+    A change that the route requires but no frame shows (a lane that ends) takes place at the last position on the lane
+    before.
     """
-    seen = _seen_on(one)
+    seen = _find_lane_extents(one)
     found: list[tuple[float, int]] = []
-    index = _lane_index(one)
+    index = _find_depart_lane(one)
     for k, stage in enumerate(one.path.edges_in_order):
         if stage.junction:
             continue
@@ -193,22 +198,22 @@ def _changes(one: RoutedTrack, start: float) -> tuple[tuple[float, int], ...]:
                 at = (
                     seen.get((k, lane.id), (stage.begin, 0.0))[0]
                     if before is None
-                    else _crossing(seen, k, before, lane)
+                    else _find_crossing(seen, k, before, lane)
                 )
                 found.append((round(max(min(max(at, stage.begin), stage.end) - start, 0.0), 2), lane.index))
                 index = lane.index
     return tuple(sorted(found, key=lambda change: change[0]))
 
 
-def _crossing(seen: dict[tuple[int, str], tuple[float, float]], stage: int, before: Lane, lane: Lane) -> float:
-    """Where along the path [m] it goes over, by first and last place on the lanes of the stages."""
+def _find_crossing(seen: dict[tuple[int, str], tuple[float, float]], stage: int, before: Lane, lane: Lane) -> float:
+    """Return the position along the path [m] of a change, from the first and last positions on the lanes."""
     if (stage, lane.id) in seen:
         return seen[stage, lane.id][0]
     return seen.get((stage, before.id), (0.0, 0.0))[1]
 
 
-def _seen_on(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
-    """First and last place of the front bumper [m] by stage and lane."""
+def _find_lane_extents(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
+    """Return the first and last position of the front bumper [m] by edge index and lane."""
     found: dict[tuple[int, str], tuple[float, float]] = {}
     least, front = 0, one.front_progress
     for frame in np.flatnonzero(np.isfinite(one.progress)).tolist():
@@ -221,7 +226,7 @@ def _seen_on(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
 
 
 def timed_poses(track: RecordedTrack, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:
-    """Timed poses of the log, rounded to ms, cm and 0.1 mrad."""
+    """Return the timed poses of the log, rounded to ms, cm and 0.1 mrad."""
     frames: Sequence[int] = track.valid_frames.tolist()
     return tuple(
         (

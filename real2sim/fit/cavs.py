@@ -1,4 +1,4 @@
-"""CAVs of a log: which ones, and route, start state and goal of each."""
+"""CAVs of a log: selection, and route, start state and goal of each."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -16,20 +16,21 @@ from real2sim.match.dense_route import build_dense_route
 from real2sim.match.waypoint_matcher import RouteLeg
 from real2sim.recording import RecordedTrack
 
-ROUTE_M = 20.0
-"""A route is at least this long; a CAV that hardly moves in the log goes on along its lane."""
-START_M = 2.0
-"""How far the start may lie beside the first lane (`soundness.START_GAP_M`)."""
-CHANGE_M = 20.0
-"""Length of a lane change of `build_lane_route`; it begins half of that before the marking is crossed."""
+MIN_ROUTE_M = 20.0
+"""[m] Least length of a route; that of a CAV that hardly moves in the log is extended along its lane."""
+MAX_START_OFFSET_M = 2.0
+"""[m] Largest distance of the start from the first lane (`checks.START_GAP_M`)."""
+LANE_CHANGE_M = 20.0
+"""[m] Length of a lane change of `route_along`; it begins half of that before the lane marking is crossed."""
 
 
 def choose_cavs(
     wanted: Sequence[str], tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> tuple[str, ...]:
-    """Track ids of the CAVs: those of the source with a usable route that move, else who is there longest.
+    """Return the track ids of the CAVs: those of the source that move on a usable route, else the vehicle that is
+    present longest.
 
-    `wanted` are the ids of the source's CAVs (`Cleaned.cavs`). Raises InputError if no vehicle will do.
+    `wanted` are the ids of the source's CAVs (`Cleaned.cavs`). Raises InputError if no vehicle is usable.
     """
     fit = {
         track.id: track for track in tracks if not track.parked and not explain_unusable(track, matches.get(track.id))
@@ -41,29 +42,29 @@ def choose_cavs(
             f"expected a moving vehicle that is on a road from the first frame on to be the CAV,"
             f" found none of {len(tracks)} tracks"
         )
-    return (max(fit.values(), key=lambda track: (int(track.valid.sum()), _driven_m(track), track.id)).id,)
+    return (max(fit.values(), key=lambda track: (int(track.valid.sum()), _compute_driven_m(track), track.id)).id,)
 
 
 def explain_unused_cavs(
     wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> dict[str, str]:
-    """The CAVs of the source that are none in the scenario, with the reason."""
+    """Return the CAVs of the source that are not CAVs of the scenario, with the reason."""
     known = {track.id: track for track in tracks}
-    return {name: _why(known.get(name), matches.get(name)) for name in wanted if name not in chosen}
+    return {name: _explain_unused(known.get(name), matches.get(name)) for name in wanted if name not in chosen}
 
 
-def _why(track: RecordedTrack | None, match: LaneMatch | None) -> str:
+def _explain_unused(track: RecordedTrack | None, match: LaneMatch | None) -> str:
     if track is None:
         return "it is not in the cleaned log"
     return "it never moves" if track.parked else explain_unusable(track, match)
 
 
-def _driven_m(track: RecordedTrack) -> float:
+def _compute_driven_m(track: RecordedTrack) -> float:
     return float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum())
 
 
 def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
-    """Why a track cannot be a CAV; "" if it can."""
+    """Return why a track cannot be a CAV; "" if it can."""
     if track.category.kind is not Kind.VEHICLE:
         return f"a {track.category.value} is no vehicle"
     if not track.valid[0]:
@@ -76,29 +77,29 @@ def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
         return match.reason
     if not match.lanes[0]:
         return "it is on no lane in the first frame"
-    if abs(float(match.offset[0])) > START_M:
+    if abs(float(match.offset[0])) > MAX_START_OFFSET_M:
         return f"it starts {abs(float(match.offset[0])):.1f} m beside its lane"
     return ""
 
 
 def build_ego(track: RecordedTrack, match: LaneMatch, roads: RoadMap, name: str, dt_s: float) -> tuple[Ego, str]:
-    """The CAV, and what is to be said about its route; raises InputError where it cannot be one."""
+    """Return the CAV and a remark about its route; raises InputError if the track cannot be a CAV."""
     if why := explain_unusable(track, match):
         raise InputError(f"CAV {track.id}: expected a vehicle with a way through the network, found: {why}")
-    route, said = _route(match, roads)
+    route, said = _build_route(match, roads)
     xy, yaw = route.xy, np.unwrap(route.yaw)
-    start = Pose(x=_round(track.x[0]), y=_round(track.y[0]), yaw=round(float(track.yaw[0]), 4))
-    points = tuple((_round(x), _round(y), round(float(a), 4)) for (x, y), a in zip(xy, yaw, strict=True))
-    speed = float(np.clip(_start_speed(track, dt_s), 0.0, 60.0))
+    start = Pose(x=_round_mm(track.x[0]), y=_round_mm(track.y[0]), yaw=round(float(track.yaw[0]), 4))
+    points = tuple((_round_mm(x), _round_mm(y), round(float(a), 4)) for (x, y), a in zip(xy, yaw, strict=True))
+    speed = float(np.clip(_estimate_start_speed(track, dt_s), 0.0, 60.0))
     return Ego(id=name, start=start, start_speed=round(speed, 2), lanes=route.lanes, route=points), said
 
 
-def _round(value: float) -> float:
+def _round_mm(value: float) -> float:
     return round(float(value), 3)
 
 
-def _start_speed(track: RecordedTrack, dt_s: float) -> float:
-    """[m/s] Along the first frames, 0 where they go less than 0.1 m/s."""
+def _estimate_start_speed(track: RecordedTrack, dt_s: float) -> float:
+    """Return the speed [m/s] over the first frames, 0 below 0.1 m/s."""
     last = min(3, len(track.valid_frames) - 1)
     frames = track.valid_frames[[0, last]]
     if not last:
@@ -107,25 +108,27 @@ def _start_speed(track: RecordedTrack, dt_s: float) -> float:
     return speed if speed >= 0.1 else 0.0
 
 
-def _route(match: LaneMatch, roads: RoadMap) -> tuple[Route, str]:
-    """From the first frame to where the log ends, at least `ROUTE_M`."""
+def _build_route(match: LaneMatch, roads: RoadMap) -> tuple[Route, str]:
+    """Return the route from the first to the last frame, at least `MIN_ROUTE_M` long, and a remark if it was
+    extended."""
     on = [frame for frame, lane in enumerate(match.lanes) if lane in match.route]
     lanes = list(match.route[match.route.index(match.lanes[on[0]]) :])
     start, goal = float(match.s[on[0]]), float(match.s[on[-1]])
     lanes = lanes[: len(lanes) - lanes[::-1].index(match.lanes[on[-1]])]
-    route = _dense(match, roads, lanes, start, goal)
+    route = _build_dense_route(match, roads, lanes, start, goal)
     length = float(np.hypot(*np.diff(route.xy, axis=0).T).sum()) if route is not None else 0.0
-    if route is not None and length >= ROUTE_M:
+    if route is not None and length >= MIN_ROUTE_M:
         return route, ""
-    lanes, goal = _prolonged(roads, lanes, goal, ROUTE_M - length)
-    route = _dense(match, roads, lanes, start, goal)
+    lanes, goal = _extend_lanes(roads, lanes, goal, MIN_ROUTE_M - length)
+    route = _build_dense_route(match, roads, lanes, start, goal)
     if route is None:
         raise InputError(f"lane {lanes[-1]}: expected room for a route, found its end")
     return route, f"goes only {length:.1f} m in the log: its route is prolonged along its lane"
 
 
-def _prolonged(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float) -> tuple[list[str], float]:
-    """The lanes and the arc length [m] on the last of them that much further ahead, or to the end of the network."""
+def _extend_lanes(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float) -> tuple[list[str], float]:
+    """Extend the lanes by `missing` [m], or to the end of the network; return them and the arc length [m] of the goal
+    on the last one."""
     found = list(lanes)
     for lane in ("", *find_straight_continuation(roads, lanes[-1], missing)):
         if lane:
@@ -137,21 +140,23 @@ def _prolonged(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float
     return found, goal
 
 
-def _dense(match: LaneMatch, roads: RoadMap, lanes: Sequence[str], start: float, goal: float) -> Route | None:
-    """The dense route with lane changes where the log has them; None if it has no length."""
+def _build_dense_route(
+    match: LaneMatch, roads: RoadMap, lanes: Sequence[str], start: float, goal: float
+) -> Route | None:
+    """Return the dense route with lane changes where the log has them; None if it has no length."""
     if len(lanes) == 1 and goal - start < 0.2:
         return None
     try:
-        return build_lane_route(roads, lanes, start, goal, _change_places(match, roads, lanes))
+        return build_lane_route(roads, lanes, start, goal, _find_lane_change_positions(match, roads, lanes))
     except (InputError, ValueError):  # no room to change lanes there: as early as there is room
         return build_dense_route(roads, (RouteLeg(tuple(lanes), start, goal),))
 
 
-def _change_places(match: LaneMatch, roads: RoadMap, lanes: Sequence[str]) -> dict[int, float]:
-    """Where lane changes begin: arc length [m] on the lane that is left, by its place in `lanes`."""
+def _find_lane_change_positions(match: LaneMatch, roads: RoadMap, lanes: Sequence[str]) -> dict[int, float]:
+    """Return the arc length [m] at which each lane change begins, by the index in `lanes` of the lane that is left."""
     places: dict[int, float] = {}
     for i, (here, there) in enumerate(pairwise(lanes)):
         on = [k for k, lane in enumerate(match.lanes) if lane == here]
         if there in (roads.lanes[here].left, roads.lanes[here].right) and on:
-            places[i] = max(float(match.s[on[-1]]) - CHANGE_M / 2, 0.0)
+            places[i] = max(float(match.s[on[-1]]) - LANE_CHANGE_M / 2, 0.0)
     return places

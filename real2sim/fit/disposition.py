@@ -1,11 +1,11 @@
-"""Roles: what became of a thing of a log, and why."""
+"""Disposition: what each track of a log becomes in the scenario, and why."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class Disposition(StrEnum):
-    """What a thing of the log is in the scenario."""
+    """What a track of the log becomes in the scenario."""
 
     CAV = "CAV"
     BACKGROUND = "background"
@@ -13,13 +13,13 @@ class Disposition(StrEnum):
     ACTOR = "actor"
     """A scripted road user on its path of the log."""
     STANDING = "standing"
-    """A thing that never moves."""
+    """An object that never moves."""
     LEFT_OUT = "left out"
 
 
 @dataclass(frozen=True, slots=True)
 class TrackRole:
-    """What became of one thing, and why; "" where the reason is plain."""
+    """Disposition of one track and its reason; "" if the reason is obvious."""
 
     disposition: Disposition
     reason: str = ""

@@ -1,4 +1,4 @@
-"""Car following as a log shows it: time headway, standing gap, acceleration, deceleration."""
+"""Car-following parameters observed in a log: time headway, standstill gap, acceleration, deceleration."""
 
 from collections.abc import Sequence
 
@@ -10,25 +10,25 @@ from real2sim.fit.background_vehicle import RoutedTrack
 from real2sim.tracks.kinematics import compute_derivative
 
 REACH_M = 60.0
-"""Leaders further ahead are not followed."""
+"""[m] Leaders further ahead are not followed."""
 MOVING, STANDING = 2.0, 0.3
-"""[m/s] Faster than the first a time gap means something; slower than the second is standing."""
+"""[m/s] A time gap is measured above the first speed; below the second the vehicle is standing."""
 TAU_S = (0.2, 2.0)
 MIN_GAP_M = (0.3, 2.5)
 ACCEL, DECEL = (2.6, 8.0), (4.5, 9.0)
-"""Bounds. A log of seconds shows less than a driver can: never below SUMO's defaults for passenger cars."""
-SHARE = 5.0
-"""Percentile of gaps that counts as the shortest a driver keeps."""
+"""Bounds. A log of seconds shows less than a driver is capable of: never below SUMO's defaults for passenger cars."""
+GAP_PERCENTILE = 5.0
+"""Percentile of gaps that counts as the shortest that a driver keeps."""
 
 
 def estimate_driving(drivers: Sequence[RoutedTrack], dt_s: float) -> list[CarFollowing]:
-    """Parameters of every driver, so that its model never asks for more room than it took in the log."""
-    lanes, s = _places(drivers)
-    return [_driving(drivers, k, lanes, s, dt_s) for k in range(len(drivers))]
+    """Return the parameters of every driver, such that its model never needs more room than it took in the log."""
+    lanes, s = _lane_positions(drivers)
+    return [_estimate_vehicle(drivers, k, lanes, s, dt_s) for k in range(len(drivers))]
 
 
-def _places(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
-    """Lane number (K, T), -1 where none, and arc length (K, T) [m] in all lanes that occur."""
+def _lane_positions(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
+    """Return the lane number (K, T), -1 without a lane, and the arc length (K, T) [m]."""
     numbers = {"": -1}
     for one in drivers:
         for lane in one.match.lanes:
@@ -37,15 +37,15 @@ def _places(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
     return lanes, np.array([one.match.s for one in drivers])
 
 
-def _driving(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
+def _estimate_vehicle(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
     one = drivers[k]
     speed = np.gradient(one.progress, dt_s) if len(one.progress) > 1 else np.zeros_like(one.progress)
-    gaps = _gaps(drivers, k, lanes, s)
+    gaps = _compute_gaps(drivers, k, lanes, s)
     standing = gaps[(speed < STANDING) & np.isfinite(gaps)]
-    close = min(_low(standing, MIN_GAP_M[1]), _low(gaps[np.isfinite(gaps)], MIN_GAP_M[1]))
+    close = min(_low_percentile(standing, MIN_GAP_M[1]), _low_percentile(gaps[np.isfinite(gaps)], MIN_GAP_M[1]))
     min_gap = float(np.clip(close, *MIN_GAP_M))
     follows = (speed > MOVING) & np.isfinite(gaps)
-    tau = float(np.clip(_low((gaps[follows] - min_gap) / speed[follows], 1.0), *TAU_S))
+    tau = float(np.clip(_low_percentile((gaps[follows] - min_gap) / speed[follows], 1.0), *TAU_S))
     seen = one.progress[np.isfinite(one.progress)]
     force = compute_derivative(seen, dt_s, 2)
     up, down = (float(np.percentile(a, 98)) if len(a) else 0.0 for a in (force, -force))
@@ -58,8 +58,8 @@ def _driving(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float, dt_s:
     )
 
 
-def _gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float:
-    """Bumper to bumper distance (T,) [m] to the next vehicle on the lanes of one's route; NaN without any."""
+def _compute_gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float:
+    """Return the bumper-to-bumper distance (T,) [m] to the next vehicle on the lanes of the route; NaN without one."""
     one = drivers[k]
     begins = np.full((int(lanes.max()) + 2,), np.nan)
     by_name = {lane: number for row, other in zip(lanes, drivers, strict=True)
@@ -77,5 +77,5 @@ def _gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float
     return np.where(np.isfinite(nearest), np.maximum(nearest, 0.0), np.nan)
 
 
-def _low(values: Float, otherwise: float) -> float:
-    return float(np.percentile(values, SHARE)) if len(values) else otherwise
+def _low_percentile(values: Float, otherwise: float) -> float:
+    return float(np.percentile(values, GAP_PERCENTILE)) if len(values) else otherwise

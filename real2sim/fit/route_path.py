@@ -1,4 +1,4 @@
-"""The way of a track through the network, measured as SUMO measures it: one length for all lanes of an edge."""
+"""The path of a track through the network, measured as SUMO measures it: one length for all lanes of an edge."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from real2sim.match import LaneMatch
 from real2sim.recording import RecordedTrack
 
 JOINT_M = 0.1
-"""SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`network.shapes`)."""
+"""[m] SUMO's length of a junction lane without extent; such lanes are in no RoadMap (`network.shapes`)."""
 CLAMPED_M = 0.05
-"""A foot so near to an end of the path may be that of a place beyond it."""
+"""[m] A projection this near to an end of the path may belong to a position beyond it."""
 
 
 @dataclass(frozen=True)
 class RouteEdge:
-    """One edge of a route: the lanes of it that are used, in order, and where along the route it begins [m]."""
+    """One edge of a route: its lanes that are used, in order, and where it begins along the route [m]."""
 
     edge: str
     lanes: tuple[Lane, ...]
@@ -29,18 +29,18 @@ class RouteEdge:
 
     @property
     def junction(self) -> bool:
-        """Whether it lies inside a junction."""
+        """Whether the edge lies inside a junction."""
         return self.lanes[0].junction
 
     @property
     def end(self) -> float:
-        """Where along the route it ends [m]."""
+        """Where the edge ends along the route [m]."""
         return self.begin + self.length
 
 
 @dataclass(frozen=True)
 class RoutePath:
-    """Edges one after another."""
+    """The edges of a route in order."""
 
     edges_in_order: tuple[RouteEdge, ...]
 
@@ -51,7 +51,7 @@ class RoutePath:
 
     @property
     def edges(self) -> tuple[str, ...]:
-        """Edges outside junctions, as SUMO's routes name them."""
+        """Ids of the edges outside junctions, as in SUMO's routes."""
         return tuple(stage.edge for stage in self.edges_in_order if not stage.junction)
 
     @cached_property
@@ -64,13 +64,14 @@ class RoutePath:
         return found
 
     def find_edge_index(self, lane: str, least: int) -> int | None:
-        """Index of the stage with that lane: the first from `least` on, else the last before; None if it has none."""
+        """Return the index of the edge with that lane: the first from `least` on, else the last before; None if there
+        is none."""
         at = self._by_lane.get(lane, [])
         return next((i for i in at if i >= least), at[-1] if at else None)
 
 
 def build_route_path(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
-    """The path along lanes that are successors or neighbours of one another."""
+    """Return the path along lanes that are successors or neighbours of one another."""
     groups: list[list[Lane]] = []
     joints = [0.0]
     for before, here in pairwise(["", *lanes]):
@@ -91,7 +92,8 @@ def build_route_path(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
 
 
 def compute_edge_length(roads: RoadMap, lane: Lane) -> float:
-    """SUMO's length [m] of the edge of a lane: the mean of its lanes (`network.shapes`); a junction lane has one."""
+    """Return SUMO's length [m] of the edge of a lane: the mean of its lanes (`network.shapes`); a junction lane has
+    one."""
     if lane.junction:
         return lane.centre.length
     side, beside = lane, [lane]
@@ -106,15 +108,17 @@ def compute_edge_length(roads: RoadMap, lane: Lane) -> float:
 
 
 def compute_progress(path: RoutePath, track: RecordedTrack, match: LaneMatch) -> Float:
-    """Distance (T,) [m] of the box centre along the path, growing; NaN before the first and after the last frame.
+    """Return the distance (T,) [m] of the box centre along the path, monotonic; NaN before the first and after the last
+    frame.
 
-    Where no lane is known, or it is before or behind the path, that of the frames around it and the distance driven.
+    Where no lane is known, or the position is before or behind the path, it is interpolated from the frames around it
+    and the distance driven.
     """
     frames = np.flatnonzero(track.valid)
     whole = np.arange(frames[0], frames[-1] + 1)
     x, y = (np.interp(whole, frames, values[frames]) for values in (track.x, track.y))
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-    at, ahead = _known(path, match, whole)
+    at, ahead = _find_matched_frames(path, match, whole)
     inside = (ahead > CLAMPED_M) & (ahead < path.length - CLAMPED_M)
     at, ahead = (at[inside], ahead[inside]) if inside.any() else (at, ahead)
     along = np.full(len(match.lanes), np.nan)
@@ -122,8 +126,8 @@ def compute_progress(path: RoutePath, track: RecordedTrack, match: LaneMatch) ->
     return along
 
 
-def _known(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.ndarray, Float]:
-    """Frames with a lane of the path, and the distance along it there."""
+def _find_matched_frames(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.ndarray, Float]:
+    """Return the frames with a lane of the path, and the distance along it there."""
     at: list[int] = []
     ahead: list[float] = []
     stage = 0
@@ -140,12 +144,12 @@ def _known(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.nda
 
 
 def find_straight_continuation(roads: RoadMap, lane: str, least_m: float) -> tuple[str, ...]:
-    """Lanes after this one that turn least, until they are `least_m` long together or the network ends."""
+    """Return the lanes after this one that turn least, until they are `least_m` long together or the network ends."""
     found: list[str] = []
     so_far = 0.0
     here = roads.lanes[lane]
     while (so_far < least_m or here.junction) and here.successors:
-        here = roads.lanes[min(here.successors, key=lambda id_: (_turn(roads, id_), id_))]
+        here = roads.lanes[min(here.successors, key=lambda id_: (_compute_lane_turn(roads, id_), id_))]
         if here.id in found:
             break
         found.append(here.id)
@@ -155,6 +159,6 @@ def find_straight_continuation(roads: RoadMap, lane: str, least_m: float) -> tup
     return tuple(found)
 
 
-def _turn(roads: RoadMap, lane: str) -> float:
+def _compute_lane_turn(roads: RoadMap, lane: str) -> float:
     yaws = roads.lanes[lane].centre.yaws
     return float(np.abs(np.diff(np.unwrap(yaws)).sum())) if len(yaws) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""Things of a log that SUMO does not drive: standing ones, walkers and cyclists, vehicles without a usable route."""
+"""Objects of a log that SUMO does not drive: static ones, pedestrians and cyclists, vehicles without a usable route."""
 
 from collections.abc import Sequence
 
@@ -16,9 +16,9 @@ NAMES: dict[Kind, KindName] = {kind: name for name, kind in KIND_BY_NAME.items()
 
 
 def build_replay_actor(track: RecordedTrack, name: str, traffic: CentrelineTraffic, dt_s: float) -> tuple[Actor, str]:
-    """An actor that repeats the track and stops for what is in its way, and what is to be said about it.
+    """Return an actor that repeats the track and stops for obstacles, and a remark.
 
-    It stays where it is if the log ends before it does.
+    It stays where it is if the log ends before it leaves.
     """
     timed = timed_poses(track, dt_s)
     x, y, yaw = timed[0][1:]
@@ -32,29 +32,29 @@ def build_replay_actor(track: RecordedTrack, name: str, traffic: CentrelineTraff
         start=Pose(x=x, y=y, yaw=yaw),
         length=length,
         width=width,
-        motion=ReplayMotion(poses=_unwrapped(timed), stays=bool(track.valid[-1])),
+        motion=ReplayMotion(poses=_unwrap_yaws(timed), stays=bool(track.valid[-1])),
         mirrored=not around,
     )
-    return actor, _said(around)
+    return actor, _describe_passing_vehicles(around)
 
 
-def _said(around: Sequence[str]) -> str:
+def _describe_passing_vehicles(around: Sequence[str]) -> str:
     if not around:
         return ""
     return f"not seen by SUMO's traffic: passed by {', '.join(around[:3])}{', ...' if len(around) > 3 else ''}"
 
 
-def _unwrapped(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tuple[float, float, float, float], ...]:
-    """Yaws without jumps of a full turn: replays go linearly from one to the next."""
+def _unwrap_yaws(timed: Sequence[tuple[float, float, float, float]]) -> tuple[tuple[float, float, float, float], ...]:
+    """Unwrap the yaws: replays interpolate linearly from one pose to the next."""
     yaw = np.round(np.unwrap([pose[3] for pose in timed]), 4)
     return tuple((t, x, y, float(a)) for (t, x, y, _), a in zip(timed, yaw, strict=True))
 
 
 def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTraffic, dt_s: float) -> tuple[Actor, str]:
-    """A thing that never moves, and what is to be said about it.
+    """Return an actor that never moves, and a remark.
 
-    Where a vehicle of the log drives later through the place where it stood, or before it came there, it is there only
-    while the log shows it. Where one drove around it SUMO's traffic, which cannot, takes no notice of it.
+    Where a vehicle of the log drives through its place at another time, the actor is present only while the log shows
+    it. Where a vehicle drove around it, SUMO's traffic, which cannot, ignores it.
     """
     x, y = (round(float(np.median(values[track.valid])), 3) for values in (track.x, track.y))
     yaw = track.yaw[track.valid]
@@ -63,7 +63,7 @@ def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTra
     box = box_corners(x, y, heading, length, width)
     motion: Motion = StandingMotion()
     said: list[str] = []
-    if any(_drives_through(box, one, track) for one in traffic.drivers):
+    if any(_is_driven_through(box, one, track) for one in traffic.drivers):
         first, last = int(track.valid_frames[0]) * dt_s, (int(track.valid_frames[-1]) + 1) * dt_s
         motion = ReplayMotion(
             poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
@@ -72,7 +72,7 @@ def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTra
     around = find_vehicles_through(
         traffic, np.ones(len(track.valid), dtype=np.bool_), np.tile(box, (len(track.valid), 1, 1))
     )
-    said.append(_said(around))
+    said.append(_describe_passing_vehicles(around))
     actor = Actor(
         id=name,
         kind=NAMES[track.category.kind],
@@ -86,8 +86,8 @@ def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTra
     return actor, "; ".join(part for part in said if part)
 
 
-def _drives_through(box: np.ndarray, one: RoutedTrack, track: RecordedTrack) -> bool:
-    """Whether the boxes meet in a frame in which the thing is not seen."""
+def _is_driven_through(box: np.ndarray, one: RoutedTrack, track: RecordedTrack) -> bool:
+    """Return whether the vehicle overlaps the box in a frame in which the object is not seen."""
     rows = one.track.valid & ~track.valid
     if not rows.any():
         return False

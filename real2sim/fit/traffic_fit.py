@@ -1,13 +1,13 @@
-"""Reconstructed tracks of a log become the traffic of a scenario: CAVs, background vehicles, scripted actors.
+"""Fits the traffic of a scenario to reconstructed tracks: CAVs, background vehicles, scripted actors.
 
-Who becomes what:
+Disposition of tracks:
 - CAVs: egos that start as in the log, with the route they drove there.
 - Moving vehicles with a route: background vehicles with a schedule. One that begins inside a junction departs at the
-  end of the edge before it, and its schedule begins with the distance it is ahead of that. One that comes onto the map
-  or leaves it at an end of its lanes is there while it is on the map.
-- Moving vehicles that leave the roads elsewhere or drive beside another one in a lane, walkers, cyclists: actors on
-  their path of the log, which stop for what is in their way, in every mode.
-- What never moves: standing actors. SUMO's traffic takes no notice of actors that were driven around (`fit_beside`).
+  end of the edge before it, and its schedule begins with the distance it is ahead of that. One that enters or leaves
+  the map at an end of its lanes is present while it is on the map.
+- Moving vehicles that leave the roads elsewhere or drive beside another one in a lane, pedestrians, cyclists: actors on
+  their path of the log, which stop for obstacles, in every mode.
+- Static objects: standing actors. SUMO's traffic ignores actors that were driven around (`centreline_traffic`).
 """
 
 import re
@@ -30,10 +30,10 @@ from real2sim.match import LaneMatch
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 ACTION_STEP_S = 0.1
-"""Drivers of a log react at its frame rate; SUMO's insertion and schedules need it."""
+"""[s] Drivers of a log react at its frame rate, which SUMO's insertion and schedules need."""
 LEAST_FRAMES = 2
 LONG_NAME, SHORT_NAME = 16, 6
-"""Names of more characters are cut, but to no fewer than the second."""
+"""Names of more characters are shortened, but to no fewer than the second."""
 DRIVEN_KINDS = frozenset(
     (ObjectCategory.CAR, ObjectCategory.VAN, ObjectCategory.TRUCK, ObjectCategory.BUS, ObjectCategory.MOTORCYCLE)
 )
@@ -47,14 +47,14 @@ class FittedTraffic:
     background: Background
     actors: tuple[Actor, ...]
     roles: Mapping[str, TrackRole]
-    """By track id: what it became and why; everything that could not be kept is LEFT_OUT with a reason."""
+    """By track id: disposition and reason; whatever could not be kept is LEFT_OUT with a reason."""
     names: Mapping[str, str]
     """Track id -> id in the scenario."""
 
 
 @dataclass
-class _Work:
-    """What is at hand while one log is fitted."""
+class _FitContext:
+    """Inputs and results shared by the steps of one fit."""
 
     matches: Mapping[str, LaneMatch]
     roads: RoadMap
@@ -71,36 +71,39 @@ def fit_traffic(
     mode: BackgroundMode,
     dt_s: float,
 ) -> FittedTraffic:
-    """Traffic from reconstructed tracks, their matches by track id (vehicles only) and the ids of the CAVs' tracks.
+    """Fit the traffic to reconstructed tracks, their lane matches by track id (vehicles only) and the ids of the CAVs'
+    tracks.
 
-    Raises InputError for a CAV that is not there in the first frame or has no way through the network.
+    Raises InputError for a CAV that is not present in the first frame or has no route through the network.
     """
     known = {track.id: track for track in tracks}
     for name in cavs:
         if name not in known:
-            raise InputError(f"CAV {name}: expected one of the tracks {_some(sorted(known))}, found none of that name")
-    work = _Work(matches, roads, dt_s, make_scenario_names(tracks), {})
-    egos = tuple(_ego(work, known[name]) for name in cavs)
+            raise InputError(
+                f"CAV {name}: expected one of the tracks {_list_some(sorted(known))}, found none of that name"
+            )
+    work = _FitContext(matches, roads, dt_s, make_scenario_names(tracks), {})
+    egos = tuple(_fit_ego(work, known[name]) for name in cavs)
     rest = [track for track in tracks if track.id not in cavs]
-    drivers = _drivers(work, rest)
+    drivers = _select_background_vehicles(work, rest)
     following = estimate_driving(drivers, dt_s) if drivers else []
     vehicles = [
         build_background_vehicle(one, work.names[one.track.id], driving, dt_s, mode != "reactive")
         for one, driving in zip(drivers, following, strict=True)
     ]
     on_road, traffic = {one.track.id for one in drivers}, place_on_centrelines(drivers, roads)
-    actors = [actor for track in rest if track.id not in on_road for actor in _actor(work, track, traffic)]
+    actors = [actor for track in rest if track.id not in on_road for actor in _build_actors(work, track, traffic)]
     background = Background(vehicles=tuple(vehicles), action_step_s=ACTION_STEP_S, mode=mode)
     return FittedTraffic(egos, background, tuple(actors), work.roles, work.names)
 
 
 def make_scenario_names(tracks: Sequence[RecordedTrack]) -> dict[str, str]:
-    """Ids as scenario files allow them, long ones cut to what tells them apart; equal ones get a number added."""
+    """Return ids that scenario files allow, long ones shortened to a unique prefix, equal ones numbered."""
     plain = {track.id: re.sub(r"[^A-Za-z0-9_.+-]", "-", track.id) for track in tracks}
     plain = {id_: text if re.match(r"[A-Za-z0-9]", text) else f"t{text}" for id_, text in plain.items()}
     names: dict[str, str] = {}
     for id_, text in plain.items():
-        stem = _short(text, plain.values())
+        stem = _shorten(text, plain.values())
         name, k = stem, 1
         while name in names.values():
             k += 1
@@ -109,8 +112,8 @@ def make_scenario_names(tracks: Sequence[RecordedTrack]) -> dict[str, str]:
     return names
 
 
-def _short(text: str, texts: Iterable[str]) -> str:
-    """The text, or if it is long (a hash) its first characters, as many as no other one begins with."""
+def _shorten(text: str, texts: Iterable[str]) -> str:
+    """Return the text or, if it is long (a hash), its shortest unique prefix."""
     if len(text) <= LONG_NAME:
         return text
     others = [other for other in texts if other != text]
@@ -118,11 +121,11 @@ def _short(text: str, texts: Iterable[str]) -> str:
     return text[:length]
 
 
-def _some(names: Sequence[str]) -> str:
+def _list_some(names: Sequence[str]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
-def _ego(work: _Work, track: RecordedTrack) -> Ego:
+def _fit_ego(work: _FitContext, track: RecordedTrack) -> Ego:
     match = work.matches.get(track.id)
     if match is None:
         raise InputError(f"CAV {track.id}: expected a vehicle, found a {track.category.value}")
@@ -131,8 +134,8 @@ def _ego(work: _Work, track: RecordedTrack) -> Ego:
     return ego
 
 
-def _drivers(work: _Work, tracks: Sequence[RecordedTrack]) -> list[RoutedTrack]:
-    """Moving vehicles that SUMO can drive; the others get their reason."""
+def _select_background_vehicles(work: _FitContext, tracks: Sequence[RecordedTrack]) -> list[RoutedTrack]:
+    """Return the moving vehicles that SUMO can drive; the others get a reason."""
     found: list[RoutedTrack] = []
     for track in tracks:
         if track.parked or track.category not in DRIVEN_KINDS or track.valid.sum() < LEAST_FRAMES:
@@ -155,7 +158,7 @@ def _drivers(work: _Work, tracks: Sequence[RecordedTrack]) -> list[RoutedTrack]:
     return [one for one in found if one.track.id not in beside]
 
 
-def _actor(work: _Work, track: RecordedTrack, traffic: CentrelineTraffic) -> list[Actor]:
+def _build_actors(work: _FitContext, track: RecordedTrack, traffic: CentrelineTraffic) -> list[Actor]:
     name = work.names[track.id]
     frames = int(track.valid.sum())
     if frames < LEAST_FRAMES and not (track.parked and frames):

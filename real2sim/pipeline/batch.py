@@ -1,4 +1,4 @@
-"""Many logs at once: every one in a worker process of its own, all of them or nothing on the disk."""
+"""Conversion of many logs: each in a worker process of its own; the suite appears on disk as a whole or not at all."""
 
 import os
 import shutil
@@ -17,14 +17,14 @@ from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions
 from real2sim.readers.time_window import TimeWindow
 
 LIMIT_S = 900.0
-"""A log that takes longer [s, wall clock] is given up."""
+"""[s] Wall-clock limit for one log."""
 PARTS = ".parts"
 Windows = tuple[TimeWindow, ...]
 
 
 @dataclass(frozen=True)
 class ConversionTask:
-    """What a worker does with one log: convert it into a folder, or cut it into windows of `every_s`."""
+    """Work of one worker process: convert one log into a folder, or split it into windows of `every_s`."""
 
     number: int
     log: LogSource
@@ -36,7 +36,7 @@ class ConversionTask:
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What became of all logs, in the order in which they were given."""
+    """Results of all logs in the order in which they were given."""
 
     outcomes: tuple[ConvertedScenario, ...]
     refused: tuple[str, ...]
@@ -49,26 +49,26 @@ class BatchResult:
 
 
 def _silent(_done: int, _total: int, _text: str) -> None:
-    """Nobody watches."""
+    """Report nothing."""
 
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """How a batch is to be done."""
+    """Options of a batch."""
 
     conversion: ConversionOptions = field(default_factory=ConversionOptions)
     report: bool = False
     every_s: float | None = None
-    """Cuts every log into scenarios of this length [s]."""
+    """[s] Splits every log into scenarios of this length."""
     workers: int = 1
     progress: Callable[[int, int, str], None] = _silent
-    """Called with how many of how many logs are done, and what became of the last one."""
+    """Called with the number of finished logs, the number of logs, and the result of the last one."""
 
 
 def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, order: BatchOptions) -> BatchResult:
-    """Writes the suite of all logs that can be converted; raises InputError if none can, or `out` cannot be written.
+    """Write the suite of all logs that can be converted; raises InputError if there is none or `out` cannot be written.
 
-    `out`, which must be new or empty, appears only at the end, whole.
+    `out`, which must be new or empty, appears only at the end, complete.
     """
     with atomic_folder(out) as draft:
         parts = draft / PARTS
@@ -94,7 +94,8 @@ def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, order: 
 
 
 def _tasks(logs: Sequence[LogSource], parts: Path, order: BatchOptions) -> tuple[list[ConversionTask], list[str]]:
-    """A task for every log, or for every window of every log; and the logs that cannot be cut, a sentence each."""
+    """Return a task for every log, or for every window of every log, and a sentence for each log that cannot be
+    split."""
     once, refused = _once(logs)
     tasks = [ConversionTask(i, log, order.conversion, order.report, parts / str(i)) for i, log in enumerate(once)]
     if order.every_s is None:
@@ -108,7 +109,7 @@ def _tasks(logs: Sequence[LogSource], parts: Path, order: BatchOptions) -> tuple
 
 
 def _once(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
-    """The logs without those given before, which are refused."""
+    """Return the logs without repetitions, and a sentence for each repetition."""
     once: dict[tuple[Path, TimeWindow | None], LogSource] = {}
     refused: list[str] = []
     for log in logs:
@@ -128,7 +129,7 @@ def _checked(
 
 
 def _failed(failure: WorkerFailure) -> str:
-    """A failure of one log in words; raises InputError for what concerns all of them: a full disk."""
+    """Describe the failure of one log; raises InputError for a failure that concerns all logs, such as a full disk."""
     if failure.kind is FailureKind.INPUT:
         raise InputError(failure.reason)
     return f"conversion failed: {failure.reason}"
@@ -147,12 +148,12 @@ def _answers(
 
 
 def _title(log: LogSource) -> str:
-    """The log in progress lines: the name of its file and its window."""
+    """Return the name of the log's file and its window, for progress lines."""
     return f"{log.path.name}, {describe_window(log)}" if log.window else log.path.name
 
 
 def _verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:
-    """`before`: ids of the logs that were done earlier; a suite has room for one of each."""
+    """Describe the result; `before` are the scenario ids of earlier logs, each of which may occur once in a suite."""
     if isinstance(answer, str):
         return "unusable"
     if answer.id in before:
@@ -164,7 +165,7 @@ def _verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:
 def _taken(
     outcome: ConvertedScenario, task: ConversionTask, draft: Path, before: Sequence[ConvertedScenario]
 ) -> ConvertedScenario | str:
-    """Moves a finished scenario and its network into the suite; a sentence if there is one of that name."""
+    """Move a finished scenario and its network into the suite; return a sentence if its id is taken."""
     if any(outcome.id == other.id for other in before):
         return prefix_with_log(task.log, f"expected logs of different names, found {outcome.id} twice")
     (draft / NETWORKS).mkdir(exist_ok=True)
@@ -174,7 +175,7 @@ def _taken(
 
 
 def _converted(task: ConversionTask) -> ConvertedScenario | str:
-    """In a worker: the scenario, or why there is none."""
+    """Worker process: return the scenario, or why there is none."""
     _quiet()
     try:
         return convert_log(task.log, task.folder, task.options, task.report)
@@ -183,7 +184,7 @@ def _converted(task: ConversionTask) -> ConvertedScenario | str:
 
 
 def _windows(task: ConversionTask) -> Windows | str:
-    """In a worker: the windows of a log, or why there are none."""
+    """Worker process: return the windows of a log, or why there are none."""
     _quiet()
     assert task.every_s is not None
     try:
@@ -193,5 +194,5 @@ def _windows(task: ConversionTask) -> Windows | str:
 
 
 def _quiet() -> None:
-    """SUMO and pyarrow write warnings to standard output, which belongs to our own results."""
+    """Redirect standard output to standard error: SUMO and pyarrow print warnings where our results go."""
     os.dup2(2, 1)

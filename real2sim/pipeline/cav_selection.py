@@ -1,4 +1,4 @@
-"""What the pipeline asks of a log before and between its steps."""
+"""Selection of the CAVs of a log, and checks and conversions between the steps of the pipeline."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,13 +16,13 @@ from real2sim.match import LaneMatch
 from real2sim.recording import ObserverView, RecordedTrack, Recording
 
 OFF_MAP_M = 30.0
-"""A vehicle further than this from every driving lane is off the map: wider than any car park beside a road."""
+"""[m] A vehicle further than this from every driving lane is off the map: wider than any car park beside a road."""
 OFF_MAP_SHARE = 0.5
-"""A map with more of the vehicles' points off it is that of another place (as `readers.v2xpnp` has it)."""
+"""A map with a larger share of the vehicles' points off it belongs to another place (as in `readers.v2xpnp`)."""
 
 
 def check_on_map(recording: Recording) -> None:
-    """Raises InputError if most of the log lies elsewhere than its map, saying how far."""
+    """Raise InputError if most of the log lies off its map."""
     gaps = _gaps(recording.map, _points(recording))
     if not len(gaps):
         return
@@ -35,14 +35,15 @@ def check_on_map(recording: Recording) -> None:
 
 
 def _points(recording: Recording) -> Float:
-    """Where vehicles were seen (N, 2) [m], at most ten times each."""
+    """Return positions of vehicles (N, 2) [m], at most ten per vehicle."""
     tracks = [track for view in recording.views for track in view.tracks if track.category.kind is Kind.VEHICLE]
     seen = [track.xy[track.valid_frames[:: max(len(track.valid_frames) // 10, 1)]] for track in tracks]
     return np.concatenate(seen) if seen else np.zeros((0, 2))
 
 
 def _gaps(map_: HdMap, xy: Float) -> Float:
-    """Distances (N,) [m] to the nearest driving lane; none without a lane: `build_network` refuses such a map."""
+    """Return distances (N,) [m] to the nearest driving lane; empty without a lane: `build_network` refuses such a
+    map."""
     lanes = [lane for lane in map_.lanes.values() if lane.kind is LaneKind.DRIVING and len(lane.centre) > 1]
     if not lanes or not len(xy):
         return np.zeros(0)
@@ -52,7 +53,7 @@ def _gaps(map_: HdMap, xy: Float) -> Float:
 
 
 def vehicle_trajectories(tracks: Sequence[RecordedTrack]) -> dict[str, Float]:
-    """x, y, yaw (T, 3) of all vehicles by id."""
+    """Return x, y, yaw (T, 3) of all vehicles by id."""
     vehicles = [track for track in tracks if track.category.kind is Kind.VEHICLE]
     return {track.id: np.column_stack((track.x, track.y, track.yaw)) for track in vehicles}
 
@@ -60,9 +61,10 @@ def vehicle_trajectories(tracks: Sequence[RecordedTrack]) -> dict[str, Float]:
 def select_cav_tracks(
     names: Sequence[str], cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> tuple[str, ...]:
-    """Tracks of the named observers or tracks; without names those of the source, else the one there longest.
+    """Return the tracks of the named observers or tracks; without names those of the source, else the one that is
+    present longest.
 
-    A name is one of an observer, a track or a scenario, in this order, or how only one of them begins.
+    A name is that of an observer, a track or a scenario actor, in this order, or a unique prefix.
     """
     if not names:
         return choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
@@ -72,7 +74,7 @@ def select_cav_tracks(
 def _track_of(
     name: str, cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> str:
-    """The id of the track of that name; raises InputError, naming what can be a CAV."""
+    """Return the id of the track of that name; raises InputError that lists the usable vehicles."""
     shown = make_scenario_names(tracks)
     exact = [cleaned.cavs[name]] if name in cleaned.cavs else [name] if name in shown else []
     exact = exact or [id_ for id_, text in shown.items() if text == name]
@@ -95,7 +97,7 @@ def describe_unused_cavs(
     tracks: Sequence[RecordedTrack],
     matches: Mapping[str, LaneMatch],
 ) -> tuple[str, ...]:
-    """A sentence for every CAV of the source that is none here although nobody named others."""
+    """Return a sentence for every CAV of the source that is not a CAV here, unless others were requested by name."""
     if names:
         return ()
     shown = make_scenario_names(tracks)
@@ -107,7 +109,7 @@ def describe_unused_cavs(
 
 
 def build_roadside_units(views: Sequence[ObserverView]) -> tuple[RoadsideUnit, ...]:
-    """Observers that are infrastructure, where their sensor is."""
+    """Return the observers that are infrastructure, at the position of their sensor."""
     found: list[RoadsideUnit] = []
     for view in views:
         if view.is_infrastructure and np.isfinite(view.pose[:, :2]).all(1).any():

@@ -1,4 +1,4 @@
-"""The results of all steps of one conversion as quality.json, and as findings for the report page."""
+"""Collects the results of all steps of one conversion for quality.json and for the report page."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,27 +27,27 @@ from real2sim.traffic_fidelity import TrafficFidelity
 
 @dataclass(frozen=True)
 class ConversionResults:
-    """What every step of one conversion gave."""
+    """Results of every step of one conversion."""
 
     id: str
     recording: Recording
     window_s: tuple[float, float] | None
     cleaned: CleanedRecording
     tracks: tuple[RecordedTrack, ...]
-    """Reconstructed."""
+    """Reconstructed tracks."""
     network: NetworkReport
     roads: RoadMap
     matches: Mapping[str, LaneMatch]
     quality: ReconstructionQuality
     fitted: FittedTraffic
     closeness: TrafficFidelity
-    """Of reactive traffic, whatever the mode."""
+    """Fidelity of reactive traffic, whatever the mode."""
     notes: tuple[str, ...]
-    """What was passed over on the way; those of the reader stand in `recording`."""
+    """What the conversion had to omit; the reader's notes are in `recording`."""
 
     @property
     def targets(self) -> tuple[FidelityTarget, ...]:
-        """All figures that have a target."""
+        """All figures with a target."""
         broken = [track.id for track in self.tracks if not track.parked and _broken(self.matches.get(track.id))]
         return (
             *build_reconstruction_targets(self.quality),
@@ -67,7 +67,7 @@ def _broken(match: LaneMatch | None) -> bool:
 
 
 def build_quality_file(steps: ConversionResults) -> QualityFile:
-    """The content of quality.json."""
+    """Return the content of quality.json."""
     return QualityFile(
         scenario=steps.id,
         source=steps.recording.source,
@@ -89,7 +89,7 @@ def build_quality_file(steps: ConversionResults) -> QualityFile:
 
 
 def build_findings(steps: ConversionResults) -> ConversionFindings:
-    """The same for the report page."""
+    """Return the same results for the report page."""
     return ConversionFindings(
         id=steps.id,
         recording=steps.recording,

@@ -1,4 +1,4 @@
-"""One log of any source is converted into a draft of a suite, or cut into windows."""
+"""Converts one log of any source into the draft of a suite, or splits it into windows."""
 
 import math
 import re
@@ -20,25 +20,25 @@ from real2sim.source_scene import SourceScene
 BUCKETS = {"v2xpnp": "V2XPnP"}
 CATEGORY = "real2sim"
 LONGEST_S = 60.0
-"""Longer logs need a window: an episode is a matter of seconds."""
+"""[s] Longer logs need a window: an episode lasts seconds."""
 LEAST_S = 2.0
-"""Shorter logs pass without being asked much: turns are measured within a second, traffic against the log after one
+"""[s] Shorter logs would pass almost unchecked: turns are measured within one second, traffic against the log after one
 and two seconds."""
 PROPOSED_S = 20.0
 
 
 @dataclass(frozen=True)
 class ConvertedScenario:
-    """A scenario of the draft, and what is told about it at the end."""
+    """A scenario of the draft and what the final report says about it."""
 
     id: str
     misses: tuple[str, ...]
     index_row: IndexRow | None
-    """Of the index of pages, if there are any."""
+    """Row of the index page, if pages are written."""
 
 
 def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool) -> ConvertedScenario:
-    """Writes DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError, one sentence that names the log."""
+    """Write DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError with one sentence that names the log."""
     try:
         recording = crop_recording(str(log.path), read_log(log), log.window)
         _check_length(recording)
@@ -54,7 +54,7 @@ def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool
 
 
 def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]:
-    """Windows of that length [s], one after another; a rest shorter than half of it or `LEAST_S` belongs to none."""
+    """Return consecutive windows of that length [s]; a remainder shorter than half of it or `MIN_LOG_S` is dropped."""
     try:
         recording = crop_recording(str(log.path), read_log(log), log.window)
     except InputError as error:
@@ -94,7 +94,7 @@ def _scene(recording: Recording, window: TimeWindow | None) -> SourceScene:
 
 
 def make_scenario_id(log: str, window: TimeWindow | None) -> str:
-    """The id of the log in the characters of an identifier, with its window."""
+    """Return the id of the log in the characters of an identifier, with its window."""
     part = f"_{window[0]:g}-{window[1]:g}s" if window else ""
     plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", log).lstrip("_.+-") or "log"
     return plain[: 80 - len(part)] + part

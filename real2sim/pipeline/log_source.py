@@ -1,4 +1,4 @@
-"""Logs of all sources: which file or folder, and how it is read. A reader is imported when it is used."""
+"""Logs of all sources: their files and readers. A reader is imported when it is used."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from real2sim.recording import Recording
 
 @dataclass(frozen=True)
 class LogSource:
-    """One log: where it is, and how it is to be read."""
+    """One log: its file or folder and the options of its reader."""
 
     source: str
     path: Path
@@ -22,7 +22,7 @@ class LogSource:
 
 
 def read_log(log: LogSource) -> Recording:
-    """Reads the whole log; raises InputError, also where a package of the extra `convert` is missing."""
+    """Read the whole log; raises InputError, also if a package of the extra `convert` is missing."""
     try:
         return READERS[log.source](log)
     except ModuleNotFoundError as error:
@@ -73,15 +73,15 @@ READERS: dict[str, Callable[[LogSource], Recording]] = {
     "argoverse2": _argoverse2,
     "interaction": _interaction,
 }
-"""By the name of the source. Each needs packages of the extra `convert`: that is why they are imported so late."""
+"""By name of the source. Each reader needs packages of the extra `convert`, so it is imported on use."""
 
 
 def prefix_with_log(log: LogSource, sentence: str) -> str:
-    """A sentence about a log, with its path and window."""
+    """Return a sentence with the path and the window of the log."""
     text = sentence if str(log.path) in sentence else f"{log.path}: {sentence}"
     return f"{text} ({describe_window(log)})" if log.window else text
 
 
 def describe_window(log: LogSource) -> str:
-    """Which window of the log, in words; "" for all of it."""
+    """Describe the window of the log; "" for the whole log."""
     return f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""

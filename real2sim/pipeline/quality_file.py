@@ -1,6 +1,6 @@
-"""quality.json: how faithful one scenario of a suite is to its log, beside its scenario.json.
+"""quality.json: fidelity of one scenario to its log, stored beside its scenario.json.
 
-No wall clock, no paths: the same log and options give the same bytes.
+It contains no wall-clock times and no paths: the same log and options give the same bytes.
 """
 
 from pathlib import Path
@@ -34,7 +34,7 @@ class CleaningChange(_Part):
 
 
 class CleaningFigures(_Part):
-    """What cleaning changed."""
+    """Changes made by cleaning."""
 
     counts: dict[str, int]
     """Changes by reason."""
@@ -42,7 +42,7 @@ class CleaningFigures(_Part):
 
 
 class NetworkFigures(_Part):
-    """What became of the map."""
+    """The network compared with the map of the source."""
 
     name: str
     checksum: str
@@ -53,7 +53,7 @@ class NetworkFigures(_Part):
     connections: int
     left_hand: bool
     inverted: tuple[str, ...]
-    """Lanes that were turned round by the vote."""
+    """Lanes whose direction the vote of observed motion reversed."""
     undecided: tuple[str, ...]
     links_dropped: tuple[tuple[str, str], ...]
     links_added: tuple[tuple[str, str], ...]
@@ -62,14 +62,14 @@ class NetworkFigures(_Part):
     centre_mean_m: float
     centre_p95_m: float
     centre_max_m: float
-    """Source against network, and back: the worse of both."""
+    """The worse of source against network and network against source."""
     default_widths: int
     default_speeds: int
     signalled: tuple[str, ...]
 
 
 class TrackRoleEntry(_Part):
-    """What one track became."""
+    """Disposition of one track."""
 
     track: str
     name: str
@@ -79,7 +79,7 @@ class TrackRoleEntry(_Part):
 
 
 class QualityFile(_Part):
-    """The file."""
+    """Content of quality.json."""
 
     format: Literal["mdrive-sumo/quality/1"] = "mdrive-sumo/quality/1"
     scenario: str
@@ -93,7 +93,7 @@ class QualityFile(_Part):
     network: NetworkFigures
     fidelity: ReconstructionQuality
     by_sumo: int
-    """Of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
+    """Part of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
     fit: tuple[TrackRoleEntry, ...]
     closeness: TrafficFidelity
     targets: tuple[FidelityTarget, ...]
@@ -104,12 +104,12 @@ class QualityFile(_Part):
 
 
 def save_quality(quality: QualityFile, folder: Path) -> None:
-    """Writes `quality.json` into the scenario's folder."""
+    """Write `quality.json` into the scenario's folder."""
     (folder / QUALITY_FILE).write_text(quality.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def load_quality(path: Path) -> QualityFile:
-    """Reads one file; raises InputError."""
+    """Read one quality.json; raises InputError."""
     try:
         return QualityFile.model_validate_json(path.read_bytes())
     except OSError as error:
@@ -119,7 +119,7 @@ def load_quality(path: Path) -> QualityFile:
 
 
 def load_qualities(suite: Path) -> tuple[QualityFile, ...]:
-    """Those of all scenarios of a suite, by id; raises InputError if there is none."""
+    """Read the quality.json of all scenarios of a suite, sorted by id; raises InputError if there is none."""
     if not suite.is_dir():
         raise InputError(f"{suite}: expected a suite folder, found none")
     paths = sorted(suite.glob(f"*/{QUALITY_FILE}"), key=lambda path: natural_sort_key(path.parent.name))

@@ -1,4 +1,4 @@
-"""A log becomes a scenario: cleaned, put on a network of its map, reconstructed, made reactive, and measured."""
+"""Builds a scenario from a log: cleaning, network of its map, reconstruction, reactive traffic, measurement."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,18 +36,18 @@ NETWORKS = "networks"
 
 @dataclass(frozen=True)
 class ConversionOptions:
-    """What the user wants of the traffic."""
+    """Options for the traffic of a scenario."""
 
     mode: BackgroundMode = "reactive"
     cavs: tuple[str, ...] = ()
-    """Names of observers or tracks; (): those of the source, else one is chosen."""
+    """Names of observers or tracks; (): the CAVs of the source, else one is chosen."""
     window_s: tuple[float, float] | None = None
-    """What part of the log the scene is, for the report."""
+    """The part of the log that the scene covers, for the report."""
 
 
 @dataclass(frozen=True)
 class BuiltScenario:
-    """A scenario and what there is to say about it."""
+    """A scenario with its figures and its findings for the report."""
 
     scenario: Scenario
     quality: QualityFile
@@ -57,7 +57,8 @@ class BuiltScenario:
 def build_scenario(
     scene: SourceScene, suite: Path, wish: ConversionOptions, network: NetworkReport | None = None
 ) -> BuiltScenario:
-    """Builds the network SUITE/networks/<scene id>, unless one is given, and the scenario on it; raises InputError.
+    """Build the scenario on SUITE/networks/<scene id>, which is built first unless `network` is given; raises
+    InputError.
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
     """
@@ -112,7 +113,7 @@ def _assessed(
 
 
 def _reactive(scenario: Scenario) -> Scenario:
-    """The same with reactive traffic, whatever was asked for: poses of the log are always close to the log."""
+    """Return the scenario with reactive traffic whatever the mode: replayed poses are always close to the log."""
     background = scenario.background.model_copy(update={"mode": "reactive"})
     return scenario.model_copy(update={"background": background})
 

@@ -1,4 +1,4 @@
-"""How faithful a suite is: the figures of all its quality.json in one table, and which of them miss their target."""
+"""Fidelity of a suite: the figures of all its quality.json files in one table, and the missed targets."""
 
 from collections.abc import Callable, Sequence
 from statistics import median
@@ -23,7 +23,7 @@ LEGEND = (
 
 
 class FidelityRow(BaseModel):
-    """The figures of one scenario, or of all together."""
+    """Figures of one scenario, or of all together."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -41,16 +41,16 @@ class FidelityRow(BaseModel):
     median_at_5s: float | None
     worst_at_5s: float | None
     collisions: int
-    """Pairs of reconstructed boxes that overlap after the start, mostly so in the log; no target."""
+    """Pairs of reconstructed boxes that overlap after the start, mostly as in the log; no target."""
     contacts: int
-    """Pairs of background vehicles that overlap in SUMO but not in the log; there is no target for them."""
+    """Pairs of background vehicles that overlap in SUMO but not in the log; no target."""
     order_kept: int
     order_pairs: int
     passed: bool
 
 
 class FidelitySummary(BaseModel):
-    """A suite in figures."""
+    """Figures of a suite."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -62,7 +62,7 @@ class FidelitySummary(BaseModel):
 
 
 def summarize_suite(qualities: Sequence[QualityFile]) -> FidelitySummary:
-    """Aggregates at least one quality.json."""
+    """Aggregate at least one quality.json."""
     lines = tuple(map(_line, qualities))
     misses: dict[str, dict[str, str]] = {}
     for quality in qualities:

@@ -3,7 +3,7 @@
 from real2sim.quality.reconstruction_quality import (
     CHECKS,
     COLLISION_SLACK_M,
-    SCRIPTED,
+    SCRIPTED_CATEGORIES,
     ReconstructedLog,
     ReconstructionQuality,
     assess_reconstruction,
@@ -12,7 +12,7 @@ from real2sim.quality.reconstruction_quality import (
 __all__ = [
     "CHECKS",
     "COLLISION_SLACK_M",
-    "SCRIPTED",
+    "SCRIPTED_CATEGORIES",
     "ReconstructedLog",
     "ReconstructionQuality",
     "assess_reconstruction",

@@ -1,4 +1,4 @@
-"""Figures of one trajectory: MDrive's fidelity metrics (spec data_formats.md section 3.1), one number each."""
+"""Figures of one trajectory: MDrive's fidelity metrics (spec data_formats.md section 3.1)."""
 
 from collections.abc import Callable
 
@@ -14,17 +14,20 @@ from real2sim.tracks.stationary import has_moved
 
 OFF_ROUTE_M = 3.0
 LEEWAY_M = 0.3
-"""By how much a reconstruction may differ from the log (issue C): lanes are asked for where the log is so much inside.
+"""[m] Allowed difference between reconstruction and log (issue C): lane checks apply where the log is inside by this
+much.
 
-A log that is itself further off shows a car park, a driveway, a road that the map leaves out. To be on a lane there
-would be unfaithful; these frames are counted and listed as outside."""
+Where the log itself is further off, it shows a car park, a driveway or a road that the map lacks, and a reconstruction
+on a lane would be unfaithful; these frames are counted and listed as outside.
+"""
 HALF_LANE_M = 1.75
-"""Who is further from the centre line of a usual lane is beside it: parked at the kerb, waiting in a gateway."""
+"""[m] Further from the centre line of a usual lane, a vehicle is beside the lane: parked at the kerb or in a
+gateway."""
 CROSSING_M = 5.0
-"""Ours: about a car length against a lane is crossing it, not driving in it."""
+"""[m] Ours: about a car length against a lane is crossing it, not driving in it."""
 CROSSING_RAD = float(np.radians(20.0))
-"""Ours: so is longer, if it goes that slantwise: a lane 3.5 m wide is behind it within 10 m. Lane changes take 3 s and
-more: 5 degrees in a street, hardly 10 at walking pace."""
+"""[rad] Ours: a longer path at this angle to the lane is crossing too: it leaves a 3.5 m lane within 10 m. Lane changes
+take 3 s and more: 5 degrees in a street, at most 10 at walking pace."""
 WRONG_WAY_RAD = float(np.radians(90.0))
 
 
@@ -62,7 +65,7 @@ class ActorQuality(BaseModel):
     share_within_1m: float | None = None
     share_within_05m: float | None = None
     outside_frames: int | None = None
-    """Where the log itself is off all lanes (`LEEWAY_M`); the other figures of lanes leave these frames out."""
+    """Frames in which the log itself is off all lanes (`LEEWAY_M`); the other lane figures exclude them."""
     off_route_frames: int | None = None
     wrong_way_frames: int | None = None
     spawn_offset: float | None = None
@@ -79,12 +82,12 @@ class ActorQuality(BaseModel):
 def compute_actor_quality(
     track: RecordedTrack, dt_s: float, raw: RecordedTrack | None = None, lanes: LaneSegmentIndex | None = None
 ) -> ActorQuality:
-    """All figures of one track; against `raw` where both are there, against the lanes if it is a vehicle."""
-    figures = _motion_figures(track, dt_s)
+    """Return all figures of one track; errors need `raw`, lane figures need `lanes` and a vehicle."""
+    figures = _compute_motion_figures(track, dt_s)
     if raw is not None:
-        figures |= _error_figures(track, raw)
+        figures |= _compute_error_figures(track, raw)
     if lanes is not None and track.category.kind is Kind.VEHICLE:
-        figures |= _lane_figures(track, raw, lanes)
+        figures |= _compute_lane_figures(track, raw, lanes)
     return ActorQuality(
         id=track.id,
         category=track.category.value,
@@ -95,8 +98,8 @@ def compute_actor_quality(
     )
 
 
-def _motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, float | int | None]:
-    """Over all stretches without a gap, together."""
+def _compute_motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, float | int | None]:
+    """Compute the figures over all stretches without a gap, together."""
     xy, yaw, stretches = track.xy, track.yaw, kinematics.find_runs(track.valid)
 
     def every(of: Callable[[slice], Float]) -> Float:
@@ -114,27 +117,27 @@ def _motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, float | int 
         "jumps_1m": int((jump > 1.0).sum()),
         "jumps_2m": int((jump > 2.0).sum()),
         "jump_mean": _mean(jump),
-        "jump_max": _most(jump),
+        "jump_max": _max(jump),
         "jerk_mean": _mean(jerk),
         "jerk_p95": float(np.percentile(jerk, 95)) if len(jerk) else 0.0,
-        "jerk_max": _most(jerk),
+        "jerk_max": _max(jerk),
         "frames_over_jerk": int((jerk > 5.0).sum()),
         "acceleration_mean": _mean(acceleration),
-        "acceleration_max": _most(acceleration),
+        "acceleration_max": _max(acceleration),
         "frames_over_acceleration": int((acceleration > 6.0).sum()),
         "speed_mean": _mean(speed),
-        "speed_max": _most(speed),
+        "speed_max": _max(speed),
         "frames_over_speed": int((speed > 30.0).sum()),
-        "yaw_step_max_deg": _most(turned),
+        "yaw_step_max_deg": _max(turned),
         "yaw_second_max_deg": float(
             np.degrees(max((kinematics.max_yaw_change(yaw[run], second) for run in stretches), default=0.0))
         ),
         "curvature_spread": float(bends.std()) if len(bends) else None,
-        "backward_max": _most(every(lambda run: kinematics.backward_distances(xy[run], yaw[run]))),
+        "backward_max": _max(every(lambda run: kinematics.backward_distances(xy[run], yaw[run]))),
     }
 
 
-def _error_figures(track: RecordedTrack, raw: RecordedTrack) -> dict[str, float | int | None]:
+def _compute_error_figures(track: RecordedTrack, raw: RecordedTrack) -> dict[str, float | int | None]:
     both = track.valid & raw.valid
     if not both.any():
         return {}
@@ -155,13 +158,14 @@ def _error_figures(track: RecordedTrack, raw: RecordedTrack) -> dict[str, float 
 
 
 def position_errors(track: RecordedTrack, raw: RecordedTrack) -> Float:
-    """Distance [m] between reconstructed and raw at every frame that both have."""
+    """Return the distance [m] between reconstructed and raw position at every frame that both have."""
     both = track.valid & raw.valid
     return kinematics.magnitude((track.xy - raw.xy)[both])
 
 
 def compute_dtw_distance(first: Float, second: Float, band: int = 5) -> float:
-    """Dynamic-time-warping distance [m] of two paths (N, 2) of equal length, within `band` frames of the diagonal."""
+    """Return the dynamic-time-warping distance [m] of two paths (N, 2) of equal length, within `band` frames of the
+    diagonal."""
     n = len(first)
     width = 2 * band + 1
     best = np.zeros(width)
@@ -182,10 +186,11 @@ def compute_dtw_distance(first: Float, second: Float, band: int = 5) -> float:
     return float(best[band]) if n else 0.0
 
 
-def _lane_figures(
+def _compute_lane_figures(
     track: RecordedTrack, raw: RecordedTrack | None, lanes: LaneSegmentIndex
 ) -> dict[str, float | int | None]:
-    """Of the frames in which the log is on the map; the mean offset of those in which it is in a lane."""
+    """Compute lane figures over the frames in which the log is on the map; the mean offset over those in which it is in
+    a lane."""
     there = track.valid
     xy, yaw = track.xy[there], track.yaw[there]
     log = xy if raw is None else np.where(raw.valid[there, None], raw.xy[there], xy)
@@ -205,7 +210,7 @@ def _lane_figures(
         "share_within_1m": float((offset <= 1.0).mean()),
         "share_within_05m": float((offset <= 0.5).mean()),
         "off_route_frames": int((offset > OFF_ROUTE_M).sum()),
-        "wrong_way_frames": _wrong_way((away > WRONG_WAY_RAD) & (offset <= OFF_ROUTE_M), xy, away),
+        "wrong_way_frames": _count_wrong_way_frames((away > WRONG_WAY_RAD) & (offset <= OFF_ROUTE_M), xy, away),
         "spawn_offset": float(offset[0]),
         "spawn_yaw_offset_deg": float(np.degrees(away[0])),
     }
@@ -215,12 +220,12 @@ def _mean(values: Float) -> float:
     return float(values.mean()) if len(values) else 0.0
 
 
-def _most(values: Float) -> float:
+def _max(values: Float) -> float:
     return float(values.max()) if len(values) else 0.0
 
 
-def _wrong_way(against: Bool, xy: Float, away: Float) -> int:
-    """Frames in which it drives against the lanes, crossings left out."""
+def _count_wrong_way_frames(against: Bool, xy: Float, away: Float) -> int:
+    """Count the frames in which the vehicle drives against the lanes, without crossings."""
     step = np.append(kinematics.step_lengths(xy), 0.0)
     back, across = -step * np.cos(away), step * np.sin(away)
     frames = 0

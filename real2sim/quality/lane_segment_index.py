@@ -1,4 +1,4 @@
-"""Where trajectories lie on the lanes of a map: lateral offset, off-route and wrong-way frames."""
+"""Position of trajectories relative to the lanes of a map: lateral offset, off-route and wrong-way frames."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,18 +9,19 @@ import shapely
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 
 SAME_LANE_M = 3.0
-"""Lanes this near are as good as the nearest (further is off the route): in a junction all directions overlap."""
+"""[m] Lanes this near are treated like the nearest one (further is off the route): in a junction all directions
+overlap."""
 ALMOST_M = 0.25
-"""A lane this much further away than the nearest one counts as near too."""
+"""[m] A lane this much further away than the nearest one counts as near too."""
 USUAL_WIDTH_M = 3.5
-"""Of the lanes that the distances of MDrive's checks are meant for; in a wider lane they count from further out."""
+"""[m] Lane width that the distances of MDrive's checks assume; in a wider lane they count from further out."""
 OUTSIDE_M = 10.0
-"""Further from all lanes there is no map: parking lots, streets that the source leaves out."""
+"""[m] Further from all lanes there is no map: parking lots, streets that the source leaves out."""
 
 
 @dataclass(frozen=True)
 class LaneSegmentIndex:
-    """Segments of all lanes in a spatial index. `lane` numbers the lines as they were given."""
+    """Spatial index of the segments of all lanes. `lane` is the index of the centre line."""
 
     starts: Float
     """(S, 2) [m]"""
@@ -36,7 +37,8 @@ class LaneSegmentIndex:
     def from_centre_lines(
         cls, lines: Iterable[Float], directed: Iterable[bool], widths: Iterable[float] | None = None
     ) -> "LaneSegmentIndex":
-        """Index of centre lines (N, 2) [m] and lane widths [m]; a `directed` line runs in the direction of travel."""
+        """Return the index of centre lines (N, 2) [m] with lane widths [m]; a `directed` line runs in the direction of
+        travel."""
         lines, flags = [np.asarray(line, dtype=np.float64)[:, :2] for line in lines], list(directed)
         starts = np.concatenate([line[:-1] for line in lines] or [np.zeros((0, 2))])
         ends = np.concatenate([line[1:] for line in lines] or [np.zeros((0, 2))])
@@ -48,7 +50,8 @@ class LaneSegmentIndex:
         return cls(starts, ends - starts, lane, np.repeat(np.array(flags, dtype=np.bool_), counts), wider, tree)
 
     def is_outside(self, xy: Float) -> Bool:
-        """Which points (N, 2) the map does not cover: far from all lanes, or beyond the open end of the nearest one."""
+        """Return a mask (N,): points (N, 2) that the map does not cover, far from all lanes or beyond the open end of
+        the nearest one."""
         if not len(self.starts) or not len(xy):
             return np.ones(len(xy), dtype=np.bool_)
         point, segment = self.tree.query_nearest(shapely.points(xy), all_matches=False)
@@ -61,9 +64,10 @@ class LaneSegmentIndex:
         return result & (self.offsets(xy) > USUAL_WIDTH_M / 2) | (self.offsets(xy) > OUTSIDE_M)
 
     def offsets(self, xy: Float) -> Float:
-        """Distance (N,) [m] of points (N, 2) from the nearest centre line; infinite without any lane.
+        """Return distances (N,) [m] of points (N, 2) from the nearest centre line; infinite without any lane.
 
-        In a lane wider than usual it counts from further out, so that the edge of every lane is as far away.
+        In a lane wider than usual the distance counts from further out, so that the edge of every lane is equally far
+        away.
         """
         distance = np.full(len(xy), np.inf)
         if len(self.starts) and len(xy):
@@ -72,9 +76,9 @@ class LaneSegmentIndex:
         return distance
 
     def heading_deviations(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:
-        """Angle (N,) [rad] between a heading and the best aligned directed lane near each point; 0 without one.
+        """Return angles (N,) [rad] between a heading and the best aligned directed lane near each point; 0 without one.
 
-        Near are all lanes within `SAME_LANE_M`, and the nearest one with those `ALMOST_M` behind it.
+        Near are all lanes within `SAME_LANE_M`, and those at most `ALMOST_M` further away than the nearest one.
         """
         nearest = self.offsets(xy) if offsets is None else offsets
         reach = np.where(np.isfinite(nearest), np.maximum(nearest + ALMOST_M, SAME_LANE_M), 0.0)

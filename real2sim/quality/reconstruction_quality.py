@@ -1,7 +1,7 @@
-"""How faithful a conversion is: the original's fidelity checks on every actor, and the figures of quality.json.
+"""Quality of a conversion: MDrive's fidelity checks on every actor, and the figures of quality.json.
 
-What is measured follows MDrive's list (spec data_formats.md section 3.1). A threshold named there is "MDrive", one of
-our issue "issue C"; where both are silent the threshold is "ours" and its reason stands beside it.
+The checks follow MDrive's list (spec data_formats.md section 3.1). The source of a threshold is "MDrive", "issue C" or,
+where both name none, "ours" with the reason.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ from real2sim.tracks import kinematics
 from real2sim.tracks.track_contacts import TrackContacts, find_contacts
 
 COLLISION_SLACK_M = 0.1
-"""Boxes of logs are annotated by hand: they count this much smaller on each side when two are said to collide."""
+"""Log boxes are annotated by hand, so each side is moved inwards by this before two boxes count as colliding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +31,10 @@ class QualityCheck:
     limit: float
     source: str
     applies_when_stationary: bool = True
-    """Whether it applies to what stands as well; the others ask for a path, or for lanes."""
+    """False for checks of the path or the lanes, which apply to moving actors only."""
 
     def is_failed_by(self, actor: ActorQuality) -> bool:
-        """Whether the actor exceeds the limit."""
+        """Return whether the actor exceeds the limit."""
         value = getattr(actor, self.figure)
         return value is not None and not value <= self.limit
 
@@ -64,17 +64,19 @@ CHECKS: tuple[QualityCheck, ...] = (
     QualityCheck("off_route_frames", 0, "MDrive: over 3 m from any lane", applies_when_stationary=False),
     QualityCheck("wrong_way_frames", 0, "issue C; MDrive: over 90 deg", applies_when_stationary=False),
 )
-"""Every threshold there is, with where it comes from."""
-WALKING = frozenset(("jumps_1m", "jerk_p95", "acceleration_max", "speed_max", "error_median", "error_p95", "dtw_mean"))
-"""Checks of people on foot: they turn on the spot and step back."""
+"""All thresholds with their sources."""
+PEDESTRIAN_CHECKS = frozenset(
+    ("jumps_1m", "jerk_p95", "acceleration_max", "speed_max", "error_median", "error_p95", "dtw_mean")
+)
+"""Checks that apply to pedestrians, who turn on the spot and step back."""
 
 
-SCRIPTED = frozenset((ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE))
-"""Walkers and cyclists: scripted actors, not bound to lanes."""
+SCRIPTED_CATEGORIES = frozenset((ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE))
+"""Pedestrians and cyclists become scripted actors, which are not bound to lanes."""
 
 
 class ReconstructionQuality(BaseModel):
-    """Figures of one converted log: quality.json. Moving vehicles, static things and walkers are told apart."""
+    """Figures of one converted log for quality.json, separately for moving vehicles, static objects and pedestrians."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -85,14 +87,14 @@ class ReconstructionQuality(BaseModel):
     moving_passed: int
     moving_passed_share: float
     failures: dict[str, int]
-    """How many moving vehicles fail each check."""
+    """Number of moving vehicles that fail each check."""
     static_things: int
     static_passed: int
     walkers: int
-    """Cyclists among them."""
+    """Cyclists included."""
     walkers_passed: int
     error_median: float | None
-    """Raw against reconstructed over all frames of all moving vehicles."""
+    """Raw against reconstructed positions over all frames of all moving vehicles."""
     error_p95: float | None
     jerk_p95: float
     """95th percentile over all frames of all moving vehicles."""
@@ -105,28 +107,28 @@ class ReconstructionQuality(BaseModel):
     least_distance: float | None
     close_frames: int
     lost: dict[str, str] = {}
-    """What cleaning left out altogether, of any kind (`CleaningReport.lost`), with the reason."""
+    """Tracks that cleaning removed, with the reason (`CleaningReport.lost`)."""
     off_map: dict[str, str] = {}
-    """Moving vehicles that the log shows off all lanes for a while: there lanes were not asked for."""
+    """Moving vehicles that the log itself shows off all lanes for some frames, in which lane checks do not apply."""
 
 
 def find_failed_checks(actor: ActorQuality) -> tuple[str, ...]:
-    """Names of the checks that the actor fails. Lanes bind only what moves: parked cars stand where they stand."""
+    """Return the names of the checks that the actor fails. Lane checks apply to moving actors only."""
     walking = actor.category == ObjectCategory.PEDESTRIAN
-    bound = [check for check in CHECKS if not walking or check.figure in WALKING]
+    bound = [check for check in CHECKS if not walking or check.figure in PEDESTRIAN_CHECKS]
     return tuple(
         check.figure for check in bound if (check.applies_when_stationary or actor.moving) and check.is_failed_by(actor)
     )
 
 
 def with_failed_checks(actor: ActorQuality) -> ActorQuality:
-    """The actor with its verdict."""
+    """Return the actor with `failed` filled in."""
     return actor.model_copy(update={"failed": find_failed_checks(actor)})
 
 
 @dataclass(frozen=True, slots=True)
 class ReconstructedLog:
-    """What there is to judge: reconstructed tracks and, by the same ids, the cleaned raw ones."""
+    """Input of the assessment: reconstructed tracks and, by the same ids, the cleaned raw tracks."""
 
     log: str
     dt_s: float
@@ -137,19 +139,19 @@ class ReconstructedLog:
 
 
 def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
-    """Judges every actor and the scene."""
+    """Check every actor and compute the figures of the scene."""
     dt_s, raw = converted.dt_s, converted.raw
     actors = tuple(
         with_failed_checks(compute_actor_quality(track, dt_s, raw.get(track.id), converted.lanes))
         for track in converted.tracks
     )
-    walkers = [actor for actor in actors if actor.category in SCRIPTED]
-    others = [actor for actor in actors if actor.category not in SCRIPTED]
+    walkers = [actor for actor in actors if actor.category in SCRIPTED_CATEGORIES]
+    others = [actor for actor in actors if actor.category not in SCRIPTED_CATEGORIES]
     moving = [actor for actor in others if actor.moving]
     static = [actor for actor in others if not actor.moving]
     movers = [track for track, actor in zip(converted.tracks, actors, strict=True) if actor in moving]
-    error = _joined([position_errors(track, raw[track.id]) for track in movers if track.id in raw])
-    jerk = _joined(
+    error = _concatenate([position_errors(track, raw[track.id]) for track in movers if track.id in raw])
+    jerk = _concatenate(
         [
             kinematics.jerk_magnitudes(track.xy[run], dt_s)
             for track in movers
@@ -161,25 +163,25 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
         frames=len(converted.tracks[0].valid) if converted.tracks else 0,
         actors=actors,
         moving_vehicles=len(moving),
-        moving_passed=_passed(moving),
-        moving_passed_share=_passed(moving) / len(moving) if moving else 1.0,
+        moving_passed=_count_passed(moving),
+        moving_passed_share=_count_passed(moving) / len(moving) if moving else 1.0,
         failures=dict(Counter(name for actor in moving for name in actor.failed)),
         static_things=len(static),
-        static_passed=_passed(static),
+        static_passed=_count_passed(static),
         walkers=len(walkers),
-        walkers_passed=_passed(walkers),
-        error_median=_percentile(error, 50),
-        error_p95=_percentile(error, 95),
-        jerk_p95=_percentile(jerk, 95) or 0.0,
+        walkers_passed=_count_passed(walkers),
+        error_median=_compute_percentile(error, 50),
+        error_p95=_compute_percentile(error, 95),
+        jerk_p95=_compute_percentile(jerk, 95) or 0.0,
         teleports=sum(actor.jumps_1m for actor in actors),
         wrong_way_frames=sum(actor.wrong_way_frames or 0 for actor in moving),
         lost=dict(converted.lost or {}),
-        off_map={actor.id: _off_map(actor) for actor in moving if actor.outside_frames},
-        **_named(find_contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
+        off_map={actor.id: _describe_off_map(actor) for actor in moving if actor.outside_frames},
+        **_contacts_by_id(find_contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
     )
 
 
-def _named(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
+def _contacts_by_id(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
     return {
         "collisions": tuple((ids[i], ids[j], n) for i, j, n in found.collisions),
         "spawn_overlaps": tuple((ids[i], ids[j]) for i, j in found.spawn_overlaps),
@@ -189,17 +191,17 @@ def _named(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _off_map(actor: ActorQuality) -> str:
+def _describe_off_map(actor: ActorQuality) -> str:
     return f"{actor.outside_frames} of {actor.frames} frames off all lanes of the map in the log itself"
 
 
-def _passed(actors: Sequence[ActorQuality]) -> int:
+def _count_passed(actors: Sequence[ActorQuality]) -> int:
     return sum(not actor.failed for actor in actors)
 
 
-def _joined(values: Sequence[Float]) -> Float:
+def _concatenate(values: Sequence[Float]) -> Float:
     return np.concatenate(values) if values else np.zeros(0)
 
 
-def _percentile(values: Float, share: float) -> float | None:
+def _compute_percentile(values: Float, share: float) -> float | None:
     return float(np.percentile(values, share)) if len(values) else None

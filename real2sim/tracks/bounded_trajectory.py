@@ -1,9 +1,9 @@
-"""The trajectory nearest to a log whose jerk and acceleration stay within bounds, exactly: a convex problem.
+"""The trajectory nearest to a log with bounded jerk and acceleration, as the solution of a convex problem.
 
-    minimise  sum of |p_k - z_k|²   with  |jerk| <= j,  |acceleration| <= a,  steps that stand = 0,  none backward
+minimise sum of |p_k - z_k|² with |jerk| <= j, |acceleration| <= a, standing steps = 0, no step backward
 
 Solved by the alternating direction method of multipliers (Boyd et al. 2011, section 5), one track at a time, with dense
-matrices: meant for the tracks that are not plausible once noise is gone (`smoothing` is for all at once).
+matrices: meant for the tracks that are still implausible after smoothing (`smoothing` handles all tracks at once).
 """
 
 from dataclasses import dataclass
@@ -14,77 +14,80 @@ import numpy as np
 from mdrive_sumo.core.geometry import Bool, Float
 from real2sim.tracks.kinematics import WINDOW, compute_derivative
 
-ITERATIONS, CHECKED = 400, 10
-"""At most so many steps; after every `CHECKED` it is seen whether the bounds hold."""
-HOLDS = 0.01
-"""... to this share of them, and steps to this share of `STEP_M`."""
+MAX_ITERATIONS, CHECK_INTERVAL = 400, 10
+"""Maximum number of iterations, and the number of iterations between two convergence checks."""
+RELATIVE_TOLERANCE = 0.01
+"""Convergence: bounds hold to this share of them, steps to this share of `STEP_M`."""
 STEP_M = 0.1
-RELAXED = 1.7
-"""Over-relaxation: 1.5 to 1.8 converges soonest (Boyd et al., section 3.4.3)."""
-STRENGTHS = (3000.0, 300.0, 30.0)
-"""Penalties of the method for jerk, acceleration and steps: they decide how soon it converges, not where to."""
-SOFT = 0.3
-"""Penalty of third differences, for what the window of the derivatives does not see."""
+RELAXATION = 1.7
+"""Over-relaxation; 1.5 to 1.8 converges fastest (Boyd et al., section 3.4.3)."""
+PENALTIES = (3000.0, 300.0, 30.0)
+"""Penalty parameters of the method for jerk, acceleration and steps: they affect the rate of convergence, not the
+result."""
+SMOOTHNESS = 0.3
+"""Penalty of third differences, for oscillations that the window of the derivatives does not cover."""
 
 
 @dataclass(frozen=True)
 class TrajectoryBounds:
-    """What a trajectory of T frames may do."""
+    """Bounds of a trajectory of T frames."""
 
     jerk: float
     """[m/s³]"""
     acceleration: float
     """[m/s²]"""
     still: Bool
-    """(T-1,) steps at which it stands."""
+    """(T-1,) steps without motion."""
     heading: Float | None = None
-    """(T-1,) [rad] steps do not go against it; None: they may go anywhere."""
+    """(T-1,) [rad] steps must not point against it; None: no restriction."""
 
 
 def fit_bounded_trajectory(xy: Float, bounds: TrajectoryBounds, dt_s: float) -> Float:
-    """Positions (T, 2) [m] nearest to xy (T, 2) [m] within the bounds; T > 7, else as they are."""
+    """Return the positions (T, 2) [m] nearest to xy (T, 2) [m] within the bounds; unchanged if T <= 7."""
     frames = len(xy)
     if frames <= WINDOW:
         return xy
-    rows, inverse, pull = _matrices(frames, bounds.jerk, bounds.acceleration, dt_s)
+    rows, inverse, pull = _build_matrices(frames, bounds.jerk, bounds.acceleration, dt_s)
     steps = len(rows) - (frames - 1)
-    free, p = _product(inverse, xy.T), xy.T
-    y = _allowed(_product(rows, p), steps, bounds)
+    free, p = _multiply(inverse, xy.T), xy.T
+    y = _project(_multiply(rows, p), steps, bounds)
     u = np.zeros_like(y)
-    for k in range(ITERATIONS):
-        p = free + _product(pull, y - u)
-        true = _product(rows, p)
-        if k % CHECKED == CHECKED - 1 and np.abs(true - y).max() < HOLDS:
+    for k in range(MAX_ITERATIONS):
+        p = free + _multiply(pull, y - u)
+        true = _multiply(rows, p)
+        if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 and np.abs(true - y).max() < RELATIVE_TOLERANCE:
             break
-        now = RELAXED * true + (1 - RELAXED) * y
-        y = _allowed(now + u, steps, bounds)
+        now = RELAXATION * true + (1 - RELAXATION) * y
+        y = _project(now + u, steps, bounds)
         u = u + now - y
     return p.T
 
 
 @lru_cache(maxsize=32)
-def _matrices(frames: int, jerk: float, acceleration: float, dt_s: float) -> tuple[Float, Float, Float]:
-    """What is bounded (N, T), in units of its bounds: jerk, acceleration, steps; and what one step solves with."""
+def _build_matrices(frames: int, jerk: float, acceleration: float, dt_s: float) -> tuple[Float, Float, Float]:
+    """Return the constrained quantities (N, T) in units of their bounds (jerk, acceleration, steps), and the matrices
+    of one iteration."""
     unit = np.eye(frames)
     blocks = [compute_derivative(unit, dt_s, order) / limit for order, limit in ((3, jerk), (2, acceleration))]
     blocks.append(np.diff(unit, axis=0) / STEP_M)
     most = [float(np.abs(block).sum(axis=1).max()) ** 2 for block in blocks]
     rows = np.concatenate(blocks)
-    scale = np.repeat([gain / size for gain, size in zip(STRENGTHS, most, strict=True)], [len(b) for b in blocks])
+    scale = np.repeat([gain / size for gain, size in zip(PENALTIES, most, strict=True)], [len(b) for b in blocks])
     third = np.diff(unit, n=3, axis=0)
     inverse = np.asarray(
-        np.linalg.inv(unit + SOFT * third.T @ third + rows.T @ (scale[:, None] * rows)), dtype=np.float64
+        np.linalg.inv(unit + SMOOTHNESS * third.T @ third + rows.T @ (scale[:, None] * rows)), dtype=np.float64
     )
     return rows, inverse, inverse @ (rows.T * scale)
 
 
-def _product(matrix: Float, vectors: Float) -> Float:
-    """Matrix (M, N) times vectors (2, N): (2, M). On one core: threads only wait for each other at this size."""
+def _multiply(matrix: Float, vectors: Float) -> Float:
+    """Multiply matrix (M, N) with vectors (2, N): (2, M). Single-threaded: at this size threads mostly wait for each
+    other."""
     return np.einsum("ij,kj->ki", matrix, np.ascontiguousarray(vectors))
 
 
-def _allowed(values: Float, steps: int, bounds: TrajectoryBounds) -> Float:
-    """Columns (2, N) moved to the nearest that is allowed: lengths up to 1, but from column `steps` on no way back."""
+def _project(values: Float, steps: int, bounds: TrajectoryBounds) -> Float:
+    """Project columns (2, N) onto the feasible set: length at most 1; from column `steps` on, no component backward."""
     size = np.hypot(values[0], values[1])
     size[steps:] = 1.0
     result = values / np.maximum(size, 1.0)

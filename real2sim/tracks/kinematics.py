@@ -1,8 +1,8 @@
-"""How a trajectory moves: steps, derivatives, jumps, yaw. Pure functions over positions at a fixed frame rate.
+"""Kinematics of a trajectory at a fixed frame rate: steps, derivatives, jumps, yaw changes.
 
-Positions at 10 Hz cannot be differenced three times plainly: 1 cm of noise alone gives 45 m/s³. Every derivative here
-is that of the cubic fitted by least squares to `WINDOW` frames (Savitzky, Golay 1964), taken at their middle. It is
-exact for motion of constant jerk, and 1 cm of noise gives 4 m/s³. Jumps need no derivative and have their own check.
+Third differences of positions at 10 Hz amplify noise too much: 1 cm of noise gives 45 m/s³. Every derivative here is
+that of the cubic fitted by least squares to `WINDOW` frames (Savitzky, Golay 1964), taken at their middle. It is exact
+for motion of constant jerk, and 1 cm of noise gives 4 m/s³. Jumps need no derivative and have their own check.
 """
 
 from math import factorial
@@ -15,19 +15,20 @@ from mdrive_sumo.core.geometry import Float, wrap_angles
 WINDOW = 7
 """Frames of the fit: 0.6 s at 10 Hz."""
 JUMP_WINDOW = 9
-"""Steps whose median tells how far a thing should have gone in one frame."""
+"""Number of steps whose median is the expected displacement per frame."""
 TURN_SPEED = 2.0
-"""[m/s] Below this the curvature of a path cannot be told from 10 Hz positions."""
+"""[m/s] Below this speed the curvature of a path cannot be estimated from 10 Hz positions."""
 
 
 def find_runs(valid: np.ndarray) -> list[slice]:
-    """Stretches of consecutive frames that are there: slices of the rows of `valid` (T,)."""
+    """Return the stretches of consecutive valid frames as slices of `valid` (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate(((0,), np.asarray(valid, dtype=np.int8), (0,)))))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def compute_derivative(values: Float, dt_s: float, order: int) -> Float:
-    """Derivative of values (N,) or (N, D) [unit/s^order], order 1 to 3: (max(N - 6, 0), ...), one row a full window."""
+    """Return the derivative of order 1 to 3 [unit/s^order] of values (N,) or (N, D): shape (max(N - 6, 0), ...), one
+    row per full window."""
     if len(values) < WINDOW:
         return np.zeros((0, *values.shape[1:]))
     offsets = np.arange(WINDOW) - WINDOW // 2
@@ -36,19 +37,19 @@ def compute_derivative(values: Float, dt_s: float, order: int) -> Float:
 
 
 def magnitude(values: Float) -> Float:
-    """Euclidean length of the rows of (N, 2)."""
+    """Return the Euclidean length of the rows of (N, 2)."""
     return np.hypot(values[:, 0], values[:, 1])
 
 
 def step_lengths(xy: Float) -> Float:
-    """Distance [m] between consecutive rows of xy (N, 2): (N-1,)."""
+    """Return the distances (N-1,) [m] between consecutive rows of xy (N, 2)."""
     return magnitude(np.diff(xy, axis=0))
 
 
 def jump_distances(xy: Float) -> Float:
-    """How far each step (N-1,) [m] lies off the median step around it: what motion does not explain.
+    """Return how far each step (N-1,) [m] deviates from the median step around it, which motion does not explain.
 
-    A car at 30 m/s moves 3 m a frame without jumping; braking with 8 m/s² it is off the median by at most 0.4 m.
+    A car at 30 m/s moves 3 m per frame without jumping; braking with 8 m/s² deviates from the median by at most 0.4 m.
     """
     moved = np.diff(xy, axis=0)
     half = JUMP_WINDOW // 2
@@ -60,22 +61,22 @@ def jump_distances(xy: Float) -> Float:
 
 
 def acceleration_magnitudes(xy: Float, dt_s: float) -> Float:
-    """Length of the acceleration vector [m/s²], along and across."""
+    """Return the magnitude of the acceleration vector [m/s²], longitudinal and lateral together."""
     return magnitude(compute_derivative(xy, dt_s, 2))
 
 
 def jerk_magnitudes(xy: Float, dt_s: float) -> Float:
-    """Length of the jerk vector [m/s³], along and across."""
+    """Return the magnitude of the jerk vector [m/s³], longitudinal and lateral together."""
     return magnitude(compute_derivative(xy, dt_s, 3))
 
 
 def yaw_steps(yaw: Float) -> Float:
-    """Absolute change of yaw from frame to frame [rad]."""
+    """Return the absolute change of yaw [rad] from frame to frame."""
     return np.abs(wrap_angles(np.diff(yaw)))
 
 
 def max_yaw_change(yaw: Float, frames: int) -> float:
-    """Largest absolute change of yaw [rad] over `frames` frames, turned ones included (more than pi is possible)."""
+    """Return the largest change of the unwrapped yaw [rad] within `frames` frames; it can exceed pi."""
     turned = np.unwrap(yaw)
     if len(turned) < 2:
         return 0.0
@@ -84,13 +85,13 @@ def max_yaw_change(yaw: Float, frames: int) -> float:
 
 
 def backward_distances(xy: Float, yaw: Float) -> Float:
-    """How far each step (N-1,) [m] goes against the heading of the box; 0 where it goes forward."""
+    """Return how far each step (N-1,) [m] goes against the heading of the box; 0 for forward steps."""
     moved = np.diff(xy, axis=0)
     return np.maximum(-(moved[:, 0] * np.cos(yaw[:-1]) + moved[:, 1] * np.sin(yaw[:-1])), 0.0)
 
 
 def curvature_changes(xy: Float, dt_s: float) -> Float:
-    """Change of the path's curvature from frame to frame [1/m] where it is faster than `TURN_SPEED`."""
+    """Return the frame-to-frame changes of the path's curvature [1/m] where the speed exceeds `TURN_SPEED`."""
     velocity, acceleration = compute_derivative(xy, dt_s, 1), compute_derivative(xy, dt_s, 2)
     speed = magnitude(velocity)
     cross = velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]
@@ -100,7 +101,8 @@ def curvature_changes(xy: Float, dt_s: float) -> Float:
 
 
 def compute_turn(xy: Float, least_m: float = 2.0) -> float:
-    """Change of direction [rad] from leaving the first place by `least_m` to coming that near to the last; else 0."""
+    """Return the change of direction [rad] between leaving the first position by `least_m` and coming that near to the
+    last; 0 for a path that stays within `least_m`."""
     away, left = magnitude(xy - xy[0]) >= least_m, magnitude(xy - xy[-1]) >= least_m
     if not away.any() or not left.any():
         return 0.0

@@ -1,9 +1,11 @@
-"""Reconstruction: cleaned tracks become smooth, dynamically plausible trajectories that stay close to them.
+"""Reconstruction: cleaned tracks become smooth, dynamically plausible trajectories close to the log.
 
-Position: least squares with a soft penalty on jerk (`smoothing`); what is not plausible then becomes the nearest
-trajectory of bounded jerk and acceleration (`bounded`). Standing is exactly so, vehicles do not roll back.
-Heading of vehicles: that of a car whose rear axle follows (`HITCH`), so it can neither flip
-nor slide; a box seen turning lags the course of its centre by just that.
+Positions: least squares with a soft penalty on jerk (`smoothing`); a track that is still implausible becomes the
+nearest trajectory of bounded jerk and acceleration (`bounded_trajectory`). Standstill is exact, and vehicles do not
+roll back.
+
+Heading of vehicles: that of a car whose rear axle follows its centre (`HITCH`), so that it can neither flip nor slide;
+the yaw of a turning box lags behind its course in the same way.
 """
 
 from collections.abc import Sequence
@@ -19,37 +21,39 @@ from real2sim.tracks.kinematics import WINDOW, acceleration_magnitudes, find_run
 from real2sim.tracks.smoothing import smooth_positions
 from real2sim.tracks.stationary import hold_still
 
-SOFT = 0.3
-"""Penalty of jerk: it cuts motion faster than 2 Hz, which no road user has."""
-CALM = 100.0
-"""Penalty that leaves motion slower than 0.7 Hz: where something was, apart from noise."""
+JERK_PENALTY = 0.3
+"""Suppresses motion faster than 2 Hz, which no road user has."""
+CALM_PENALTY = 100.0
+"""Keeps motion slower than 0.7 Hz: the position without noise."""
 JERK_P95, JERK_MAX, ACCELERATION_MAX = 4.7, 15.0, 5.8
-"""[m/s³], [m/s²] A trajectory that exceeds one is rough. Fidelity asks for 5 (95th percentile) and 6."""
+"""[m/s³], [m/s²] A trajectory that exceeds one of these is rough. The fidelity targets are 5 (95th percentile) and
+6."""
 JERK_BOUND, ACCELERATION_BOUND = 4.6, 5.7
-"""[m/s³], [m/s²] What rough ones are bound to, at every frame."""
+"""[m/s³], [m/s²] Bounds of a rough trajectory, at every frame."""
 ERROR_MEDIAN, ERROR_P95 = 0.3, 1.0
-"""[m] No smoother than that: what fidelity asks for."""
+"""[m] Limits of the fidelity targets: no smoother trajectory than these allow."""
 STAND_SPEED = 0.25
-"""[m/s] Slower than this over `STAND_S` is standing."""
+"""[m/s] Slower than this over `STAND_S` is a standstill."""
 STAND_S = 1.0
 CREEP_M = 0.6
 BRAKING_S = 0.6
-"""So much of a standstill may be taken from either end by braking and driving off, if else they were too hard."""
+"""[s] Time that braking and driving off may take from either end of a standstill if they would be too hard
+otherwise."""
 TIE = 1e7
 OUTLIER_M = 0.5
-ROUNDS = 6
-"""Solutions until no vehicle rolls back any more; what is left then is held by hand."""
+MAX_ROUNDS = 6
+"""Maximum number of solutions until no vehicle rolls back; remaining backward steps are then set to zero."""
 HITCH = 0.28
-"""Distance from the box centre to the rear axle as a share of the length."""
+"""Distance from the box centre to the rear axle, as a share of the length."""
 SHORTEST_FRAMES = 4
 FIRST_M, FIRST_RAD = 1.0, float(np.radians(20.0))
-"""A car that drives off may be turned from the course of its centre, but not by more."""
+"""Largest angle between the box and the course over the first metre after driving off."""
 ACROSS_RAD = float(np.radians(45.0))
 
 
 @dataclass(frozen=True)
 class _Batch:
-    """Stretches without gaps, stacked: arrays (K, T, ...), padded at the end with frames of no weight."""
+    """Stretches without gaps, stacked: arrays (K, T, ...), padded at the end with frames of zero weight."""
 
     xy: Float
     valid: Bool
@@ -61,19 +65,19 @@ class _Batch:
 
 
 def reconstruct_tracks(tracks: Sequence[RecordedTrack], dt_s: float) -> tuple[RecordedTrack, ...]:
-    """Smooth trajectories for cleaned tracks, frame by frame in the same places; things that never move stand still."""
+    """Return smooth trajectories of cleaned tracks on the same frames; parked objects get one position."""
     moving = [(n, run) for n, track in enumerate(tracks) if not track.parked for run in find_runs(track.valid)]
     long = [(n, run) for n, run in moving if run.stop - run.start >= SHORTEST_FRAMES]
     results = [hold_still(track) if track.parked else track for track in tracks]
     if long:
-        batch = _stacked(tracks, long)
-        xy, yaw = _trajectories(batch, dt_s)
+        batch = _stack_runs(tracks, long)
+        xy, yaw = _reconstruct_batch(batch, dt_s)
         for row, (n, run) in enumerate(long):
-            results[n] = _replaced(results[n], run, xy[row], yaw[row])
+            results[n] = _replace_run(results[n], run, xy[row], yaw[row])
     return tuple(results)
 
 
-def _stacked(tracks: Sequence[RecordedTrack], stretches: Sequence[tuple[int, slice]]) -> _Batch:
+def _stack_runs(tracks: Sequence[RecordedTrack], stretches: Sequence[tuple[int, slice]]) -> _Batch:
     frames = max(run.stop - run.start for _, run in stretches)
     xy, yaw = np.zeros((len(stretches), frames, 2)), np.zeros((len(stretches), frames))
     valid = np.zeros((len(stretches), frames), dtype=np.bool_)
@@ -85,52 +89,53 @@ def _stacked(tracks: Sequence[RecordedTrack], stretches: Sequence[tuple[int, sli
     return _Batch(xy, valid, vehicle, yaw, np.nan_to_num(length, nan=4.5))
 
 
-def _replaced(track: RecordedTrack, run: slice, xy: Float, yaw: Float) -> RecordedTrack:
+def _replace_run(track: RecordedTrack, run: slice, xy: Float, yaw: Float) -> RecordedTrack:
     size = run.stop - run.start
     x, y, heading = track.x.copy(), track.y.copy(), track.yaw.copy()
     x[run], y[run], heading[run] = xy[:size, 0], xy[:size, 1], yaw[:size]
     return replace(track, x=x, y=y, yaw=heading)
 
 
-def _trajectories(batch: _Batch, dt_s: float) -> tuple[Float, Float]:
-    """Positions (K, T, 2) and headings (K, T): smoothed where it has to be, and no more than that."""
-    weights = _robust_weights(batch)
-    calm = smooth_positions(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM))
-    batch = replace(batch, yaw=_trusted(batch.yaw, _headings(batch, calm)))
-    standing = _standing(batch, calm, dt_s)
+def _reconstruct_batch(batch: _Batch, dt_s: float) -> tuple[Float, Float]:
+    """Return positions (K, T, 2) and headings (K, T), smoothed only as far as necessary."""
+    weights = _compute_robust_weights(batch)
+    calm = smooth_positions(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM_PENALTY))
+    batch = replace(batch, yaw=_select_headings(batch.yaw, _compute_headings(batch, calm)))
+    standing = _find_standstill(batch, calm, dt_s)
     tracks, frames = weights.shape
-    xy = _plausible(batch, weights, standing, np.full((tracks, frames - 3), SOFT))
+    xy = _smooth_with_standstill(batch, weights, standing, np.full((tracks, frames - 3), JERK_PENALTY))
     for row in range(tracks):
-        if _rough(xy[row][batch.valid[row]], dt_s):
+        if _is_rough(xy[row][batch.valid[row]], dt_s):
             course = calm[row] + weights[row, :, None] * (batch.xy[row] - calm[row])
-            xy[row] = _bounded(batch, row, (course, standing[row], xy[row]), dt_s)
-    return xy, _headings(batch, xy)
+            xy[row] = _bound_trajectory(batch, row, (course, standing[row], xy[row]), dt_s)
+    return xy, _compute_headings(batch, xy)
 
 
-def _bounded(batch: _Batch, row: int, start: tuple[Float, Bool, Float], dt_s: float) -> Float:
-    """Positions (T, 2) of one track within the bounds; as they were if that leads too far from the log."""
+def _bound_trajectory(batch: _Batch, row: int, start: tuple[Float, Bool, Float], dt_s: float) -> Float:
+    """Return positions (T, 2) of one track within the bounds; unchanged if those deviate too far from the log."""
     course, standing, xy = start
     size = int(batch.valid[row].sum())
     raw, heading = batch.xy[row, :size], batch.yaw[row, : size - 1] if batch.vehicle[row] else None
-    for still in (standing[: size - 1], _shortened(standing[: size - 1], round(BRAKING_S / dt_s))):
+    for still in (standing[: size - 1], _shorten_standstills(standing[: size - 1], round(BRAKING_S / dt_s))):
         for wanted in (course[:size], raw):
             result = fit_bounded_trajectory(
                 wanted, TrajectoryBounds(JERK_BOUND, ACCELERATION_BOUND, still, heading), dt_s
             )
-            result = _exact(result, still, heading)
-            if _near(result, raw) and not _rough(result, dt_s):
+            result = _enforce_standstill(result, still, heading)
+            if _is_near_log(result, raw) and not _is_rough(result, dt_s):
                 return np.concatenate((result, xy[size:]))
     return xy
 
 
-def _shortened(standing: Bool, frames: int) -> Bool:
-    """(T-1,) without the first and last frames of every standstill, but for those at the ends of the track."""
+def _shorten_standstills(standing: Bool, frames: int) -> Bool:
+    """Remove the first and last frames of every standstill (T-1,), except at the ends of the track."""
     padded = np.pad(standing, frames, constant_values=True)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * frames + 1).all(axis=-1))
 
 
-def _exact(xy: Float, still: Bool, heading: Float | None) -> Float:
-    """(T, 2) the same way with standing and going forward exactly so: millimetres, for `bounded` holds them nearly."""
+def _enforce_standstill(xy: Float, still: Bool, heading: Float | None) -> Float:
+    """Return the path (T, 2) with exact standstill and no step backward; `fit_bounded_trajectory` meets both within
+    millimetres."""
     step = np.where(still[:, None], 0.0, np.diff(xy, axis=0))
     if heading is not None:
         ahead = np.column_stack((np.cos(heading), np.sin(heading)))
@@ -139,19 +144,22 @@ def _exact(xy: Float, still: Bool, heading: Float | None) -> Float:
     return way + np.mean(xy - way, axis=0)
 
 
-def _trusted(box: Float, follows: Float) -> Float:
-    """Headings of the log, but for boxes that stand across the course: those of a car that follows it."""
+def _select_headings(box: Float, follows: Float) -> Float:
+    """Return the headings of the log, but where the box lies across its course, those of a car that follows the
+    course."""
     return np.where(np.abs(np.sin(box - follows)) < np.sin(ACROSS_RAD), box, follows)
 
 
-def _near(xy: Float, raw: Float) -> bool:
-    """Whether a trajectory is as near to the log as fidelity asks; a log that is not plausible at all is left rough."""
+def _is_near_log(xy: Float, raw: Float) -> bool:
+    """Return whether a trajectory is within the fidelity limits of the log; a log that is implausible throughout stays
+    rough."""
     off = np.hypot(*(xy - raw).T)
     return bool(np.median(off) <= ERROR_MEDIAN and np.percentile(off, 95) <= ERROR_P95)
 
 
-def _rough(xy: Float, dt_s: float) -> bool:
-    """Whether a trajectory is too jerky. One shorter than the window of the derivatives cannot be told."""
+def _is_rough(xy: Float, dt_s: float) -> bool:
+    """Return whether a trajectory exceeds the jerk or acceleration limits; False if it is shorter than the derivative
+    window."""
     if len(xy) < WINDOW:
         return False
     jerk = jerk_magnitudes(xy, dt_s)
@@ -162,18 +170,18 @@ def _rough(xy: Float, dt_s: float) -> bool:
     )
 
 
-def _robust_weights(batch: _Batch) -> Float:
-    """Weights (K, T): 1, less where a position lies off the smooth course of its neighbours."""
+def _compute_robust_weights(batch: _Batch) -> Float:
+    """Return weights (K, T): 1, less where a position deviates from the smooth course of its neighbours."""
     weights = batch.valid.astype(np.float64)
     for _ in range(2):
-        course = smooth_positions(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM / 10))
+        course = smooth_positions(batch.xy, weights, np.full((len(weights), weights.shape[1] - 3), CALM_PENALTY / 10))
         off = np.hypot(*np.moveaxis(batch.xy - course, -1, 0))
         weights = batch.valid / (1 + (off / OUTLIER_M) ** 2)
     return weights
 
 
-def _standing(batch: _Batch, calm: Float, dt_s: float) -> Bool:
-    """(K, T-1) whether a thing stands between two frames: less than `STAND_SPEED` over `STAND_S` around them."""
+def _find_standstill(batch: _Batch, calm: Float, dt_s: float) -> Bool:
+    """Return a mask (K, T-1): less than `STAND_SPEED` over `STAND_S` around the step."""
     frames = batch.xy.shape[1]
     half = max(round(STAND_S / dt_s / 2), 1)
     at = np.arange(frames - 1)
@@ -183,11 +191,12 @@ def _standing(batch: _Batch, calm: Float, dt_s: float) -> Bool:
     gone = calm[rows, np.maximum(high, low + 1)] - calm[rows, low]
     speed = np.hypot(gone[..., 0], gone[..., 1]) / (np.maximum(high - low, 1) * dt_s)
     slow = (speed < STAND_SPEED) & (at[None, :] < last)
-    return _lasting(slow, calm, half - 1)
+    return _keep_lasting(slow, calm, half - 1)
 
 
-def _lasting(slow: Bool, calm: Float, least: int) -> Bool:
-    """Runs of at least `least` slow frames: shorter ones are a slow moment, and those that lead away are creeping."""
+def _keep_lasting(slow: Bool, calm: Float, least: int) -> Bool:
+    """Keep runs of at least `least` slow frames that end where they began: shorter runs are slow moments, the others
+    creep forward."""
     result = np.zeros_like(slow)
     for n, row in enumerate(slow):
         for run in find_runs(row):
@@ -197,28 +206,29 @@ def _lasting(slow: Bool, calm: Float, least: int) -> Bool:
     return result
 
 
-def _plausible(batch: _Batch, weights: Float, standing: Bool, stiff: Float) -> Float:
-    """Positions (K, T, 2): smoothed, tied where it stands; steps of vehicles against their heading are tied as well."""
+def _smooth_with_standstill(batch: _Batch, weights: Float, standing: Bool, stiff: Float) -> Float:
+    """Return smoothed positions (K, T, 2) with standstill held; steps of vehicles against their heading are held as
+    well."""
     tied = standing.copy()
     xy = batch.xy
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         xy = smooth_positions(batch.xy, weights, stiff, np.where(tied, TIE, 0.0))
-        back = _rolls_back(batch, xy) & ~tied
+        back = _find_backward_steps(batch, xy) & ~tied
         if not back.any():
             break
         tied |= back
-    return _held_still(xy, tied | _rolls_back(batch, xy))
+    return _hold_positions(xy, tied | _find_backward_steps(batch, xy))
 
 
-def _rolls_back(batch: _Batch, xy: Float) -> Bool:
-    """(K, T-1) whether a vehicle goes against its heading."""
+def _find_backward_steps(batch: _Batch, xy: Float) -> Bool:
+    """Return a mask (K, T-1): the vehicle moves against its heading."""
     moved = np.diff(xy, axis=1)
     ahead = moved[..., 0] * np.cos(batch.yaw[:, :-1]) + moved[..., 1] * np.sin(batch.yaw[:, :-1])
     return (ahead < 0) & batch.vehicle[:, None] & batch.valid[:, 1:]
 
 
-def _held_still(xy: Float, tied: Bool) -> Float:
-    """Frames that are tied together take exactly the position of the first."""
+def _hold_positions(xy: Float, tied: Bool) -> Float:
+    """Set consecutive held frames to exactly the position of the first."""
     frames = xy.shape[1]
     first = np.maximum.accumulate(
         np.where(np.pad(~tied, ((0, 0), (1, 0)), constant_values=True), np.arange(frames), 0), 1
@@ -226,8 +236,9 @@ def _held_still(xy: Float, tied: Bool) -> Float:
     return np.take_along_axis(xy, first[..., None], axis=1)
 
 
-def _headings(batch: _Batch, xy: Float) -> Float:
-    """(K, T) of vehicles that of a box whose rear axle follows its centre; of walkers that of motion, held if standing.
+def _compute_headings(batch: _Batch, xy: Float) -> Float:
+    """Return headings (K, T): of vehicles that of a box whose rear axle follows its centre, of pedestrians that of
+    motion, held at standstill.
 
     With the centre going straight by ds, the angle between box and course shrinks: tan(b/2) by exp(-ds/hitch).
     """
@@ -236,7 +247,7 @@ def _headings(batch: _Batch, xy: Float) -> Float:
     step = np.hypot(moved[..., 0], moved[..., 1])
     course = np.arctan2(moved[..., 1], moved[..., 0])
     yaw = np.empty(batch.yaw.shape)
-    yaw[:, 0] = _first_heading(batch, xy)
+    yaw[:, 0] = _compute_first_heading(batch, xy)
     for k in range(step.shape[1]):
         away = wrap_angles(yaw[:, k] - course[:, k])
         shrunk = 2 * np.arctan(np.tan(away / 2) * np.exp(-step[:, k] / hitch))
@@ -244,8 +255,9 @@ def _headings(batch: _Batch, xy: Float) -> Float:
     return wrap_angles(yaw)
 
 
-def _first_heading(batch: _Batch, xy: Float) -> Float:
-    """(K,) as the log tells it; where it stands across it, the course of the first metre of motion. Cars reverse."""
+def _compute_first_heading(batch: _Batch, xy: Float) -> Float:
+    """Return the initial heading (K,): that of the log, or the course over the first metre if the log's box lies across
+    it. Cars may reverse."""
     away = np.hypot(*np.moveaxis(xy - xy[:, :1], -1, 0))
     reached = np.where(batch.valid & (away > FIRST_M), np.arange(xy.shape[1]), xy.shape[1]).min(axis=1)
     moves = reached < xy.shape[1]

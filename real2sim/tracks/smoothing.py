@@ -1,11 +1,12 @@
 """Penalised least squares on a time grid, for many tracks at once.
 
-Whittaker's smoother (Eilers, A perfect smoother, Anal. Chem. 2003) with third differences: it minimises
+Whittaker's smoother (Eilers, A perfect smoother, Anal. Chem. 2003) with third differences minimises
 
-    sum of w_k |p_k - z_k|² + c_k |third difference|² + b_k |second difference|² + g_k |first difference|²
+sum of w_k |p_k - z_k|² + c_k |third difference|² + b_k |second difference|² + g_k |first difference|²
 
-that is, distance from the log against jerk and acceleration, with ties g that hold a thing still between two frames.
-The matrix has three diagonals on each side; its Cholesky factor is found frame by frame, for all tracks in one sweep.
+that is, the distance from the log against jerk and acceleration; the penalties g hold an object still between two
+frames. The matrix has three diagonals on each side; its Cholesky factor is computed frame by frame, for all tracks in
+one sweep.
 """
 
 import numpy as np
@@ -22,18 +23,18 @@ FIRST = np.array((-1.0, 1.0))
 
 
 def smooth_positions(values: Float, weights: Float, *penalties: Float) -> Float:
-    """Positions (K, T, D) that minimise the sum above; T >= 4.
+    """Return the positions (K, T, D) that minimise the sum above; T >= 4.
 
-    values (K, T, D), weights (K, T) >= 0 with at least three positive ones a track; penalties in any order: of third
+    values (K, T, D), weights (K, T) >= 0 with at least three positive ones per track; penalties in any order: of third
     differences (K, T-3) > 0, of second ones (K, T-2) >= 0, of first ones (K, T-1) >= 0.
     """
-    diagonals = _matrix(weights, penalties)
-    factor = _cholesky(diagonals)
-    return _solved(factor, weights[..., None] * values)
+    diagonals = _build_normal_matrix(weights, penalties)
+    factor = _factorise(diagonals)
+    return _solve(factor, weights[..., None] * values)
 
 
-def _matrix(weights: Float, penalties: tuple[Float, ...]) -> Float:
-    """Lower diagonals (BAND + 1, K, T) of the normal matrix: [d, :, k] couples frames k and k - d."""
+def _build_normal_matrix(weights: Float, penalties: tuple[Float, ...]) -> Float:
+    """Return the lower diagonals (BAND + 1, K, T) of the normal matrix: [d, :, k] couples frames k and k - d."""
     tracks, frames = weights.shape
     matrix = np.zeros((BAND + 1, tracks, frames))
     matrix[0] = weights
@@ -46,8 +47,9 @@ def _matrix(weights: Float, penalties: tuple[Float, ...]) -> Float:
     return matrix
 
 
-def _cholesky(matrix: Float) -> Float:
-    """Factor L as (T, BAND + 1, K): [k, d] couples frames k and k - d; [k, 0] is the inverse of its diagonal."""
+def _factorise(matrix: Float) -> Float:
+    """Return the Cholesky factor as (T, BAND + 1, K): [k, d] couples frames k and k - d; [k, 0] is the inverse of its
+    diagonal."""
     rows = np.ascontiguousarray(np.moveaxis(matrix, -1, 0))
     for k in range(len(rows)):
         for d in range(min(BAND, k), 0, -1):
@@ -59,8 +61,8 @@ def _cholesky(matrix: Float) -> Float:
     return rows
 
 
-def _solved(factor: Float, right: Float) -> Float:
-    """Forward and backward substitution for right-hand sides (K, T, D)."""
+def _solve(factor: Float, right: Float) -> Float:
+    """Solve for right-hand sides (K, T, D) by forward and backward substitution."""
     z = np.ascontiguousarray(np.moveaxis(right, 1, 0))
     frames = len(z)
     for k in range(frames):

@@ -1,4 +1,4 @@
-"""A scenario of a log in SUMO, with everything that SUMO does not drive on rails."""
+"""Runs the scenario of a log in SUMO while everything that SUMO does not drive follows its logged poses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ from real2sim.recording import RecordedTrack
 
 @dataclass(frozen=True)
 class SimulatedTraffic:
-    """Background vehicles in the log's frames: x, y, yaw (T, 3) [m, rad] by name, NaN where they are not there."""
+    """Background vehicles in the log's frames: x, y, yaw (T, 3) [m, rad] by name, NaN where a vehicle is absent."""
 
     poses: Mapping[str, Float]
 
     def xy(self, name: str, frames: int) -> Float:
-        """(T, 2) [m]; all NaN for a vehicle that was never there."""
+        """Return positions (T, 2) [m]; all NaN for a vehicle that never appeared."""
         return self.poses[name][:, :2] if name in self.poses else np.full((frames, 2), np.nan)
 
 
 @dataclass(frozen=True)
 class _Rail:
-    """Timed poses of something that does what the log says: times (N,) [s], x, y, yaw, speed (N, 4)."""
+    """Timed poses of an object that repeats the log: times (N,) [s], x, y, yaw, speed (N, 4)."""
 
     times: Float
     states: Float
@@ -46,7 +46,7 @@ class _Rail:
 def simulate_log(
     scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float, seed: int = 0
 ) -> SimulatedTraffic:
-    """Runs it until the log ends. `tracks`: by id in the scenario, those of the CAVs are driven."""
+    """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: _rail_of(tracks[ego.id], dt_s) for ego in scenario.egos}
     actors = [(actor, _rail(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
@@ -110,7 +110,7 @@ def _scripted(actors: list[tuple[Actor, _Rail]], time: float) -> Actors:
 
 
 def _in_frames(rows: Float, frames: int, dt_s: float) -> Float:
-    """Times, x, y, yaw (N, 4) of a vehicle as x, y, yaw (T, 3) in the log's frames."""
+    """Resample times, x, y, yaw (N, 4) of a vehicle to x, y, yaw (T, 3) in the log's frames."""
     times = np.arange(frames) * dt_s
     there = (times > rows[0, 0] - 1e-6) & (times < rows[-1, 0] + 1e-6)
     columns = (rows[:, 1], rows[:, 2], np.unwrap(rows[:, 3]))

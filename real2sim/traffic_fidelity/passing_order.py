@@ -1,4 +1,4 @@
-"""Conflict points: where the paths of two vehicles cross or merge, and who passes them first."""
+"""Conflict points: where the paths of two vehicles cross or merge, and which vehicle passes first."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from scipy.spatial import KDTree
 from mdrive_sumo.core.geometry import Float, build_polyline
 
 NEAR_M = 1.5
-"""Paths this near to one another cannot be driven at the same time."""
+"""[m] Paths this near to one another cannot be driven at the same time."""
 APART_M = 3.0
-"""A path that is near the other within its first metres begins there: it follows, it does not merge."""
+"""[m] A path that is near the other within its first metres begins there: the vehicle follows, it does not merge."""
 SPACING_M = 0.5
 SHORTEST_M = 2.0
-"""Who drives less has no path."""
+"""[m] A vehicle that drives less has no path."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConflictPoint:
-    """A conflict point of two vehicles: `first` passed it before `second` did in the log; x, y [m] on both paths."""
+    """A conflict point of two vehicles: in the log `first` passed it before `second`; x, y [m] on both paths."""
 
     first: str
     second: str
@@ -30,7 +30,7 @@ class ConflictPoint:
 
 @dataclass(frozen=True)
 class _Path:
-    """Where a vehicle drove: points (N, 2) [m] every `SPACING_M`, time [frames] at each."""
+    """The path of a vehicle: points (N, 2) [m] every `SPACING_M`, and the time [frames] at each."""
 
     xy: Float
     frame: Float
@@ -38,7 +38,8 @@ class _Path:
 
 
 def find_conflict_points(tracks: Mapping[str, Float]) -> tuple[ConflictPoint, ...]:
-    """All pairs of vehicles, positions (T, 2) [m] by name with NaN where they are not there, whose paths meet."""
+    """Return the conflict points of all pairs of vehicles; positions (T, 2) [m] by name, NaN where a vehicle is
+    absent."""
     paths = {name: path for name, xy in sorted(tracks.items()) if (path := _path(xy)) is not None}
     found: list[ConflictPoint] = []
     for a, b in combinations(paths, 2):
@@ -69,7 +70,7 @@ def _path(xy: Float) -> _Path | None:
 
 
 def _meeting(one: _Path, other: _Path) -> tuple[int, int] | None:
-    """Where two paths come near each other first, both after a stretch apart: indices of their points."""
+    """Return the indices of the points at which two paths first come near each other after a stretch apart."""
     gap, _ = one.tree.query(other.xy, distance_upper_bound=NEAR_M)
     back, _ = other.tree.query(one.xy, distance_upper_bound=NEAR_M)
     begins, meets = np.flatnonzero(np.isfinite(back)), np.flatnonzero(np.isfinite(gap))
@@ -81,14 +82,14 @@ def _meeting(one: _Path, other: _Path) -> tuple[int, int] | None:
 
 
 def is_order_kept(conflict: ConflictPoint, log: Mapping[str, Float], simulated: Mapping[str, Float]) -> bool:
-    """Whether `first` passes the point before `second` in the simulation too. If neither passes it is not kept."""
+    """Return whether `first` passes the point before `second` in the simulation too; False if neither passes."""
     first = _passed(log[conflict.first], simulated[conflict.first], conflict.first_at)
     second = _passed(log[conflict.second], simulated[conflict.second], conflict.second_at)
     return first < second or (first == second and np.isfinite(first))
 
 
 def _passed(log: Float, simulated: Float, point: tuple[float, float]) -> float:
-    """Frame in which a vehicle is past the point on its path of the log; infinite if it never is."""
+    """Return the frame in which a vehicle passes the point on its path of the log; infinite if it never does."""
     path = build_polyline(log[np.isfinite(log[:, 0])])
     goal = path.project(*point)[0]
     before = -np.inf

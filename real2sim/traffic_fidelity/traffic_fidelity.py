@@ -1,7 +1,7 @@
-"""How close reactive traffic stays to the log while the CAVs do what they did in the log.
+"""Distance of reactive traffic from the log while the CAVs repeat what they did in the log.
 
-The scenario runs in SUMO with the CAVs and all scripted actors placed on their logged poses on every tick. Then what
-is left is the traffic's own doing: position errors over time, order through conflict points, contacts.
+The scenario runs in SUMO with the CAVs and all scripted actors placed on their logged poses at every tick. The
+remaining deviation is that of SUMO's traffic: position errors over time, order at conflict points, contacts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,13 +21,13 @@ from real2sim.traffic_fidelity.log_simulation import SimulatedTraffic, simulate_
 from real2sim.traffic_fidelity.passing_order import find_conflict_points, is_order_kept
 
 AFTER_S = (1.0, 2.0, 3.0, 5.0, 8.0)
-"""Times after its departure at which a vehicle's position is compared."""
+"""[s] Times after its departure at which a vehicle's position is compared."""
 GONE_M = 100.0
-"""Error that counts for a vehicle that is not there while the log has it."""
+"""[m] Error of a vehicle that is absent from the simulation while the log has it."""
 MEDIAN_5S_M, ORDER_SHARE = 3.0, 0.9
 """Targets of issue C."""
 SLACK_M = 0.1
-"""Boxes count this much smaller on each side when two are said to touch, as in `quality.COLLISION_SLACK_M`."""
+"""[m] Each box side is moved inwards by this before two boxes count as touching, as in `quality.COLLISION_SLACK_M`."""
 
 
 class PositionErrors(BaseModel):
@@ -46,7 +46,7 @@ class PositionErrors(BaseModel):
 
 
 class TrafficFidelity(BaseModel):
-    """For quality.json. A vehicle that is not there while the log has it counts with an error of 100 m."""
+    """Figures for quality.json. A vehicle that is absent while the log has it counts with an error of 100 m."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -61,17 +61,17 @@ class TrafficFidelity(BaseModel):
     order_kept: int
     order_share: float | None
     order_changed: tuple[tuple[str, str], ...]
-    """Who passed first in the log, who second: not so here, or neither has passed."""
+    """First and second vehicle to pass in the log; in the simulation the order is different, or neither passed."""
     not_departed: tuple[str, ...]
     left_early: tuple[str, ...]
-    """Gone before the log's vehicle is."""
+    """Vehicles that left the simulation before they leave the log."""
     contacts: tuple[tuple[str, str, int], ...]
-    """Background vehicles whose boxes share area though the log's do not, with the number of frames."""
+    """Background vehicles whose boxes overlap in the simulation but not in the log, with the number of frames."""
 
 
 @dataclass(frozen=True)
 class _Vehicle:
-    """A background vehicle in log and simulation, both (T, 2) [m] in the log's frames, NaN where it is not there."""
+    """A background vehicle in log and simulation: positions (T, 2) [m] in the log's frames, NaN where it is absent."""
 
     name: str
     log: Float
@@ -86,7 +86,8 @@ def measure_traffic_fidelity(
     dt_s: float,
     seed: int = 0,
 ) -> TrafficFidelity:
-    """Runs the scenario beside its log. `names`: track id -> id in the scenario (`Fitted.names`).
+    """Run the scenario in SUMO and compare it with its log. `names`: track id -> id in the scenario
+    (`FittedTraffic.names`).
 
     Needs the process's only SUMO simulation. Raises WorldError or InputError as `SumoWorld` does.
     """
@@ -116,7 +117,7 @@ def measure_traffic_fidelity(
 
 
 def _vehicle(track: RecordedTrack, vehicle: BackgroundVehicle, run: SimulatedTraffic, dt_s: float) -> _Vehicle:
-    """In the frames of its schedule: before and after them the track is off the map."""
+    """Pair log and simulation of one vehicle in the frames of its schedule; outside them the track is off the map."""
     times = np.arange(len(track.valid)) * dt_s
     ends = vehicle.schedule.progress[-1][0] if vehicle.schedule else times[-1]
     there = (times > vehicle.depart_s - dt_s / 2) & (times < ends + dt_s / 2)
@@ -132,7 +133,8 @@ def _error_at(vehicles: Sequence[_Vehicle], after_s: float, dt_s: float) -> Posi
 
 
 def _error(one: _Vehicle, after_s: float, dt_s: float) -> float | None:
-    """Distance [m] between log and simulation that long after the log's vehicle appeared; None if it is gone then."""
+    """Return the distance [m] between log and simulation `after_s` after the vehicle's first frame; None if the log has
+    ended."""
     frame = int(np.flatnonzero(np.isfinite(one.log[:, 0]))[0]) + round(after_s / dt_s)
     if frame >= len(one.log) or np.isnan(one.log[frame, 0]):
         return None
@@ -141,7 +143,7 @@ def _error(one: _Vehicle, after_s: float, dt_s: float) -> float | None:
 
 
 def _left_early(one: _Vehicle, dt_s: float) -> bool:
-    """Whether it is gone over half a second before the log's vehicle."""
+    """Return whether the vehicle disappears more than half a second before it leaves the log."""
     last_seen, last_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[-1]) for xy in (one.log, one.simulated))
     return last_there < last_seen - round(0.5 / dt_s)
 
@@ -160,7 +162,7 @@ def _contacts(
 
 
 def _placed(track: RecordedTrack, poses: Float) -> RecordedTrack:
-    """The track where the simulation had it."""
+    """Return the track with the poses of the simulation."""
     valid = np.isfinite(poses[:, 0])
     length, width = median_size(track)
     full = np.where(valid, 1.0, np.nan)
