@@ -22,7 +22,7 @@ class ConversionFindings:
     recording: Recording
     cleaned: CleanedRecording
     tracks: tuple[RecordedTrack, ...]
-    """Reconstructed, with the ids of `cleaned.tracks`."""
+    """Reconstructed tracks with the ids of `cleaned.tracks`."""
     quality: ReconstructionQuality
     network: NetworkReport
     roads: RoadMap

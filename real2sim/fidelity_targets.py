@@ -44,7 +44,7 @@ class FidelityTarget(BaseModel):
 
 
 def build_reconstruction_targets(quality: ReconstructionQuality) -> tuple[FidelityTarget, ...]:
-    """Reconstruction against the log."""
+    """Build the targets of the reconstruction against the log."""
     share = quality.moving_passed_share if quality.moving_vehicles else None
     return (
         FidelityTarget(name="moving vehicles passing all checks", value=share, limit=0.95, at_least=True, unit="share"),
@@ -71,7 +71,7 @@ def build_network_targets(network: NetworkReport, unroutable: Sequence[str]) -> 
 def find_silently_lost(
     recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, TrackRole]
 ) -> tuple[str, ...]:
-    """Tracks of the source of which nothing is in the scenario, and nobody says why."""
+    """Return ids of source tracks that are missing in the scenario without a stated reason."""
     silent = TrackRole(Disposition.LEFT_OUT)
     told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.drop_reason_by_track)
     source = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
@@ -81,7 +81,7 @@ def find_silently_lost(
 def build_lost_target(
     recording: Recording, cleaned: CleanedRecording, roles: Mapping[str, TrackRole]
 ) -> FidelityTarget:
-    """All tracks of the source are in the scenario, or it is told why not."""
+    """Build the target that every source track is in the scenario or has a stated reason."""
     lost = find_silently_lost(recording, cleaned, roles)
     return FidelityTarget(name="tracks lost without a reason", value=len(lost), limit=0)
 
@@ -94,7 +94,7 @@ def count_sumo_driven(quality: ReconstructionQuality, roles: Mapping[str, TrackR
 
 
 def build_traffic_targets(close: TrafficFidelity) -> tuple[FidelityTarget, ...]:
-    """Reactive traffic against the log."""
+    """Build the targets of reactive traffic against the log."""
     return (
         FidelityTarget(
             name="traffic off the log at 5 s, median", value=close.median_at_5s, limit=MEDIAN_5S_M, unit="m"

@@ -82,7 +82,7 @@ def _number_recipe(recipe: Recipe, k: int) -> Recipe:
 
 
 def build_interaction_suite(folder: Path) -> None:
-    """Searches and writes the whole suite; raises RuntimeError where a category fails, InputError."""
+    """Search and write the whole suite; raise RuntimeError if a category fails, InputError."""
     check_output_folder(folder)
     work = folder.with_name(f"{folder.name}.work")
     tasks = [CategoryTask(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]

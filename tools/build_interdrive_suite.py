@@ -86,7 +86,7 @@ def build_ego(roads: RoadMap, name: str, text: str) -> Ego:
 
 
 def build_scenario(entry: dict[str, Any]) -> Scenario:
-    """A scenario from its table of the recipe; raises InputError."""
+    """Build a scenario from its table of the recipe; raise InputError."""
     roads = load_road_map(find_network_folder(entry["network"]))
     try:
         egos = tuple(build_ego(roads, str(i), text) for i, text in enumerate(entry["cavs"]))

@@ -68,7 +68,7 @@ def _read_offset(net: bytes) -> tuple[float, float]:
 
 
 def main(names: list[str]) -> None:
-    """Builds the named networks, or all packaged ones."""
+    """Build the named networks, or all shipped ones."""
     for name in names or list_packaged_networks():
         about = build_network(find_network_folder(name))
         sys.stdout.write(f"{about.name} {about.checksum}\n")

@@ -39,7 +39,7 @@ def resolve_overlaps(
 
 
 def _reconstructed(tracks: Sequence[RecordedTrack], dt_s: float) -> list[RecordedTrack]:
-    """As they will be: those that appear near another one as reconstruction has them, the others do not matter."""
+    """Return the tracks as reconstruction changes them, computed only for those that appear near another one."""
     there = [hold_still(track) if track.parked else track for track in tracks]
     near = sorted({i for pair in find_contacts(there, -NEAR_M).spawn_overlaps for i in pair if not there[i].parked})
     for i, track in zip(near, reconstruct_tracks([there[i] for i in near], dt_s), strict=True):
@@ -84,7 +84,7 @@ def _drop_frames_before(track: RecordedTrack, frame: int) -> RecordedTrack:
 
 
 def _compute_overlap_mask(first: RecordedTrack, second: RecordedTrack, share: float) -> Bool:
-    """(T,) whether the boxes overlap, both taken as `share` of their size."""
+    """Return a mask (T,) where the boxes, scaled by `share`, overlap."""
     boxes = TrackBoxes.from_tracks(
         [replace(track, length=share * track.length, width=share * track.width) for track in (first, second)]
     )

@@ -107,7 +107,7 @@ class LogCliOptions:
 
 
 def run_conversion(ctx: click.Context, logs: Sequence[LogSource], ask: LogCliOptions) -> None:
-    """Converts, tells, and ends with the exit code."""
+    """Convert the logs, print the results and exit with the exit code."""
     from real2sim.pipeline.batch import BatchOptions, convert_logs
     from real2sim.pipeline.scenario_builder import ConversionOptions
 
@@ -120,7 +120,7 @@ def run_conversion(ctx: click.Context, logs: Sequence[LogSource], ask: LogCliOpt
 
 
 def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
-    """`suite.json`; raises InputError for a name that is none."""
+    """Build `suite.json`; raise InputError for an invalid name."""
     from mdrive_sumo.scenario.suite import SuiteFile
 
     wanted = name or re.sub(r"[^A-Za-z0-9_.+-]", "_", out.resolve().name).lstrip("_.+-") or "suite"
@@ -130,7 +130,7 @@ def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
 
 
 def format_batch(batch: "BatchResult", ask: LogCliOptions) -> str:
-    """What was written, and what misses its target."""
+    """Format what was written, and which targets are missed."""
 
     lines = [f"{outcome.id}: {miss}" for outcome in batch.below_target for miss in outcome.misses]
     passed, converted = len(batch.outcomes) - len(batch.below_target), len(batch.outcomes)

@@ -177,7 +177,7 @@ def _drop_repeated(xy: Float) -> list[tuple[float, float]]:
 
 
 def _drop_idle_script(script: ActorScript | None, motion: Motion) -> tuple[ActorScript | None, list[str]]:
-    """A script for what only stands is none: MDrive writes them for static actors."""
+    """Drop the script of a standing actor: MDrive writes scripts for static actors, too."""
     if script is not None and isinstance(motion, StandingMotion):
         return None, ["its behaviour does nothing, as it stands"]
     return script, []

@@ -43,7 +43,7 @@ def parse_points(where: str, raw: Any) -> Float:
 
 
 def compute_centreline(left: Float, right: Float, spacing: float = 2.0) -> Float:
-    """Line (N, 2) half-way between two boundaries of the same direction, points about `spacing` [m] apart."""
+    """Return the line (N, 2) half-way between two boundaries of one direction, points about `spacing` [m] apart."""
     sides = build_polyline(left), build_polyline(right)
     count = max(2, len(left), len(right), round(max(side.length for side in sides) / spacing) + 1)
     share = np.linspace(0.0, 1.0, count)

@@ -135,7 +135,7 @@ def _offset_sensor(pose: Float, noise: ObservationNoise, rng: np.random.Generato
 
 
 def _compute_visibility(scene: ObserverView, pose: Float, noise: ObservationNoise, range_m: float) -> dict[str, Bool]:
-    """(T,) for every track: whether enough of it is in sight, past the other boxes."""
+    """Return a mask (T,) per track: True where enough of it is visible past the other boxes."""
     buildings = BuildingEdges(RoadMap("", Path(), {}, (), (), (), (), None, ""))
     seen = np.zeros((len(scene.tracks), len(pose)), dtype=np.bool_)
     for t, (x, y, yaw) in enumerate(pose.tolist()):

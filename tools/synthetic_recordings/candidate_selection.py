@@ -27,7 +27,7 @@ class SelectionCandidate:
 
 
 def build_candidate(scenario: Scenario, group: str) -> SelectionCandidate:
-    """What counts of a scenario."""
+    """Compute the figures of a scenario."""
     lengths, turns = (sum(map(f, scenario.egos)) for f in (compute_route_length, compute_heading_change_deg))
     actors = len(scenario.background.vehicles) + len(scenario.actors)
     return SelectionCandidate(scenario.id, group, (lengths, turns, float(actors)), len(scenario.egos))

@@ -71,9 +71,9 @@ class RecordingOutcome:
 
     task: RecordingTask
     misses: tuple[str, ...]
-    """Targets of the conversion that were not met."""
+    """Missed targets of the conversion."""
     examined: ScenarioValidation
-    """Of the scenario, as `mdrive-sumo validate` sees it."""
+    """Result of `mdrive-sumo validate` for the scenario."""
 
 
 def record_log(task: RecordingTask) -> Path | str:
@@ -129,7 +129,7 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
 
 
 def _examine(task: RecordingTask) -> ScenarioValidation:
-    """The scenario as it was written, in a suite of its own."""
+    """Examine the written scenario in a suite of its own."""
     alone = task.work / "alone" / task.name
     save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
     if not (alone / NETWORKS).exists():
