@@ -1,9 +1,11 @@
 """SUMO's netconvert: find the program and run it."""
 
 import importlib.util
+import re
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
@@ -27,17 +29,30 @@ def build_opendrive_command(xodr: str, net: str) -> tuple[str, ...]:
 
 def compile_opendrive(xodr: Path) -> bytes:
     """Compile an OpenDRIVE map to a SUMO net; raise InputError if netconvert is missing or rejects the map."""
-    with tempfile.TemporaryDirectory() as folder:
-        net = Path(folder) / "map.net.xml"
-        arguments = build_opendrive_command(str(xodr.resolve()), str(net))
-        done = subprocess.run(
-            (str(find_netconvert()), *arguments[1:]), capture_output=True, text=True, check=False, timeout=600
-        )
+    return run_netconvert(
+        ("--opendrive-files", str(xodr.resolve()), *OPENDRIVE_OPTIONS), xodr.parent, f"{xodr}: expected a map"
+    )
+
+
+def run_netconvert(arguments: Sequence[str], folder: Path, expected: str) -> bytes:
+    """Run netconvert in `folder` and return the net file; raise InputError if it is missing or rejects its input.
+
+    `expected` names the input and begins the error, such as "a.xodr: expected a map".
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        net = Path(scratch) / "map.net.xml"
+        call = (str(find_netconvert()), *arguments, "--output-file", str(net))
+        done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
         if done.returncode or not net.is_file():
             errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
-            why = errors[0].removeprefix("Error: ") if errors else f"exit code {done.returncode}"
-            raise InputError(f"{xodr}: expected a map that netconvert accepts, found: {why}")
+            reason = errors[0].removeprefix("Error: ") if errors else f"exit code {done.returncode}"
+            raise InputError(f"{expected} that netconvert accepts, found: {reason}")
         return net.read_bytes()
+
+
+def strip_xml_comments(xml: bytes) -> bytes:
+    """Remove XML comments, in which netconvert writes the date and local paths."""
+    return re.sub(rb"<!--.*?-->\s*", b"", xml, flags=re.DOTALL)
 
 
 def find_netconvert() -> Path:

@@ -5,16 +5,10 @@ buildings and signs. The same netconvert release produces the same bytes: dates 
 """
 
 import gzip
-import re
-import subprocess
 import sys
-import sysconfig
-import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from shutil import which
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import find_network_folder, list_packaged_networks
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
@@ -23,30 +17,12 @@ from mdrive_sumo.roads.network_file import (
     compute_net_checksum,
     read_network_file,
 )
-
-
-def netconvert() -> str | None:
-    """Path of SUMO's netconvert, of this Python environment if it has one; None if there is none."""
-    return which("netconvert", path=sysconfig.get_path("scripts")) or which("netconvert")
+from real2sim.netconvert import run_netconvert, strip_xml_comments
 
 
 def compile_recipe(folder: Path) -> bytes:
     """Compile the recipe in `folder` to a net file (XML); raise InputError if netconvert is missing or rejects it."""
-    program = netconvert()
-    if program is None:
-        raise InputError(f"{folder}: expected netconvert on the PATH (pip install eclipse-sumo), found none")
-    with tempfile.TemporaryDirectory() as scratch:
-        made = Path(scratch) / "map.net.xml"
-        call = [program, *read_network_file(folder).build, "--output-file", str(made)]
-        done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise InputError(f"{folder}: netconvert refused the recipe: {done.stderr.strip()[-300:]}")
-        return strip_comments(made.read_bytes())
-
-
-def strip_comments(xml: bytes) -> bytes:
-    """Remove XML comments, in which netconvert writes the date and local paths."""
-    return re.sub(rb"<!--.*?-->\s*", b"", xml, flags=re.DOTALL)
+    return strip_xml_comments(run_netconvert(read_network_file(folder).build, folder, f"{folder}: expected a recipe"))
 
 
 def build_network(folder: Path) -> NetworkFile:

@@ -1,7 +1,6 @@
 """Repair OpenDRIVE roads that are linked on one side only: netconvert leaves a gap there (CARLA's Town03 of 2019)."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from xml.etree import ElementTree
 
 from real2sim.xml_file import Element
@@ -62,10 +61,3 @@ def _link_lanes_back(road: Element, end: str, other: Element, answer: str) -> No
 
 def _list_lane_sections(road: Element) -> list[Element]:
     return list(road.iterfind("lanes/laneSection"))
-
-
-def write_mended(root: Element, folder: Path, name: str) -> Path:
-    """Write a repaired map for netconvert."""
-    path = folder / name
-    path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
-    return path

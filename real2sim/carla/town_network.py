@@ -13,7 +13,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.carla.opendrive import OpenDriveMap, measure_offset_error, place_stop_signs, read_opendrive
-from real2sim.carla.road_links import repair_road_links, write_mended
+from real2sim.carla.road_links import repair_road_links
 from real2sim.netconvert import build_opendrive_command, compile_opendrive
 from real2sim.xml_file import Element, read_xml
 
@@ -91,7 +91,9 @@ def _compile_repaired(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
     if not repairs:
         return compile_opendrive(xodr), ()
     with tempfile.TemporaryDirectory() as folder:
-        return compile_opendrive(write_mended(root, Path(folder), xodr.name)), repairs
+        repaired = Path(folder) / xodr.name
+        repaired.write_bytes(_serialise(root))
+        return compile_opendrive(repaired), repairs
 
 
 def _check_offset(xodr: Path, drive: OpenDriveMap, roads: RoadMap, offset: tuple[float, float]) -> float:

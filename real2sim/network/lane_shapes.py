@@ -4,13 +4,13 @@ netconvert cuts every lane, even one with a given shape, at the outline that it 
 outlines overlap it leaves stumps of 0.2 m. Lanes of a log end where the map says, so their shapes are restored.
 """
 
-import re
 from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline
+from real2sim.netconvert import strip_xml_comments
 from real2sim.network.lane_segment import clip_polyline
 from real2sim.network.network_plan import NetworkPlan, PlannedConnection
 from real2sim.xml_file import Element
@@ -21,7 +21,7 @@ MIN_LANE_LENGTH_M = 0.1
 
 def restore_shapes(net: bytes, plan: NetworkPlan, lane_ids: Mapping[str, str]) -> bytes:
     """Return the net with the planned shapes and without comments. `lane_ids`: segment id -> SUMO lane id."""
-    root = ElementTree.fromstring(re.sub(rb"<!--.*?-->\s*", b"", net, flags=re.DOTALL))
+    root = ElementTree.fromstring(strip_xml_comments(net))
     lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
     for edge in plan.edges:
         length = float(np.mean([strip.centreline.length for strip in edge.lanes]))  # SUMO has one length for all lanes

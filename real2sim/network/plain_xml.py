@@ -1,7 +1,6 @@
 """Write a plan as SUMO's plain XML (nodes, edges, connections) and compile it with netconvert."""
 
 import re
-import subprocess
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -9,10 +8,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import LaneKind
-from real2sim.netconvert import find_netconvert
+from real2sim.netconvert import run_netconvert
 from real2sim.network.lane_segment import LaneSegment
 from real2sim.network.lane_shapes import format_shape
 from real2sim.network.network_plan import NetworkPlan, PlannedEdge
@@ -127,14 +125,4 @@ def _build_element(tag: str, **attributes: str) -> Element:
 
 def compile_plain(folder: Path, left_hand: bool) -> bytes:
     """Compile the plain files in `folder` with netconvert; raise InputError."""
-    net = folder / "draft.net.xml"
-    call = (str(find_netconvert()), *build_plain_arguments(left_hand), "--output-file", net.name)
-    done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
-    try:
-        if done.returncode or not net.is_file():
-            errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
-            why = errors[0].removeprefix("Error: ") if errors else f"exit code {done.returncode}"
-            raise InputError(f"{folder}: expected a network that netconvert accepts, found: {why}")
-        return net.read_bytes()
-    finally:
-        net.unlink(missing_ok=True)
+    return run_netconvert(build_plain_arguments(left_hand), folder, f"{folder}: expected a network")
