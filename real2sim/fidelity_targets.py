@@ -73,9 +73,9 @@ def find_silently_lost(
 ) -> tuple[str, ...]:
     """Return ids of source tracks that are missing in the scenario without a stated reason."""
     silent = TrackRole(Disposition.LEFT_OUT)
-    told = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.drop_reason_by_track)
+    explained = {id_ for id_, role in roles.items() if role != silent} | set(cleaned.report.drop_reason_by_track)
     source = {track.id for view in recording.views for track in view.tracks if track.valid.any()}
-    return tuple(sorted(id_ for id_ in source if not told & {id_, *cleaned.successors.get(id_, ())}))
+    return tuple(sorted(id_ for id_ in source if not explained & {id_, *cleaned.successors.get(id_, ())}))
 
 
 def build_lost_target(

@@ -111,7 +111,7 @@ def build_suite(folder: Path) -> Suite:
 def write_suite(folder: Path) -> Suite:
     """Write and seal `suite.json` and every `scenario.json` of the recipe in `folder`."""
     save_suite(build_suite(folder))
-    suite = seal_suite(load_suite(str(folder)))  # as it is read: files are rounded
+    suite = seal_suite(load_suite(str(folder)))  # seal the rounded values of the files
     save_suite(suite)
     return suite
 

@@ -97,7 +97,10 @@ def _build_ego(cav: _MatchedCav, roads: RoadMap, shift: float) -> Ego:
     legs: RouteLegs = advance_start(roads, cav.match.legs, shift)
     dense = build_dense_route(roads, legs)
     x, y, yaw = compute_start_pose(roads, legs)
-    xy, yaws = dense.xy.round(3), dense.yaw.round(4)  # as the file is written: the report counts what is in it
+    xy, yaws = (
+        dense.xy.round(3),
+        dense.yaw.round(4),
+    )  # rounded as in the file, so that the report counts the same points
     points = zip(xy[:, 0].tolist(), xy[:, 1].tolist(), yaws.tolist(), strict=True)
     return Ego(id=cav.route.id, start=Pose(x=x, y=y, yaw=yaw), lanes=dense.lanes, route=tuple(points))
 

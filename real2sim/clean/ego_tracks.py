@@ -33,33 +33,35 @@ class TrackedObject:
 
 
 def extract_cavs(
-    recording: Recording, pieces: TrackSegments, groups: list[list[int]]
+    recording: Recording, segments: TrackSegments, groups: list[list[int]]
 ) -> tuple[list[TrackedObject], list[list[int]]]:
     """Return the connected vehicles that have a pose of their own, and the groups that belong to none of them."""
     egos: list[TrackedObject] = []
-    sights = [fuse_segments(pieces, group) for group in groups]
+    sights = [fuse_segments(segments, group) for group in groups]
     free = set(range(len(groups)))
     for view in recording.views:
         if view.is_infrastructure or len(view.pose) != recording.frame_count or not np.isfinite(view.pose).all(1).any():
             continue
-        ghosts = [a for a in sorted(free) if _is_ego(pieces, groups[a], sights[a], view.pose)]
+        ghosts = [a for a in sorted(free) if _is_ego(segments, groups[a], sights[a], view.pose)]
         free -= set(ghosts)
         members = sorted(i for a in ghosts for i in groups[a])
         egos.append(
-            TrackedObject(view.observer, tuple(members), members, _fuse_own_pose(pieces, members, view, recording.dt_s))
+            TrackedObject(
+                view.observer, tuple(members), members, _fuse_own_pose(segments, members, view, recording.dt_s)
+            )
         )
     return egos, [group for a, group in enumerate(groups) if a in free]
 
 
-def _is_ego(pieces: TrackSegments, group: Sequence[int], sight: FusedTrack, pose: Float) -> bool:
-    if all(pieces.categories[i].kind is not Kind.VEHICLE for i in group):
+def _is_ego(segments: TrackSegments, group: Sequence[int], sight: FusedTrack, pose: Float) -> bool:
+    if all(segments.categories[i].kind is not Kind.VEHICLE for i in group):
         return False
     away = np.hypot(sight.x - pose[:, 0], sight.y - pose[:, 1])
     away = away[np.isfinite(away)]
     return bool(len(away) and np.median(away) < EGO_M and np.percentile(away, 90) < EGO_SPREAD * EGO_M)
 
 
-def _fuse_own_pose(pieces: TrackSegments, members: Sequence[int], view: ObserverView, dt_s: float) -> FusedTrack:
+def _fuse_own_pose(segments: TrackSegments, members: Sequence[int], view: ObserverView, dt_s: float) -> FusedTrack:
     """Fuse a CAV's own pose, shifted and rotated from the sensor to the box that others see.
 
     The sensor is neither at the box centre nor aligned with the vehicle. Without any box the direction of motion gives
@@ -71,7 +73,7 @@ def _fuse_own_pose(pieces: TrackSegments, members: Sequence[int], view: Observer
     mount = _compute_median_angle((course - yaw)[valid & (speed > 2.0)])
     if not members:
         return FusedTrack(valid, x.copy(), y.copy(), wrap_angles(yaw + mount))
-    box = fuse_segments(pieces, members)
+    box = fuse_segments(segments, members)
     both = valid & box.valid
     mount = _compute_median_angle(2 * (box.axis - yaw)[both]) / 2
     dx, dy = (box.x - x)[both], (box.y - y)[both]

@@ -20,34 +20,34 @@ def clamp_size(length: float, width: float, kind: Kind) -> tuple[float, float]:
     return min(max(round(length, 2), MIN_SIZE_M), MAX_LENGTH_M), min(max(round(width, 2), MIN_SIZE_M), widest)
 
 
-def vote_category(pieces: TrackSegments, members: Sequence[int]) -> tuple[ObjectCategory, str]:
+def vote_category(segments: TrackSegments, members: Sequence[int]) -> tuple[ObjectCategory, str]:
     """Return the category of most frames, and a note if there were several. A CAV without observers is a car."""
     votes: Counter[ObjectCategory] = Counter()
     for i in members:
-        votes[pieces.categories[i]] += int(pieces.valid[i].sum())
+        votes[segments.categories[i]] += int(segments.valid[i].sum())
     if not votes:
-        return ObjectCategory.CAR, "connected vehicle that nobody else saw: car"
+        return ObjectCategory.CAR, "connected vehicle without another observer: car"
     winner = max(votes, key=lambda category: (votes[category], category.value))
     return winner, "" if len(votes) == 1 else "of " + ", ".join(sorted(category.value for category in votes))
 
 
-def vote_size(pieces: TrackSegments, members: Sequence[int], category: ObjectCategory) -> tuple[float, float, str]:
+def vote_size(segments: TrackSegments, members: Sequence[int], category: ObjectCategory) -> tuple[float, float, str]:
     """Return the median length and width [m], and a note if they disagree, are assumed or out of limits."""
     rows = list(members)
-    told: list[str] = []
+    notes: list[str] = []
     size: list[float] = []
     for name, values, usual in zip(
-        ("length", "width"), (pieces.length, pieces.width), DEFAULT_SIZE_M[category], strict=True
+        ("length", "width"), (segments.length, segments.width), DEFAULT_SIZE_M[category], strict=True
     ):
         known = values[rows][np.isfinite(values[rows])] if rows else np.zeros(0)
         size.append(float(np.median(known)) if len(known) else usual)
         if len(known) == 0:
-            told.append(f"{name} {usual:g} m assumed")
+            notes.append(f"{name} {usual:g} m assumed")
         elif category is not ObjectCategory.PEDESTRIAN and np.ptp(known) > DISAGREE_M:
-            told.append(f"{name} {known.min():.2f} to {known.max():.2f} m: {size[-1]:.2f}")
+            notes.append(f"{name} {known.min():.2f} to {known.max():.2f} m: {size[-1]:.2f}")
     within = clamp_size(size[0], size[1], category.kind)
     for name, value, limit in zip(("length", "width"), size, within, strict=True):
         if abs(value - limit) > 0.01:
-            told.append(f"{name} {value:.2f} m is beyond what a scenario can have: {limit:g}")
+            notes.append(f"{name} {value:.2f} m is outside the limits of a scenario: {limit:g}")
             size[name == "width"] = limit
-    return size[0], size[1], ", ".join(told)
+    return size[0], size[1], ", ".join(notes)

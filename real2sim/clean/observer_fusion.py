@@ -43,20 +43,20 @@ class FusedTrack:
     """Direction of the box modulo pi [rad]; NaN where no observer gives one."""
 
 
-def group_segments(pieces: TrackSegments) -> list[list[int]]:
+def group_segments(segments: TrackSegments) -> list[list[int]]:
     """Group segments that show the same object while they overlap in time, nearest pairs first."""
-    whole = _bridge_short_gaps(pieces)
-    first, second = _find_candidate_pairs(whole)
-    closeness = _compute_dissimilarity(pieces, first, second)
-    named = np.flatnonzero([pieces.ids[i] == pieces.ids[j] for i, j in zip(first, second, strict=True)])
+    bridged = _bridge_short_gaps(segments)
+    first, second = _find_candidate_pairs(bridged)
+    closeness = _compute_dissimilarity(segments, first, second)
+    named = np.flatnonzero([segments.ids[i] == segments.ids[j] for i, j in zip(first, second, strict=True)])
     if len(named):
-        closeness[named] = _compute_dissimilarity(whole, first[named], second[named])
-    common = pieces.valid.astype(np.float32) @ pieces.valid.T.astype(np.float32) > 0
+        closeness[named] = _compute_dissimilarity(bridged, first[named], second[named])
+    common = segments.valid.astype(np.float32) @ segments.valid.T.astype(np.float32) > 0
     apart = common.copy()
-    one_observer = pieces.observer[first] == pieces.observer[second]
+    one_observer = segments.observer[first] == segments.observer[second]
     apart[first, second] = apart[second, first] = closeness > np.where(one_observer, 1.0, CROSS_VIEW_LIMIT)
-    group = {i: [i] for i in range(len(pieces))}
-    owner = list(range(len(pieces)))
+    group = {i: [i] for i in range(len(segments))}
+    owner = list(range(len(segments)))
     for n in np.argsort(closeness, kind="stable"):
         a, b = owner[first[n]], owner[second[n]]
         if closeness[n] > 1.0:
@@ -68,26 +68,26 @@ def group_segments(pieces: TrackSegments) -> list[list[int]]:
     return [sorted(members) for members in group.values()]
 
 
-def _bridge_short_gaps(pieces: TrackSegments) -> TrackSegments:
+def _bridge_short_gaps(segments: TrackSegments) -> TrackSegments:
     """Return the segments with short gaps filled: two observers may see one id alternately only."""
-    valid, x, y = pieces.valid.copy(), pieces.x.copy(), pieces.y.copy()
-    for k in range(len(pieces)):
-        frames = np.flatnonzero(pieces.valid[k])
+    valid, x, y = segments.valid.copy(), segments.x.copy(), segments.y.copy()
+    for k in range(len(segments)):
+        frames = np.flatnonzero(segments.valid[k])
         for a, b in pairwise(frames.tolist()):
             if 1 < b - a <= BRIDGED_FRAMES:
                 inner = np.arange(a + 1, b)
                 valid[k, inner] = True
-                x[k, inner], y[k, inner] = (np.interp(inner, (a, b), v[k, [a, b]]) for v in (pieces.x, pieces.y))
-    return replace(pieces, valid=valid, x=x, y=y)
+                x[k, inner], y[k, inner] = (np.interp(inner, (a, b), v[k, [a, b]]) for v in (segments.x, segments.y))
+    return replace(segments, valid=valid, x=x, y=y)
 
 
-def _find_candidate_pairs(pieces: TrackSegments) -> tuple[Int, Int]:
+def _find_candidate_pairs(segments: TrackSegments) -> tuple[Int, Int]:
     """Return index pairs of segments that share frames and whose enlarged bounding rectangles touch."""
-    there = np.asarray(pieces.valid.any(axis=1))
-    low = np.array([_compute_minimum(values, pieces.valid) for values in (pieces.x, pieces.y)]) - SAME_ID_M
-    high = -np.array([_compute_minimum(-values, pieces.valid) for values in (pieces.x, pieces.y)]) + SAME_ID_M
+    there = np.asarray(segments.valid.any(axis=1))
+    low = np.array([_compute_minimum(values, segments.valid) for values in (segments.x, segments.y)]) - SAME_ID_M
+    high = -np.array([_compute_minimum(-values, segments.valid) for values in (segments.x, segments.y)]) + SAME_ID_M
     touch = (low[:, :, None] <= high[:, None, :]).all(0)
-    common = pieces.valid.astype(np.float32) @ pieces.valid.T.astype(np.float32) > 0
+    common = segments.valid.astype(np.float32) @ segments.valid.T.astype(np.float32) > 0
     first, second = np.nonzero(np.triu(touch & touch.T & common & there[:, None], 1))
     return first, second
 
@@ -96,42 +96,42 @@ def _compute_minimum(values: Float, valid: Bool) -> Float:
     return np.where(valid, values, np.inf).min(axis=1, initial=np.inf)
 
 
-def _compute_dissimilarity(pieces: TrackSegments, first: Int, second: Int) -> Float:
+def _compute_dissimilarity(segments: TrackSegments, first: Int, second: Int) -> Float:
     """Return (N,) distances of pairs relative to the limit for one object: at most 1 means the same object."""
-    common = pieces.valid[first] & pieces.valid[second]
-    dx, dy = pieces.x[second] - pieces.x[first], pieces.y[second] - pieces.y[first]
+    common = segments.valid[first] & segments.valid[second]
+    dx, dy = segments.x[second] - segments.x[first], segments.y[second] - segments.y[first]
     distance = np.hypot(dx, dy)
     middle, ninth = _compute_quantile(distance, common, 0.5), _compute_quantile(distance, common, 0.9)
-    walker = np.array([category.kind is Kind.PEDESTRIAN for category in pieces.categories], dtype=np.bool_)
-    named = np.array([pieces.ids[i] == pieces.ids[j] for i, j in zip(first, second, strict=True)], dtype=np.bool_)
+    walker = np.array([category.kind is Kind.PEDESTRIAN for category in segments.categories], dtype=np.bool_)
+    named = np.array([segments.ids[i] == segments.ids[j] for i, j in zip(first, second, strict=True)], dtype=np.bool_)
     walkers, mixed = walker[first] & walker[second], walker[first] ^ walker[second]
     by_name = np.maximum(middle / SAME_ID_M, ninth / (P90_FACTOR * SAME_ID_M))
-    reach = np.where(pieces.observer[first] == pieces.observer[second], PEDESTRIAN_M, PEDESTRIAN_CROSS_VIEW_M)
+    reach = np.where(segments.observer[first] == segments.observer[second], PEDESTRIAN_M, PEDESTRIAN_CROSS_VIEW_M)
     by_place = np.maximum(middle / reach, ninth / (P90_FACTOR * reach))
-    closeness = np.where(walkers, by_place, _compute_box_dissimilarity(pieces, first, second, (dx, dy)))
+    closeness = np.where(walkers, by_place, _compute_box_dissimilarity(segments, first, second, (dx, dy)))
     closeness = np.where(mixed, np.inf, closeness)
     closeness = np.where(named, by_name, closeness)
     count = common.sum(1)
     least = np.where(named, 1, MIN_COMMON_FRAMES)
-    least = np.minimum(least, np.minimum(pieces.valid[first].sum(1), pieces.valid[second].sum(1)))
+    least = np.minimum(least, np.minimum(segments.valid[first].sum(1), segments.valid[second].sum(1)))
     return np.where(count >= least, closeness, 1.0 + 1e-9 + closeness)
 
 
-def _compute_box_dissimilarity(pieces: TrackSegments, first: Int, second: Int, gap: tuple[Float, Float]) -> Float:
+def _compute_box_dissimilarity(segments: TrackSegments, first: Int, second: Int, gap: tuple[Float, Float]) -> Float:
     """Return the dissimilarity (N,) of vehicle pairs from offsets along and across the box and from the angle."""
-    common = pieces.valid[first] & pieces.valid[second]
-    yaw = np.where(np.isfinite(pieces.yaw[first]), pieces.yaw[first], np.arctan2(gap[1], gap[0]))
+    common = segments.valid[first] & segments.valid[second]
+    yaw = np.where(np.isfinite(segments.yaw[first]), segments.yaw[first], np.arctan2(gap[1], gap[0]))
     along = np.abs(gap[0] * np.cos(yaw) + gap[1] * np.sin(yaw))
     across = np.abs(gap[1] * np.cos(yaw) - gap[0] * np.sin(yaw))
     length = (
-        _compute_median_size(pieces.length, UNKNOWN_LENGTH_M)[first]
-        + _compute_median_size(pieces.length, UNKNOWN_LENGTH_M)[second]
+        _compute_median_size(segments.length, UNKNOWN_LENGTH_M)[first]
+        + _compute_median_size(segments.length, UNKNOWN_LENGTH_M)[second]
     ) / 2
     width = (
-        _compute_median_size(pieces.width, UNKNOWN_WIDTH_M)[first]
-        + _compute_median_size(pieces.width, UNKNOWN_WIDTH_M)[second]
+        _compute_median_size(segments.width, UNKNOWN_WIDTH_M)[first]
+        + _compute_median_size(segments.width, UNKNOWN_WIDTH_M)[second]
     ) / 2
-    turned = np.abs(np.sin(np.nan_to_num(pieces.yaw[first] - pieces.yaw[second])))
+    turned = np.abs(np.sin(np.nan_to_num(segments.yaw[first] - segments.yaw[second])))
     return np.maximum.reduce(
         (
             _compute_quantile(along, common, 0.5) / (LENGTH_SHARE * length),
@@ -156,19 +156,19 @@ def _compute_quantile(values: Float, there: Bool, share: float) -> Float:
     return np.where(count > 0, picked, np.nan)
 
 
-def fuse_segments(pieces: TrackSegments, members: Sequence[int]) -> FusedTrack:
+def fuse_segments(segments: TrackSegments, members: Sequence[int]) -> FusedTrack:
     """Return the weighted mean of the members in every frame; outliers are down-weighted (Cauchy weights)."""
     rows = np.asarray(members)
-    valid = pieces.valid[rows]
+    valid = segments.valid[rows]
     say = compute_ramp_weights(valid)
-    x, y = pieces.x[rows], pieces.y[rows]
+    x, y = segments.x[rows], segments.y[rows]
     there = np.asarray(valid.any(axis=0))
     at = (_compute_weighted_mean(x, say), _compute_weighted_mean(y, say))
     for _ in range(3 if len(rows) > 2 else 0):
         off = np.nan_to_num(np.hypot(x - at[0], y - at[1]))
         weight = say / (1 + (off / OUTLIER_M) ** 2)
         at = (_compute_weighted_mean(x, weight), _compute_weighted_mean(y, weight))
-    yaw = pieces.yaw[rows]
+    yaw = segments.yaw[rows]
     known = say * np.isfinite(yaw)
     sin, cos = (_compute_weighted_mean(of(2 * yaw), known) for of in (np.sin, np.cos))
     return FusedTrack(there, at[0], at[1], np.arctan2(sin, cos) / 2)

@@ -56,77 +56,77 @@ class _CleaningState:
 
 def clean_recording(recording: Recording) -> CleanedRecording:
     """Fuse, split, join, fill and align the tracks; raise InputError if a view does not fit the recording."""
-    whole = collect_segments(recording)
-    pieces, mistakes = split_at_jumps(whole, recording.dt_s)
-    work = _CleaningState(recording, pieces)
-    for mistake in mistakes:
-        observer = recording.views[whole.observer[mistake.track]].observer
-        work.add_change(
-            ChangeReason.TELEPORT, whole.ids[mistake.track], mistake.frames, f"{mistake.detail}, for {observer}"
+    unsplit = collect_segments(recording)
+    segments, removals = split_at_jumps(unsplit, recording.dt_s)
+    state = _CleaningState(recording, segments)
+    for removed in removals:
+        observer = recording.views[unsplit.observer[removed.track]].observer
+        state.add_change(
+            ChangeReason.TELEPORT, unsplit.ids[removed.track], removed.frames, f"{removed.detail}, for {observer}"
         )
-    groups = [group for group in group_segments(pieces) if pieces.valid[group].any()]
-    egos, groups = extract_cavs(recording, pieces, groups)
-    groups = join_groups(pieces, groups, recording.dt_s)
-    lone = find_orphans(pieces, groups)
+    groups = [group for group in group_segments(segments) if segments.valid[group].any()]
+    egos, groups = extract_cavs(recording, segments, groups)
+    groups = join_groups(segments, groups, recording.dt_s)
+    lone = find_orphans(segments, groups)
     for a in lone:
-        _report_orphan(work, groups[a])
-    things = [TrackedObject("", (), group) for a, group in enumerate(groups) if a not in lone]
-    tracks, cavs = _build_tracks(work, [*egos, *things])
+        _report_orphan(state, groups[a])
+    tracked_objects = [TrackedObject("", (), group) for a, group in enumerate(groups) if a not in lone]
+    tracks, cavs = _build_tracks(state, [*egos, *tracked_objects])
     tracks, changes = resolve_overlaps(tracks, set(cavs.values()) | set(recording.cavs), recording.dt_s)
-    work.changes += changes
+    state.changes += changes
     cavs |= {name: name for name in recording.cavs if name in {track.id for track in tracks} and name not in cavs}
-    return CleanedRecording(recording.dt_s, tracks, cavs, CleaningReport(tuple(work.changes)), work.successors)
+    return CleanedRecording(recording.dt_s, tracks, cavs, CleaningReport(tuple(state.changes)), state.successors)
 
 
-def _report_orphan(work: _CleaningState, group: Sequence[int]) -> None:
-    frames = int(work.segments.valid[group].sum())
-    observers = sorted({work.recording.views[work.segments.observer[i]].observer for i in group})
-    name = work.segments.ids[group[0]]
-    work.changes.append(
+def _report_orphan(state: _CleaningState, group: Sequence[int]) -> None:
+    frames = int(state.segments.valid[group].sum())
+    observers = sorted({state.recording.views[state.segments.observer[i]].observer for i in group})
+    name = state.segments.ids[group[0]]
+    state.changes.append(
         TrackChange(ChangeReason.TELEPORT, name, frames, f"left out of {', '.join(observers)}", is_whole_track=True)
     )
-    work.add_successor(name, group)
+    state.add_successor(name, group)
 
 
 def _build_tracks(
-    work: _CleaningState, things: Sequence[TrackedObject]
+    state: _CleaningState, tracked_objects: Sequence[TrackedObject]
 ) -> tuple[tuple[RecordedTrack, ...], dict[str, str]]:
     """Build the tracks of all objects that are long enough, and the ids of the CAVs among them."""
     tracks: list[RecordedTrack] = []
     cavs: dict[str, str] = {}
-    for thing, name in zip(things, assign_names(work.segments, things), strict=True):
-        work.add_successor(name, (*thing.members, *thing.ghost_members))
-        seen = thing.fused if thing.observer else fuse_segments(work.segments, thing.members)
-        if seen.valid.sum() < min(MIN_FRAMES, work.recording.frame_count):
-            work.add_change(
+    for tracked, name in zip(tracked_objects, assign_names(state.segments, tracked_objects), strict=True):
+        state.add_successor(name, (*tracked.members, *tracked.ghost_members))
+        seen = tracked.fused if tracked.observer else fuse_segments(state.segments, tracked.members)
+        if seen.valid.sum() < min(MIN_FRAMES, state.recording.frame_count):
+            state.add_change(
                 ChangeReason.TOO_SHORT, name, int(seen.valid.sum()), f"seen in {int(seen.valid.sum())} frames only"
             )
             continue
-        for change in report_id_changes(work.recording, work.segments, thing, name):
-            work.changes.append(change)
-        tracks.append(_build_track(work, thing, name, seen))
-        if thing.observer:
-            cavs[thing.observer] = name
+        for change in report_id_changes(state.recording, state.segments, tracked, name):
+            state.changes.append(change)
+        tracks.append(_build_track(state, tracked, name, seen))
+        if tracked.observer:
+            cavs[tracked.observer] = name
     return tuple(tracks), cavs
 
 
-def _build_track(work: _CleaningState, thing: TrackedObject, name: str, seen: FusedTrack) -> RecordedTrack:
-    dt_s, members = work.recording.dt_s, list(thing.members)
+def _build_track(state: _CleaningState, tracked: TrackedObject, name: str, seen: FusedTrack) -> RecordedTrack:
+    dt_s, members = state.recording.dt_s, list(tracked.members)
     longest = round(MAX_GAP_S / dt_s)
     valid, x, y = motion.fill_gaps(seen.valid, seen.x, seen.y, longest)
     x, y, steps = motion.spread_steps(valid, x, y, dt_s)
-    _report_gaps(work, name, seen.valid, valid)
+    _report_gaps(state, name, seen.valid, valid)
     for frame, size in steps:
-        work.add_change(
+        state.add_change(
             ChangeReason.TELEPORT, name, 1, f"step of {size:.2f} m at frame {frame} spread over the time around it"
         )
     x, y, held = motion.remove_excursions(valid, x, y, dt_s)
     if held:
-        work.add_change(
+        state.add_change(
             ChangeReason.TELEPORT, name, held, "left its place and came back faster than anything can: held there"
         )
-    category, said = vote_category(work.segments, members)
-    length, width, told = vote_size(work.segments, members, category)
+    category, category_note = vote_category(state.segments, members)
+    length, width, size_note = vote_size(state.segments, members, category)
     full = np.where(valid, 1.0, np.nan)
     track = RecordedTrack(name, category, valid, x, y, seen.axis, length * full, width * full)
     moving = has_moved(track, dt_s)
@@ -135,52 +135,52 @@ def _build_track(work: _CleaningState, thing: TrackedObject, name: str, seen: Fu
             ObjectCategory.CAR if length > 2.5 else ObjectCategory.BICYCLE if moving and length > 1.3 else category
         )
         category = ObjectCategory.PEDESTRIAN if moving and category is ObjectCategory.STATIC else category
-        said = f"static by its label, {'moves' if moving else f'{length:.1f} m long'}: {category.value}"
-    if said:
-        work.add_change(ChangeReason.LABEL, name, int(valid.sum()), said)
-    if told:
-        work.add_change(ChangeReason.SIZE, name, int(valid.sum()), told)
-    parked = not moving if valid.sum() > 1 else _is_labelled_parked(work.segments, members)
+        category_note = f"static by its label, {'moves' if moving else f'{length:.1f} m long'}: {category.value}"
+    if category_note:
+        state.add_change(ChangeReason.LABEL, name, int(valid.sum()), category_note)
+    if size_note:
+        state.add_change(ChangeReason.SIZE, name, int(valid.sum()), size_note)
+    parked = not moving if valid.sum() > 1 else _is_labelled_parked(state.segments, members)
     if parked:
-        work.add_change(
+        state.add_change(
             ChangeReason.STATIC,
             name,
             int(valid.sum()),
-            "by label" if _is_labelled_parked(work.segments, members) else "",
+            "by label" if _is_labelled_parked(state.segments, members) else "",
         )
     track = replace(track, category=category, parked=parked)
-    return replace(track, yaw=_resolve_heading(work, thing, track, seen))
+    return replace(track, yaw=_resolve_heading(state, tracked, track, seen))
 
 
-def _is_labelled_parked(pieces: TrackSegments, members: Sequence[int]) -> bool:
-    return bool(len(members) and pieces.parked[list(members)].any())
+def _is_labelled_parked(segments: TrackSegments, members: Sequence[int]) -> bool:
+    return bool(len(members) and segments.parked[list(members)].any())
 
 
-def _report_gaps(work: _CleaningState, name: str, before: np.ndarray, after: np.ndarray) -> None:
+def _report_gaps(state: _CleaningState, name: str, before: np.ndarray, after: np.ndarray) -> None:
     if after.sum() > before.sum():
-        work.add_change(ChangeReason.GAP, name, int(after.sum() - before.sum()), "filled by motion")
+        state.add_change(ChangeReason.GAP, name, int(after.sum() - before.sum()), "filled by motion")
     frames = np.flatnonzero(after)
     left = int(frames[-1] - frames[0] + 1 - len(frames))
     if left:
-        work.add_change(ChangeReason.LONG_GAP, name, left, f"longer than {MAX_GAP_S:g} s")
+        state.add_change(ChangeReason.LONG_GAP, name, left, f"longer than {MAX_GAP_S:g} s")
 
 
-def _resolve_heading(work: _CleaningState, thing: TrackedObject, track: RecordedTrack, seen: FusedTrack) -> Float:
+def _resolve_heading(state: _CleaningState, tracked: TrackedObject, track: RecordedTrack, seen: FusedTrack) -> Float:
     """Return the heading of a track; report the frames in which boxes disagree."""
-    pieces, members = work.segments, list(thing.members)
-    course, speed = motion.compute_motion_directions(track.valid, track.x, track.y, work.recording.dt_s)
-    yaws = pieces.yaw[members] if members else np.full((1, len(track.x)), np.nan)
+    segments, members = state.segments, list(tracked.members)
+    course, speed = motion.compute_motion_directions(track.valid, track.x, track.y, state.recording.dt_s)
+    yaws = segments.yaw[members] if members else np.full((1, len(track.x)), np.nan)
     if track.category.kind is Kind.PEDESTRIAN:
         box = np.where(np.isfinite(seen.axis), seen.axis, np.nan)
         how = "stands, as its box" if track.parked else "from motion"
-        work.add_change(ChangeReason.HEADING, track.id, int(track.valid.sum()), f"walker: {how}")
+        state.add_change(ChangeReason.HEADING, track.id, int(track.valid.sum()), f"walker: {how}")
         return motion.compute_pedestrian_heading(course, speed, track.valid, box)
     votes = np.nan_to_num(np.cos(yaws - seen.axis)).sum(axis=0)
-    heading = motion.compute_vehicle_heading(seen.axis, votes, (course, speed, track.valid), work.recording.dt_s)
+    heading = motion.compute_vehicle_heading(seen.axis, votes, (course, speed, track.valid), state.recording.dt_s)
     turned = np.nan_to_num(np.cos(yaws - heading), nan=1.0) < 0
     for row in np.flatnonzero(turned.any(axis=1)):
-        observer = work.recording.views[pieces.observer[members[row]]].observer
-        work.add_change(ChangeReason.HEADING, track.id, int(turned[row].sum()), f"turned round, seen by {observer}")
-    if not np.isfinite(yaws).any() and not thing.observer:
-        work.add_change(ChangeReason.HEADING, track.id, int(track.valid.sum()), "from motion: the source tells none")
+        observer = state.recording.views[segments.observer[members[row]]].observer
+        state.add_change(ChangeReason.HEADING, track.id, int(turned[row].sum()), f"turned round, seen by {observer}")
+    if not np.isfinite(yaws).any() and not tracked.observer:
+        state.add_change(ChangeReason.HEADING, track.id, int(track.valid.sum()), "from motion: the source gives none")
     return heading

@@ -40,13 +40,13 @@ class GroupEnds:
     exit_velocity: Float
 
 
-def join_groups(pieces: TrackSegments, groups: Sequence[list[int]], dt_s: float) -> list[list[int]]:
+def join_groups(segments: TrackSegments, groups: Sequence[list[int]], dt_s: float) -> list[list[int]]:
     """Join groups that follow each other; the best explained pairs are joined first."""
     groups = [list(group) for group in groups]
     if len(groups) < 2:
         return groups
-    ends = _compute_ends(pieces, groups)
-    cost = _compute_costs(pieces, groups, ends, dt_s)
+    ends = _compute_ends(segments, groups)
+    cost = _compute_costs(segments, groups, ends, dt_s)
     follower: dict[int, int] = {}
     leader: dict[int, int] = {}
     pairs = np.column_stack(np.nonzero(np.isfinite(cost)))
@@ -64,10 +64,10 @@ def _collect_chain(groups: Sequence[list[int]], follower: dict[int, int], start:
     return sorted(members)
 
 
-def _compute_ends(pieces: TrackSegments, groups: Sequence[list[int]]) -> GroupEnds:
+def _compute_ends(segments: TrackSegments, groups: Sequence[list[int]]) -> GroupEnds:
     rows: list[tuple[int, int, Float, Float, Float, Float]] = []
     for group in groups:
-        seen = fuse_segments(pieces, group)
+        seen = fuse_segments(segments, group)
         frames = np.flatnonzero(seen.valid)
         xy = np.column_stack((seen.x, seen.y))[frames]
         head, tail = slice(None, END_FRAMES), slice(-END_FRAMES, None)
@@ -96,7 +96,7 @@ def _estimate_velocity(frames: Int, xy: Float) -> Float:
     return (off @ xy) / (off @ off)
 
 
-def _compute_costs(pieces: TrackSegments, groups: Sequence[list[int]], ends: GroupEnds, dt_s: float) -> Float:
+def _compute_costs(segments: TrackSegments, groups: Sequence[list[int]], ends: GroupEnds, dt_s: float) -> Float:
     """Return (G, G) costs of joining the second group to the first; infinite where motion does not explain it."""
     gap = (ends.first[None, :] - ends.last[:, None]).astype(np.float64)
     gap_s = np.maximum(gap, 0.0) * dt_s
@@ -108,7 +108,7 @@ def _compute_costs(pieces: TrackSegments, groups: Sequence[list[int]], ends: Gro
     change = np.hypot(*np.moveaxis(np.nan_to_num(after - before), -1, 0)) / dt_s
     speed = np.hypot(*np.moveaxis(np.nan_to_num(np.stack((before, after))), -1, 0)).max(0) / dt_s
     limit = JOIN_M + np.minimum(0.5 * JOIN_ACCELERATION * gap_s**2, MAX_JOIN_M)
-    named = _share_ids(pieces, groups)
+    named = _share_ids(segments, groups)
     here = np.hypot(moved[..., 0], moved[..., 1])
     explained = (off < limit) & (gap_s <= MAX_GAP_S) & (change < SPEED_STEP + SPEED_RATE * gap_s) & known
     standing = (speed < STANDING_SPEED) & (here < STANDING_M)
@@ -116,37 +116,41 @@ def _compute_costs(pieces: TrackSegments, groups: Sequence[list[int]], ends: Gro
     long_unseen = named & (gap_s > MAX_GAP_S) & (here < ORPHAN_M + (speed + 2.0) * gap_s)
     follows = (gap > -MIN_COMMON_FRAMES) & (np.subtract.outer(ends.first, ends.first) < 0)
     follows &= np.subtract.outer(ends.last, ends.last) < 0
-    possible = follows & _have_same_kind(pieces, groups) & (explained | standing | jumped | long_unseen)
+    possible = follows & _have_same_kind(segments, groups) & (explained | standing | jumped | long_unseen)
     cost = off / limit + 0.2 * gap_s + np.where(named, 0.0, 0.3) + np.where(explained | standing, 0.0, 10.0)
     return np.where(possible, cost, np.inf)
 
 
-def _share_ids(pieces: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
+def _share_ids(segments: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
     """Return a (G, G) mask of groups that share an id."""
-    names = [{pieces.ids[i] for i in group} for group in groups]
+    names = [{segments.ids[i] for i in group} for group in groups]
     return np.array([[not a.isdisjoint(b) for b in names] for a in names])
 
 
-def _have_same_kind(pieces: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
+def _have_same_kind(segments: TrackSegments, groups: Sequence[list[int]]) -> np.ndarray:
     """Return a (G, G) mask of groups that agree in being pedestrians or not."""
-    walker = np.array([pieces.categories[group[0]].kind is Kind.PEDESTRIAN for group in groups])
+    walker = np.array([segments.categories[group[0]].kind is Kind.PEDESTRIAN for group in groups])
     return walker[:, None] == walker[None, :]
 
 
-def find_orphans(pieces: TrackSegments, groups: Sequence[list[int]]) -> dict[int, int]:
+def find_orphans(segments: TrackSegments, groups: Sequence[list[int]]) -> dict[int, int]:
     """Return erroneous groups with the group they belong to: same id, and a track that is complete without them.
 
     Only groups cut off by jumps and very short groups are candidates.
     """
-    sights = [fuse_segments(pieces, group) for group in groups]
+    sights = [fuse_segments(segments, group) for group in groups]
     found: dict[int, int] = {}
     size = [int(sight.valid.sum()) for sight in sights]
     for a, group in enumerate(groups):
-        if not (all(pieces.is_cut[i] for i in group) or size[a] < SHORT_FRAMES):
+        if not (all(segments.is_cut[i] for i in group) or size[a] < SHORT_FRAMES):
             continue
-        names = {pieces.ids[i] for i in group}
+        names = {segments.ids[i] for i in group}
         for b, other in enumerate(groups):
-            if size[b] > size[a] and not names.isdisjoint(pieces.ids[i] for i in other) and _lies_within(sights, a, b):
+            if (
+                size[b] > size[a]
+                and not names.isdisjoint(segments.ids[i] for i in other)
+                and _lies_within(sights, a, b)
+            ):
                 found[a] = b
     return found
 

@@ -66,7 +66,7 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
     Returns positions and (frame, size [m]) of every step.
     """
     off, since = (found[0] for found in compute_unexplained_steps(x[None], y[None], valid[None]))
-    size = np.where(since > 1, 0.0, np.hypot(off[:, 0], off[:, 1]))  # what it did in a gap that stays open nobody knows
+    size = np.where(since > 1, 0.0, np.hypot(off[:, 0], off[:, 1]))  # motion in an open gap is unknown
     steps = [(int(frame), float(size[frame])) for frame in np.flatnonzero(size > BREAK_M)]
     at, span = np.arange(len(x)), SPREAD_S / dt_s
     for frame, _ in steps:

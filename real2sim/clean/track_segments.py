@@ -128,25 +128,25 @@ def _compute_neighbour_median(step: Float) -> Float:
     return np.where(count > 0, (low + high) / 2, step)
 
 
-def split_at_jumps(whole: TrackSegments, dt_s: float) -> tuple[TrackSegments, tuple[RemovedFrames, ...]]:
+def split_at_jumps(unsplit: TrackSegments, dt_s: float) -> tuple[TrackSegments, tuple[RemovedFrames, ...]]:
     """Split segments at jumps and drop impossible frames: excursions, and frozen frames before a jump."""
-    off, since = compute_unexplained_steps(whole.x, whole.y, whole.valid)
+    off, since = compute_unexplained_steps(unsplit.x, unsplit.y, unsplit.valid)
     gate = BREAK_M + np.minimum(0.5 * BREAK_ACCELERATION * ((since - 1) * dt_s) ** 2, MAX_BREAK_M)
     breaks = np.hypot(off[..., 0], off[..., 1]) > gate
-    away = _find_excursions(off, breaks, round(EXCURSION_S / dt_s)) & whole.valid
+    away = _find_excursions(off, breaks, round(EXCURSION_S / dt_s)) & unsplit.valid
     part = np.cumsum(breaks, axis=1)
-    rows = [(k, n) for k in range(len(whole)) for n in range(int(part[k, -1]) + 1)] if len(whole) else []
+    rows = [(k, n) for k in range(len(unsplit)) for n in range(int(part[k, -1]) + 1)] if len(unsplit) else []
     keep = np.array([k for k, _ in rows], dtype=np.int64)
-    valid = (whole.valid & ~away)[keep] & (part[keep] == np.array([n for _, n in rows], dtype=np.int64)[:, None])
-    mistakes = [
+    valid = (unsplit.valid & ~away)[keep] & (part[keep] == np.array([n for _, n in rows], dtype=np.int64)[:, None])
+    removals = [
         RemovedFrames(int(k), int(away[k].sum()), "elsewhere for a moment") for k in np.flatnonzero(away.any(axis=1))
     ]
     for row, (k, n) in enumerate(rows):
-        if n < part[k, -1] and (tail := _find_frozen_tail(whole, k, valid[row], dt_s)):
+        if n < part[k, -1] and (tail := _find_frozen_tail(unsplit, k, valid[row], dt_s)):
             valid[row, tail] = False
-            mistakes.append(RemovedFrames(k, len(tail), "frozen before a jump"))
+            removals.append(RemovedFrames(k, len(tail), "frozen before a jump"))
     broken = part[keep, -1] > 0 if len(keep) else np.zeros(0, dtype=np.bool_)
-    return replace(whole.select(keep, valid), is_cut=broken), tuple(mistakes)
+    return replace(unsplit.select(keep, valid), is_cut=broken), tuple(removals)
 
 
 def _find_excursions(off: Float, breaks: Bool, longest: int) -> Bool:
@@ -164,12 +164,12 @@ def _find_excursions(off: Float, breaks: Bool, longest: int) -> Bool:
     return away
 
 
-def _find_frozen_tail(whole: TrackSegments, k: int, valid: Bool, dt_s: float) -> list[int]:
+def _find_frozen_tail(unsplit: TrackSegments, k: int, valid: Bool, dt_s: float) -> list[int]:
     """Return the last frames of a stretch that stand still although the object was moving."""
     frames = np.flatnonzero(valid)
     if len(frames) < 5:
         return []
-    step = np.hypot(np.diff(whole.x[k, frames]), np.diff(whole.y[k, frames]))
+    step = np.hypot(np.diff(unsplit.x[k, frames]), np.diff(unsplit.y[k, frames]))
     moving = np.flatnonzero(step > FROZEN_M)
     if len(moving) < 3 or moving[-1] == len(step) - 1:
         return []

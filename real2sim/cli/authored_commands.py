@@ -11,7 +11,7 @@ from real2sim.cli.log_options import build_suite_file, name_option, out_option, 
 from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
 from real2sim.xml_file import parse_finite
 
-if TYPE_CHECKING:  # as in `cli.logs`: what runs a command is imported in it
+if TYPE_CHECKING:  # see log_options: commands import what they run
     from real2sim.carla.conversion_report import ConversionReport
 
 towns_option = click.option(

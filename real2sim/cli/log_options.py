@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import InputError
 from real2sim.pipeline.log_source import LogSource
 from real2sim.readers.time_window import TimeWindow
 
-if TYPE_CHECKING:  # what runs a command is imported in it: `--help` should not pay for SUMO, pydantic and scipy
+if TYPE_CHECKING:  # commands import what they run: `--help` must not load SUMO, pydantic and scipy
     from mdrive_sumo.scenario.background import BackgroundMode
     from mdrive_sumo.scenario.suite import SuiteFile
     from real2sim.pipeline.batch import BatchResult

@@ -52,14 +52,16 @@ class LaneCandidateIndex:
     def find_candidates(self, xy: Float, yaw: Float, reach: float) -> LaneCandidates:
         """Return lanes within `reach` [m] of points xy (N, 2) [m] with directions yaw (N,) [rad]."""
         feet = self.lines.project_points(xy, reach)
-        side = np.where(feet.lateral <= 0, 1.0, -1.0)  # the line to the right: the point to the left of it
+        side = np.where(feet.lateral <= 0, 1.0, -1.0)  # a line to the right means a point to its left
         return LaneCandidates(
             feet.point, feet.line, feet.s, side * feet.distance, wrap_angles(yaw[feet.point] - feet.yaw)
         )
 
     def find_paths(self, start: str, limit: float, change_m: float) -> dict[str, LanePath]:
         """Return paths from `start` to lanes that begin within about `limit` [m]; a lane change costs `change_m`."""
-        rounded = 32.0 * 2.0 ** max(math.ceil(math.log2(max(limit, 1.0) / 32.0)), 0)  # few limits, many repetitions
+        rounded = 32.0 * 2.0 ** max(
+            math.ceil(math.log2(max(limit, 1.0) / 32.0)), 0
+        )  # few distinct limits make the cache effective
         if (start, rounded) not in self._paths:
             self._paths[start, rounded] = self._search(start, rounded, change_m)
         return self._paths[start, rounded]

@@ -36,12 +36,12 @@ class LaneAdjacency:
     """Mean signed distance [m]; positive: `other` lies to the left."""
 
 
-def find_adjacencies(strips: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
+def find_adjacencies(segments: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
     """Return all ordered pairs of adjacent segments."""
-    values = list(strips.values())
+    values = list(segments.values())
     if not values:
         return []
-    lines = [strip.centreline for strip in values]
+    lines = [segment.centreline for segment in values]
     points = sample_polylines(lines, STEP_M)
     feet = PolylineIndex(lines).project_points(points.xy, NEIGHBOUR_OFFSET_M[1])
     owner = points.line[feet.point]
@@ -52,18 +52,18 @@ def find_adjacencies(strips: Mapping[str, LaneSegment]) -> list[LaneAdjacency]:
     bounds = np.flatnonzero(np.diff(owner[rows]) | np.diff(feet.line[rows])) + 1
     found: list[LaneAdjacency] = []
     for pair in np.split(rows, bounds) if len(rows) else ():
-        strip, other = values[owner[pair[0]]], values[feet.line[pair[0]]]
+        segment, other = values[owner[pair[0]]], values[feet.line[pair[0]]]
         at = feet.point[pair]
-        if (beside := _find_steady_stretch(strip, other, points.s[at], at, feet.lateral[pair])) is not None:
-            found.append(beside)
+        if (adjacency := _find_steady_stretch(segment, other, points.s[at], at, feet.lateral[pair])) is not None:
+            found.append(adjacency)
     return found
 
 
 def _find_steady_stretch(
-    strip: LaneSegment, other: LaneSegment, stations: Float, number: Int, offset: Float
+    segment: LaneSegment, other: LaneSegment, stations: Float, number: Int, offset: Float
 ) -> LaneAdjacency | None:
     """Return the longest stretch of consecutive points with a steady offset, if it is long enough."""
-    shortest = min(MIN_SHARED_M, 0.6 * strip.centreline.length)
+    shortest = min(MIN_SHARED_M, 0.6 * segment.centreline.length)
     middle = float(np.median(offset))
     steady = np.flatnonzero(np.abs(offset - middle) <= STEADY_M)
     if not len(steady):
@@ -71,13 +71,13 @@ def _find_steady_stretch(
     runs = np.split(steady, np.flatnonzero(np.diff(number[steady]) > 1) + 1)
     run = max(runs, key=len)
     begin, end = float(stations[run[0]]), float(stations[run[-1]])
-    return None if end - begin < shortest else LaneAdjacency(strip.id, other.id, begin, end, middle)
+    return None if end - begin < shortest else LaneAdjacency(segment.id, other.id, begin, end, middle)
 
 
-def find_crossings(strips: Mapping[str, LaneSegment]) -> dict[tuple[str, str], list[tuple[float, float]]]:
+def find_crossings(segments: Mapping[str, LaneSegment]) -> dict[tuple[str, str], list[tuple[float, float]]]:
     """Return pairs (ordered by id) whose centre lines cross, with the arc lengths [m] of the crossings on both."""
-    values = sorted(strips.values(), key=lambda strip: strip.id)
-    lines = PolylineIndex([strip.centreline for strip in values])
+    values = sorted(segments.values(), key=lambda segment: segment.id)
+    lines = PolylineIndex([segment.centreline for segment in values])
     drawn = lines.geometries
     found: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
     for i, j in zip(*lines.tree.query(drawn, predicate="intersects"), strict=True):

@@ -55,22 +55,24 @@ def vote_directions(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> L
     Each lane weighs its own evidence (`MOTION_WEIGHT`, `LINK_WEIGHT` per link) against that of its continuations;
     directions propagate from the lanes with the strongest evidence and are then relaxed (iterated conditional modes).
     """
-    voted, told, around = (
+    motion_votes, link_votes, around = (
         vote_by_motion(lanes, motions),
         _vote_by_links(lanes),
         _group_by_lane(_find_continuations(lanes)),
     )
     fixed = {
-        id_: -1 if voted.get(id_) == -1 and told.get(id_, 0) < 0 else 1 for id_, lane in lanes.items() if lane.directed
+        id_: -1 if motion_votes.get(id_) == -1 and link_votes.get(id_, 0) < 0 else 1
+        for id_, lane in lanes.items()
+        if lane.directed
     }
-    known = {id_: MOTION_WEIGHT * voted.get(id_, 0) + LINK_WEIGHT * told.get(id_, 0) for id_ in lanes}
+    known = {id_: MOTION_WEIGHT * motion_votes.get(id_, 0) + LINK_WEIGHT * link_votes.get(id_, 0) for id_ in lanes}
     sign = fixed | {id_: 1 if score > 0 else -1 for id_, score in known.items() if score and id_ not in fixed}
     _propagate(sign, around)
     undecided = _decide_by_majority(sign, lanes, around)
     _relax(sign, known, around, fixed)
     undecided -= _decide_by_neighbours(sign, lanes, undecided)
     inverted = tuple(id_ for id_ in lanes if sign[id_] < 0)
-    return LaneDirections(inverted, tuple(sorted(undecided)), voted)
+    return LaneDirections(inverted, tuple(sorted(undecided)), motion_votes)
 
 
 def reverse_lane(lane: MapLane) -> MapLane:

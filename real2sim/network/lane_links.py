@@ -31,17 +31,17 @@ class RebuiltLinks:
     added: tuple[LaneLink, ...]
 
 
-def rebuild_links(strips: Mapping[str, LaneSegment], said: Iterable[LaneLink]) -> RebuiltLinks:
+def rebuild_links(segments: Mapping[str, LaneSegment], source_links: Iterable[LaneLink]) -> RebuiltLinks:
     """Check the links of the map by gap and heading, then link ends that meet."""
-    ids = list(strips)
+    ids = list(segments)
     if not ids:
         return RebuiltLinks(frozenset(), (), ())
     index = {id_: i for i, id_ in enumerate(ids)}
-    gap, turn, chord = _measure_end_gaps(list(strips.values()))
+    gap, turn, chord = _measure_end_gaps(list(segments.values()))
     believed = (gap <= KEPT_GAP_M) & (turn <= KEPT_YAW)
-    kinds = np.array([strip.kind for strip in strips.values()])
+    kinds = np.array([segment.kind for segment in segments.values()])
     alike = (kinds[:, None] == kinds[None]) & ~np.eye(len(ids), dtype=np.bool_)
-    named = {(a, b) for a, b in said if a in index and b in index and a != b}
+    named = {(a, b) for a, b in source_links if a in index and b in index and a != b}
     kept = {(a, b) for a, b in named if believed[index[a], index[b]]}
     linked = np.zeros_like(believed)
     for a, b in kept:
@@ -63,10 +63,10 @@ def _find_indirect_links(linked: Bool) -> Bool:
     return steps @ steps > 0
 
 
-def _measure_end_gaps(strips: list[LaneSegment]) -> tuple[Float, Float, Float]:
+def _measure_end_gaps(segments: list[LaneSegment]) -> tuple[Float, Float, Float]:
     """Return (L, L) from the end of row to the start of column: gap [m], turn [rad], angle to the chord [rad]."""
-    starts, ends = np.array([strip.start for strip in strips]), np.array([strip.end for strip in strips])
-    first, last = np.array([s.start_yaw for s in strips]), np.array([s.end_yaw for s in strips])
+    starts, ends = np.array([segment.start for segment in segments]), np.array([segment.end for segment in segments])
+    first, last = np.array([s.start_yaw for s in segments]), np.array([s.end_yaw for s in segments])
     across = starts[None] - ends[:, None]
     turn = np.abs(np.angle(np.exp(1j * (first[None] - last[:, None]))))
     chord = np.abs(np.angle(np.exp(1j * (np.arctan2(across[..., 1], across[..., 0]) - last[:, None]))))

@@ -73,26 +73,26 @@ def clip_polyline(line: Polyline, begin: float, end: float) -> Polyline:
     return build_polyline(np.concatenate(([line.at(begin)], inner, [line.at(end)])))
 
 
-def split_segment(strip: LaneSegment, stations: Sequence[float]) -> list[LaneSegment]:
+def split_segment(segment: LaneSegment, stations: Sequence[float]) -> list[LaneSegment]:
     """Split a segment at ascending arc lengths [m]; parts are named ID~0, ID~1 and so on."""
     if not stations:
-        return [strip]
-    bounds = [0.0, *stations, strip.centreline.length]
+        return [segment]
+    bounds = [0.0, *stations, segment.centreline.length]
     return [
-        replace(strip, id=f"{strip.id}~{k}", centreline=clip_polyline(strip.centreline, bounds[k], bounds[k + 1]))
+        replace(segment, id=f"{segment.id}~{k}", centreline=clip_polyline(segment.centreline, bounds[k], bounds[k + 1]))
         for k in range(len(bounds) - 1)
     ]
 
 
 def split_segments(
-    strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], stations: Mapping[str, Sequence[float]]
+    segments: Mapping[str, LaneSegment], links: Iterable[LaneLink], stations: Mapping[str, Sequence[float]]
 ) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
     """Split all segments and keep their links: links leave from the last part and enter the first."""
-    pieces = {id_: split_segment(strip, stations.get(id_, ())) for id_, strip in strips.items()}
-    made = {(pieces[a][-1].id, pieces[b][0].id) for a, b in links}
-    for chain in pieces.values():
+    parts = {id_: split_segment(segment, stations.get(id_, ())) for id_, segment in segments.items()}
+    made = {(parts[a][-1].id, parts[b][0].id) for a, b in links}
+    for chain in parts.values():
         made |= {(a.id, b.id) for a, b in pairwise(chain)}
-    return {piece.id: piece for chain in pieces.values() for piece in chain}, made
+    return {part.id: part for chain in parts.values() for part in chain}, made
 
 
 def measure_boundary_width(lane: MapLane) -> float:

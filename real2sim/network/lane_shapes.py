@@ -24,14 +24,16 @@ def restore_shapes(net: bytes, plan: NetworkPlan, lane_ids: Mapping[str, str]) -
     root = ElementTree.fromstring(strip_xml_comments(net))
     lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
     for edge in plan.edges:
-        length = float(np.mean([strip.centreline.length for strip in edge.lanes]))  # SUMO has one length for all lanes
-        for strip in edge.lanes:
-            _set_shape(lanes[lane_ids[strip.id]], strip.centreline.xy, length)
-    ends = {strip.id: strip.centreline.xy for edge in plan.edges for strip in edge.lanes}
+        length = float(
+            np.mean([segment.centreline.length for segment in edge.lanes])
+        )  # SUMO has one length for all lanes
+        for segment in edge.lanes:
+            _set_shape(lanes[lane_ids[segment.id]], segment.centreline.xy, length)
+    ends = {segment.id: segment.centreline.xy for edge in plan.edges for segment in edge.lanes}
     chains = _collect_internal_lanes(root)
-    for way in plan.connections:
-        chain = [lanes[id_] for id_ in chains.get((lane_ids[way.start], lane_ids[way.goal]), ())]
-        _restore_connection(chain, way, ends)
+    for connection in plan.connections:
+        chain = [lanes[id_] for id_ in chains.get((lane_ids[connection.start], lane_ids[connection.goal]), ())]
+        _restore_connection(chain, connection, ends)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
@@ -48,15 +50,15 @@ def format_shape(xy: Float) -> str:
 def _collect_internal_lanes(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:
     """Return the internal lanes between two lanes: one, or two where vehicles wait inside the junction."""
     onward: dict[str, str] = {}
-    ways: list[tuple[str, str, str]] = []
+    connections: list[tuple[str, str, str]] = []
     for connection in root.iter("connection"):
         start = f"{connection.get('from')}_{connection.get('fromLane')}"
         via = connection.get("via", "")
         if start.startswith(":"):
             onward[start] = via
         else:
-            ways.append((start, f"{connection.get('to')}_{connection.get('toLane')}", via))
-    return {(start, goal): tuple(_follow_vias(via, onward)) for start, goal, via in ways}
+            connections.append((start, f"{connection.get('to')}_{connection.get('toLane')}", via))
+    return {(start, goal): tuple(_follow_vias(via, onward)) for start, goal, via in connections}
 
 
 def _follow_vias(via: str, onward: Mapping[str, str]) -> Iterable[str]:
@@ -65,17 +67,17 @@ def _follow_vias(via: str, onward: Mapping[str, str]) -> Iterable[str]:
         via = onward.get(via, "")
 
 
-def _restore_connection(chain: list[Element], way: PlannedConnection, ends: Mapping[str, Float]) -> None:
+def _restore_connection(chain: list[Element], connection: PlannedConnection, ends: Mapping[str, Float]) -> None:
     if not chain:
         return
-    if way.shape is None:
-        gap = np.stack((ends[way.start][-1], ends[way.goal][0]))
+    if connection.shape is None:
+        gap = np.stack((ends[connection.start][-1], ends[connection.goal][0]))
         for lane in chain:
             _set_shape(lane, gap, MIN_LANE_LENGTH_M)
         return
-    bounds = [0.0, *(_find_station(lane, way.shape) for lane in chain[:-1]), way.shape.length]
+    bounds = [0.0, *(_find_station(lane, connection.shape) for lane in chain[:-1]), connection.shape.length]
     for lane, begin, end in zip(chain, bounds, bounds[1:], strict=False):
-        _set_shape(lane, clip_polyline(way.shape, begin, end).xy, end - begin)
+        _set_shape(lane, clip_polyline(connection.shape, begin, end).xy, end - begin)
 
 
 def _find_station(lane: Element, line: Polyline) -> float:

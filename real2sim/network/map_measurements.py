@@ -53,7 +53,7 @@ def measure_line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]
     points, index = sample_polylines(lines, SPACING_M), PolylineIndex(others)
     best = np.full(len(points.xy), FAR_M)
     open_ = np.arange(len(best))
-    for reach in (1.0, FAR_M):  # most are near, and the wide search is dear
+    for reach in (1.0, FAR_M):  # most points are near, and the wide search is expensive
         feet = index.project_points(points.xy[open_], reach)
         point = open_[feet.point]
         along = compute_angles_between(feet.yaw, points.yaw[point]) <= SAME_DIRECTION_RAD
@@ -93,6 +93,6 @@ def is_left_hand_traffic(lanes: Mapping[str, MapLane], voted: Mapping[str, int])
     rows = np.flatnonzero(oncoming & (np.abs(feet.lateral) >= ONCOMING_OFFSET_M[0]))
     rows = rows[np.lexsort((np.abs(feet.lateral[rows]), feet.point[rows]))]
     rows = rows[np.unique(feet.point[rows], return_index=True)[1]]  # the nearest of each point
-    side = -np.sign(feet.lateral[rows])  # `left` is told in the direction of the oncoming lane
+    side = -np.sign(feet.lateral[rows])  # `lateral` refers to the direction of the oncoming lane
     seen = np.array([id_ in voted for id_ in ids])[points.line[feet.point[rows]]]
     return bool((float(side[seen].sum()) or float(side.sum())) < 0)

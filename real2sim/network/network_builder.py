@@ -79,11 +79,11 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
     lanes = {id_: reverse_lane(lane) if id_ in directions.inverted else lane for id_, lane in drawn.items()}
     decided = {id_: lane for id_, lane in lanes.items() if id_ not in directions.undecided}
     left_hand = map.left_hand if map.left_hand is not None else is_left_hand_traffic(decided, directions.votes)
-    strips, lost = _build_segments(map, lanes, measure_observed_speeds(lanes, motions, dt_s))
-    links = rebuild_links(strips, _collect_source_links(lanes))
-    plan = plan_network(*_select_driving(strips, links))
+    segments, lost = _build_segments(map, lanes, measure_observed_speeds(lanes, motions, dt_s))
+    links = rebuild_links(segments, _collect_source_links(lanes))
+    plan = plan_network(*_select_driving(segments, links))
     lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
-    roads = _compile_network(_add_footways(plan, strips, map), map, left_hand, folder, name)
+    roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, name)
     lost |= dict.fromkeys(_find_unused_lanes(plan), "no way through the junction uses it")
     return NetworkReport(
         name=name,
@@ -99,7 +99,7 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
         links_added=links.added,
         drop_reason_by_lane=lost,
         deviation=measure_centreline_deviation(
-            [s.centreline for s in strips.values() if s.kind is LaneKind.DRIVING], roads
+            [s.centreline for s in segments.values() if s.kind is LaneKind.DRIVING], roads
         ),
         default_widths=sum(_measure_width(lane) is None for lane in lanes.values()),
         default_speeds=sum(not lane.speed_limit > 0 for lane in lanes.values()),
@@ -133,17 +133,17 @@ def _build_segments(
     map: HdMap, lanes: Mapping[str, MapLane], seen: Mapping[str, float]
 ) -> tuple[dict[str, LaneSegment], dict[str, str]]:
     lost = {id_: f"shorter than {MIN_LANE_M} m" for id_ in map.lanes if id_ not in lanes}
-    strips: dict[str, LaneSegment] = {}
+    segments: dict[str, LaneSegment] = {}
     for id_, lane in lanes.items():
         if lane.kind not in BUILT_LANE_KINDS:
             lost[id_] = f"a {lane.kind} lane, not for driving"
             continue
         limit = lane.speed_limit if lane.speed_limit > 0 else max(DEFAULT_SPEED_MPS, seen.get(id_, 0.0))
         width = _measure_width(lane) or float("nan")
-        strips[id_] = LaneSegment(
+        segments[id_] = LaneSegment(
             id_, id_, build_polyline(lane.centre), width, limit, lane.kind, lane.junction, lane.group
         )
-    return _fill_widths(strips), lost
+    return _fill_widths(segments), lost
 
 
 def _measure_width(lane: MapLane) -> float | None:
@@ -153,35 +153,37 @@ def _measure_width(lane: MapLane) -> float | None:
     return None
 
 
-def _fill_widths(strips: Mapping[str, LaneSegment]) -> dict[str, LaneSegment]:
+def _fill_widths(segments: Mapping[str, LaneSegment]) -> dict[str, LaneSegment]:
     """Fill unknown widths from the spacing of neighbours, else with the default."""
-    if not any(np.isnan(strip.width) for strip in strips.values()):
-        return dict(strips)
+    if not any(np.isnan(segment.width) for segment in segments.values()):
+        return dict(segments)
     spacing: dict[str, list[float]] = {}
-    for beside in find_adjacencies(strips):
-        if abs(beside.offset) >= 2.5:
-            spacing.setdefault(beside.segment, []).append(abs(beside.offset))
+    for adjacency in find_adjacencies(segments):
+        if abs(adjacency.offset) >= 2.5:
+            spacing.setdefault(adjacency.segment, []).append(abs(adjacency.offset))
     return {
-        id_: strip
-        if not np.isnan(strip.width)
-        else replace(strip, width=min(float(np.median(spacing.get(id_, [DEFAULT_LANE_WIDTH_M]))), 4.5))
-        for id_, strip in strips.items()
+        id_: segment
+        if not np.isnan(segment.width)
+        else replace(segment, width=min(float(np.median(spacing.get(id_, [DEFAULT_LANE_WIDTH_M]))), 4.5))
+        for id_, segment in segments.items()
     }
 
 
 def _select_driving(
-    strips: Mapping[str, LaneSegment], links: RebuiltLinks
+    segments: Mapping[str, LaneSegment], links: RebuiltLinks
 ) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
-    driving = {id_: strip for id_, strip in strips.items() if strip.kind is LaneKind.DRIVING}
+    driving = {id_: segment for id_, segment in segments.items() if segment.kind is LaneKind.DRIVING}
     return split_at_neighbours(driving, {(a, b) for a, b in links.links if a in driving and b in driving})
 
 
-def _add_footways(plan: NetworkPlan, strips: Mapping[str, LaneSegment], map: HdMap) -> NetworkPlan:
+def _add_footways(plan: NetworkPlan, segments: Mapping[str, LaneSegment], map: HdMap) -> NetworkPlan:
     """Add bicycle lanes, pavements and crosswalks as unconnected edges, for display and pedestrians."""
-    drawn = [strip for strip in strips.values() if strip.kind is not LaneKind.DRIVING]
-    drawn += [strip for k, outline in enumerate(map.crosswalks) if (strip := _build_crosswalk(k, outline)) is not None]
+    drawn = [segment for segment in segments.values() if segment.kind is not LaneKind.DRIVING]
+    drawn += [
+        segment for k, outline in enumerate(map.crosswalks) if (segment := _build_crosswalk(k, outline)) is not None
+    ]
     first = 1 + max((node for edge in plan.edges for node in (edge.begin, edge.end)), default=-1)
-    edges = [PlannedEdge((strip,), first + 2 * k, first + 2 * k + 1) for k, strip in enumerate(drawn)]
+    edges = [PlannedEdge((segment,), first + 2 * k, first + 2 * k + 1) for k, segment in enumerate(drawn)]
     return replace(plan, edges=(*plan.edges, *edges))
 
 
@@ -218,7 +220,7 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,
     )
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
-    load_road_map.cache_clear()  # it may remember another network that lay in this folder
+    load_road_map.cache_clear()  # the folder may have held another network
     return load_road_map(folder)
 
 

@@ -72,23 +72,23 @@ class _DisjointSets:
         self._parent[self.find(first)] = self.find(second)
 
 
-def plan_network(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> NetworkPlan:
+def plan_network(segments: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> NetworkPlan:
     """Decide which segments are edges, which are connectors inside junctions, and which ends share a node."""
-    pieces, joined = _add_stubs(strips, set(links))
-    inside = _find_connectors(pieces, joined)
-    groups = group_adjacent_segments({id_: piece for id_, piece in pieces.items() if id_ not in inside})
-    sets = _join_ends(pieces, joined, inside, groups)
-    folded = _find_inner_edges(pieces, joined, groups, sets)
+    parts, joined = _add_stubs(segments, set(links))
+    inside = _find_connectors(parts, joined)
+    groups = group_adjacent_segments({id_: part for id_, part in parts.items() if id_ not in inside})
+    sets = _join_ends(parts, joined, inside, groups)
+    folded = _find_inner_edges(parts, joined, groups, sets)
     inside |= folded
     groups = [group for group in groups if group[0] not in folded]
     loops = {id_ for group in groups if _is_loop(sets, group) for id_ in group}
     if loops:
-        pieces, joined = split_segments(pieces, joined, {id_: [pieces[id_].centreline.length / 2] for id_ in loops})
+        parts, joined = split_segments(parts, joined, {id_: [parts[id_].centreline.length / 2] for id_ in loops})
         groups = [half for group in groups for half in _split_group(group, loops)]
-        sets = _join_ends(pieces, joined, inside, groups)
-    ways = _build_connections(pieces, joined, inside)
-    used = {id_ for way in ways for id_ in way.connectors}
-    return NetworkPlan(_build_edges(pieces, groups, sets), tuple(ways), tuple(sorted(inside - used)))
+        sets = _join_ends(parts, joined, inside, groups)
+    connections = _build_connections(parts, joined, inside)
+    used = {id_ for connection in connections for id_ in connection.connectors}
+    return NetworkPlan(_build_edges(parts, groups, sets), tuple(connections), tuple(sorted(inside - used)))
 
 
 def _split_group(group: tuple[str, ...], loops: Collection[str]) -> Iterable[tuple[str, ...]]:
@@ -97,26 +97,28 @@ def _split_group(group: tuple[str, ...], loops: Collection[str]) -> Iterable[tup
     return (tuple(f"{id_}~{k}" for id_ in group) for k in (0, 1))
 
 
-def _add_stubs(strips: Mapping[str, LaneSegment], links: set[LaneLink]) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
-    inside = _find_connectors(strips, links)
+def _add_stubs(
+    segments: Mapping[str, LaneSegment], links: set[LaneLink]
+) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
+    inside = _find_connectors(segments, links)
     behind, ahead = {b for _, b in links}, {a for a, _ in links}
     stations: dict[str, list[float]] = {}
     for id_ in inside:
-        length = strips[id_].centreline.length
+        length = segments[id_].centreline.length
         stub = min(STUB_M, length / 4)
         cuts = ([stub] if id_ not in behind else []) + ([length - stub] if id_ not in ahead else [])
         if cuts:
             stations[id_] = cuts
-    return split_segments(strips, links, stations)
+    return split_segments(segments, links, stations)
 
 
-def _find_connectors(strips: Mapping[str, LaneSegment], links: Collection[LaneLink]) -> set[str]:
+def _find_connectors(segments: Mapping[str, LaneSegment], links: Collection[LaneLink]) -> set[str]:
     """Return segments that cross others, and junction segments that branch or merge."""
     ahead, behind = _index_links(links)
-    inside = {id_ for pair in find_crossings(strips) for id_ in pair}
-    for id_, strip in strips.items():
+    inside = {id_ for pair in find_crossings(segments) for id_ in pair}
+    for id_, segment in segments.items():
         siblings = any(len(ahead[b]) > 1 for b in behind[id_]) or any(len(behind[a]) > 1 for a in ahead[id_])
-        if strip.junction and siblings:
+        if segment.junction and siblings:
             inside.add(id_)
     return inside
 
@@ -131,7 +133,7 @@ def _index_links(links: Iterable[LaneLink]) -> tuple[defaultdict[str, list[str]]
 
 
 def _join_ends(
-    strips: Mapping[str, LaneSegment],
+    segments: Mapping[str, LaneSegment],
     links: Iterable[LaneLink],
     inside: Collection[str],
     groups: Sequence[tuple[str, ...]],
@@ -141,7 +143,7 @@ def _join_ends(
         sets.join((a, 1), (b, 0))
     for id_ in sorted(inside):
         sets.join((id_, 0), (id_, 1))
-    for first, second in sorted(find_crossings({id_: strips[id_] for id_ in inside})):
+    for first, second in sorted(find_crossings({id_: segments[id_] for id_ in inside})):
         sets.join((first, 0), (second, 0))
     for group in groups:
         for id_ in group[1:]:
@@ -155,7 +157,10 @@ def _is_loop(sets: _DisjointSets, group: tuple[str, ...]) -> bool:
 
 
 def _find_inner_edges(
-    strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], groups: Sequence[tuple[str, ...]], sets: _DisjointSets
+    segments: Mapping[str, LaneSegment],
+    links: Iterable[LaneLink],
+    groups: Sequence[tuple[str, ...]],
+    sets: _DisjointSets,
 ) -> set[str]:
     """Return short edges inside one junction whose lanes all have predecessors and successors."""
     ahead, behind = _index_links(links)
@@ -163,38 +168,38 @@ def _find_inner_edges(
         id_
         for group in groups
         if _is_loop(sets, group)
-        and all(strips[one].centreline.length <= FOLD_M and ahead[one] and behind[one] for one in group)
+        and all(segments[one].centreline.length <= FOLD_M and ahead[one] and behind[one] for one in group)
         for id_ in group
     }
 
 
 def _build_edges(
-    strips: Mapping[str, LaneSegment], groups: Sequence[tuple[str, ...]], sets: _DisjointSets
+    segments: Mapping[str, LaneSegment], groups: Sequence[tuple[str, ...]], sets: _DisjointSets
 ) -> tuple[PlannedEdge, ...]:
     numbers: dict[SegmentEnd, int] = {}
     edges: list[PlannedEdge] = []
     for group in groups:
         begin, end = (numbers.setdefault(sets.find((group[0], side)), len(numbers)) for side in (0, 1))
-        edges.append(PlannedEdge(tuple(strips[id_] for id_ in group), begin, end))
+        edges.append(PlannedEdge(tuple(segments[id_] for id_ in group), begin, end))
     return tuple(edges)
 
 
 def _build_connections(
-    strips: Mapping[str, LaneSegment], links: Iterable[LaneLink], inside: Collection[str]
+    segments: Mapping[str, LaneSegment], links: Iterable[LaneLink], inside: Collection[str]
 ) -> list[PlannedConnection]:
     ahead, _ = _index_links(links)
-    ways: dict[LaneLink, PlannedConnection] = {}
-    for start in (id_ for id_ in strips if id_ not in inside):
+    connections: dict[LaneLink, PlannedConnection] = {}
+    for start in (id_ for id_ in segments if id_ not in inside):
         for path in _find_paths(start, ahead, inside):
-            way = _build_connection(strips, start, path)
-            key = (way.start, way.goal)
-            if key not in ways or _measure_length(way) < _measure_length(ways[key]):
-                ways[key] = way
-    return list(ways.values())
+            connection = _build_connection(segments, start, path)
+            key = (connection.start, connection.goal)
+            if key not in connections or _measure_length(connection) < _measure_length(connections[key]):
+                connections[key] = connection
+    return list(connections.values())
 
 
-def _measure_length(way: PlannedConnection) -> float:
-    return 0.0 if way.shape is None else way.shape.length
+def _measure_length(connection: PlannedConnection) -> float:
+    return 0.0 if connection.shape is None else connection.shape.length
 
 
 def _find_paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[str]) -> list[tuple[str, ...]]:
@@ -210,10 +215,10 @@ def _find_paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collecti
     return found
 
 
-def _build_connection(strips: Mapping[str, LaneSegment], start: str, path: tuple[str, ...]) -> PlannedConnection:
-    first, last = strips[start], strips[path[-1]]
-    through = [strips[id_] for id_ in path[:-1]]
-    points = np.concatenate([[first.end], *(strip.centreline.xy for strip in through), [last.start]])
+def _build_connection(segments: Mapping[str, LaneSegment], start: str, path: tuple[str, ...]) -> PlannedConnection:
+    first, last = segments[start], segments[path[-1]]
+    through = [segments[id_] for id_ in path[:-1]]
+    points = np.concatenate([[first.end], *(segment.centreline.xy for segment in through), [last.start]])
     apart = float(np.hypot(*np.diff(points, axis=0).T).sum())
     line = build_polyline(_drop_close_points(points)) if apart > 0.1 else None
     return PlannedConnection(start, path[-1], line, min(s.speed for s in (*through, last)), tuple(path[:-1]))

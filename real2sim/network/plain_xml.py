@@ -105,17 +105,17 @@ def _build_lane(lane: LaneSegment, index: int) -> Element:
 
 def _build_connections(plan: NetworkPlan, index: Mapping[str, tuple[str, int]]) -> Iterable[Element]:
     silent = {name for name, _ in index.values()}
-    for way in plan.connections:
-        (start, start_lane), (goal, goal_lane) = index[way.start], index[way.goal]
+    for connection in plan.connections:
+        (start, start_lane), (goal, goal_lane) = index[connection.start], index[connection.goal]
         silent.discard(start)
-        shape = {} if way.shape is None else {"shape": format_shape(way.shape.xy)}
+        shape = {} if connection.shape is None else {"shape": format_shape(connection.shape.xy)}
         yield _build_element(
             "connection",
             **{"from": start, "to": goal, "fromLane": str(start_lane), "toLane": str(goal_lane)},
-            speed=f"{way.speed:.2f}",
+            speed=f"{connection.speed:.2f}",
             **shape,
         )
-    for name in sorted(silent):  # or netconvert would guess where it leads
+    for name in sorted(silent):  # otherwise netconvert guesses where it leads
         yield _build_element("connection", **{"from": name})
 
 

@@ -20,29 +20,29 @@ ROUNDS = 3
 SplitSegments = tuple[dict[str, LaneSegment], set[LaneLink]]
 
 
-def split_at_neighbours(strips: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> SplitSegments:
+def split_at_neighbours(segments: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> SplitSegments:
     """Split segments so that they begin and end where their neighbours do."""
-    pieces, joined = split_segments(strips, links, _find_crossing_cuts(strips))
+    parts, joined = split_segments(segments, links, _find_crossing_cuts(segments))
     for _ in range(ROUNDS):
-        stations = _find_adjacency_cuts(pieces, _find_crossing_ids(pieces))
+        stations = _find_adjacency_cuts(parts, _find_crossing_ids(parts))
         if not stations:
             break
-        pieces, joined = split_segments(pieces, joined, stations)
-    return pieces, joined
+        parts, joined = split_segments(parts, joined, stations)
+    return parts, joined
 
 
-def _find_crossing_ids(strips: Mapping[str, LaneSegment]) -> set[str]:
-    return {id_ for pair in find_crossings(strips) for id_ in pair}
+def _find_crossing_ids(segments: Mapping[str, LaneSegment]) -> set[str]:
+    return {id_ for pair in find_crossings(segments) for id_ in pair}
 
 
-def _find_crossing_cuts(strips: Mapping[str, LaneSegment]) -> dict[str, list[float]]:
+def _find_crossing_cuts(segments: Mapping[str, LaneSegment]) -> dict[str, list[float]]:
     wanted: dict[str, list[float]] = defaultdict(list)
-    for pair, places in find_crossings(strips).items():
+    for pair, places in find_crossings(segments).items():
         for k, id_ in enumerate(pair):
             at = [place[k] for place in places]
-            if not strips[id_].junction:
+            if not segments[id_].junction:
                 wanted[id_] += [min(at) - CROSSING_HALF_M, max(at) + CROSSING_HALF_M]
-    return _space_out_cuts(strips, {id_: _merge_stretches(stations) for id_, stations in wanted.items()})
+    return _space_out_cuts(segments, {id_: _merge_stretches(stations) for id_, stations in wanted.items()})
 
 
 def _merge_stretches(stations: Sequence[float]) -> list[float]:
@@ -56,23 +56,27 @@ def _merge_stretches(stations: Sequence[float]) -> list[float]:
     return bounds
 
 
-def _find_adjacency_cuts(strips: Mapping[str, LaneSegment], connectors: Collection[str]) -> dict[str, list[float]]:
+def _find_adjacency_cuts(segments: Mapping[str, LaneSegment], connectors: Collection[str]) -> dict[str, list[float]]:
     wanted: dict[str, list[float]] = defaultdict(list)
-    for beside in find_adjacencies({id_: s for id_, s in strips.items() if not s.junction and id_ not in connectors}):
-        strip, other = strips[beside.segment], strips[beside.other]
-        for station, point in ((beside.begin, other.start), (beside.end, other.end)):
-            foot = strip.centreline.project(float(point[0]), float(point[1]))[0]
+    for adjacency in find_adjacencies(
+        {id_: s for id_, s in segments.items() if not s.junction and id_ not in connectors}
+    ):
+        segment, other = segments[adjacency.segment], segments[adjacency.other]
+        for station, point in ((adjacency.begin, other.start), (adjacency.end, other.end)):
+            foot = segment.centreline.project(float(point[0]), float(point[1]))[0]
             if abs(foot - station) < SAME_CUT_M:
-                wanted[strip.id].append(foot)
-    return _space_out_cuts(strips, wanted)
+                wanted[segment.id].append(foot)
+    return _space_out_cuts(segments, wanted)
 
 
-def _space_out_cuts(strips: Mapping[str, LaneSegment], wanted: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+def _space_out_cuts(
+    segments: Mapping[str, LaneSegment], wanted: Mapping[str, Sequence[float]]
+) -> dict[str, list[float]]:
     tidy: dict[str, list[float]] = {}
     for id_, stations in wanted.items():
         kept: list[float] = []
         for station in sorted(stations):
-            inside = MARGIN_M <= station <= strips[id_].centreline.length - MARGIN_M
+            inside = MARGIN_M <= station <= segments[id_].centreline.length - MARGIN_M
             if inside and (not kept or station - kept[-1] >= MARGIN_M):
                 kept.append(station)
         if kept:
@@ -80,12 +84,12 @@ def _space_out_cuts(strips: Mapping[str, LaneSegment], wanted: Mapping[str, Sequ
     return tidy
 
 
-def group_adjacent_segments(strips: Mapping[str, LaneSegment]) -> list[tuple[str, ...]]:
+def group_adjacent_segments(segments: Mapping[str, LaneSegment]) -> list[tuple[str, ...]]:
     """Return ids of segments that are adjacent from beginning to end, right to left; each segment is in one group."""
-    left = _find_mutual_left([b for b in find_adjacencies(strips) if _is_aligned(strips, b)])
+    left = _find_mutual_left([b for b in find_adjacencies(segments) if _is_aligned(segments, b)])
     right = {there: here for here, there in left.items()}
     groups: list[tuple[str, ...]] = []
-    for id_ in strips:
+    for id_ in segments:
         if id_ not in right:
             chain = [id_]
             while chain[-1] in left:
@@ -94,25 +98,25 @@ def group_adjacent_segments(strips: Mapping[str, LaneSegment]) -> list[tuple[str
     return groups
 
 
-def _is_aligned(strips: Mapping[str, LaneSegment], beside: LaneAdjacency) -> bool:
-    strip, other = strips[beside.segment], strips[beside.other]
-    long = strip.centreline.length
+def _is_aligned(segments: Mapping[str, LaneSegment], adjacency: LaneAdjacency) -> bool:
+    segment, other = segments[adjacency.segment], segments[adjacency.other]
+    long = segment.centreline.length
     apart = (
-        other.centreline.project(*strip.centreline.at(0.0))[0],
-        other.centreline.length - other.centreline.project(*strip.centreline.at(long))[0],
+        other.centreline.project(*segment.centreline.at(0.0))[0],
+        other.centreline.length - other.centreline.project(*segment.centreline.at(long))[0],
     )
-    return max(beside.begin, long - beside.end, *apart) <= ALIGNED_M
+    return max(adjacency.begin, long - adjacency.end, *apart) <= ALIGNED_M
 
 
-def _find_mutual_left(besides: Sequence[LaneAdjacency]) -> dict[str, str]:
+def _find_mutual_left(adjacencies: Sequence[LaneAdjacency]) -> dict[str, str]:
     """Return the left neighbour of every segment where both are mutually nearest."""
     nearest: dict[tuple[str, bool], LaneAdjacency] = {}
-    for beside in besides:
-        key = (beside.segment, beside.offset > 0)
-        if key not in nearest or abs(beside.offset) < abs(nearest[key].offset):
-            nearest[key] = beside
+    for adjacency in adjacencies:
+        key = (adjacency.segment, adjacency.offset > 0)
+        if key not in nearest or abs(adjacency.offset) < abs(nearest[key].offset):
+            nearest[key] = adjacency
     return {
-        strip: beside.other
-        for (strip, to_left), beside in nearest.items()
-        if to_left and (beside.other, False) in nearest and nearest[beside.other, False].other == strip
+        segment: adjacency.other
+        for (segment, to_left), adjacency in nearest.items()
+        if to_left and (adjacency.other, False) in nearest and nearest[adjacency.other, False].other == segment
     }

@@ -25,13 +25,13 @@ StopsBySegment = Mapping[str, list[tuple[str, float]]]
 
 def place_stop_lines(plan: NetworkPlan, map: HdMap) -> dict[str, list[tuple[str, float]]]:
     """Assign stop lines to the lanes of edges."""
-    strips = [lane for edge in plan.edges for lane in edge.lanes if lane.kind is LaneKind.DRIVING]
-    tree = PolylineIndex([strip.centreline for strip in strips]).tree
+    segments = [lane for edge in plan.edges for lane in edge.lanes if lane.kind is LaneKind.DRIVING]
+    tree = PolylineIndex([segment.centreline for segment in segments]).tree
     stops: defaultdict[str, list[tuple[str, float]]] = defaultdict(list)
     for line in map.stop_lines:
         near = tree.query(shapely.LineString(line.line), predicate="dwithin", distance=REACH_M)
-        for strip, s in _find_crossed_segments(line, [strips[i] for i in sorted(near)]):
-            stops[strip.id].append((line.sign, s))
+        for segment, s in _find_crossed_segments(line, [segments[i] for i in sorted(near)]):
+            stops[segment.id].append((line.sign, s))
     return dict(stops)
 
 
@@ -40,12 +40,12 @@ def _find_crossed_segments(line: StopLine, near: Iterable[LaneSegment]) -> list[
     x, y = line.line.mean(0)
     yaw = float(np.arctan2(*(line.line[1] - line.line[0])[::-1])) + np.pi / 2
     found: list[tuple[LaneSegment, float]] = []
-    for strip in near:
-        s = min(strip.centreline.project(float(x), float(y))[0], strip.centreline.length)
-        turn = compute_yaw_difference(strip.centreline.yaw_at(s), yaw)
+    for segment in near:
+        s = min(segment.centreline.project(float(x), float(y))[0], segment.centreline.length)
+        turn = compute_yaw_difference(segment.centreline.yaw_at(s), yaw)
         if s >= AHEAD_M and min(turn, np.pi - turn) <= ACROSS_RAD:
-            found.append((strip, s))
-    named = [(strip, s) for strip, s in found if strip.source_lane in line.lanes]
+            found.append((segment, s))
+    named = [(segment, s) for segment, s in found if segment.source_lane in line.lanes]
     return named or found
 
 

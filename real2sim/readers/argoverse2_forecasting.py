@@ -65,19 +65,19 @@ def _count_frames(path: Path, rows: Columns) -> int:
 
 
 def _build_tracks(path: Path, rows: Columns, frames: int) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
-    passed_over: Counter[str] = Counter()
+    skipped: Counter[str] = Counter()
     tracks: list[RecordedTrack] = []
     for id_ in dict.fromkeys(rows["track_id"].tolist()):
         chosen = rows["track_id"] == id_
         word = str(rows["object_type"][chosen][0])
         category = CATEGORY_BY_TYPE.get(word)
         if category is None:
-            passed_over[word] += 1
+            skipped[word] += 1
         else:
             tracks.append(_build_track(path, rows, chosen, category, frames))
     if not tracks:
-        raise InputError(f"{path}: object_type: expected at least one known type, found {', '.join(passed_over)}")
-    return tuple(tracks), tuple(f"{count} tracks of type {word} passed over" for word, count in passed_over.items())
+        raise InputError(f"{path}: object_type: expected at least one known type, found {', '.join(skipped)}")
+    return tuple(tracks), tuple(f"{count} tracks of type {word} skipped" for word, count in skipped.items())
 
 
 def _build_track(path: Path, rows: Columns, chosen: Bool, category: ObjectCategory, frames: int) -> RecordedTrack:

@@ -75,7 +75,7 @@ def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
         raise InputError(f"{path}: lane_segments: expected at least one that is a lane, found none in {lost}")
     crossings = tuple(_build_crosswalk(path, id_, one) for id_, one in archive.pedestrian_crossings.items())
     hd_map = HdMap(lanes=_drop_oncoming_neighbours(lanes), crosswalks=crossings)
-    return hd_map, (f"{lost} lane segments of an unknown type or without length passed over",) if lost else ()
+    return hd_map, (f"{lost} lane segments of an unknown type or without length skipped",) if lost else ()
 
 
 def find_single_file(folder: Path, *patterns: str) -> Path:

@@ -171,15 +171,15 @@ def _build_ego_track(boxes: AnnotatedBoxes, ego: PoseSeries) -> tuple[RecordedTr
 
 def _build_tracks(path: Path, boxes: AnnotatedBoxes, grid: Float) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
     words = {str(id_): str(word) for id_, word in zip(boxes.id, boxes.type_name, strict=True) if word != EGO_TYPE}
-    passed_over = Counter(word for word in words.values() if word not in CATEGORY_BY_TYPE)
+    skipped = Counter(word for word in words.values() if word not in CATEGORY_BY_TYPE)
     tracks = {id_: _build_track(path, boxes, id_, grid) for id_, word in words.items() if word in CATEGORY_BY_TYPE}
     there = {id_: track for id_, track in tracks.items() if track.valid.any()}
     ridden = _find_ridden(there, words)
     kept = [_mark_parked(track, words[id_], ridden) for id_, track in there.items() if id_ not in ridden]
-    notes = [f"{count} tracks of the unknown category {word} passed over" for word, count in passed_over.items()]
+    notes = [f"{count} tracks of the unknown category {word} skipped" for word, count in skipped.items()]
     notes += [f"{len(ridden)} riders left out: the box of what they ride stands for both"] if ridden else []
     short = len(tracks) - len(there)
-    notes += [f"{short} tracks without a box within {HOLD_S} s of a frame passed over"] if short else []
+    notes += [f"{short} tracks without a box within {HOLD_S} s of a frame skipped"] if short else []
     return tuple(kept), tuple(notes)
 
 

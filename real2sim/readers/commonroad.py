@@ -126,20 +126,20 @@ def _drop_unsupported(root: Element) -> Iterator[str]:
     for obstacle in groups:
         root.remove(obstacle)
     if groups:
-        yield f"{len(groups)} obstacles of more than one shape passed over"
+        yield f"{len(groups)} obstacles of more than one shape skipped"
     there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
     lost = [(one, link) for one in root.iter("lanelet") for name in LINK_TAGS for link in one.findall(name)]
     lost = [(one, link) for one, link in lost if link.get("ref") not in there]
     for lanelet, link in lost:
         lanelet.remove(link)
     if lost:
-        yield f"{len(lost)} links to lanelets that are not in the file passed over"
+        yield f"{len(lost)} links to lanelets that are not in the file skipped"
 
 
 def _load_reader_class(path: Path) -> Any:
     """Import the reader class of commonroad-io here because the import is slow."""
     try:
-        with _capture_remarks():  # those of its own dependencies say nothing of the file
+        with _capture_remarks():  # remarks of its dependencies do not concern the file
             from commonroad.common.file_reader import CommonRoadFileReader
     except ImportError:
         raise InputError(
@@ -182,11 +182,11 @@ def _capture_remarks() -> Generator[list[str]]:
 
 def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
     found: list[tuple[Any, ObjectCategory, Sequence[Any]]] = []
-    passed_over: Counter[str] = Counter()
+    skipped: Counter[str] = Counter()
     for obstacle in scenario.obstacles:
         reason = _find_skip_reason(obstacle)
         if reason:
-            passed_over[reason] += 1
+            skipped[reason] += 1
         else:
             found.append((obstacle, _classify(obstacle), _list_states(obstacle)))
     times = [state.time_step for obstacle, _, states in found if _is_dynamic(obstacle) for state in states]
@@ -194,7 +194,7 @@ def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...],
         raise InputError(f"{path}: expected at least one dynamic obstacle with a trajectory, found none")
     span = range(min(times), max(times) + 1)
     tracks = tuple(_build_track(path, *one, span) for one in found)
-    return tracks, tuple(f"{count} obstacles {why} passed over" for why, count in sorted(passed_over.items()))
+    return tracks, tuple(f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
 
 
 def _find_skip_reason(obstacle: Any) -> str:

@@ -99,7 +99,7 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
     unknown = Counter(
         one.subtype for one in lanelets if one.subtype not in LANE_KIND_BY_SUBTYPE and one.subtype != "crosswalk"
     )
-    notes += tuple(f"{count} lanelets of the subtype {name!r} passed over" for name, count in sorted(unknown.items()))
+    notes += tuple(f"{count} lanelets of the subtype {name!r} skipped" for name, count in sorted(unknown.items()))
     return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes)), notes
 
 
@@ -166,7 +166,7 @@ def _parse_limits(osm: OsmFile) -> tuple[dict[str, float], tuple[str, ...]]:
     found = {key: SPEED_PATTERN.fullmatch(text) for key, text in texts.items()}
     limits = {key: float(match[1]) * MPS_BY_UNIT.get(match[2], 1 / 3.6) for key, match in found.items() if match}
     notes = tuple(
-        f"speed limit {key} passed over: expected sign_type such as 50 km/h, found {texts[key]!r}"
+        f"speed limit {key} skipped: expected sign_type such as 50 km/h, found {texts[key]!r}"
         for key, match in found.items()
         if not match
     )

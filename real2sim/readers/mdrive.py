@@ -199,7 +199,7 @@ def _belongs_to_scenario(entry: ManifestEntry, draft: _ScenarioDraft) -> bool:
     """Return whether the entry has the scenario's route, and its town if it names one."""
     fits = entry.route_id in (None, draft.route_id) and entry.town in (None, draft.town)
     if not fits:
-        draft.notes.append(f"{_get_name(entry)} is of route {entry.route_id} in {entry.town}: passed over")
+        draft.notes.append(f"{_get_name(entry)} is of route {entry.route_id} in {entry.town}: skipped")
     return fits
 
 

@@ -65,8 +65,8 @@ class AuthoredActor:
     @property
     def speed(self) -> float:
         """[m/s]"""
-        said = (self.entry.speed, self.entry.target_speed, self.read_attribute("speed"))
-        return next((value for value in said if value is not None), DEFAULT_SPEED_BY_ROLE[self.role])
+        given = (self.entry.speed, self.entry.target_speed, self.read_attribute("speed"))
+        return next((value for value in given if value is not None), DEFAULT_SPEED_BY_ROLE[self.role])
 
     def read_attribute(self, name: str) -> float | None:
         """Return a number from the attributes of its route; raise InputError."""
@@ -104,9 +104,9 @@ def _get_model(authored: AuthoredActor) -> str:
 
 def _select_size(authored: AuthoredActor, shape: BlueprintShape) -> tuple[float, float]:
     """Return the size given by the route, the manifest, the generator's box, or the class, in this order."""
-    said = authored.entry
-    length = (authored.read_attribute("length"), said.length, authored.read_attribute("bbox_length"))
-    width = (authored.read_attribute("width"), said.width, authored.read_attribute("bbox_width"))
+    given = authored.entry
+    length = (authored.read_attribute("length"), given.length, authored.read_attribute("bbox_length"))
+    width = (authored.read_attribute("width"), given.width, authored.read_attribute("bbox_width"))
     return next(filter(None, length), shape.length), next(filter(None, width), shape.width)
 
 
@@ -161,10 +161,10 @@ def _compute_yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:
         return [frame.to_map_yaw(float(np.nan_to_num(route.yaw_carla_deg[0])))]
     hops = np.diff(xy, axis=0)
     ahead = np.arctan2(hops[:, 1], hops[:, 0]).tolist()
-    said = route.yaw_carla_deg.tolist()
+    given = route.yaw_carla_deg.tolist()
     return [
         course if math.isnan(yaw) else frame.to_map_yaw(yaw)
-        for yaw, course in zip(said, [*ahead, ahead[-1]], strict=True)
+        for yaw, course in zip(given, [*ahead, ahead[-1]], strict=True)
     ]
 
 

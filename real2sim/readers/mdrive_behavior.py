@@ -40,7 +40,7 @@ def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles:
     for number, entry in enumerate(read_behaviors(folder)):
         where = f"{folder / BEHAVIOR}: behavior {number}"
         if entry.route_id not in (None, route_id):
-            notes.append(f"behaviour {number} of {entry.actor_name} is of route {entry.route_id}: passed over")
+            notes.append(f"behaviour {number} of {entry.actor_name} is of route {entry.route_id}: skipped")
             continue
         if entry.actor_name not in actors:
             known = ", ".join(actors) or "none"
@@ -49,7 +49,7 @@ def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles:
             )
         if entry.trigger is None or entry.actor_name in of:
             why = "without a trigger" if entry.trigger is None else "a second one"
-            notes.append(f"behaviour {number} of {entry.actor_name}: {why}, passed over")
+            notes.append(f"behaviour {number} of {entry.actor_name}: {why}, skipped")
             continue
         of[entry.actor_name] = _build_script(where, entry, entry.trigger, vehicles)
         notes += _note_clamping(entry)

@@ -110,22 +110,22 @@ def _compute_dt(path: Path, metadata: Mapping[str, Any], frames: int) -> tuple[f
 
 
 def _build_tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
-    passed_over: Counter[str] = Counter()
+    skipped: Counter[str] = Counter()
     tracks: list[RecordedTrack] = []
     for id_, one in raw.items():
         where = f"{path}: tracks.{id_}"
         category = _classify(where, one)
         if category is None:
-            passed_over[f"of the unknown type {one['type']}"] += 1
+            skipped[f"of the unknown type {one['type']}"] += 1
             continue
         track = _build_track(where, str(id_), category, one["state"], frames)
         if track.valid.any():
             tracks.append(track)
         else:
-            passed_over["without any valid frame"] += 1
+            skipped["without any valid frame"] += 1
     if not tracks:
         raise InputError(f"{path}: tracks: expected at least one with a valid frame, found none")
-    return tuple(tracks), tuple(f"{count} tracks {why} passed over" for why, count in sorted(passed_over.items()))
+    return tuple(tracks), tuple(f"{count} tracks {why} skipped" for why, count in sorted(skipped.items()))
 
 
 def _classify(where: str, one: Any) -> ObjectCategory | None:

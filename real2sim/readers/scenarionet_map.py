@@ -68,7 +68,7 @@ def _build_lanes(path: Path, features: MapFeatures, dataset: str) -> tuple[dict[
     lanes = {lane.id: lane for lane in read if lane is not None}
     if not lanes:
         raise InputError(f"{path}: map_features: expected at least one lane, found none in {len(features)} features")
-    notes = [f"{len(raw) - len(lanes)} lanes without two distinct points passed over"] if len(lanes) < len(raw) else []
+    notes = [f"{len(raw) - len(lanes)} lanes without two distinct points skipped"] if len(lanes) < len(raw) else []
     if dataset == "nuscenes":
         notes.append("speed limits of the map left out: the converter writes 100 km/h on every connector of nuScenes")
     if not any(lane.entries or lane.exits for lane in lanes.values()):
@@ -174,7 +174,7 @@ def _build_stop_signs(
             lost += not known
             at = _read_position(where, feature.get("position"))
             lines += [StopLine(_build_stop_line(lanes[lane], at), (lane,), "stop") for lane in known]
-    return tuple(lines), (f"{lost} stop signs of lanes that are not in the map passed over",) if lost else ()
+    return tuple(lines), (f"{lost} stop signs of lanes that are not in the map skipped",) if lost else ()
 
 
 def _build_traffic_lights(
@@ -195,7 +195,7 @@ def _build_traffic_lights(
     return (
         tuple(lines),
         signals,
-        (f"{lost} traffic lights of lanes that are not in the map passed over",) if lost else (),
+        (f"{lost} traffic lights of lanes that are not in the map skipped",) if lost else (),
     )
 
 

@@ -154,7 +154,7 @@ def _count_labels(frames: Sequence[V2xpnpFrame]) -> tuple[dict[str, Counter[str]
 def _note_labels(labels: Mapping[str, Counter[str]]) -> list[str]:
     unknown = Counter(label for count in labels.values() if _find_category(label := _find_most_frequent(count)) is None)
     changing = sorted(name for name, count in labels.items() if len(count) > 1)
-    notes = [f"{n} things of unknown type {label!r} classed by size" for label, n in sorted(unknown.items())]
+    notes = [f"{n} objects of unknown type {label!r} classed by size" for label, n in sorted(unknown.items())]
     return notes + [f"object {name} changes its type: {dict(labels[name])}" for name in changing]
 
 

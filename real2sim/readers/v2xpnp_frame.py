@@ -78,7 +78,7 @@ def _parse_regular(text: str) -> V2xpnpFrame | None:
     lines = sum(_LINES + (row[15] != "") for row in rows)
     if lines != text.count("\n", head.end()):
         return None
-    unique = {row[0]: row for row in rows}  # as the YAML parser, which keeps the last one of equal keys
+    unique = {row[0]: row for row in rows}  # the YAML parser keeps the last one of equal keys, too
     rows = list(unique.values())
     if any(row[14].lower() in _WORDS for row in rows):
         return None
@@ -105,18 +105,18 @@ def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
     vehicles = raw.get("vehicles") or {}
     if not isinstance(vehicles, Mapping):
         raise InputError(f"{path}: vehicles: expected a mapping of objects, found {type(vehicles).__name__}")
-    things = [_check_object(path, key, thing) for key, thing in vehicles.items()]
+    items = [_check_object(path, key, item) for key, item in vehicles.items()]
     sensor = _parse_numbers(f"{path}: lidar_pose", raw.get("lidar_pose"), 6)
     _parse_numbers(
         f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6
-    )  # says the same; incomplete if cut off
+    )  # same content; incomplete in truncated files
     return V2xpnpFrame(
         infrastructure=raw.get("infra") is True,
         sensor=sensor,
         ids=tuple(map(str, vehicles)),
-        labels=tuple(str(thing["obj_type"]) for thing in things),
-        static=tuple(thing.get("attribute") == "static" for thing in things),
-        boxes=np.array([_parse_box(path, key, thing) for key, thing in zip(vehicles, things, strict=True)]).reshape(
+        labels=tuple(str(item["obj_type"]) for item in items),
+        static=tuple(item.get("attribute") == "static" for item in items),
+        boxes=np.array([_parse_box(path, key, item) for key, item in zip(vehicles, items, strict=True)]).reshape(
             -1, 12
         ),
     )
@@ -130,9 +130,9 @@ def _check_object(path: Path, key: object, raw: object) -> Mapping[str, Any]:
     return raw
 
 
-def _parse_box(path: Path, key: object, thing: Mapping[str, Any]) -> tuple[float, ...]:
+def _parse_box(path: Path, key: object, item: Mapping[str, Any]) -> tuple[float, ...]:
     where = f"{path}: object {key}"
-    given = {"center": (0, 0, 0), **thing}
+    given = {"center": (0, 0, 0), **item}
     return tuple(number for name in COLUMNS for number in _parse_numbers(f"{where}: {name}", given.get(name), 3))
 
 

@@ -92,15 +92,15 @@ def read_vector_map(path: Path) -> tuple[HdMap, tuple[str, ...]]:
         crosswalks=tuple(_build_crosswalks(path, features, passed)),
         signals=_build_signals(path, root.fields.get("dynamic_states"), features, passed),
     )
-    return found, tuple(f"{path.name}: passed over {count} {what}" for what, count in sorted((+passed).items()))
+    return found, tuple(f"{path.name}: skipped {count} {what}" for what, count in sorted((+passed).items()))
 
 
-def _is_instance(thing: object, name: str) -> bool:
-    return isinstance(thing, _CLASS_BY_NAME[name])
+def _is_instance(value: object, name: str) -> bool:
+    return isinstance(value, _CLASS_BY_NAME[name])
 
 
-def _get_field(thing: object, name: str) -> Any:
-    return thing.fields.get(name) if isinstance(thing, PickledFields) else None
+def _get_field(value: object, name: str) -> Any:
+    return value.fields.get(name) if isinstance(value, PickledFields) else None
 
 
 def _parse_list(where: str, raw: Any) -> list[Any]:
@@ -167,7 +167,7 @@ def _split_boundary(centre: Float, boundary: Float) -> tuple[Float, Float]:
     segment = np.clip(np.searchsorted(np.cumsum(lengths), station), 0, len(lengths) - 1)
     ahead = np.diff(centre, axis=0)[segment] / lengths[segment, None]
     gap = boundary - shapely.get_coordinates(shapely.line_interpolate_point(line, station))
-    along = station + (ahead * gap).sum(1)  # goes on beyond the ends, where `station` stands still
+    along = station + (ahead * gap).sum(1)  # extends beyond the ends, where `station` is clamped
     aside = ahead[:, 0] * gap[:, 1] - ahead[:, 1] * gap[:, 0]
     order = np.argsort(along, kind="stable")
     left, right = (boundary[order[side[order]]] for side in (aside > ON_CENTRE_M, aside < -ON_CENTRE_M))

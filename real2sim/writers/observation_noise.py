@@ -59,7 +59,7 @@ CONFUSED_WITH: Mapping[ObjectCategory, ObjectCategory] = {
     ObjectCategory.CAR: ObjectCategory.VAN,
     ObjectCategory.VAN: ObjectCategory.CAR,
     ObjectCategory.BUS: ObjectCategory.TRUCK,
-    ObjectCategory.TRUCK: ObjectCategory.STATIC,  # a "trash can" of 10 m by 3 m was seen
+    ObjectCategory.TRUCK: ObjectCategory.STATIC,  # the data contain a "trash can" of 10 m by 3 m
 }
 
 

@@ -137,9 +137,9 @@ def _run_all(
     """Yield the result of every task as it finishes; report progress on standard error."""
     with ProcessPool(function, workers, LIMIT_S) as pool:
         for n, (task, answer) in enumerate(pool.run(tasks), 1):
-            said = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
-            sys.stderr.write(f"{function.__name__} {n}/{len(tasks)} {task.name} {said}\n")
-            yield task, said if isinstance(answer, WorkerFailure) else answer
+            message = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
+            sys.stderr.write(f"{function.__name__} {n}/{len(tasks)} {task.name} {message}\n")
+            yield task, message if isinstance(answer, WorkerFailure) else answer
 
 
 def _print_summary(chosen: Sequence[SelectionCandidate], outcomes: Sequence[RecordingOutcome]) -> None:

@@ -240,7 +240,7 @@ def test_an_odd_size_is_bounded_and_told() -> None:
     cleaned = clean_recording(replace(log, views=(ObserverView("log", tracks), log.views[1])))
     told = {change.track: change.detail for change in cleaned.report.list_changes(ChangeReason.SIZE)}
     assert told["11"] == (
-        "length 54.00 m is beyond what a scenario can have: 40, width 14.40 m is beyond what a scenario can have: 10"
+        "length 54.00 m is outside the limits of a scenario: 40, width 14.40 m is outside the limits of a scenario: 10"
     )
     (odd,) = [one for one in tracks if one.id == "11"]
     assert median_size(odd) == (40.0, 10.0)

@@ -135,7 +135,7 @@ def test_avoid_collision_is_honoured(directory: Directory) -> None:
     assert [actor.avoid_collision for actor in directory.read().actors] == [False, True, True]
 
 
-def test_entries_of_another_route_or_town_are_passed_over(directory: Directory) -> None:
+def test_entries_of_another_route_or_town_are_skipped(directory: Directory) -> None:
     directory.add("npc", "a.xml", WALK, name="a", route_id="6")
     directory.add("npc", "b.xml", WALK, name="b", town="Town99")
     directory.add("npc", "c.xml", WALK, name="c", town="TownXX")
@@ -237,9 +237,9 @@ def test_behaviours_that_do_nothing_are_noted(directory: Directory) -> None:
     assert by_id["a"].trigger is None
     assert by_id["b"].action == StartMotion()
     assert scene.notes == (
-        "behaviour 2 of b: a second one, passed over",
-        "behaviour 3 of b: without a trigger, passed over",
-        "behaviour 4 of b is of route other: passed over",
+        "behaviour 2 of b: a second one, skipped",
+        "behaviour 3 of b: without a trigger, skipped",
+        "behaviour 4 of b is of route other: skipped",
         "a: its behaviour does nothing, as it stands",
     )
 

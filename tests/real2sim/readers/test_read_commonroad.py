@@ -256,9 +256,9 @@ def test_what_cannot_be_read_is_said(write: Write) -> None:
     recording = read_commonroad(path)
     assert set(_tracks(recording)) == {"7"}
     assert recording.notes == (
-        "1 obstacles of more than one shape passed over",
-        "1 obstacles of the type train passed over",
-        "1 obstacles without exact positions and times passed over",
+        "1 obstacles of more than one shape skipped",
+        "1 obstacles of the type train skipped",
+        "1 obstacles without exact positions and times skipped",
     )
 
 
@@ -270,7 +270,7 @@ def test_links_out_of_a_cut_map_are_taken_out(write: Write) -> None:
     recording = read_commonroad(path)
     lane = recording.map.lanes["1"]
     assert (lane.entries, lane.exits, lane.left_neighbour) == ((), ("2",), "")
-    assert recording.notes == ("2 links to lanelets that are not in the file passed over",)
+    assert recording.notes == ("2 links to lanelets that are not in the file skipped",)
 
 
 def test_a_vague_heading_is_none(write: Write) -> None:

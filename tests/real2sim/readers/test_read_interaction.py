@@ -249,7 +249,7 @@ def test_a_speed_limit_in_no_known_words_is_said(tmp_path: Path) -> None:
     road.lanelet(5, left=16, right=15, rules=(100,))
     hd_map, notes = read_lanelet2(road.write(tmp_path / "map.osm"))
     assert math.isnan(hd_map.lanes["5"].speed_limit)
-    assert notes == ("speed limit 100 passed over: expected sign_type such as 50 km/h, found 'walking pace'",)
+    assert notes == ("speed limit 100 skipped: expected sign_type such as 50 km/h, found 'walking pace'",)
 
 
 @pytest.mark.parametrize(
@@ -294,7 +294,7 @@ def test_subtypes(tmp_path: Path) -> None:
     }
     assert (hd_map.lanes["1"].directed, hd_map.lanes["21"].directed) == (True, False)
     assert [shapely.Polygon(walk).area for walk in hd_map.crosswalks] == [pytest.approx(160, rel=0.01)]
-    assert notes == ("1 lanelets of the subtype 'rail' passed over",)
+    assert notes == ("1 lanelets of the subtype 'rail' skipped",)
 
 
 def test_pairs_of_markings_are_crosswalks(tmp_path: Path) -> None:

@@ -254,7 +254,7 @@ def test_types_become_categories(tmp_path: Path, type_: str, finer: str, expecte
     assert only.parked == (expected is ObjectCategory.STATIC)
 
 
-def test_what_is_passed_over_is_noted(tmp_path: Path) -> None:
+def test_what_is_skipped_is_noted(tmp_path: Path) -> None:
     tracks = {"1": track("VEHICLE"), "2": track("OTHER"), "3": track("VEHICLE", valid=np.zeros(FRAMES))}
     features = {"7": straight(), "8": straight() | {"polyline": np.zeros((4, 3))}}
     metadata = {"dataset": "waymo", "sdc_id": "2", "ts": [0.0, 0.1, 0.2, 0.35, 0.4]}

@@ -130,7 +130,7 @@ def test_unknown_labels_are_noted_and_classed_by_size(
     text = frame({1: thing(obj_type="Zeppelin", extent=[half_length, 0.3, 1.0])})
     read = read_v2xpnp(log(tmp_path / "a", {"1": [text]}), ())
     assert read.views[0].tracks[0].category is category
-    assert "agent 1: 1 things of unknown type 'Zeppelin' classed by size" in read.notes
+    assert "agent 1: 1 objects of unknown type 'Zeppelin' classed by size" in read.notes
 
 
 def test_majority_decides_label_and_attribute(tmp_path: Path) -> None:
@@ -390,11 +390,11 @@ def test_map_of_the_originals_classes(tmp_path: Path, types: Any, protocol: int)
     assert [polygon.shape for polygon in found.crosswalks] == [(4, 2)]
     assert found.signals == {"3_1": ("3_1",)}
     assert notes == (
-        "m.pkl: passed over 1 crosswalks with less than 3 points",
-        "m.pkl: passed over 1 lanes of unknown type",
-        "m.pkl: passed over 1 lanes with less than 2 points",
-        "m.pkl: passed over 1 lanes with the id of another one",
-        "m.pkl: passed over 2 signal states of unknown lanes",
+        "m.pkl: skipped 1 crosswalks with less than 3 points",
+        "m.pkl: skipped 1 lanes of unknown type",
+        "m.pkl: skipped 1 lanes with less than 2 points",
+        "m.pkl: skipped 1 lanes with the id of another one",
+        "m.pkl: skipped 2 signal states of unknown lanes",
     )
 
 
