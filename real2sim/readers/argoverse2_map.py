@@ -12,7 +12,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import describe_first_error
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.shapes import compute_centreline, parse_points
+from real2sim.readers.checked_arrays import parse_points
+from real2sim.readers.lane_geometry import compute_centreline
 
 LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
     "VEHICLE": LaneKind.DRIVING,

@@ -17,7 +17,7 @@ from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from real2sim.readers.argoverse2_map import find_single_file, read_argoverse2_map
 from real2sim.readers.argoverse2_poses import POSE_COLUMNS, PoseSeries, parse_poses, to_seconds
 from real2sim.readers.arrow_tables import Columns, read_columns
-from real2sim.readers.shapes import shift_ahead
+from real2sim.readers.lane_geometry import shift_ahead
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 EGO_TYPE = "EGO_VEHICLE"

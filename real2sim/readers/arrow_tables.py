@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
+from real2sim.readers.optional_package import build_missing_error
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -34,9 +35,7 @@ def _read_table(path: Path) -> Any:
         import pyarrow
         from pyarrow import feather, parquet
     except ImportError:
-        raise InputError(
-            f"{path}: expected pyarrow to be installed, found none: pip install mdrive-sumo[convert]"
-        ) from None
+        raise build_missing_error(path, "pyarrow") from None
     reader: Any = parquet.read_table if path.suffix == ".parquet" else feather.read_table
     try:
         return reader(path)

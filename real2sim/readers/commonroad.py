@@ -19,6 +19,7 @@ from shapely.errors import ShapelyError
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.commonroad_map import build_commonroad_map
+from real2sim.readers.optional_package import build_missing_error
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.xml_file import Element, read_number, read_xml
@@ -142,9 +143,7 @@ def _load_reader_class(path: Path) -> Any:
         with _capture_remarks():  # remarks of its dependencies do not concern the file
             from commonroad.common.file_reader import CommonRoadFileReader
     except ImportError:
-        raise InputError(
-            f"{path}: expected commonroad-io to be installed, found none: pip install mdrive-sumo[convert]"
-        ) from None
+        raise build_missing_error(path, "commonroad-io") from None
     return CommonRoadFileReader
 
 

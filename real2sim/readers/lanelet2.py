@@ -18,8 +18,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.crosswalks import build_outline, find_marked_crosswalks, measure_end_gap
+from real2sim.readers.lane_geometry import compute_centreline
 from real2sim.readers.osm_file import OsmFile, OsmRelation, OsmWay, read_osm
-from real2sim.readers.shapes import compute_centreline
 
 LANE_KIND_BY_SUBTYPE: Mapping[str, LaneKind] = {
     "road": LaneKind.DRIVING,

@@ -9,7 +9,8 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.shapes import parse_points
+from real2sim.readers.checked_arrays import parse_points
+from real2sim.readers.optional_package import build_missing_error
 from real2sim.xml_file import Element, read_number, read_xml
 
 UTM_OF_ORIGIN = "EPSG:32631"
@@ -106,9 +107,7 @@ def _import_pyproj(path: Path) -> Any:
     try:
         import pyproj
     except ImportError:
-        raise InputError(
-            f"{path}: expected pyproj to be installed, found none: pip install mdrive-sumo[convert]"
-        ) from None
+        raise build_missing_error(path, "pyproj") from None
     return pyproj
 
 

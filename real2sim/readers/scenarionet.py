@@ -13,9 +13,10 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from real2sim.readers.checked_arrays import describe_value, parse_numbers
+from real2sim.readers.lane_geometry import shift_ahead
 from real2sim.readers.safe_pickle import load_pickle
 from real2sim.readers.scenarionet_map import build_scenarionet_map
-from real2sim.readers.shapes import describe_value, parse_numbers, shift_ahead
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
-from real2sim.readers.shapes import describe_value, parse_all_points, parse_numbers, parse_points
+from real2sim.readers.checked_arrays import describe_value, parse_all_points, parse_numbers, parse_points
 
 MapFeature = Mapping[str, Any]
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.geometry import Float, Polyline
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
+from real2sim.readers.checked_arrays import describe_value, parse_points
+from real2sim.readers.lane_geometry import build_cross_line
 from real2sim.readers.scenarionet_boundaries import read_finite, read_lane_boundaries, read_lane_width, read_list
-from real2sim.readers.shapes import build_cross_line, describe_value, parse_points
 
 DEFAULT_LINE_M = 3.5
 """[m] Length of a stop line across a lane of unknown width."""
@@ -204,4 +205,6 @@ def _read_position(where: str, raw: Any) -> Float:
 
 
 def _build_stop_line(lane: MapLane, at: Float) -> Float:
-    return build_cross_line(lane.centre, float(at[0]), float(at[1]), lane.width if lane.width > 0 else DEFAULT_LINE_M)
+    line = Polyline(lane.centre)
+    s = min(max(line.project(float(at[0]), float(at[1]))[0], 0.0), line.length)
+    return build_cross_line(line, s, lane.width if lane.width > 0 else DEFAULT_LINE_M)

@@ -18,8 +18,8 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane
+from real2sim.readers.checked_arrays import parse_points
 from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
-from real2sim.readers.shapes import parse_points
 
 MODULE = "opencood.data_utils.datasets.map.map_types"
 """Module of the classes in the dataset's pickles."""

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
+from real2sim.readers.lane_geometry import build_cross_line
 
 SPACING_M = 0.5
 """[m] Maximum distance between points of a lane, as in V2XPnP's maps."""
@@ -68,13 +69,7 @@ def _build_crosswalk(line: Float, width: float) -> Float:
 def _build_stop_lines(roads: RoadMap) -> Iterator[StopLine]:
     for sign in roads.stop_signs or ():
         lane = roads.lanes[sign.lane]
-        yield StopLine(_build_cross_line(lane.centre, sign.line_pos_m, lane.width), (lane.id,), "stop")
-
-
-def _build_cross_line(line: Polyline, s: float, width: float) -> Float:
-    (x, y), yaw = line.at(s), line.yaw_at(s)
-    half = np.array((-np.sin(yaw), np.cos(yaw))) * width / 2
-    return np.array((x, y)) + np.array((half, -half))
+        yield StopLine(build_cross_line(lane.centre, sign.line_pos_m, lane.width), (lane.id,), "stop")
 
 
 def _build_signals(roads: RoadMap) -> Mapping[str, tuple[str, ...]]:
