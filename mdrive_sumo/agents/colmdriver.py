@@ -2,11 +2,11 @@
 
 from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
 from mdrive_sumo.contract.agent_options import Config
-from mdrive_sumo.negotiation import LlmNegotiator, llm_options
-from mdrive_sumo.negotiation.language_model import Model
-from mdrive_sumo.planning.ego_planner import OPTIONS
+from mdrive_sumo.negotiation import LlmNegotiator, read_llm_options
+from mdrive_sumo.negotiation.language_model import LanguageModel
+from mdrive_sumo.planning.ego_planner import DRIVING_OPTIONS
 
-DRIVING = (*OPTIONS, "detector")
+DRIVING = (*DRIVING_OPTIONS, "detector")
 
 
 class ColmdriverAgent(ColmdriverRuleAgent):
@@ -16,9 +16,9 @@ class ColmdriverAgent(ColmdriverRuleAgent):
 
     def __init__(self, config: Config) -> None:
         talking = {name: value for name, value in config.items() if name not in DRIVING}
-        self._settings, self._instant = llm_options(self.name, talking, DRIVING)
+        self._settings, self._instant = read_llm_options(self.name, talking, DRIVING)
         super().__init__({name: value for name, value in config.items() if name in DRIVING})
 
     def negotiator(self, seed: int) -> LlmNegotiator:
         """The model's voice; where it gives nothing usable the rule decides."""
-        return LlmNegotiator(Model(self._settings, seed), self._instant)
+        return LlmNegotiator(LanguageModel(self._settings, seed), self._instant)

@@ -2,7 +2,7 @@
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
-from mdrive_sumo.planning.path import Path, Reference, curve_speeds, make_path
+from mdrive_sumo.planning.reference_path import PathFollower, ReferencePath, build_path, compute_curve_speeds
 
 OPTIONS = {"speed": Option(8.0, 1.0, 30.0)}
 ACCELERATION = 2.5
@@ -28,12 +28,12 @@ class ConstantSpeedAgent:
 
     def start(self, briefing: Briefing) -> None:
         """Lays the path."""
-        path: Path = make_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
-        self._reference = Reference(path)
-        self._limits = curve_speeds(path, self._speed, LATERAL, BRAKING)
+        path: ReferencePath = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
+        self._reference = PathFollower(path)
+        self._limits = compute_curve_speeds(path, self._speed, LATERAL, BRAKING)
         self._tick_s = briefing.tick_s
 
     def act(self, seen: Observation) -> Reply:
         """Faster until the speed is reached."""
-        self._reference.follow(seen.own.x, seen.own.y, seen.own.speed)
-        return Reply(plan=self._reference.plan(ACCELERATION, self._limits, self._tick_s))
+        self._reference.update(seen.own.x, seen.own.y, seen.own.speed)
+        return Reply(plan=self._reference.advance(ACCELERATION, self._limits, self._tick_s))

@@ -2,8 +2,8 @@
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
-from mdrive_sumo.perception.fusion import Fusion
-from mdrive_sumo.planning.ego_planner import Drive, Habits
+from mdrive_sumo.perception.late_fusion import LateFusion
+from mdrive_sumo.planning.ego_planner import DrivingOptions, EgoPlanner
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
 
@@ -14,23 +14,23 @@ class SharingAgent:
     name = "sharing"
 
     def __init__(self, config: Config) -> None:
-        self._habits = Habits(self.name, config)
+        self._habits = DrivingOptions(self.name, config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Boxes of what is in sight, and how far sight is free."""
-        return (self._habits.sensor(free_space=True),)
+        return (self._habits.build_sensor_spec(free_space=True),)
 
     def start(self, briefing: Briefing) -> None:
         """The path needs the first observation: nobody says which way a car looks at its start."""
         self._me = briefing
-        self._fusion = Fusion(briefing.vehicle)
+        self._fusion = LateFusion(briefing.vehicle)
         self._station = AwarenessService(briefing, self._habits.range_m, self._habits.latency_ticks)
-        self._drive: Drive | None = None
+        self._drive: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
         """The plan as it is, made anew when it is time to, and what I see for the others."""
-        drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
-        notes = self._fusion.hear(seen.messages)
-        if drive.due(seen):
-            drive.step(seen, self._fusion.fused(seen.tick, seen.own, self._habits.current(seen)))
-        return Reply(plan=drive.planner.plan(seen.tick), messages=self._station.messages(seen), notes=notes)
+        drive = self._drive = self._drive or EgoPlanner(self._me, seen.own, self._habits.cruise_speed)
+        notes = self._fusion.receive(seen.messages)
+        if drive.track_ego(seen):
+            drive.update_plan(seen, self._fusion.fuse(seen.tick, seen.own, self._habits.compensate_latency(seen)))
+        return Reply(plan=drive.planner.build_plan(seen.tick), messages=self._station.messages(seen), notes=notes)

@@ -2,8 +2,8 @@
 
 from mdrive_sumo.agents.sharing import SharingAgent
 from mdrive_sumo.contract import Briefing, Observation, Reply
-from mdrive_sumo.negotiation import Parley, RuleNegotiator
-from mdrive_sumo.planning.ego_planner import Drive, without
+from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
+from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 
 
 class SharingNegotiationAgent(SharingAgent):
@@ -15,18 +15,18 @@ class SharingNegotiationAgent(SharingAgent):
     def start(self, briefing: Briefing) -> None:
         """As `sharing`, and takes a seat at the table."""
         super().start(briefing)
-        self._parley = Parley(briefing, RuleNegotiator(passing=True), stops=False)
+        self._parley = NegotiationInterface(briefing, RuleNegotiator(passing=True), stops=False)
 
     def act(self, seen: Observation) -> Reply:
         """The plan, made anew when it is time to, and what I see, plan and claim for the others."""
-        drive = self._drive = self._drive or Drive(self._me, seen.own, self._habits.cruise)
+        drive = self._drive = self._drive or EgoPlanner(self._me, seen.own, self._habits.cruise_speed)
         planner = drive.planner
-        notes = self._fusion.hear(seen.messages)
-        self._parley.hear(seen)
-        if drive.due(seen):
-            names, motions = self._parley.announced(seen, planner)
-            objects = self._fusion.fused(seen.tick, seen.own, self._habits.current(seen))
-            drive.step(seen, without(objects, names), motions)
-        plan = planner.plan(seen.tick)
-        step = self._parley.step(seen, planner, plan.points)
+        notes = self._fusion.receive(seen.messages)
+        self._parley.receive(seen)
+        if drive.track_ego(seen):
+            names, motions = self._parley.predict_announced_motions(seen, planner)
+            objects = self._fusion.fuse(seen.tick, seen.own, self._habits.compensate_latency(seen))
+            drive.update_plan(seen, exclude_objects(objects, names), motions)
+        plan = planner.build_plan(seen.tick)
+        step = self._parley.negotiate(seen, planner, plan.points)
         return Reply(plan=plan, messages=self._station.messages(seen) + step.messages, notes=notes + step.notes)

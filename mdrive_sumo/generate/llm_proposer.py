@@ -18,9 +18,9 @@ from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
 from mdrive_sumo.generate.llm_prompt import build_prompt
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.negotiation.language_model import EXCHANGE, Model, ModelSettings, check_settings
-from mdrive_sumo.negotiation.llm_endpoint import Answer
-from mdrive_sumo.negotiation.transcript import outcomes
+from mdrive_sumo.negotiation.language_model import EXCHANGE, LanguageModel, LanguageModelSettings, check_settings
+from mdrive_sumo.negotiation.llm_endpoint import ChatCompletion
+from mdrive_sumo.negotiation.transcript import load_outcomes
 from mdrive_sumo.runs.evaluate import report_write_errors
 
 MAX_TOKENS = 4096
@@ -61,7 +61,7 @@ def propose(category: Category, seed: str, settings: LlmSettings) -> Proposal:
         return _replayed(category, seed, settings.replay)
     number = _number(category, seed)
     examples = load_demonstrations(settings.examples, category) if settings.examples else ()
-    model = Model(_model_settings(settings), number)
+    model = LanguageModel(_model_settings(settings), number)
     proposal = model.ask(
         build_prompt(category, number, examples), MAX_TOKENS, lambda text: parse_proposal(text, category)
     )
@@ -81,8 +81,8 @@ def _replayed(category: Category, seed: str, folder: Path) -> Proposal:
     """The proposal that a recorded model came to, by today's rules; raises as it did."""
     path = transcript_path(folder, category, seed)
     reason = "the transcript has no exchange for this category and seed"
-    for outcome in outcomes(path, _number(category, seed)):
-        if not isinstance(outcome, Answer):
+    for outcome in load_outcomes(path, _number(category, seed)):
+        if not isinstance(outcome, ChatCompletion):
             reason = str(outcome)
             continue
         try:
@@ -97,7 +97,7 @@ def _number(category: Category, seed: str) -> int:
     return derive_seed(0, "proposal", category, seed)
 
 
-def _model_settings(settings: LlmSettings) -> ModelSettings:
+def _model_settings(settings: LlmSettings) -> LanguageModelSettings:
     if not 1 <= settings.attempts <= 10:
         raise InputError(f"language model: attempts: expected 1 to 10, found {settings.attempts}")
     if not 0 < settings.timeout_s <= 600:
@@ -107,7 +107,7 @@ def _model_settings(settings: LlmSettings) -> ModelSettings:
     if not 0 <= settings.temperature <= 2:
         raise InputError(f"language model: temperature: expected 0 to 2, found {settings.temperature:g}")
     return check_settings(
-        ModelSettings(
+        LanguageModelSettings(
             endpoint=settings.endpoint,
             model=settings.model,
             api_key_env=settings.api_key_env,

@@ -24,7 +24,7 @@ from mdrive_sumo.generate.spawn_points import (
     find_conflict_stations,
 )
 from mdrive_sumo.loop import VEHICLE
-from mdrive_sumo.planning.path import SPACING_M, curve_speeds, make_path
+from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
 from mdrive_sumo.roads import RoadMap
 
 RUN_UP_M = (8.0, 13.0)
@@ -108,7 +108,7 @@ def compute_arrival_s(line: RouteLine, start: float, station: float) -> float:
 @lru_cache(maxsize=4096)
 def _bends(line: RouteLine) -> Float:
     """Speed of blind driving [m/s] at the points of a line, but for the start."""
-    path = make_path(line.xy, VEHICLE.rear_to_centre)
-    speeds = curve_speeds(path, BLIND_SPEED, LATERAL, BRAKING)
+    path = build_path(line.xy, VEHICLE.rear_to_centre)
+    speeds = compute_curve_speeds(path, BLIND_SPEED, LATERAL, BRAKING)
     share = np.linspace(0.0, path.goal_s, len(line.xy))
     return np.interp(share, np.arange(len(speeds)) * SPACING_M, speeds)

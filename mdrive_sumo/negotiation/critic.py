@@ -6,9 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.negotiation.conflict import graph_among, safety
-from mdrive_sumo.negotiation.intention import INTERVAL_S, TOP_SPEED, acceleration, ridden, trajectory, way_of
-from mdrive_sumo.negotiation.types import Member
+from mdrive_sumo.negotiation.conflict_graph import build_trajectory_graph, compute_safety
+from mdrive_sumo.negotiation.intention import (
+    INTERVAL_S,
+    TOP_SPEED,
+    build_way,
+    convert_to_acceleration,
+    predict_trajectory,
+    replace_slow_keep,
+)
+from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import Intention
 
 SAFE_ENOUGH = 0.7
@@ -29,17 +36,17 @@ class Critique:
     """What is wrong, in words; "" if nothing is."""
 
 
-def ridden_actions(actions: Mapping[str, Intention], members: Sequence[Member]) -> dict[str, Intention]:
+def avoid_slow_keeping(actions: Mapping[str, Intention], members: Sequence[NegotiationMember]) -> dict[str, Intention]:
     """The actions as they are carried out: keeping a low speed becomes going faster."""
-    return {m.id: ridden(actions[m.id], m.speed) for m in members}
+    return {m.id: replace_slow_keep(actions[m.id], m.speed) for m in members}
 
 
-def critique(members: Sequence[Member], actions: Mapping[str, Intention]) -> Critique:
+def evaluate_actions(members: Sequence[NegotiationMember], actions: Mapping[str, Intention]) -> Critique:
     """Judges the actions of all members of a group."""
     predicted = {m.id: _predicted(m, actions[m.id], members) for m in members}
-    graph = graph_among(tuple(predicted), predicted)
+    graph = build_trajectory_graph(tuple(predicted), predicted)
     first, second = divmod(int(graph.distance.argmin()), len(graph.ids))
-    least = safety(float(graph.distance[first, second]))
+    least = compute_safety(float(graph.distance[first, second]))
     efficiency = min(1.0, float(np.mean([_speed(m, predicted[m.id]) for m in members])) / TOP_SPEED)
     if least < SAFE_ENOUGH:
         pair = f"{graph.ids[first]} and {graph.ids[second]}"
@@ -51,14 +58,14 @@ def critique(members: Sequence[Member], actions: Mapping[str, Intention]) -> Cri
     return Critique(least, efficiency, feedback)
 
 
-def _predicted(member: Member, action: Intention, members: Sequence[Member]) -> Float:
+def _predicted(member: NegotiationMember, action: Intention, members: Sequence[NegotiationMember]) -> Float:
     """The trajectory of a member that does so, on the way that it desires."""
     gaps = [float(np.hypot(m.x - member.x, m.y - member.y)) for m in members if m.id != member.id]
-    way = way_of(member.x, member.y, member.yaw, member.desired)
-    return trajectory(way, member.speed, acceleration(action, min(gaps), len(gaps)))
+    way = build_way(member.x, member.y, member.yaw, member.desired)
+    return predict_trajectory(way, member.speed, convert_to_acceleration(action, min(gaps), len(gaps)))
 
 
-def _speed(member: Member, points: Float) -> float:
+def _speed(member: NegotiationMember, points: Float) -> float:
     """Mean speed [m/s] of a trajectory."""
     steps = np.diff(np.vstack(((member.x, member.y), points)), axis=0)
     return float(np.hypot(steps[:, 0], steps[:, 1]).mean()) / INTERVAL_S

@@ -34,7 +34,7 @@ TURN = math.radians(35)
 LANE_M = 2.0
 
 
-def acceleration(intention: Intention, nearest_m: float = math.inf, vehicles: int = 0) -> float:
+def convert_to_acceleration(intention: Intention, nearest_m: float = math.inf, vehicles: int = 0) -> float:
     """What an intention means [m/s2] with the nearest of so many vehicles that far away [m].
 
     The mean of an interpolation by distance (5 to 50 m) and a harmonic one by number (1 to 20, oneself counted).
@@ -49,7 +49,7 @@ def acceleration(intention: Intention, nearest_m: float = math.inf, vehicles: in
     return (by_distance + by_number) / 2
 
 
-def intention_of(accelerating: float) -> Intention:
+def classify_acceleration(accelerating: float) -> Intention:
     """The label of an acceleration [m/s2]."""
     if accelerating < -4.0:
         return Intention.STOP
@@ -58,17 +58,17 @@ def intention_of(accelerating: float) -> Intention:
     return Intention.KEEP if accelerating <= 0.5 else Intention.FASTER
 
 
-def ridden(intention: Intention, speed: float) -> Intention:
+def replace_slow_keep(intention: Intention, speed: float) -> Intention:
     """The intention of one who may go: keeping a low speed [m/s] becomes going faster."""
     return Intention.FASTER if intention == Intention.KEEP and speed < PATIENT_SPEED else intention
 
 
-def trajectory(way: Float, speed: float, accelerating: float) -> Float:
+def predict_trajectory(way: Float, speed: float, accelerating: float) -> Float:
     """Points (`POINTS`, 2) every `INTERVAL_S` of a car that starts at the first point of its way (N, 2) [m].
 
     Constant acceleration [m/s2], the speed [m/s] clipped to [0, `TOP_SPEED`]; beyond the end of the way straight on.
     """
-    return along(way, _travelled(min(max(speed, 0.0), TOP_SPEED), accelerating, AFTER_S))
+    return sample_polyline(way, _travelled(min(max(speed, 0.0), TOP_SPEED), accelerating, AFTER_S))
 
 
 def _travelled(speed: float, accelerating: float, times: Float) -> Float:
@@ -80,7 +80,7 @@ def _travelled(speed: float, accelerating: float, times: Float) -> Float:
     return speed * until + accelerating * until**2 / 2 + bound * (times - until)
 
 
-def along(way: Float, stations: Float) -> Float:
+def sample_polyline(way: Float, stations: Float) -> Float:
     """Points (K, 2) at arc lengths (K,) of a chain of points (N, 2), its last step prolonged."""
     steps = np.diff(way, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
@@ -93,7 +93,7 @@ def along(way: Float, stations: Float) -> Float:
     return points
 
 
-def way_of(x: float, y: float, yaw: float, points: Float) -> Float:
+def build_way(x: float, y: float, yaw: float, points: Float) -> Float:
     """The way (N, 2) of a car at that pose with a trajectory (K, 2); one that stands would go straight on."""
     here = np.array((x, y))
     if len(points) and float(np.hypot(*(points[-1] - here))) > 0.5:
@@ -101,7 +101,7 @@ def way_of(x: float, y: float, yaw: float, points: Float) -> Float:
     return np.array(((x, y), (x + math.cos(yaw), y + math.sin(yaw))))
 
 
-def direction_of(way: Float) -> Direction:
+def classify_direction(way: Float) -> Direction:
     """Where a way (N, 2) leads, told by its shape: N points 1 m or so apart, some 30 m of them."""
     steps = np.diff(way[:: max(len(way) // 15, 1)], axis=0)
     steps = steps[np.hypot(steps[:, 0], steps[:, 1]) > 1e-6]

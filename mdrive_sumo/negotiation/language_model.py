@@ -11,8 +11,13 @@ from urllib.parse import urlsplit
 
 from mdrive_sumo.contract import Note
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.negotiation.llm_endpoint import MAX_ANSWER_CHARS, Answer, ModelError, asked
-from mdrive_sumo.negotiation.transcript import Transcript, check_transcript, exchange_line
+from mdrive_sumo.negotiation.llm_endpoint import (
+    MAX_ANSWER_CHARS,
+    ChatCompletion,
+    LanguageModelError,
+    request_completion,
+)
+from mdrive_sumo.negotiation.transcript import LanguageModelTranscript, check_transcript, format_exchange
 
 EXCHANGE, FALLBACK = "llm-exchange", "llm-fallback"
 HOPELESS = ("timeout", "missing")
@@ -24,7 +29,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class ModelSettings:
+class LanguageModelSettings:
     """Which model, and what it may cost one CAV in one episode."""
 
     endpoint: str = ""
@@ -47,7 +52,7 @@ class ModelSettings:
     temperature: float = 0
 
 
-def check_settings(settings: ModelSettings) -> ModelSettings:
+def check_settings(settings: LanguageModelSettings) -> LanguageModelSettings:
     """The settings; raises InputError if they name nothing to ask."""
     if settings.transcript:
         check_transcript(Path(settings.transcript))
@@ -65,12 +70,12 @@ def check_settings(settings: ModelSettings) -> ModelSettings:
     return settings
 
 
-class Model:
+class LanguageModel:
     """One CAV's access to the model during one episode."""
 
-    def __init__(self, settings: ModelSettings, seed: int) -> None:
+    def __init__(self, settings: LanguageModelSettings, seed: int) -> None:
         self._settings, self._seed = settings, seed
-        self._transcript = Transcript(Path(settings.transcript), seed) if settings.transcript else None
+        self._transcript = LanguageModelTranscript(Path(settings.transcript), seed) if settings.transcript else None
         self._ordinal = 0
         self._tokens = 0
         self._failed = 0
@@ -87,7 +92,7 @@ class Model:
         for _ in range(self._settings.tries if reason is None else 0):
             try:
                 answer = self._exchange(self._request(conversation, max_tokens), pause)
-            except ModelError as error:
+            except LanguageModelError as error:
                 reason = str(error)
                 if error.kind in HOPELESS:
                     break
@@ -126,28 +131,28 @@ class Model:
             "seed": self._seed,
         }
 
-    def _exchange(self, request: Mapping[str, Any], pause: float) -> Answer:
+    def _exchange(self, request: Mapping[str, Any], pause: float) -> ChatCompletion:
         """One exchange, noted whatever comes of it; raises ModelError. Pauses before [s] if the service was busy."""
         if pause and self._transcript is None:
             time.sleep(min(pause, self._settings.timeout_s / 4))
         try:
             answer = self._told(request)
-        except ModelError as error:
+        except LanguageModelError as error:
             self._note(request, error)
             raise
         self._note(request, answer)
         self._tokens += answer.tokens
         return answer
 
-    def _told(self, request: Mapping[str, Any]) -> Answer:
+    def _told(self, request: Mapping[str, Any]) -> ChatCompletion:
         if self._transcript is not None:
-            return self._transcript.asked(request)
+            return self._transcript.replay(request)
         settings = self._settings
         limit = settings.max_answer_chars
-        return asked(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env, limit)
+        return request_completion(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env, limit)
 
-    def _note(self, request: Mapping[str, Any], outcome: Answer | ModelError) -> None:
-        self.notes.append(Note(EXCHANGE, exchange_line(self._seed, self._ordinal, request, outcome)))
+    def _note(self, request: Mapping[str, Any], outcome: ChatCompletion | LanguageModelError) -> None:
+        self.notes.append(Note(EXCHANGE, format_exchange(self._seed, self._ordinal, request, outcome)))
         self._ordinal += 1
 
 

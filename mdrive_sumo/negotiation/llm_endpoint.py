@@ -12,7 +12,7 @@ MAX_ANSWER_CHARS = 2000
 PATH = "/chat/completions"
 
 
-class ModelError(Exception):
+class LanguageModelError(Exception):
     """The model gave no answer. `kind` says why in one word."""
 
     def __init__(self, kind: str, text: str) -> None:
@@ -21,14 +21,14 @@ class ModelError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ChatCompletion:
     """What a model said, and how many tokens the exchange took, as far as the endpoint tells."""
 
     text: str
     tokens: int = 0
 
 
-def completions_url(endpoint: str) -> str:
+def build_completions_url(endpoint: str) -> str:
     """The address of an OpenAI-compatible endpoint of which its root, its /v1 or the whole address is given."""
     base = endpoint.rstrip("/")
     if base.endswith(PATH):
@@ -36,13 +36,13 @@ def completions_url(endpoint: str) -> str:
     return base + PATH if base.endswith("/v1") else f"{base}/v1{PATH}"
 
 
-def asked(
+def request_completion(
     endpoint: str,
     request: dict[str, Any],
     timeout_s: float,
     key_variable: str = "",
     max_chars: int = MAX_ANSWER_CHARS,
-) -> Answer:
+) -> ChatCompletion:
     """Posts a chat completion request; raises ModelError. Never takes longer than the time-out [s] or so.
 
     Redirects are not followed: they would carry the key elsewhere. The key is read from the environment variable of
@@ -53,9 +53,11 @@ def asked(
     headers = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
     if key_variable:
         headers["Authorization"] = f"Bearer {os.environ.get(key_variable, '')}"
-    status, body = asyncio.run(_posted(completions_url(endpoint), json.dumps(request).encode(), headers, timeout_s))
+    status, body = asyncio.run(
+        _posted(build_completions_url(endpoint), json.dumps(request).encode(), headers, timeout_s)
+    )
     if status != 200:
-        raise ModelError("status", f"HTTP status {status}")
+        raise LanguageModelError("status", f"HTTP status {status}")
     return _answer(body, max_chars)
 
 
@@ -75,28 +77,28 @@ async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: 
             async for chunk in response.aiter_raw(65_536):
                 body += chunk
                 if len(body) > MAX_BODY_BYTES:
-                    raise ModelError("size", f"more than {MAX_BODY_BYTES} bytes")
+                    raise LanguageModelError("size", f"more than {MAX_BODY_BYTES} bytes")
             return response.status_code, bytes(body)
     except TimeoutError:
-        raise ModelError("timeout", f"no answer within {timeout_s:g} s") from None
+        raise LanguageModelError("timeout", f"no answer within {timeout_s:g} s") from None
     except (httpx.HTTPError, httpx.InvalidURL, UnicodeError, OSError, OverflowError, ExceptionGroup) as error:
-        raise ModelError("connection", type(error).__name__) from None
+        raise LanguageModelError("connection", type(error).__name__) from None
 
 
-def _answer(body: bytes, max_chars: int) -> Answer:
+def _answer(body: bytes, max_chars: int) -> ChatCompletion:
     """The first choice's text; whatever else the body is raises ModelError."""
     try:
         data = json.loads(body)
         text = data["choices"][0]["message"]["content"]
     except (ValueError, RecursionError):
-        raise ModelError("json", "the body is no JSON") from None
+        raise LanguageModelError("json", "the body is no JSON") from None
     except (KeyError, IndexError, TypeError):
-        raise ModelError("choices", "no choices[0].message.content") from None
+        raise LanguageModelError("choices", "no choices[0].message.content") from None
     if not isinstance(text, str):
-        raise ModelError("choices", "no text in choices[0].message.content")
+        raise LanguageModelError("choices", "no text in choices[0].message.content")
     if len(text) > max_chars:
-        raise ModelError("length", f"{len(text)} characters, at most {max_chars} are allowed")
-    return Answer(text, _tokens(data.get("usage")))
+        raise LanguageModelError("length", f"{len(text)} characters, at most {max_chars} are allowed")
+    return ChatCompletion(text, _tokens(data.get("usage")))
 
 
 def _tokens(usage: object) -> int:

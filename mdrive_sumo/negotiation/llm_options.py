@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.negotiation.language_model import ModelSettings, check_settings
+from mdrive_sumo.negotiation.language_model import LanguageModelSettings, check_settings
 
 TEXTS: Mapping[str, str] = {
     "endpoint": "",
@@ -23,7 +23,7 @@ NUMBERS: Mapping[str, Option] = {
 ROUNDS = ("channel", "instant")
 
 
-def llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -> tuple[ModelSettings, bool]:
+def read_llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -> tuple[LanguageModelSettings, bool]:
     """(settings of the model, whether rounds are instant); raises InputError for anything that makes no sense."""
     unknown = sorted(set(config) - set(TEXTS) - set(NUMBERS))
     if unknown:
@@ -34,7 +34,7 @@ def llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -> tup
     rounds = texts["rounds"]
     if rounds not in ROUNDS:
         raise InputError(f"agent {agent}: option rounds: expected {' or '.join(ROUNDS)}, found {rounds!r}")
-    settings = ModelSettings(
+    settings = LanguageModelSettings(
         endpoint=texts["endpoint"],
         model=texts["model"],
         api_key_env=texts["api_key_env"],

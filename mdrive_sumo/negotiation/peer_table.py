@@ -5,15 +5,15 @@ import numpy as np
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
-from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, along
-from mdrive_sumo.negotiation.types import Member
+from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, sample_polyline
+from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import MCM, Mcm, MessageError, decode
 
 MEMORY_TICKS = TICKS_PER_SECOND
 """Who has not been heard for so long is forgotten."""
 
 
-class Roster:
+class PeerTable:
     """The latest MCM of every station, one's own included.
 
     Everybody sees himself as the others see him, by what he last announced: with a faultless channel all have the
@@ -23,7 +23,7 @@ class Roster:
     def __init__(self) -> None:
         self._latest: dict[str, tuple[int, Mcm]] = {}
 
-    def hear(self, message: Message) -> bool:
+    def receive(self, message: Message) -> bool:
         """Takes notice of a message; False if it is no readable MCM."""
         if message.type != MCM:
             return False
@@ -35,14 +35,16 @@ class Roster:
             self._latest[message.sender] = message.tick, mcm
         return True
 
-    def heard(self, tick: int) -> dict[str, Mcm]:
+    def get_latest_mcms(self, tick: int) -> dict[str, Mcm]:
         """The latest MCM of everybody who is not forgotten, sorted by station."""
         self._latest = {name: entry for name, entry in self._latest.items() if tick - entry[0] <= MEMORY_TICKS}
         return {name: self._latest[name][1] for name in sorted(self._latest)}
 
-    def members(self, tick: int) -> tuple[Member, ...]:
+    def predict_members(self, tick: int) -> tuple[NegotiationMember, ...]:
         """Everybody who is not forgotten, as it should be now, sorted by station."""
-        return tuple(_aged(name, mcm, self._age(name, mcm, tick) * DT) for name, mcm in self.heard(tick).items())
+        return tuple(
+            _aged(name, mcm, self._age(name, mcm, tick) * DT) for name, mcm in self.get_latest_mcms(tick).items()
+        )
 
     def _age(self, name: str, mcm: Mcm, tick: int) -> int:
         """Ticks since the sender was where its message says; who thinks for long says so late."""
@@ -50,7 +52,7 @@ class Roster:
         return max(tick - min(max(mcm.pose.tick, sent - MEMORY_TICKS), sent), 0)
 
 
-def _aged(name: str, mcm: Mcm, age_s: float) -> Member:
+def _aged(name: str, mcm: Mcm, age_s: float) -> NegotiationMember:
     """An announcement carried on by its age.
 
     The sender has driven what it planned; what it desires begins where that has brought it, so a car that waits still
@@ -63,7 +65,7 @@ def _aged(name: str, mcm: Mcm, age_s: float) -> Member:
     now = planned.at(np.full(1, age_s))[0]
     later = planned.at(np.full(1, age_s + INTERVAL_S))[0] - now
     moves = float(np.hypot(*later)) > 0.1
-    return Member(
+    return NegotiationMember(
         id=name,
         x=float(now[0]),
         y=float(now[1]),
@@ -77,7 +79,7 @@ def _aged(name: str, mcm: Mcm, age_s: float) -> Member:
     )
 
 
-def motion_of(mcm: Mcm, age_s: float, after: Float) -> Float:
+def predict_announced_poses(mcm: Mcm, age_s: float, after: Float) -> Float:
     """(T, 3) [m, m, rad] where the sender will be after so many seconds (T,), as it announced `age_s` ago."""
     planned = _Motion(np.array((mcm.pose.x, mcm.pose.y)), mcm.planned, mcm.interval_s)
     xy, ahead = planned.at(age_s + after), planned.at(age_s + after + INTERVAL_S)
@@ -111,7 +113,11 @@ class _Motion:
 
     def at(self, t: Float) -> Float:
         """Points (N, 2) [m] at times (N,) [s]."""
-        return along(self._way, self.travelled(t)) if len(self._way) > 1 else np.repeat(self._way, len(t), axis=0)
+        return (
+            sample_polyline(self._way, self.travelled(t))
+            if len(self._way) > 1
+            else np.repeat(self._way, len(t), axis=0)
+        )
 
     def when(self, s: float, latest: float) -> float:
         """The first time [s] at which arc length s [m] is reached, at most the latest [s]."""

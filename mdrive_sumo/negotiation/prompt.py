@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.negotiation.types import Member
+from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import Direction, Intention
 
 Chat = list[dict[str, str]]
@@ -46,7 +46,9 @@ _MAPPER = (
 )
 
 
-def speakers_chat(me: Member, others: Sequence[Member], said: Sequence[tuple[str, str]], feedback: str) -> Chat:
+def build_speaker_chat(
+    me: NegotiationMember, others: Sequence[NegotiationMember], said: Sequence[tuple[str, str]], feedback: str
+) -> Chat:
     """Asks for the next message of `me`; `said`: (id, text) so far, oldest first."""
     lines = [
         f"You are car {me.id}: {me.speed:.1f} m/s, your car {_MEANT[me.direction]} and means to {me.intention.name}.",
@@ -59,7 +61,7 @@ def speakers_chat(me: Member, others: Sequence[Member], said: Sequence[tuple[str
     return _chat(_SPEAKER, lines)
 
 
-def mappers_chat(members: Sequence[Member], said: Sequence[tuple[str, str]]) -> Chat:
+def build_action_chat(members: Sequence[NegotiationMember], said: Sequence[tuple[str, str]]) -> Chat:
     """Asks for the actions that follow from the last messages."""
     cars = [f"- car {m.id}: {m.speed:.1f} m/s, {_MEANT[m.direction]}, means to {m.intention.name}" for m in members]
     return _chat(_MAPPER, ["The cars:", *cars, *_conversation(said)])
@@ -75,7 +77,7 @@ def _conversation(said: Sequence[tuple[str, str]]) -> list[str]:
     return ["Said so far:", *(f"{name}: {text}" for name, text in said)]
 
 
-def _seen(me: Member, other: Member) -> str:
+def _seen(me: NegotiationMember, other: NegotiationMember) -> str:
     """Another car as the driver of mine would describe it."""
     distance = math.hypot(other.x - me.x, other.y - me.y)
     bearing = wrap_angle(math.atan2(other.y - me.y, other.x - me.x) - me.yaw)
@@ -96,7 +98,7 @@ def clean_message(text: str) -> str:
     return line
 
 
-def actions_in(text: str, group: Sequence[str]) -> tuple[dict[str, Intention], float | None]:
+def parse_actions(text: str, group: Sequence[str]) -> tuple[dict[str, Intention], float | None]:
     """(action by id, consensus in [0, 1] if told) of a mapper's answer; raises ValueError saying what is wrong."""
     start, end = text.find("{"), text.rfind("}")
     if start < 0 or end < start:

@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.negotiation.types import Member
+from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm, ReferencePose, encode
 
-Claims = frozenset[tuple[str, str]]
+RightOfWayClaims = frozenset[tuple[str, str]]
 """(first, second) pairs of stations."""
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class NegotiationTerms:
     """What an MCM says beyond trajectories; see `v2x.messages.Mcm`."""
 
     requests: Mapping[str, Intention] = field(default_factory=dict[str, Intention])
@@ -24,7 +24,7 @@ class Terms:
     until_tick: int = 0
 
 
-def claims_in(heard: Mapping[str, Mcm], tick: int) -> Claims:
+def collect_claims(heard: Mapping[str, Mcm], tick: int) -> RightOfWayClaims:
     """The claims that hold in this tick, by everybody's latest MCM; of two that contradict each other the smaller
     station's counts."""
     said = {
@@ -37,7 +37,7 @@ def claims_in(heard: Mapping[str, Mcm], tick: int) -> Claims:
     return frozenset((a, b) for a, b in said if a < b or (b, a) not in said)
 
 
-def answers_to(me: str, heard: Mapping[str, Mcm], claims: Claims) -> dict[str, bool]:
+def answer_claims(me: str, heard: Mapping[str, Mcm], claims: RightOfWayClaims) -> dict[str, bool]:
     """My answers to all who claim to go before me: yes, unless my own claim counts."""
     asking = [
         name for name, mcm in heard.items() if name != me and mcm.requests.get(me, Intention.KEEP) <= Intention.SLOWER
@@ -45,7 +45,7 @@ def answers_to(me: str, heard: Mapping[str, Mcm], claims: Claims) -> dict[str, b
     return {name: (me, name) not in claims for name in asking[:MAX_NAMES]}
 
 
-def ordered(group: Sequence[str], urgency: Mapping[str, float], before: Claims) -> tuple[str, ...]:
+def order_by_urgency(group: Sequence[str], urgency: Mapping[str, float], before: RightOfWayClaims) -> tuple[str, ...]:
     """The most urgent (smallest) first, nobody before those who must be before him; a circle is cut at its most urgent.
 
     Whoever must be before an urgent one is as urgent himself.
@@ -64,7 +64,7 @@ def ordered(group: Sequence[str], urgency: Mapping[str, float], before: Claims) 
     return tuple(order)
 
 
-def announcement(me: Member, tick: int, terms: Terms) -> Message:
+def build_mcm_message(me: NegotiationMember, tick: int, terms: NegotiationTerms) -> Message:
     """My MCM: what I plan and desire, and the terms of the negotiation."""
     pose = ReferencePose(me.x, me.y, me.yaw, tick)
     message = encode(

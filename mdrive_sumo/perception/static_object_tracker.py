@@ -44,14 +44,14 @@ class _Stay:
         self.last, self.count, self.total = tick, self.count + 1, self.total + look
 
 
-class Standing:
+class StaticObjectTracker:
     """Kept from look to look."""
 
     def __init__(self) -> None:
         self._stays: dict[str, _Stay] = {}
         self._moved: set[str] = set()
 
-    def look(self, tick: int, objects: Objects) -> None:
+    def update(self, tick: int, objects: Objects) -> None:
         """Takes notice of what is seen now."""
         yaw = objects.yaw
         table = (objects.x, objects.y, np.cos(yaw), np.sin(yaw), objects.length, objects.width)
@@ -64,15 +64,15 @@ class Standing:
                 stay = self._stays[name] = _Stay(kind, tick, tick)
             stay.add(tick, look)
 
-    def seconds(self, objects: Objects) -> Float:
+    def compute_standstill_durations(self, objects: Objects) -> Float:
         """(N,) [s] for how long each object has been seen standing; it must have been looked at."""
         return np.array([self._stays[name].seconds for name in objects.ids])
 
-    def unmoved(self, objects: Objects) -> Bool:
+    def find_never_moved(self, objects: Objects) -> Bool:
         """(N,) who has not moved since it was first seen."""
         return np.array([name not in self._moved for name in objects.ids], dtype=np.bool_)
 
-    def recalled(self, tick: int, objects: Objects, least_s: float) -> Objects:
+    def add_missed_objects(self, tick: int, objects: Objects, least_s: float) -> Objects:
         """The objects, and after them the static ones that stood for so long [s] and are missed just now.
 
         A car that is missed may have driven off.
@@ -88,7 +88,7 @@ class Standing:
         kinds = np.full(len(missed), Kind.STATIC, dtype=np.uint8)
         return objects.concat(Objects(tuple(missed), kinds, x, y, np.arctan2(sin, cos), 0.0 * x, length, width))
 
-    def settled(self, objects: Objects, which: Bool) -> Objects:
+    def replace_by_means(self, objects: Objects, which: Bool) -> Objects:
         """The objects; those of `which` (N,) as static ones, where and how they stand on average."""
         if not which.any():
             return objects

@@ -1,4 +1,4 @@
-"""A way around what stands in the way: the same path, shifted to one side for as long as it must be."""
+"""A detour around obstacles: the same path, shifted laterally for as long as necessary."""
 
 import math
 from typing import NamedTuple
@@ -7,175 +7,194 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, VehicleFacts
 from mdrive_sumo.core.geometry import Bool, Float, Int, build_polyline
-from mdrive_sumo.planning.path import SPACING_M, Path, curve_speeds, path_through
-from mdrive_sumo.planning.path_overlap import cells_of, footprints, overlaps
+from mdrive_sumo.planning.parameters import DETOUR, DetourParameters
+from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
+from mdrive_sumo.planning.reference_path import (
+    SPACING_M,
+    ReferencePath,
+    build_path_through_points,
+    compute_curve_speeds,
+)
 
-LOOK_M = 40.0
-"""Whatever stands further ahead is left for later."""
-SIDE_M = 0.25
-"""What would be passed by less than this is in the way."""
-CLEARANCE_M = 0.5
-"""Kept from what is passed, sideways."""
-ALONG_M = 1.0
-"""So long before and behind it the shift is whole."""
-EDGE_M = 0.2
-"""Kept from the edge of the road."""
-LEAST_RAMP_M = 12.0
-"""The shift grows over this at least where there is room for it."""
-LATERAL, BRAKING = 2.0, 3.0
-"""[m/s2] A ramp is so long that nobody is pushed aside harder; before a shorter one a car must be able to slow down."""
-SHARPEST = 0.18
-"""[1/m] No ramp bends more: a radius of 5.5 m."""
 PEAK = 10 / math.sqrt(3)
 """Greatest second derivative of the quintic step 10 u³ - 15 u⁴ + 6 u⁵."""
-EXTRA_M = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""A car takes up more room in bends and while it turns than its width."""
-SHIFTED_M = 0.1
 
 
 class Detour(NamedTuple):
-    """A path, and between which arc lengths [m] on it it is another one than before."""
+    """A path, and the arc lengths [m] on it between which it differs from the previous one."""
 
-    path: Path
-    first: float
-    last: float
+    path: ReferencePath
+    first_s: float
+    last_s: float
 
 
-class _Shift(NamedTuple):
-    """Sideways by `left` [m] between two arc lengths [m], after and before ramps of those lengths [m]."""
+class _LateralShift(NamedTuple):
+    """A shift by `left` [m] between two arc lengths [m], with transitions of the lengths `ramps` [m] before and after."""
 
     left: float
     hold: tuple[float, float]
     ramps: tuple[float, float]
 
-    def at(self, s: Float) -> Float:
-        """(M,) [m] at arc lengths s (M,)."""
+    def evaluate(self, s: Float) -> Float:
+        """Return the shift (M,) [m] at arc lengths s (M,)."""
         rise = (s - self.hold[0] + self.ramps[0]) / self.ramps[0]
         fall = (self.hold[1] + self.ramps[1] - s) / self.ramps[1]
         u = np.clip(np.minimum(rise, fall), 0.0, 1.0)
         return self.left * u**3 * (10 - 15 * u + 6 * u**2)
 
 
-def in_the_way(path: Path, s: float, boxes: Float, vehicle: VehicleFacts) -> Bool:
-    """(K,) which boxes, corners (K, 4, 2) [m], a car touches within `LOOK_M` if it goes on along its path."""
-    cells = cells_of(path, np.arange(s, min(s + LOOK_M, path.length), 2 * SPACING_M))
-    return np.any(overlaps(footprints(path, vehicle.length, vehicle.width + 2 * SIDE_M, cells), boxes), axis=0)
+def find_obstructing_boxes(
+    path: ReferencePath, s: float, boxes: Float, vehicle: VehicleFacts, parameters: DetourParameters = DETOUR
+) -> Bool:
+    """Return a mask (K,): which boxes (K, 4, 2) [m] the car would touch within `look_ahead_m` of arc length s [m]."""
+    cells = find_cells(path, np.arange(s, min(s + parameters.look_ahead_m, path.length), 2 * SPACING_M))
+    width = vehicle.width + 2 * parameters.obstructing_gap_m
+    return np.any(compute_overlaps(compute_footprints(path, vehicle.length, width, cells), boxes), axis=0)
 
 
-def spans(path: Path, s: float, boxes: Float) -> Float:
-    """(K, 4) where boxes (K, 4, 2) [m] lie along the path near s: first and last arc length, rightmost and leftmost
-    distance from it [m], left positive.
+def compute_box_extents(path: ReferencePath, s: float, boxes: Float, parameters: DetourParameters = DETOUR) -> Float:
+    """Return the extents (K, 4) [m] of boxes (K, 4, 2) along the path near s.
+
+    Columns: first and last arc length, rightmost and leftmost offset from the path (left positive).
     """
-    window = slice(max(int((s - LOOK_M) / SPACING_M), 0), int((s + 2 * LOOK_M) / SPACING_M))
-    i, along, left = _frenet(path.xy[window], path.yaw[window], boxes)
+    look_m = parameters.look_ahead_m
+    window = slice(max(int((s - look_m) / SPACING_M), 0), int((s + 2 * look_m) / SPACING_M))
+    i, along, left = _to_frenet(path.xy[window], path.yaw[window], boxes)
     stations = (window.start + i) * SPACING_M + along
     return np.column_stack((stations.min(1), stations.max(1), left.min(1), left.max(1)))
 
 
-def _frenet(xy: Float, yaw: Float, points: Float) -> tuple[Int, Float, Float]:
-    """Of points (..., 2): the nearest of the chain xy (N, 2), and how far ahead and to the left of it they lie [m]."""
+def _to_frenet(xy: Float, yaw: Float, points: Float) -> tuple[Int, Float, Float]:
+    """Return for points (..., 2) the nearest point of the chain xy (N, 2) and the offsets ahead and left of it [m]."""
     i = ((points[..., None, :] - xy) ** 2).sum(-1).argmin(-1)
     gap = points - xy[i]
     cos, sin = np.cos(yaw[i]), np.sin(yaw[i])
     return i, gap[..., 0] * cos + gap[..., 1] * sin, gap[..., 1] * cos - gap[..., 0] * sin
 
 
-def around(path: Path, s: float, speed: float, boxes: Float, me: Briefing) -> Detour | None:
-    """The least shift of the path ahead of s [m] that passes the boxes, corners (K, 4, 2) [m], that stand on it.
+def find_detour(
+    path: ReferencePath,
+    s: float,
+    speed: float,
+    boxes: Float,
+    briefing: Briefing,
+    parameters: DetourParameters = DETOUR,
+) -> Detour | None:
+    """Return the smallest shift of the path ahead of s [m] that passes the boxes (K, 4, 2) [m] that obstruct it.
 
-    It passes them with `CLEARANCE_M`, keeps the car on the road (`EDGE_M` from its edge), bends no more than
-    `SHARPEST`, and a car of that speed [m/s] can slow down to it. None if nothing is in the way or no shift will do.
+    The detour keeps `clearance_m` to the boxes and `edge_clearance_m` to the edge of the road, is no sharper than
+    `max_curvature`, and a car at that speed [m/s] can slow down for it. None if nothing obstructs the path or no shift
+    meets these limits.
     """
-    struck = in_the_way(path, s, boxes, me.vehicle)
-    if not struck.any() or not len(me.route_room):
+    obstructing = find_obstructing_boxes(path, s, boxes, briefing.vehicle, parameters)
+    if not obstructing.any() or not len(briefing.route_room):
         return None
-    search = _Search(path, s, speed, boxes, me)
-    nearest = struck & (search.where[:, 0] == search.where[struck, 0].min())
-    return search.least(struck) or search.least(nearest)  # what stands behind the nearest may be passed later
+    search = _DetourSearch(path, s, speed, boxes, briefing, parameters)
+    nearest = obstructing & (search.extents[:, 0] == search.extents[obstructing, 0].min())
+    return search.find_smallest(obstructing) or search.find_smallest(nearest)  # boxes further on may be passed later
 
 
-class _Search:
-    """The ways around some boxes."""
+class _DetourSearch:
+    """The detours around one set of boxes."""
 
-    def __init__(self, path: Path, s: float, speed: float, boxes: Float, me: Briefing) -> None:
-        self._path, self._s, self._speed, self._boxes, self._me = path, s, speed, boxes, me
-        self.where = spans(path, s, boxes)
+    def __init__(
+        self,
+        path: ReferencePath,
+        s: float,
+        speed: float,
+        boxes: Float,
+        briefing: Briefing,
+        parameters: DetourParameters,
+    ) -> None:
+        self._path, self._s, self._speed, self._boxes = path, s, speed, boxes
+        self._briefing, self._parameters = briefing, parameters
+        self.extents = compute_box_extents(path, s, boxes, parameters)
 
-    def least(self, group: Bool) -> Detour | None:
-        """The least shift that passes the group (K,) and whatever else that brings into the way."""
-        shifts = [self._beyond(group, side, extra) for side in (1, -1) for extra in EXTRA_M]
-        best, least = None, math.inf
+    def find_smallest(self, group: Bool) -> Detour | None:
+        """Return the smallest detour around the boxes of `group` (K,) and any other box that the shift runs into."""
+        extra_shifts = self._parameters.extra_shifts_m
+        shifts = [self._build_shift(group, side, extra) for side in (1, -1) for extra in extra_shifts]
+        best, smallest = None, math.inf
         for shift in sorted(shifts, key=lambda shift: abs(shift.left)):
-            if abs(shift.left) < least and (found := self._tried(shift, group)) is not None:
-                detour, aside = found
-                best, least = (detour, aside) if aside < least else (best, least)
+            if abs(shift.left) < smallest and (found := self._try_shift(shift, group)) is not None:
+                detour, size = found
+                best, smallest = (detour, size) if size < smallest else (best, smallest)
         return best
 
-    def _beyond(self, group: Bool, side: int, extra: float) -> _Shift:
-        first, last, right, left = self.where[group].T
-        gap = side * self._me.vehicle.width / 2 + side * (CLEARANCE_M + extra)
-        aside = gap + (float(left.max()) if side > 0 else float(right.min()))
-        half = self._me.vehicle.length / 2 + ALONG_M
+    def _build_shift(self, group: Bool, side: int, extra: float) -> _LateralShift:
+        """Return the shift that passes the group on one side (1: left, -1: right) with an extra gap [m]."""
+        vehicle, parameters = self._briefing.vehicle, self._parameters
+        first, last, right, left = self.extents[group].T
+        gap = side * vehicle.width / 2 + side * (parameters.clearance_m + extra)
+        offset = gap + (float(left.max()) if side > 0 else float(right.min()))
+        half = vehicle.length / 2 + parameters.hold_margin_m
         hold = float(first.min()) - half, float(last.max()) + half
-        wanted = max(self._speed * math.sqrt(PEAK * abs(aside) / LATERAL), LEAST_RAMP_M)
-        return _Shift(aside, hold, (min(wanted, hold[0] - self._s), wanted))
+        comfortable_m = self._speed * math.sqrt(PEAK * abs(offset) / parameters.lateral_acceleration)
+        ramp_m = max(comfortable_m, parameters.min_ramp_m)
+        return _LateralShift(offset, hold, (min(ramp_m, hold[0] - self._s), ramp_m))
 
-    def _tried(self, shift: _Shift, group: Bool) -> tuple[Detour, float] | None:
-        """The path shifted so, or further if that brings more into the way, and how far [m]; None if it will not do."""
+    def _try_shift(self, shift: _LateralShift, group: Bool) -> tuple[Detour, float] | None:
+        """Return the detour and its shift [m], enlarged where it runs into further boxes; None if it is not drivable."""
         while shift.ramps[0] > 0:
-            detour = _shifted(self._path, shift, self._me.vehicle)
-            if not self._drivable(detour):
+            detour = _apply_shift(self._path, shift, self._briefing.vehicle)
+            if not self._is_drivable(detour):
                 return None
-            more = self._struck(detour) & ~group
+            more = self._find_touched_boxes(detour) & ~group
             if not more.any():
-                return (detour, abs(shift.left)) if not self._struck(detour).any() else None
+                return (detour, abs(shift.left)) if not self._find_touched_boxes(detour).any() else None
             group = group | more
-            shift = self._beyond(group, 1 if shift.left > 0 else -1, 0.0)
+            shift = self._build_shift(group, 1 if shift.left > 0 else -1, 0.0)
         return None
 
-    def _struck(self, detour: Detour) -> Bool:
-        """(K,) which boxes it comes too close to; a little less than wanted, for corners are rounded."""
-        size = self._me.vehicle.length + ALONG_M / 2, self._me.vehicle.width + 2 * CLEARANCE_M - 0.1
-        return np.any(overlaps(footprints(detour.path, *size, _cells(detour, 1)), self._boxes), axis=0)
+    def _find_touched_boxes(self, detour: Detour) -> Bool:
+        """Return a mask (K,): which boxes violate the clearance (less `rounding_m`)."""
+        vehicle, parameters = self._briefing.vehicle, self._parameters
+        length = vehicle.length + parameters.hold_margin_m / 2
+        width = vehicle.width + 2 * parameters.clearance_m - parameters.rounding_m
+        mine = compute_footprints(detour.path, length, width, _find_detour_cells(detour, 1))
+        return np.any(compute_overlaps(mine, self._boxes), axis=0)
 
-    def _drivable(self, detour: Detour) -> bool:
-        """Whether the bends are wide enough, the speed is low enough and the car stays on the road."""
-        path, cells = detour.path, _cells(detour, 1)
-        if np.abs(path.curvature[cells]).max() > SHARPEST:
+    def _is_drivable(self, detour: Detour) -> bool:
+        """Return whether the curvature, the present speed and the edges of the road allow the detour."""
+        path, parameters = detour.path, self._parameters
+        if np.abs(path.curvature[_find_detour_cells(detour, 1)]).max() > parameters.max_curvature:
             return False
-        here = cells_of(path, np.array((self._s,)))
-        if curve_speeds(path, self._me.vehicle.max_speed, BRAKING, BRAKING)[here][0] < self._speed:
+        here = find_cells(path, np.array((self._s,)))
+        max_speed, braking = self._briefing.vehicle.max_speed, parameters.braking
+        if compute_curve_speeds(path, max_speed, braking, braking)[here][0] < self._speed:
             return False
-        return self._on_road(detour)
+        return self._is_on_road(detour)
 
-    def _on_road(self, detour: Detour) -> bool:
-        """Whether the car's corners stay on the road wherever the path has been shifted."""
-        me, cells = self._me, _cells(detour, 2)
-        aside = np.abs(_frenet(self._path.xy, self._path.yaw, detour.path.xy[cells])[2])
-        corners = footprints(detour.path, me.vehicle.length, me.vehicle.width, cells[aside > SHIFTED_M])
-        near = slice(max(int(detour.first) - 10, 0), int(detour.last) + 20)
-        i, _, left = _frenet(me.route_xy[near], me.route_yaw[near], corners)
-        room = _least_of_three(me.route_room[near])[i] - EDGE_M
+    def _is_on_road(self, detour: Detour) -> bool:
+        """Return whether the car's corners stay on the road wherever the path is shifted."""
+        briefing, cells = self._briefing, _find_detour_cells(detour, 2)
+        shift = np.abs(_to_frenet(self._path.xy, self._path.yaw, detour.path.xy[cells])[2])
+        shifted = cells[shift > self._parameters.shifted_m]
+        corners = compute_footprints(detour.path, briefing.vehicle.length, briefing.vehicle.width, shifted)
+        near = slice(max(int(detour.first_s) - 10, 0), int(detour.last_s) + 20)
+        i, _, left = _to_frenet(briefing.route_xy[near], briefing.route_yaw[near], corners)
+        room = _take_minimum_of_neighbours(briefing.route_room[near])[i] - self._parameters.edge_clearance_m
         return bool(((left <= room[..., 0]) & (-left <= room[..., 1])).all())
 
 
-def _cells(detour: Detour, stride: int) -> Int:
-    return cells_of(detour.path, np.arange(detour.first, detour.last, stride * SPACING_M))
+def _find_detour_cells(detour: Detour, stride: int) -> Int:
+    """Return every `stride`-th cell of the part of the path that differs."""
+    return find_cells(detour.path, np.arange(detour.first_s, detour.last_s, stride * SPACING_M))
 
 
-def _least_of_three(room: Float) -> Float:
-    """(N, 2) the least of each row and its neighbours: edges of the road are known at every metre only."""
+def _take_minimum_of_neighbours(room: Float) -> Float:
+    """Return (N, 2) the minimum of each row and its neighbours: edges of the road are known at every metre only."""
     padded = np.concatenate((room[:1], room, room[-1:]))
     return np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
 
 
-def _shifted(path: Path, shift: _Shift, vehicle: VehicleFacts) -> Detour:
-    left = shift.at(np.arange(len(path.xy), dtype=np.float64) * SPACING_M)
-    moved = path.xy + left[:, None] * np.column_stack((-np.sin(path.yaw), np.cos(path.yaw)))
-    way = build_polyline(moved)
-    old = np.arange(len(way.s)) * SPACING_M
-    goal, first, last = np.interp(
-        (path.goal_s, shift.hold[0] - shift.ramps[0], shift.hold[1] + shift.ramps[1]), old, way.s
-    ).tolist()
-    xy = way.resampled(SPACING_M).xy[:-1]
-    return Detour(path_through(xy, vehicle.rear_to_centre, float(path.body_yaw[0]), goal), first, last)
+def _apply_shift(path: ReferencePath, shift: _LateralShift, vehicle: VehicleFacts) -> Detour:
+    """Return the shifted path, resampled to `SPACING_M`."""
+    left = shift.evaluate(np.arange(len(path.xy), dtype=np.float64) * SPACING_M)
+    shifted = build_polyline(path.xy + left[:, None] * np.column_stack((-np.sin(path.yaw), np.cos(path.yaw))))
+    old_stations = np.arange(len(shifted.s)) * SPACING_M
+    begin, end = shift.hold[0] - shift.ramps[0], shift.hold[1] + shift.ramps[1]
+    goal_s, first_s, last_s = np.interp((path.goal_s, begin, end), old_stations, shifted.s).tolist()
+    xy = shifted.resampled(SPACING_M).xy[:-1]
+    start_yaw = float(path.body_yaw[0])
+    return Detour(build_path_through_points(xy, vehicle.rear_to_centre, start_yaw, goal_s), first_s, last_s)

@@ -1,100 +1,67 @@
-"""One CAV's driving, whatever it knows the others by: what `single`, `sharing` and the negotiating agents share."""
+"""Planning for one CAV from a list of objects: what `single`, `sharing` and the negotiating agents have in common."""
 
-from collections.abc import Collection, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, SensorSpec
-from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
-from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
-from mdrive_sumo.core.state import DT
-from mdrive_sumo.planning.interaction_prediction import Foresight
-from mdrive_sumo.planning.motion_prediction import Motion
-from mdrive_sumo.planning.obstacle_passing import Passing
-from mdrive_sumo.planning.space_time_planner import Barrier, Planner
-from mdrive_sumo.planning.stop_lines import Lines, lines_on
-
-OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
-NO_OPTIONS: Mapping[str, Option] = MappingProxyType({})
-DETECTOR = Choice(LIDAR_SINGLE, (LIDAR_SINGLE, IDEAL))
-STOPPING = 4.0
-"""[m/s2] A yellow light is minded by whoever can stop before it with this braking."""
+from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
+from mdrive_sumo.planning.interaction_prediction import InteractionPredictor
+from mdrive_sumo.planning.motion_prediction import PredictedMotion
+from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
+from mdrive_sumo.planning.parameters import STOP_LINE
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 
 
-class Habits:
-    """How a baseline drives and what it drives by; the same options for all of them.
+class EgoPlanner:
+    """The space-time planner with stop lines, obstacle avoidance and predictions of other road users."""
 
-    speed: at most so fast [m/s]; range: how far it sees [m]; detector: how well, see docs/sensors.md.
-    """
+    def __init__(self, briefing: Briefing, own: OwnState, cruise_speed: float) -> None:
+        """Build the path from the car's present state; cruise_speed [m/s]."""
+        self.planner = SpaceTimePlanner(briefing, own.yaw, cruise_speed)
+        self._predictor = InteractionPredictor(briefing, cruise_speed)
+        self._briefing, self._avoidance = briefing, ObstacleAvoidance(briefing)
+        self._stop_lines: StopLines = build_stop_lines(self.planner.path, briefing)
 
-    def __init__(self, agent: str, config: Config, more: Mapping[str, Option] = NO_OPTIONS) -> None:
-        """more: numbers that only this agent has; `numbers` holds their values. Raises InputError."""
-        self.numbers = read_options(agent, config, {**OPTIONS, **more}, {"detector": DETECTOR})
-        self.cruise, self.range_m = self.numbers["speed"], self.numbers["range"]
-        self._detector = read_choice(agent, config, "detector", DETECTOR)
+    def track_ego(self, seen: Observation) -> bool:
+        """Update the own station; return whether `update_plan` must be called in this tick."""
+        self.planner.track_ego(seen.tick, seen.own)
+        return self.planner.is_update_due(seen.tick)
 
-    def sensor(self, free_space: bool = False) -> SensorSpec:
-        """Boxes of what is in sight, and (if asked for) how far sight is free."""
-        return SensorSpec(
-            "objects", range_m=self.range_m, options={"profile": self._detector, "free_space": free_space}
-        )
-
-    @property
-    def latency_ticks(self) -> int:
-        """How old what the detector tells is; its data sheet says so."""
-        return PROFILES[self._detector].latency_ticks
-
-    def current(self, seen: Observation) -> Objects:
-        """The own detections, moved on to now."""
-        assert seen.objects is not None, "the objects sensor is declared"
-        return seen.objects.advance(self.latency_ticks * DT) if self.latency_ticks else seen.objects
-
-
-class Drive:
-    """The planner with its lines and its expectations of others."""
-
-    def __init__(self, briefing: Briefing, own: OwnState, cruise: float) -> None:
-        self.planner = Planner(briefing, own.yaw, cruise)
-        self._foresight = Foresight(briefing, cruise)
-        self._me, self._passing = briefing, Passing(briefing)
-        self._lines: Lines = lines_on(self.planner.path, briefing)
-
-    def due(self, seen: Observation) -> bool:
-        """Takes notice of the own state; whether `step` is to be called in this tick."""
-        self.planner.follow(seen.tick, seen.own)
-        return self.planner.due(seen.tick)
-
-    def step(
+    def update_plan(
         self,
         seen: Observation,
         objects: Objects,
-        announced: Sequence[Motion] = (),
-        barriers: Sequence[Barrier] = (),
+        announced: Sequence[PredictedMotion] = (),
+        stop_points: Sequence[StopPoint] = (),
     ) -> None:
-        """Brings the plan up to date.
+        """Update the plan.
 
-        objects: whose motion must be guessed; announced: motions that are known; barriers: places to wait at.
+        objects: road users whose motion has to be predicted; announced: known motions of others; stop_points: further
+        places to wait at.
         """
         planner, path = self.planner, self.planner.path
-        lines = self._lines_ahead(seen)
-        objects, holds = self._passing.step(seen, objects, planner, [line.s for line in lines])
+        line_stops = self._find_line_stops(seen)
+        stations = [stop.s for stop in line_stops]
+        objects, obstacle_stops = self._avoidance.update(seen, objects, planner, stations)
         if planner.path is not path:
-            self._lines = lines_on(planner.path, self._me)
-            lines = self._lines_ahead(seen)
-        motions, waits = self._foresight.outlook(seen.own, objects, planner)
-        planner.update(seen.tick, seen.own.speed, [*motions, *announced], [*waits, *lines, *holds, *barriers])
+            self._stop_lines = build_stop_lines(planner.path, self._briefing)
+            line_stops = self._find_line_stops(seen)
+        motions, yield_stops = self._predictor.predict(seen.own, objects, planner)
+        stops = [*yield_stops, *line_stops, *obstacle_stops, *stop_points]
+        planner.update(seen.tick, seen.own.speed, [*motions, *announced], stops)
 
-    def _lines_ahead(self, seen: Observation) -> list[Barrier]:
-        """Stop signs and red lights."""
+    def _find_line_stops(self, seen: Observation) -> list[StopPoint]:
+        """Return the stop signs and red lights ahead."""
         here, speed = self.planner.s, seen.own.speed
 
         def can_stop(line: float) -> bool:
-            return line > here and speed**2 / (2 * max(line - here, 0.5)) < STOPPING
+            return line > here and speed**2 / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
 
-        return [Barrier(line) for line in self._lines.stations(here, speed, seen.signals, can_stop)]
+        stations = self._stop_lines.find_stop_stations(here, speed, seen.signals, can_stop)
+        return [StopPoint(station) for station in stations]
 
 
-def without(objects: Objects, names: Collection[str]) -> Objects:
-    """The objects but for those names."""
-    return objects.take(np.array([name not in names for name in objects.ids], dtype=np.bool_))
+def exclude_objects(objects: Objects, ids: Collection[str]) -> Objects:
+    """Return the objects whose id is not in `ids`."""
+    return objects.take(np.array([name not in ids for name in objects.ids], dtype=np.bool_))

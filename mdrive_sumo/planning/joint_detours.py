@@ -1,4 +1,4 @@
-"""Ways around all that stands on the paths of the CAVs, planned before anybody moves."""
+"""Detours around all standing objects on the paths of the CAVs, planned jointly before any CAV moves."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,61 +8,67 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, Objects, Privileged
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, build_polyline
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.planning.detour import around, in_the_way
-from mdrive_sumo.planning.path import Path, make_path
-
-STANDING_SPEED = 0.1
-STEP_M = 10.0
-"""Between the places from which the rest of a path is looked at."""
-BEHIND_M = 1.0
-"""What the car is beside already is not looked at again."""
+from mdrive_sumo.planning.detour import find_detour, find_obstructing_boxes
+from mdrive_sumo.planning.parameters import JOINT_PLANNING, JointPlanningParameters
+from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 
 
-def bypassing(known: Privileged, me: Briefing) -> Mapping[str, Path]:
-    """The path of every living CAV, led around what stands on it wherever there is room; the same for whoever asks.
+def plan_joint_detours(
+    known: Privileged, briefing: Briefing, parameters: JointPlanningParameters = JOINT_PLANNING
+) -> Mapping[str, ReferencePath]:
+    """Return the path of every living CAV by id, led around standing objects wherever there is room.
 
-    Every CAV is taken to be a car like mine.
+    The result is the same for every CAV that asks. All CAVs are assumed to have the vehicle of `briefing`.
     """
-    boxes = _corners(known.objects)[standing(known.objects)]
-    return {ego: _bypass(path, boxes, view) for ego, (path, view) in _views(known, me).items()}
+    boxes = _compute_corners(known.objects)[find_standing_objects(known.objects, parameters)]
+    step_m = parameters.detour_step_m
+    plain = _build_plain_paths(known, briefing)
+    return {ego: _avoid_boxes(path, boxes, of_ego, step_m) for ego, (path, of_ego) in plain.items()}
 
 
-def undecided(known: Privileged, me: Briefing) -> bool:
-    """Whether a vehicle that stands now is on anybody's path: it is parked, or it is about to leave."""
+def has_undecided_vehicle(
+    known: Privileged, briefing: Briefing, parameters: JointPlanningParameters = JOINT_PLANNING
+) -> bool:
+    """Return whether a vehicle that stands now obstructs the path of a CAV: it is parked, or it is about to leave."""
     objects = known.objects
-    boxes = _corners(objects)[standing(objects) & (objects.kind == Kind.VEHICLE)]
-    return bool(len(boxes)) and any(_on_path(path, boxes, me) for path, _ in _views(known, me).values())
+    standing = find_standing_objects(objects, parameters) & (objects.kind == Kind.VEHICLE)
+    boxes = _compute_corners(objects)[standing]
+    if not len(boxes):
+        return False
+    return any(
+        find_obstructing_boxes(path, s, boxes, briefing.vehicle).any()
+        for path, _ in _build_plain_paths(known, briefing).values()
+        for s in np.arange(0.0, path.goal_s, parameters.detour_step_m).tolist()
+    )
 
 
-def standing(objects: Objects) -> Bool:
-    """(N,) what stands and is neither on foot nor on a cycle."""
-    return np.isin(objects.kind, (Kind.STATIC, Kind.VEHICLE)) & (np.abs(objects.speed) < STANDING_SPEED)
+def find_standing_objects(objects: Objects, parameters: JointPlanningParameters = JOINT_PLANNING) -> Bool:
+    """Return a mask (N,): which static objects and vehicles stand."""
+    is_box = np.isin(objects.kind, (Kind.STATIC, Kind.VEHICLE))
+    return is_box & (np.abs(objects.speed) < parameters.standing_speed)
 
 
-def _views(known: Privileged, me: Briefing) -> dict[str, tuple[Path, Briefing]]:
-    """The plain path of each CAV, and the briefing that it would have."""
-    found: dict[str, tuple[Path, Briefing]] = {}
+def _build_plain_paths(known: Privileged, briefing: Briefing) -> dict[str, tuple[ReferencePath, Briefing]]:
+    """Return by CAV id its path without detours and the briefing that it would have."""
+    found: dict[str, tuple[ReferencePath, Briefing]] = {}
     for ego, route, state, room in zip(known.ego_ids, known.routes, known.states, known.rooms, strict=True):
-        path = make_path(route, me.vehicle.rear_to_centre, state.yaw)
+        path = build_path(route, briefing.vehicle.rear_to_centre, state.yaw)
         line = build_polyline(route)
-        yaws = line.yaws_at(line.s)
-        found[ego] = path, replace(me, ego_id=ego, route_xy=route, route_yaw=yaws, route_s=line.s, route_room=room)
+        of_route = {"route_xy": route, "route_yaw": line.yaws_at(line.s), "route_s": line.s, "route_room": room}
+        found[ego] = path, replace(briefing, ego_id=ego, **of_route)
     return found
 
 
-def _on_path(path: Path, boxes: Float, me: Briefing) -> bool:
-    return any(in_the_way(path, s, boxes, me.vehicle).any() for s in np.arange(0.0, path.goal_s, STEP_M).tolist())
-
-
-def _bypass(path: Path, boxes: Float, me: Briefing) -> Path:
-    """The path around all boxes, corners (K, 4, 2) [m], that it can be led around, from the nearest on."""
+def _avoid_boxes(path: ReferencePath, boxes: Float, briefing: Briefing, step_m: float) -> ReferencePath:
+    """Return the path around all boxes (K, 4, 2) [m] that it can avoid, beginning with the nearest."""
     s = 0.0
     while len(boxes) and s < path.goal_s:
-        detour = around(path, s, 0.0, boxes, me)
+        detour = find_detour(path, s, 0.0, boxes, briefing)
         path = path if detour is None else detour.path
-        s += STEP_M
+        s += step_m
     return path
 
 
-def _corners(objects: Objects) -> Float:
+def _compute_corners(objects: Objects) -> Float:
+    """Return the corners (N, 4, 2) [m] of the objects' boxes."""
     return boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)

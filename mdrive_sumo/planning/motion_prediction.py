@@ -1,6 +1,5 @@
-"""Where the others will be: what a planner plans around."""
+"""Predicted motions of other road users: the input of the space-time planner."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,74 +7,64 @@ import numpy as np
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.planning.path import Path
+from mdrive_sumo.planning.parameters import MOTION, MotionParameters
+from mdrive_sumo.planning.reference_path import ReferencePath
 from mdrive_sumo.planning.speed_profile import SAMPLE_S
 
 HORIZON_S = 10.0
-SPARSE = 2
+STRIDE = 2
 """Footprints are compared at every second sample of a profile, and at every second cell of the path."""
-TIMES: Float = np.arange(1, round(HORIZON_S / SAMPLE_S) // SPARSE + 1, dtype=np.float64) * SAMPLE_S * SPARSE
-"""(T,) [s] from now: when predictions are asked for."""
-FORESIGHT_S = 4.0
-"""A moving thing is not believed to go on unchanged for longer; what it does then is not known."""
-GOING = 2.0
-GOING_SPEED = 8.0
-"""Who goes first speeds up by so much [m/s2] to that [m/s]."""
-HESITATING, HESITATION_S = 1.0, 1.5
-"""... or slows down by so much [m/s2] for so long."""
-REACTION_S = 0.3
-GIVING_WAY = 3.0
-"""[m/s2] How hard somebody is expected to brake who has to let me go first."""
-WALKING_SPEED = 3.0
-"""[m/s] Who is on foot does not speed up beyond this."""
-STANDING_SPEED = 0.2
-"""[m/s] Who is slower stands."""
-SHARPEST_TURN = math.pi / 2
+TIMES: Float = np.arange(1, round(HORIZON_S / SAMPLE_S) // STRIDE + 1, dtype=np.float64) * SAMPLE_S * STRIDE
+"""(T,) [s] from now: sampling times of predictions."""
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Where somebody will be: box centres and directions (T, 3) [m, m, rad] at `TIMES`, and the box's size [m].
+class PredictedMotion:
+    """The predicted poses (T, 3) [m, m, rad] of a box centre at `TIMES`, and the size of the box [m].
 
-    Beyond the last row nobody knows: nothing is in the way then, but for things that stand.
+    After the last row nothing is known and nothing is in the way, except for objects that stand at the end.
     """
 
     poses: Float
     length: Float | float
-    """One value, or one a row: who may be here or there takes up a longer place."""
+    """One value, or one per row: an object at an uncertain position covers a longer box."""
     width: float
-    stands: bool = False
+    stands_at_end: bool = False
 
 
-def steady(speed: float) -> Float:
-    """(T,) [m] travelled at constant speed."""
+def predict_constant_speed(speed: float) -> Float:
+    """Return the distance (T,) [m] travelled at constant speed."""
     return speed * TIMES
 
 
-def going(speed: float, top: float = GOING_SPEED) -> Float:
-    """(T,) [m] travelled by one who takes its turn."""
-    top = max(top, speed)
-    ramp_s = (top - speed) / GOING
+def predict_acceleration(speed: float, top_speed: float = MOTION.top_speed, parameters: MotionParameters = MOTION) -> Float:
+    """Return the distance (T,) [m] travelled by a road user that accelerates to `top_speed` [m/s]."""
+    top_speed = max(top_speed, speed)
+    ramp_s = (top_speed - speed) / parameters.acceleration
     within = np.minimum(TIMES, ramp_s)
-    return speed * within + GOING * within**2 / 2 + top * (TIMES - within)
+    return speed * within + parameters.acceleration * within**2 / 2 + top_speed * (TIMES - within)
 
 
-def hesitating(speed: float) -> Float:
-    """(T,) [m] travelled at the least by one who goes before me: he may slow down a little."""
-    slow = np.minimum(TIMES, HESITATION_S)
-    lost = HESITATING * slow**2 / 2 + HESITATING * HESITATION_S * (TIMES - slow)
+def predict_hesitation(speed: float, parameters: MotionParameters = MOTION) -> Float:
+    """Return the minimum distance (T,) [m] travelled by a road user that goes first: it may slow down a little."""
+    braking, hesitation_s = parameters.hesitation_braking, parameters.hesitation_s
+    slow = np.minimum(TIMES, hesitation_s)
+    lost = braking * slow**2 / 2 + braking * hesitation_s * (TIMES - slow)
     return np.maximum.accumulate(np.maximum(speed * TIMES - lost, 0.0))
 
 
-def giving_way(speed: float) -> Float:
-    """(T,) [m] travelled by one who stops for me."""
-    until = np.minimum(np.maximum(TIMES - REACTION_S, 0.0), speed / GIVING_WAY)
-    return speed * np.minimum(TIMES, REACTION_S) + speed * until - GIVING_WAY * until**2 / 2
+def predict_yielding(speed: float, parameters: MotionParameters = MOTION) -> Float:
+    """Return the distance (T,) [m] travelled by a road user that stops for the own car."""
+    reaction_s, braking = parameters.reaction_s, parameters.yielding_braking
+    until = np.minimum(np.maximum(TIMES - reaction_s, 0.0), speed / braking)
+    return speed * np.minimum(TIMES, reaction_s) + speed * until - braking * until**2 / 2
 
 
-def on_circle(objects: Objects, row: int, travelled: Float, curvature: float) -> Float:
-    """Poses (T, 3) of an object that goes on turning as it does (a right angle at most), after `travelled` (T,) [m]."""
-    turned = np.clip(curvature * travelled, -SHARPEST_TURN, SHARPEST_TURN)
+def place_on_arc(
+    objects: Objects, row: int, travelled: Float, curvature: float, parameters: MotionParameters = MOTION
+) -> Float:
+    """Return the poses (T, 3) of an object after `travelled` (T,) [m] on an arc, a right angle at most."""
+    turned = np.clip(curvature * travelled, -parameters.max_turn_rad, parameters.max_turn_rad)
     yaw = float(objects.yaw[row])
     chord = travelled * np.sinc(turned / 2 / np.pi)
     x = objects.x[row] + chord * np.cos(yaw + turned / 2)
@@ -83,13 +72,13 @@ def on_circle(objects: Objects, row: int, travelled: Float, curvature: float) ->
     return np.column_stack((x, y, yaw + turned))
 
 
-def along_path(path: Path, s: float, travelled: Float) -> Float:
-    """Poses (T, 3) of one who is on that path at s [m] and follows it."""
+def place_on_path(path: ReferencePath, s: float, travelled: Float) -> Float:
+    """Return the poses (T, 3) of an object that follows the path from arc length s [m] after `travelled` (T,) [m]."""
     stations = s + travelled
     grid = np.arange(len(path.xy)) * (path.length / max(len(path.xy) - 1, 1))
-    return np.column_stack((path.points(stations), np.interp(stations, grid, path.yaw)))
+    return np.column_stack((path.get_points(stations), np.interp(stations, grid, path.yaw)))
 
 
-def top_speed(objects: Objects, row: int) -> float:
-    """How fast [m/s] an object may become."""
-    return WALKING_SPEED if objects.kind[row] == Kind.PEDESTRIAN else GOING_SPEED
+def get_top_speed(objects: Objects, row: int, parameters: MotionParameters = MOTION) -> float:
+    """Return the speed [m/s] to which an object may accelerate."""
+    return parameters.walking_top_speed if objects.kind[row] == Kind.PEDESTRIAN else parameters.top_speed

@@ -1,4 +1,4 @@
-"""Who plans first: an order of the CAVs in which everyone finds a way. Every CAV computes the same one for itself."""
+"""The order in which CAVs plan, such that every one finds a profile. Each CAV computes the same order."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -6,26 +6,31 @@ from functools import partial
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool
-from mdrive_sumo.planning.fleet import Fleet
-from mdrive_sumo.planning.path_overlap import Margin
-from mdrive_sumo.planning.speed_profile import Profile, Task, fastest
+from mdrive_sumo.planning.fleet_paths import FleetPaths
+from mdrive_sumo.planning.parameters import JOINT_PLANNING, JointPlanningParameters, SafetyMargin
+from mdrive_sumo.planning.precedence import order_by_urgency
+from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem, find_fastest_profile
 
-TRIES = 24
 
+def find_planning_order(
+    fleet: FleetPaths,
+    problems: Mapping[str, SpeedProfileProblem],
+    parameters: JointPlanningParameters = JOINT_PLANNING,
+) -> tuple[str, ...]:
+    """Return an order in which prioritised planning succeeds for all CAVs, or the best of `order_attempts`.
 
-def planning_order(fleet: Fleet, tasks: Mapping[str, Task]) -> tuple[str, ...]:
-    """An order in which prioritised planning succeeds for all, or the best of `TRIES`; tasks are those of a free road.
+    A car that stands in the way of another one must leave first. Apart from that the car nearest to a conflict comes
+    first, and a car that finds no profile moves to the front for the next attempt.
 
-    A car that stands in the way of another must leave first. Apart from that whoever is nearest to a conflict comes
-    first, and whoever finds no way is moved to the front for the next try.
+    problems: by CAV id, on a free road.
     """
-    leaders = {ego: fleet.standing_in_way(ego) for ego in tasks}
-    urgency = {ego: _first_conflict(fleet, ego) for ego in tasks}
+    before = {(leader, ego) for ego in problems for leader in fleet.find_blocking_starts(ego)}
+    urgency = {ego: _find_first_conflict(fleet, ego) for ego in problems}
     best: tuple[str, ...] = ()
     most = -1
-    for attempt in range(TRIES):
-        order = _sorted(leaders, urgency)
-        successful = _successful(fleet, tasks, order)
+    for attempt in range(parameters.order_attempts):
+        order = order_by_urgency(tuple(problems), urgency, before, own_urgency_breaks_ties=False)
+        successful = _count_successful(fleet, problems, order)
         if successful > most:
             best, most = order, successful
         if successful == len(order):
@@ -34,42 +39,36 @@ def planning_order(fleet: Fleet, tasks: Mapping[str, Task]) -> tuple[str, ...]:
     return best
 
 
-def _first_conflict(fleet: Fleet, ego: str) -> float:
-    """Index of the first cell of ego at which it may meet anybody."""
-    cells = [np.flatnonzero(fleet.overlap(ego, j).any(1)) for j in fleet.paths if j != ego]
+def _find_first_conflict(fleet: FleetPaths, ego: str) -> float:
+    """Return the index of the first cell of ego that overlaps the path of another CAV."""
+    cells = [np.flatnonzero(fleet.get_overlap(ego, j).any(1)) for j in fleet.path_by_ego if j != ego]
     return float(min((cell[0] for cell in cells if len(cell)), default=0))
 
 
-def _sorted(leaders: Mapping[str, frozenset[str]], urgency: Mapping[str, float]) -> tuple[str, ...]:
-    """Leaders first, then the urgent; whom the urgent wait for is as urgent. A circle is cut at its most urgent."""
-    inherited = dict(urgency)
-    for _ in leaders:
-        for ego, before in leaders.items():
-            for leader in before:
-                inherited[leader] = min(inherited[leader], inherited[ego])
-    left = sorted(leaders, key=lambda ego: (inherited[ego], ego))
-    order: list[str] = []
-    while left:
-        free = [ego for ego in left if not leaders[ego] & set(left)]
-        order.append((free or left)[0])
-        left.remove(order[-1])
-    return tuple(order)
-
-
-def _successful(fleet: Fleet, tasks: Mapping[str, Task], order: tuple[str, ...]) -> int:
-    """How many CAVs of this order arrive one after the other before the first that does not."""
-    done: dict[str, Profile] = {}
+def _count_successful(
+    fleet: FleetPaths, problems: Mapping[str, SpeedProfileProblem], order: tuple[str, ...]
+) -> int:
+    """Return how many CAVs of this order reach their goal before the first that does not."""
+    done: dict[str, SpeedProfile] = {}
     for ego in order:
-        profile = fastest(tasks[ego].among(partial(_blocked, fleet, ego, tasks[ego], done)))
-        if profile is None or not profile.arrives:
+        block = partial(_find_blocked, fleet, ego, problems[ego], done)
+        profile = find_fastest_profile(problems[ego].add_traffic(block))
+        if profile is None or not profile.reaches_goal:
             break
         done[ego] = profile
     return len(done)
 
 
-def _blocked(fleet: Fleet, ego: str, task: Task, done: Mapping[str, Profile], margin: Margin) -> Bool:
-    """Which cells those who have planned block, as `Task.blocked`."""
-    blocked = task.blocked.copy()
+def _find_blocked(
+    fleet: FleetPaths,
+    ego: str,
+    problem: SpeedProfileProblem,
+    done: Mapping[str, SpeedProfile],
+    margin: SafetyMargin,
+) -> Bool:
+    """Return `SpeedProfileProblem.blocked` with the cells that the CAVs with a profile occupy."""
+    blocked = problem.blocked.copy()
     for other, profile in done.items():
-        blocked |= fleet.blocked(ego, task.cells, other, profile.at(task.times), margin)
+        stations = profile.get_stations(problem.times)
+        blocked |= fleet.find_blocked_cells(ego, problem.cells, other, stations, margin)
     return blocked

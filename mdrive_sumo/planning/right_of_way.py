@@ -1,9 +1,10 @@
-"""Whom a lone driver must mind: what is on its way, and who will cross its way first.
+"""Right of way by observation: objects on the own path, and conflicts with those that will cross it.
 
-Nothing is known of the others but what is seen: they are expected to go on at their speed, turning as they do now.
+Only the observed state of others is known: they are predicted to keep their speed and their present turn.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -12,58 +13,37 @@ import numpy as np
 from mdrive_sumo.contract import Objects, VehicleFacts
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, wrap_angle
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.planning.path import Path
-from mdrive_sumo.planning.path_overlap import cells_of, footprints, overlaps
+from mdrive_sumo.planning.parameters import RIGHT_OF_WAY, RightOfWayParameters
+from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
+from mdrive_sumo.planning.reference_path import ReferencePath
 
-LOOK_M = 40.0
-"""How far ahead a driver looks, on its own path and on the others' ways."""
-STRIDE_M = 1.0
-SIDE_M = 0.25
-"""Kept free on either side."""
-MOVING_SPEED = 0.5
-"""[m/s] Who is slower stands, and is taken to come at this speed: later than anybody who drives."""
-GAP_S = 1.0
-"""Two cars that use the same place less than this apart are in conflict."""
-TIE_S = 0.5
-"""Arrivals that differ by less are a tie."""
-HOLD_S = 1.5
-"""Who gives way does not change its mind until the other one would be so much later."""
-SAME_WAY = math.radians(60)
-LEVEL_M = 0.5
-"""Cars whose middles are less apart along the road are level."""
-SHARPEST = 0.15
-"""[1/m] Nobody is expected to turn more sharply than this."""
-SIDE_ANGLES = (math.radians(20), math.radians(160))
-"""Who drives at such an angle to me comes from the side."""
-
-
-Place: TypeAlias = tuple[float, float]
-"""Nobody knows the others' names, but all see the same places: where two are equal in all else, the one further west
-goes first (of those the one further south), and both know it."""
+Position: TypeAlias = tuple[float, float]
+"""x, y [m] in the world frame. Observed objects carry no common ids, but all cars observe the same positions: where two
+cars are equal in everything else, the one further west (then further south) goes first, and both know it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mover:
-    """The own car: its place [m] and speed [m/s], and how it will speed up [m/s2] to its cruising speed."""
+class EgoMotion:
+    """The own car: position [m], speed [m/s], and the acceleration [m/s2] to its cruising speed [m/s]."""
 
-    place: Place
+    position: Position
     speed: float
-    cruise: float
+    cruise_speed: float
     acceleration: float
 
-    def time_to(self, distance: float) -> float:
-        """How long it takes [s] for that distance [m]."""
-        cruise = max(self.cruise, self.speed, 0.1)
-        ramp = (cruise - self.speed) / self.acceleration
-        ramp_m = (cruise + self.speed) / 2 * ramp
+    def compute_time_to(self, distance: float) -> float:
+        """Return the time [s] that the car needs for that distance [m]."""
+        cruise_speed = max(self.cruise_speed, self.speed, 0.1)
+        ramp = (cruise_speed - self.speed) / self.acceleration
+        ramp_m = (cruise_speed + self.speed) / 2 * ramp
         if distance >= ramp_m:
-            return ramp + (distance - ramp_m) / cruise
+            return ramp + (distance - ramp_m) / cruise_speed
         return (math.sqrt(self.speed**2 + 2 * self.acceleration * distance) - self.speed) / self.acceleration
 
 
 @dataclass(frozen=True, slots=True)
-class Outlook:
-    """The next `LOOK_M` of the own path at stations (A,): distance [m], direction [rad], footprints (A, 4, 2)."""
+class PathPreview:
+    """The own path ahead at stations (A,): distance [m], direction [rad], footprints (A, 4, 2) [m]."""
 
     distance: Float
     yaw: Float
@@ -71,127 +51,160 @@ class Outlook:
 
 
 @dataclass(frozen=True, slots=True)
-class Leader:
-    """Something on the way: how far the own car can go [m] until it touches it, and its speed along the path [m/s]."""
+class LeadObject:
+    """An object on the path: the distance [m] until the own car touches it, and its speed along the path [m/s]."""
 
-    gap: float
+    gap_m: float
     speed: float
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
-    """Somebody whose way crosses mine."""
+class CrossingConflict:
+    """A road user whose predicted path crosses the own path."""
 
     id: str
-    first: float
-    """Where the common place begins and ends on my path [m from here]."""
-    last: float
+    begin_m: float
+    """Begin and end of the shared area on the own path [m from here]."""
+    end_m: float
     arrives_s: float
-    """When the other one is there, from and until."""
+    """When the other road user enters and leaves that area [s from now]."""
     leaves_s: float
-    standing: bool
+    is_standing: bool
     bearing: float
-    """Direction of the other one against mine [rad], where I am now."""
-    turning: bool
-    """Whether my path turns before I am there."""
-    place: Place
-    """Where it is now [m]."""
+    """Heading of the other road user relative to the own heading [rad]."""
+    ego_turns: bool
+    """Whether the own path turns before the shared area."""
+    position: Position
+    """Present position of the other road user."""
 
 
-def outlook(path: Path, s: float, vehicle: VehicleFacts) -> Outlook:
-    """What lies before the car at arc length s."""
-    distance = np.arange(0.0, LOOK_M, STRIDE_M)
-    cells = cells_of(path, s + distance)
-    boxes = footprints(path, vehicle.length, vehicle.width + 2 * SIDE_M, cells)
-    return Outlook(distance, path.yaw[cells], boxes)
+def preview_path(
+    path: ReferencePath, s: float, vehicle: VehicleFacts, parameters: RightOfWayParameters = RIGHT_OF_WAY
+) -> PathPreview:
+    """Return the path ahead of a car at arc length s [m]."""
+    distance = np.arange(0.0, parameters.look_ahead_m, parameters.stride_m)
+    cells = find_cells(path, s + distance)
+    boxes = compute_footprints(path, vehicle.length, vehicle.width + 2 * parameters.side_gap_m, cells)
+    return PathPreview(distance, path.yaw[cells], boxes)
 
 
-def leaders(me: Mover, ahead: Outlook, objects: Objects) -> list[Leader]:
-    """Everything that is on the path now, but for cars beside me that go my way and have less of a lead than I have."""
-    met = _met_now(ahead, objects)
-    rows = np.flatnonzero(met.any(0) & ~beside(me, ahead, objects))
+def find_lead_objects(
+    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+) -> list[LeadObject]:
+    """Return the objects that are on the path now, without the cars of `find_followers_beside`."""
+    met = _find_overlaps_now(preview, objects)
+    rows = np.flatnonzero(met.any(0) & ~find_followers_beside(ego, preview, objects, parameters))
     first: Int = met[:, rows].argmax(0) + 1
-    along = np.maximum(objects.speed[rows] * np.cos(objects.yaw[rows] - ahead.yaw[first]), 0.0)
-    return [Leader(*pair) for pair in zip(ahead.distance[first].tolist(), along.tolist(), strict=True)]
+    along = np.maximum(objects.speed[rows] * np.cos(objects.yaw[rows] - preview.yaw[first]), 0.0)
+    return [LeadObject(*pair) for pair in zip(preview.distance[first].tolist(), along.tolist(), strict=True)]
 
 
-def rows_on_way(me: Mover, ahead: Outlook, objects: Objects) -> Int:
-    """Rows of the objects of `leaders`."""
-    return np.flatnonzero(_met_now(ahead, objects).any(0) & ~beside(me, ahead, objects))
+def find_rows_on_path(
+    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+) -> Int:
+    """Return the rows of the objects of `find_lead_objects`."""
+    on_path = _find_overlaps_now(preview, objects).any(0)
+    return np.flatnonzero(on_path & ~find_followers_beside(ego, preview, objects, parameters))
 
 
-def _met_now(ahead: Outlook, objects: Objects) -> Bool:
-    """(A - 1, N) which stations ahead of the car which objects are on now."""
-    return overlaps(ahead.boxes[1:], _boxes(objects, np.arange(len(objects.ids)), 0.0))
+def _find_overlaps_now(preview: PathPreview, objects: Objects) -> Bool:
+    """Return a mask (A - 1, N): which previewed stations which objects occupy now."""
+    return compute_overlaps(preview.boxes[1:], _predict_boxes(objects, np.arange(len(objects.ids)), 0.0))
 
 
-def beside(me: Mover, ahead: Outlook, objects: Objects) -> Bool:
-    """Who drives as I do and is behind my middle, or level with it and further east: they mind me (N,)."""
-    x, y = ahead.boxes[0].mean(0)
-    lead = (objects.x - x) * np.cos(ahead.yaw[0]) + (objects.y - y) * np.sin(ahead.yaw[0])
-    later = (objects.x > me.place[0]) | ((objects.x == me.place[0]) & (objects.y > me.place[1]))
-    return same_way(ahead, objects) & ((lead < -LEVEL_M) | ((lead < LEVEL_M) & later))
+def find_followers_beside(
+    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+) -> Bool:
+    """Return a mask (N,): which objects go in the own direction and are behind the own centre, or level and further east.
+
+    These cars give way to the own car.
+    """
+    x, y = preview.boxes[0].mean(0)
+    lead = (objects.x - x) * np.cos(preview.yaw[0]) + (objects.y - y) * np.sin(preview.yaw[0])
+    further_east = (objects.x > ego.position[0]) | ((objects.x == ego.position[0]) & (objects.y > ego.position[1]))
+    behind = (lead < -parameters.level_m) | ((lead < parameters.level_m) & further_east)
+    return find_same_direction(preview, objects, parameters) & behind
 
 
-def same_way(ahead: Outlook, objects: Objects) -> Bool:
-    """Who drives in about my direction (N,)."""
-    return np.cos(objects.yaw - ahead.yaw[0]) > math.cos(SAME_WAY)
+def find_same_direction(
+    preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+) -> Bool:
+    """Return a mask (N,): which objects head in about the own direction."""
+    return np.cos(objects.yaw - preview.yaw[0]) > math.cos(parameters.same_direction_rad)
 
 
-def crossings(ahead: Outlook, objects: Objects, curvature: Float) -> list[Crossing]:
-    """Everybody near who will cross the path, turning on as they do now: curvature (N,) [1/m] of the objects' ways."""
-    near = np.hypot(*(ahead.boxes[0].mean(0)[:, None] - np.array((objects.x, objects.y)))) < LOOK_M
+def find_crossing_conflicts(
+    preview: PathPreview, objects: Objects, curvature: Float, parameters: RightOfWayParameters = RIGHT_OF_WAY
+) -> list[CrossingConflict]:
+    """Return the conflicts with nearby road users that are predicted on arcs of `curvature` (N,) [1/m]."""
+    centre = preview.boxes[0].mean(0)[:, None]
+    near = np.hypot(*(centre - np.array((objects.x, objects.y)))) < parameters.look_ahead_m
     rows = np.flatnonzero(near & (objects.kind != Kind.STATIC))
-    travelled = np.arange(0.0, LOOK_M, STRIDE_M)
-    swept = _boxes(objects, rows[:, None], travelled, curvature[rows, None])
-    met = overlaps(ahead.boxes, swept.reshape(-1, 4, 2)).reshape(len(ahead.distance), *swept.shape[:2])
-    return [_crossing(ahead, objects, row, met[:, k]) for k, row in enumerate(rows.tolist()) if met[:, k].any()]
+    travelled = np.arange(0.0, parameters.look_ahead_m, parameters.stride_m)
+    swept = _predict_boxes(objects, rows[:, None], travelled, curvature[rows, None])
+    met = compute_overlaps(preview.boxes, swept.reshape(-1, 4, 2)).reshape(len(preview.distance), *swept.shape[:2])
+    return [
+        _build_conflict(preview, objects, row, met[:, k], parameters)
+        for k, row in enumerate(rows.tolist())
+        if met[:, k].any()
+    ]
 
 
-def _crossing(ahead: Outlook, objects: Objects, row: int, met: Bool) -> Crossing:
-    """met: (A, K) which of my stations the other one overlaps after so many strides."""
+def _build_conflict(
+    preview: PathPreview, objects: Objects, row: int, met: Bool, parameters: RightOfWayParameters
+) -> CrossingConflict:
+    """Return the conflict with one object; met: (A, K) which stations it overlaps after so many strides."""
     mine, theirs = np.flatnonzero(met.any(1)), np.flatnonzero(met.any(0))
-    standing = float(objects.speed[row]) < MOVING_SPEED
-    speed = MOVING_SPEED if standing else float(objects.speed[row])
-    return Crossing(
+    is_standing = float(objects.speed[row]) < parameters.moving_speed
+    speed = parameters.moving_speed if is_standing else float(objects.speed[row])
+    return CrossingConflict(
         id=objects.ids[row],
-        first=float(ahead.distance[mine[0]]),
-        last=float(ahead.distance[mine[-1]]),
-        arrives_s=float(theirs[0]) * STRIDE_M / speed,
-        leaves_s=float(theirs[-1] + 1) * STRIDE_M / speed,
-        standing=standing,
-        bearing=wrap_angle(float(objects.yaw[row] - ahead.yaw[0])),
-        turning=abs(float(ahead.yaw[mine[0]] - ahead.yaw[0])) > SIDE_ANGLES[0],
-        place=(float(objects.x[row]), float(objects.y[row])),
+        begin_m=float(preview.distance[mine[0]]),
+        end_m=float(preview.distance[mine[-1]]),
+        arrives_s=float(theirs[0]) * parameters.stride_m / speed,
+        leaves_s=float(theirs[-1] + 1) * parameters.stride_m / speed,
+        is_standing=is_standing,
+        bearing=wrap_angle(float(objects.yaw[row] - preview.yaw[0])),
+        ego_turns=abs(float(preview.yaw[mine[0]] - preview.yaw[0])) > parameters.side_angles_rad[0],
+        position=(float(objects.x[row]), float(objects.y[row])),
     )
 
 
-def gives_way(me: Mover, other: Crossing, before: bool, bold: bool) -> bool:
-    """Whether I let the other one go first: it is there earlier, or wins a tie; if both stand that is one.
+def must_yield(
+    ego: EgoMotion,
+    conflict: CrossingConflict,
+    yielded_before: bool,
+    is_impatient: bool,
+    parameters: RightOfWayParameters = RIGHT_OF_WAY,
+) -> bool:
+    """Return whether the own car yields: the other road user arrives earlier, or wins a tie (two standing cars tie).
 
-    Whoever gave way `before` goes on to do so while the other one is not clearly later; the bold one wins every tie.
+    A car that `yielded_before` keeps yielding while the other one is not clearly later; an impatient car wins every tie.
     """
-    here_s, gone_s = me.time_to(other.first), me.time_to(other.last)
-    if here_s > other.leaves_s + GAP_S or gone_s + GAP_S < other.arrives_s:
+    arrives_s, leaves_s = ego.compute_time_to(conflict.begin_m), ego.compute_time_to(conflict.end_m)
+    gap_s = parameters.conflict_gap_s
+    if arrives_s > conflict.leaves_s + gap_s or leaves_s + gap_s < conflict.arrives_s:
         return False
-    lead = other.arrives_s - here_s
-    if (other.standing and me.speed < MOVING_SPEED) or abs(lead) < TIE_S:
-        return not bold and _loses_tie(me, other)
-    return lead < (HOLD_S if before and not bold else 0.0)
+    lead_s = conflict.arrives_s - arrives_s
+    if (conflict.is_standing and ego.speed < parameters.moving_speed) or abs(lead_s) < parameters.tie_s:
+        return not is_impatient and _loses_tie(ego, conflict, parameters)
+    return lead_s < (parameters.hysteresis_s if yielded_before and not is_impatient else 0.0)
 
 
-def _loses_tie(me: Mover, other: Crossing) -> bool:
-    """Right before left; straight before turning; then the one further west."""
-    low, high = SIDE_ANGLES
-    if low < abs(other.bearing) < high:
-        return other.bearing > 0  # it crosses from my right to my left
-    return other.turning or other.place < me.place
+def _loses_tie(ego: EgoMotion, conflict: CrossingConflict, parameters: RightOfWayParameters) -> bool:
+    """Return whether the own car loses a tie: right before left; straight before turning; then the one further west."""
+    low, high = parameters.side_angles_rad
+    if low < abs(conflict.bearing) < high:
+        return conflict.bearing > 0  # it crosses from right to left
+    return conflict.ego_turns or conflict.position < ego.position
 
 
-def _boxes(objects: Objects, rows: Int, travelled: Float | float, curvature: Float | float = 0.0) -> Float:
-    """Corners of the chosen objects' boxes after so many metres on circles (a right angle at most); all broadcast."""
-    turned = np.clip(curvature * travelled, -math.pi / 2, math.pi / 2)
-    # A chord of length travelled: exact for small turns, and long turns are guesses anyway.
+def _predict_boxes(
+    objects: Objects, rows: Int, travelled: Float | float, curvature: Float | float = 0.0
+) -> Float:
+    """Return the corners (..., 4, 2) [m] of objects after `travelled` [m] on arcs; all arguments broadcast."""
+    turned = np.clip(curvature * travelled, -RIGHT_OF_WAY.max_turn_rad, RIGHT_OF_WAY.max_turn_rad)
+    # A chord of length travelled: exact for small turns, and large turns are guesses anyway.
     middle = objects.yaw[rows] + turned / 2
     return boxes_corners(
         objects.x[rows] + travelled * np.cos(middle),
@@ -202,16 +215,43 @@ def _boxes(objects: Objects, rows: Int, travelled: Float | float, curvature: Flo
     )
 
 
-class Memory:
-    """How the others turn: their directions when last seen, for nobody says how fast he turns."""
+class CurvatureEstimator:
+    """Estimates how sharply objects turn from their change of heading: observations contain no yaw rates."""
 
-    def __init__(self) -> None:
-        self._yaws: dict[str, float] = {}
+    def __init__(self, parameters: RightOfWayParameters = RIGHT_OF_WAY) -> None:
+        self._yaw_by_id: dict[str, float] = {}
+        self._parameters = parameters
 
-    def curvature(self, objects: Objects, elapsed_s: float) -> Float:
-        """(N,) [1/m] of the ways of the objects since they were last seen; 0 for whoever is new or stands."""
-        seen = dict(zip(objects.ids, objects.yaw.tolist(), strict=True))
-        turned = np.array([wrap_angle(yaw - self._yaws.get(name, yaw)) for name, yaw in seen.items()])
-        self._yaws = seen
-        way = np.maximum(np.abs(objects.speed), 2 * MOVING_SPEED) * elapsed_s
-        return np.clip(turned / way, -SHARPEST, SHARPEST)
+    def update(self, objects: Objects, elapsed_s: float) -> Float:
+        """Return the curvature (N,) [1/m] of the objects' paths since the last call; 0 for new and standing ones."""
+        yaw_by_id = dict(zip(objects.ids, objects.yaw.tolist(), strict=True))
+        turned = np.array([wrap_angle(yaw - self._yaw_by_id.get(name, yaw)) for name, yaw in yaw_by_id.items()])
+        self._yaw_by_id = yaw_by_id
+        travelled = np.maximum(np.abs(objects.speed), 2 * self._parameters.moving_speed) * elapsed_s
+        return np.clip(turned / travelled, -self._parameters.max_curvature, self._parameters.max_curvature)
+
+
+class YieldingPolicy:
+    """Decides which road users go first, with hysteresis and limited patience."""
+
+    def __init__(self, seed: int, parameters: RightOfWayParameters = RIGHT_OF_WAY) -> None:
+        self._parameters = parameters
+        self._yielded_to: frozenset[str] = frozenset()
+        self._waited_s = 0.0
+        self._patience_s = float(np.random.default_rng(seed).uniform(*parameters.patience_s))
+
+    def select_first(
+        self, ego: EgoMotion, conflicts: Sequence[CrossingConflict], elapsed_s: float
+    ) -> frozenset[str]:
+        """Return the ids of the road users to which the own car yields; elapsed_s: time since the last call [s]."""
+        is_impatient = self._waited_s > self._patience_s
+        self._yielded_to = frozenset(
+            one.id
+            for one in conflicts
+            if must_yield(ego, one, one.id in self._yielded_to, is_impatient, self._parameters)
+        )
+        if is_impatient or (self._yielded_to and ego.speed < self._parameters.moving_speed):
+            self._waited_s += elapsed_s
+        if self._waited_s > self._patience_s + self._parameters.impatience_s:
+            self._waited_s = 0.0
+        return self._yielded_to

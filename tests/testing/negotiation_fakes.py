@@ -11,34 +11,36 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.negotiation import Member, Negotiator, Step
-from mdrive_sumo.negotiation.intention import trajectory
+from mdrive_sumo.negotiation import NegotiationMember, NegotiationStep, Negotiator
+from mdrive_sumo.negotiation.intention import predict_trajectory
 from mdrive_sumo.v2x.messages import Direction, Intention
 
 
-def member(name: str, x: float, y: float, yaw: float, speed: float = 6.0, accelerating: float = 0.0) -> Member:
+def member(
+    name: str, x: float, y: float, yaw: float, speed: float = 6.0, accelerating: float = 0.0
+) -> NegotiationMember:
     """A car that goes straight on."""
     way = np.array(((x, y), (x + 100 * math.cos(yaw), y + 100 * math.sin(yaw))))
-    points = trajectory(way, speed, accelerating)
-    return Member(name, x, y, yaw, speed, Intention.KEEP, Direction.FOLLOW, 0.2, points, points)
+    points = predict_trajectory(way, speed, accelerating)
+    return NegotiationMember(name, x, y, yaw, speed, Intention.KEEP, Direction.FOLLOW, 0.2, points, points)
 
 
-def crossing(a_run: float = 10.0, b_run: float = 12.0) -> dict[str, Member]:
+def crossing(a_run: float = 10.0, b_run: float = 12.0) -> dict[str, NegotiationMember]:
     """Two cars before a crossing at the origin: a from the west, b from the south."""
     return {"a": member("a", -a_run, 0.0, 0.0), "b": member("b", 0.0, -b_run, math.pi / 2)}
 
 
 def talk(
-    cars: Mapping[str, Member],
+    cars: Mapping[str, NegotiationMember],
     negotiators: Mapping[str, Negotiator],
     ticks: int,
     latency: int = 1,
     lost: Callable[[str, str, int], bool] = lambda sender, receiver, tick: False,
     first: int = 0,
-) -> dict[int, dict[str, Step]]:
+) -> dict[int, dict[str, NegotiationStep]]:
     """Standing cars talk for so many ticks; every message arrives after `latency` ticks: their steps by tick."""
     sent: list[tuple[int, Message]] = []
-    steps: dict[int, dict[str, Step]] = {}
+    steps: dict[int, dict[str, NegotiationStep]] = {}
     for tick in range(first, first + ticks):
         steps[tick] = {}
         said: list[Message] = []
@@ -112,19 +114,19 @@ def served(answering: Answering | None, raw: Callable[[BaseHTTPRequestHandler], 
         thread.join()
 
 
-def lines_of(steps: Mapping[int, Mapping[str, Step]], kind: str) -> list[str]:
+def lines_of(steps: Mapping[int, Mapping[str, NegotiationStep]], kind: str) -> list[str]:
     """The notes of a kind, in order."""
     return [
         note.text for by_name in steps.values() for step in by_name.values() for note in step.notes if note.kind == kind
     ]
 
 
-def texts_of(steps: Mapping[int, Mapping[str, Step]]) -> list[tuple[int, str, bytes]]:
+def texts_of(steps: Mapping[int, Mapping[str, NegotiationStep]]) -> list[tuple[int, str, bytes]]:
     """(tick, sender, payload) of all text messages."""
     return [(t, m.sender, m.payload) for t, by_name in steps.items() for s in by_name.values() for m in s.messages
             if m.type == "text"]  # fmt: skip
 
 
-def replies(steps: Mapping[int, Mapping[str, Step]]) -> Sequence[Any]:
+def replies(steps: Mapping[int, Mapping[str, NegotiationStep]]) -> Sequence[Any]:
     """Everything that steps say, comparable."""
     return [(t, n, s.decision, s.messages, s.notes) for t, by_name in steps.items() for n, s in by_name.items()]

@@ -8,8 +8,8 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation, OwnState, VehicleFacts
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.planning.motion_prediction import TIMES, Motion
-from mdrive_sumo.planning.space_time_planner import Planner
+from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
 
 LENGTH, WIDTH = 4.5, 1.8
 FACTS = VehicleFacts(LENGTH, WIDTH, 2.8, 1.42, 1500.0, 0.6, 20.0, 3.0, 8.0)
@@ -50,17 +50,17 @@ def seen(tick: int, state: OwnState, objects: Objects, messages: Sequence[Messag
     return Observation(tick, state, objects=objects, messages=tuple(messages))
 
 
-def standing(x: float, y: float, yaw: float = 0.0) -> Motion:
+def standing(x: float, y: float, yaw: float = 0.0) -> PredictedMotion:
     """One who stays where it is."""
-    return Motion(np.tile((x, y, yaw), (len(TIMES), 1)), LENGTH, WIDTH, stands=True)
+    return PredictedMotion(np.tile((x, y, yaw), (len(TIMES), 1)), LENGTH, WIDTH, stands_at_end=True)
 
 
-def moving(x: float, y: float, yaw: float, speed: float) -> Motion:
+def moving(x: float, y: float, yaw: float, speed: float) -> PredictedMotion:
     """One who goes on at that speed, straight."""
     xy = np.array((x, y)) + np.outer(speed * TIMES, (math.cos(yaw), math.sin(yaw)))
-    return Motion(np.column_stack((xy, np.full(len(TIMES), yaw))), LENGTH, WIDTH)
+    return PredictedMotion(np.column_stack((xy, np.full(len(TIMES), yaw))), LENGTH, WIDTH)
 
 
-def stations(planner: Planner, tick: int = 0) -> Float:
+def stations(planner: SpaceTimePlanner, tick: int = 0) -> Float:
     """(50,) arc lengths [m] of the plan every 0.2 s, for the straight way along +x."""
-    return planner.planned(tick)[:, 0]
+    return planner.get_planned_points(tick)[:, 0]

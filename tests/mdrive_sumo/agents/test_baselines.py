@@ -19,9 +19,9 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.negotiation import Parley
-from mdrive_sumo.perception.fusion import Fusion
-from mdrive_sumo.planning.space_time_planner import Barrier, Planner
+from mdrive_sumo.negotiation import NegotiationInterface
+from mdrive_sumo.perception.late_fusion import LateFusion
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
@@ -206,10 +206,10 @@ def test_who_negotiates_believes_what_was_announced(agent: str) -> None:
 
 
 def test_who_negotiates_by_rule_stops_where_that_was_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def agreed(self: Parley, seen: Observation, planner: Planner) -> list[Barrier]:
-        return [Barrier(20.0)]
+    def agreed(self: NegotiationInterface, seen: Observation, planner: SpaceTimePlanner) -> list[StopPoint]:
+        return [StopPoint(20.0)]
 
-    monkeypatch.setattr(Parley, "barriers", agreed)
+    monkeypatch.setattr(NegotiationInterface, "barriers", agreed)
     assert 15.0 < plan_of("colmdriver-rule", things())[-1, 0] < 20.0
     assert plan_of("sharing+negotiation", things())[-1, 0] > 60.0  # passes behind others, as planned
 
@@ -267,13 +267,13 @@ def test_who_drives_alone_does_not_know_what_a_house_hides() -> None:
 
 def test_who_shares_knows_what_a_house_hides(monkeypatch: pytest.MonkeyPatch) -> None:
     known: dict[tuple[int, int], Objects] = {}
-    fuse = Fusion.fused
+    fuse = LateFusion.fuse
 
-    def fused(self: Fusion, tick: int, own: OwnState, seen: Objects) -> Objects:
+    def fused(self: LateFusion, tick: int, own: OwnState, seen: Objects) -> Objects:
         known[id(self), tick] = fuse(self, tick, own, seen)
         return known[id(self), tick]
 
-    monkeypatch.setattr(Fusion, "fused", fused)
+    monkeypatch.setattr(LateFusion, "fused", fused)
     _, drivers = past_the_house("sharing")
     first = next(iter(known))[0]  # "0" is asked first
     hidden = {tick for tick in hidden_ticks(drivers["0"].seen) if 4 <= tick < 40}

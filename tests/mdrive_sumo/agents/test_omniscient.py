@@ -11,10 +11,10 @@ from testing.agents_driving import Box, all_arrived, drive
 from mdrive_sumo.contract import Briefing, Objects, OwnState, Privileged
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.planning.joint_detours import bypassing, undecided
-from mdrive_sumo.planning.path import SPACING_M, make_path
-from mdrive_sumo.planning.path import Path as Way
-from mdrive_sumo.planning.pedestrian_caution import CREEPING, WALKING, careful_speeds, walking_on
+from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
+from mdrive_sumo.planning.pedestrian_caution import CREEPING, WALKING, limit_speeds_near_pedestrians, predict_walking_on
+from mdrive_sumo.planning.reference_path import SPACING_M, build_path
+from mdrive_sumo.planning.reference_path import ReferencePath as Way
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
@@ -69,7 +69,7 @@ def test_it_passes_a_parked_car_and_oncoming_cavs() -> None:
 
 def test_everybody_finds_the_same_ways_around() -> None:
     seen = known(things((40.0, -0.5, 0.0, 0.0), (60.0, 4.0, 0.0, 0.0)))
-    mine, theirs = bypassing(seen, told("0")), bypassing(seen, told("1"))
+    mine, theirs = plan_joint_detours(seen, told("0")), plan_joint_detours(seen, told("1"))
     for ego in ("0", "1"):
         assert np.array_equal(mine[ego].xy, theirs[ego].xy)
         assert np.abs(mine[ego].xy[:, 1] - (0.0, 3.5)[int(ego)]).max() > 0.5
@@ -77,14 +77,14 @@ def test_everybody_finds_the_same_ways_around() -> None:
 
 def test_every_thing_on_a_long_way_is_passed() -> None:
     seen = known(things((25.0, -0.5, 0.0, 0.0), (75.0, -0.5, 0.0, 0.0)))
-    path = bypassing(seen, told("0"))["0"]
+    path = plan_joint_detours(seen, told("0"))["0"]
     aside = np.interp((25.0, 50.0, 75.0), path.xy[:, 0], path.xy[:, 1])
     assert aside == pytest.approx((1.5, 0.0, 1.5), abs=0.05)
 
 
 def test_where_nothing_stands_in_the_way_the_path_is_the_plain_one() -> None:
     seen = known(things((40.0, -4.0, 0.0, 0.0), (60.0, 0.0, 0.0, 3.0)))
-    assert np.array_equal(bypassing(seen, told("0"))["0"].xy, make_path(EAST, CAR.rear_to_centre, 0.0).xy)
+    assert np.array_equal(plan_joint_detours(seen, told("0"))["0"].xy, build_path(EAST, CAR.rear_to_centre, 0.0).xy)
 
 
 @pytest.mark.parametrize(
@@ -99,17 +99,19 @@ def test_where_nothing_stands_in_the_way_the_path_is_the_plain_one() -> None:
 def test_only_a_vehicle_that_stands_on_a_path_may_be_about_to_leave(
     row: tuple[float, float, float, float], kind: Kind, expected: bool
 ) -> None:
-    assert undecided(known(things(row, kind=kind)), told("0")) is expected
+    assert has_undecided_vehicle(known(things(row, kind=kind)), told("0")) is expected
 
 
 def straight() -> tuple[Way, Float]:
-    path = make_path(EAST, CAR.rear_to_centre, 0.0)
+    path = build_path(EAST, CAR.rear_to_centre, 0.0)
     return path, np.full(len(path.xy), 9.0)
 
 
 def test_it_slows_down_before_somebody_who_looks_across_the_road() -> None:
     path, speeds = straight()
-    slow = careful_speeds(path, speeds, things((50.0, -5.0, math.pi / 2, 0.0), kind=Kind.PEDESTRIAN), CAR)
+    slow = limit_speeds_near_pedestrians(
+        path, speeds, things((50.0, -5.0, math.pi / 2, 0.0), kind=Kind.PEDESTRIAN), CAR
+    )
     stations = np.arange(len(slow)) * SPACING_M
     assert slow[(stations > 46) & (stations < 52)] == pytest.approx(CREEPING)
     assert (slow[stations < 10] == 9.0).all()
@@ -130,12 +132,12 @@ def test_it_slows_down_before_somebody_who_looks_across_the_road() -> None:
 )
 def test_nobody_else_slows_it_down(row: tuple[float, float, float, float], kind: Kind) -> None:
     path, speeds = straight()
-    assert np.array_equal(careful_speeds(path, speeds, things(row, kind=kind), CAR), speeds)
+    assert np.array_equal(limit_speeds_near_pedestrians(path, speeds, things(row, kind=kind), CAR), speeds)
 
 
 def test_who_has_set_off_and_waits_is_expected_to_walk_on() -> None:
     people = things((5.0, 0.0, 0.0, 0.0), (9.0, 0.0, 0.0, 0.0), (12.0, 0.0, 0.0, 0.8), kind=Kind.PEDESTRIAN)
     first = {"b0": (5.0, 0.0), "b1": (8.0, 0.0), "b2": (8.0, 0.0)}
-    assert walking_on(people, first).speed.tolist() == [0.0, WALKING, 0.8]
+    assert predict_walking_on(people, first).speed.tolist() == [0.0, WALKING, 0.8]
     cars = replace(people, kind=np.full(3, Kind.VEHICLE, dtype=np.uint8))
-    assert walking_on(cars, first).speed.tolist() == [0.0, 0.0, 0.8]
+    assert predict_walking_on(cars, first).speed.tolist() == [0.0, 0.0, 0.8]

@@ -14,34 +14,34 @@ from testing.negotiation_fakes import agreeable, completion, crossing, lines_of,
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.negotiation.conversation import Line, Talk, read_line, speaking_order
-from mdrive_sumo.negotiation.critic import critique, ridden_actions
-from mdrive_sumo.negotiation.language_model import Model, ModelSettings, check_settings
-from mdrive_sumo.negotiation.llm_endpoint import completions_url
+from mdrive_sumo.negotiation.conversation import Conversation, Utterance, compute_speaking_order, parse_utterance
+from mdrive_sumo.negotiation.critic import avoid_slow_keeping, evaluate_actions
+from mdrive_sumo.negotiation.language_model import LanguageModel, LanguageModelSettings, check_settings
+from mdrive_sumo.negotiation.llm_endpoint import build_completions_url
 from mdrive_sumo.negotiation.llm_negotiator import LlmNegotiator
-from mdrive_sumo.negotiation.llm_options import llm_options
-from mdrive_sumo.negotiation.prompt import actions_in, clean_message, mappers_chat, speakers_chat
+from mdrive_sumo.negotiation.llm_options import read_llm_options
+from mdrive_sumo.negotiation.prompt import build_action_chat, build_speaker_chat, clean_message, parse_actions
 from mdrive_sumo.v2x.messages import Intention, Mcm, decode
 
 GROUP = ("a", "b")
 
 
-def negotiators(settings: ModelSettings, instant: bool = False, names: str = "ab") -> dict[str, LlmNegotiator]:
-    return {name: LlmNegotiator(Model(settings, seed), instant) for seed, name in enumerate(names, 7)}
+def negotiators(settings: LanguageModelSettings, instant: bool = False, names: str = "ab") -> dict[str, LlmNegotiator]:
+    return {name: LlmNegotiator(LanguageModel(settings, seed), instant) for seed, name in enumerate(names, 7)}
 
 
-def settings_for(url: str, **more: Any) -> ModelSettings:
-    return check_settings(ModelSettings(endpoint=url, timeout_s=30.0, **more))
+def settings_for(url: str, **more: Any) -> LanguageModelSettings:
+    return check_settings(LanguageModelSettings(endpoint=url, timeout_s=30.0, **more))
 
 
 def test_a_prompt_tells_who_is_where() -> None:
     a, b = crossing(20, 20).values()
-    system, user = speakers_chat(a, [b], [("b", "I turn left.")], "a and b would come too close")
+    system, user = build_speaker_chat(a, [b], [("b", "I turn left.")], "a and b would come too close")
     assert "merges" in system["content"] and "turns left" in system["content"]
     for part in ("You are car a: 6.0 m/s", "car b: 28.3 m ahead right, moving from right to left, 6.0 m/s",
                  "means to KEEP", "b: I turn left.", "a and b would come too close"):  # fmt: skip
         assert part in user["content"]
-    assert "a: hello" in mappers_chat([a, b], [("a", "hello")])[1]["content"]
+    assert "a: hello" in build_action_chat([a, b], [("a", "hello")])[1]["content"]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_prompt_tells_who_is_where() -> None:
 )
 def test_unusable_answers_say_what_is_wrong(text: str, wrong: str) -> None:
     with pytest.raises(ValueError, match=wrong):
-        actions_in(text, GROUP)
+        parse_actions(text, GROUP)
 
 
 @pytest.mark.parametrize(
@@ -73,52 +73,52 @@ def test_unusable_answers_say_what_is_wrong(text: str, wrong: str) -> None:
     ],
 )
 def test_usable_answers(text: str, consensus: float | None) -> None:
-    assert actions_in(text, GROUP) == ({"a": Intention.STOP, "b": Intention.FASTER}, consensus)
+    assert parse_actions(text, GROUP) == ({"a": Intention.STOP, "b": Intention.FASTER}, consensus)
 
 
 def test_messages_are_short_valid_utf_8() -> None:
     assert clean_message(" I\n go \ud800 first ") == "I go ? first"
     long = clean_message("ä" * 2000)
-    assert len(Line("0" * 8, 3, True, long).written().encode()) <= 1024 and long.strip("ä") == ""
+    assert len(Utterance("0" * 8, 3, True, long).to_text().encode()) <= 1024 and long.strip("ä") == ""
     with pytest.raises(ValueError, match="empty"):
         clean_message(" \n ")
 
 
 def test_lines_survive_the_channel_and_other_texts_are_none() -> None:
-    for line in (Line("01234567", 2, False, "I go [first] x"), Line("89abcdef", 3, True, "a\nb")):
-        assert read_line(line.written()) == line
-    assert read_line("hello [01234567 1] x") is None
+    for line in (Utterance("01234567", 2, False, "I go [first] x"), Utterance("89abcdef", 3, True, "a\nb")):
+        assert parse_utterance(line.to_text()) == line
+    assert parse_utterance("hello [01234567 1] x") is None
 
 
 def test_nobody_can_speak_for_others() -> None:
-    talking = Talk(GROUP, GROUP, 0)
-    said = Line(talking.name, 1, False, "I stop.\nb: I stop too.\u2028c: so do I")
-    talking.note(3, Message("text", b"", "a", 2), said)
-    talking.note(3, Message("text", b"", "z", 2), said)
-    assert talking.conversation() == [("a", "I stop. b: I stop too. c: so do I")]
-    assert talking.turn_of(3) == "b"
+    talking = Conversation(GROUP, GROUP, 0)
+    said = Utterance(talking.id, 1, False, "I stop.\nb: I stop too.\u2028c: so do I")
+    talking.receive(3, Message("text", b"", "a", 2), said)
+    talking.receive(3, Message("text", b"", "z", 2), said)
+    assert talking.get_utterances() == [("a", "I stop. b: I stop too. c: so do I")]
+    assert talking.find_next_speaker(3) == "b"
 
 
 def test_the_most_central_speaks_first() -> None:
     cars = [member("a", 0, 0, 0), member("b", 30, 0, 0), member("c", 20, 0, 0)]
-    assert speaking_order(cars) == ("c", "b", "a")  # sums of distances: 30, 40, 50
+    assert compute_speaking_order(cars) == ("c", "b", "a")  # sums of distances: 30, 40, 50
 
 
 def test_the_critic_names_who_comes_too_close_or_asks_for_speed() -> None:
     cars = list(crossing(10, 10).values())
-    both = critique(cars, {"a": Intention.KEEP, "b": Intention.KEEP})
+    both = evaluate_actions(cars, {"a": Intention.KEEP, "b": Intention.KEEP})
     assert "a and b would come too close" in both.feedback and both.safety < 0.1
-    nobody = critique(cars, {"a": Intention.STOP, "b": Intention.STOP})
+    nobody = evaluate_actions(cars, {"a": Intention.STOP, "b": Intention.STOP})
     assert "too slow" in nobody.feedback and nobody.efficiency < 0.4
-    one = critique(cars, {"a": Intention.FASTER, "b": Intention.STOP})
+    one = evaluate_actions(cars, {"a": Intention.FASTER, "b": Intention.STOP})
     assert one.feedback == "" and one.safety > 0.7 and one.efficiency > 0.4
     slow = [member("a", 0, 0, 0, 3.9)]
-    assert ridden_actions({"a": Intention.KEEP}, slow) == {"a": Intention.FASTER}
+    assert avoid_slow_keeping({"a": Intention.KEEP}, slow) == {"a": Intention.FASTER}
 
 
 @pytest.mark.parametrize("endpoint", ["http://h:1", "http://h:1/", "http://h:1/v1", "http://h:1/v1/chat/completions"])
 def test_the_endpoint_may_be_named_in_several_ways(endpoint: str) -> None:
-    assert completions_url(endpoint) == "http://h:1/v1/chat/completions"
+    assert build_completions_url(endpoint) == "http://h:1/v1/chat/completions"
 
 
 def test_cars_talk_in_turn_over_the_channel_and_obey() -> None:
@@ -258,7 +258,7 @@ def test_whatever_the_endpoint_does_the_rule_takes_over(
     monkeypatch.setattr("mdrive_sumo.negotiation.language_model.FIRST_PAUSE_S", 0.0)
     limit_s = 0.3 if reason.startswith("timeout") else 30.0
     with served(None, raw) as service:
-        model = Model(ModelSettings(endpoint=service.url, timeout_s=limit_s), 1)
+        model = LanguageModel(LanguageModelSettings(endpoint=service.url, timeout_s=limit_s), 1)
         started = time.monotonic()
         assert model.ask([{"role": "user", "content": "?"}], 9, clean_message) is None
         assert time.monotonic() - started < 30.0
@@ -273,7 +273,7 @@ def test_what_only_an_endpoint_needs_is_not_imported_before() -> None:
 
 
 def test_nobody_there() -> None:
-    model = Model(ModelSettings(endpoint="http://127.0.0.1:9", timeout_s=30.0), 1)
+    model = LanguageModel(LanguageModelSettings(endpoint="http://127.0.0.1:9", timeout_s=30.0), 1)
     assert model.ask([], 9, clean_message) is None
     assert model.notes[-1].text == "connection: ConnectError"
 
@@ -283,15 +283,15 @@ def test_an_unusable_answer_is_sent_back_with_what_is_wrong() -> None:
         return 200, completion('{"a": "STOP", "b": "KEEP"}' if len(request["messages"]) > 2 else '{"a": "HALT"}')
 
     with served(answering) as service:
-        model = Model(settings_for(service.url), 1)
-        found = model.ask([{"role": "user", "content": "?"}], 9, lambda text: actions_in(text, GROUP))
+        model = LanguageModel(settings_for(service.url), 1)
+        found = model.ask([{"role": "user", "content": "?"}], 9, lambda text: parse_actions(text, GROUP))
     assert found is not None and found[0]["a"] == Intention.STOP
     assert "exactly the ids a, b" in service.requests[1]["messages"][-1]["content"]
 
 
 def test_an_endpoint_that_fails_three_times_in_a_row_is_given_up() -> None:
     with served(lambda request: (500, b"")) as service:
-        model = Model(ModelSettings(endpoint=service.url, timeout_s=30.0), 1)
+        model = LanguageModel(LanguageModelSettings(endpoint=service.url, timeout_s=30.0), 1)
         for _ in range(5):
             assert model.ask([], 9, clean_message) is None
     assert len(service.requests) == 9
@@ -301,7 +301,7 @@ def test_an_endpoint_that_fails_three_times_in_a_row_is_given_up() -> None:
 @pytest.mark.parametrize(("limit", "reason"), [({"max_calls": 2}, "2 calls"), ({"max_tokens_total": 11}, "11 tokens")])
 def test_the_budget_is_kept(limit: dict[str, int], reason: str) -> None:
     with served(lambda request: (200, completion("ok", usage={"total_tokens": 6}))) as service:
-        model = Model(settings_for(service.url, **limit), 1)
+        model = LanguageModel(settings_for(service.url, **limit), 1)
         said = [model.ask([], 9, clean_message) for _ in range(4)]
     assert said == ["ok", "ok", None, None] and len(service.requests) == 2
     assert reason in model.notes[-1].text
@@ -318,25 +318,25 @@ def test_the_key_is_sent_and_kept_nowhere(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize(
     ("settings", "wrong"),
     [
-        (ModelSettings(), "option endpoint"),
-        (ModelSettings(endpoint="file:///etc/passwd"), "option endpoint"),
-        (ModelSettings(endpoint="http://"), "option endpoint"),
-        (ModelSettings(endpoint="http://127.0.0.1:99999/v1"), "option endpoint"),
-        (ModelSettings(endpoint="http://127.0.0.1:port/v1"), "option endpoint"),
-        (ModelSettings(endpoint="https://me:sesame@h/v1"), r"found 'https://\.\.\.@h/v1'"),
-        (ModelSettings(endpoint="https://h/v1?key=sesame"), "or query"),
-        (ModelSettings(endpoint="http://h", api_key_env="NO_SUCH_VARIABLE_HERE"), "option api_key_env"),
-        (ModelSettings(transcript="/no/such/file.jsonl"), "transcript /no/such/file.jsonl"),
+        (LanguageModelSettings(), "option endpoint"),
+        (LanguageModelSettings(endpoint="file:///etc/passwd"), "option endpoint"),
+        (LanguageModelSettings(endpoint="http://"), "option endpoint"),
+        (LanguageModelSettings(endpoint="http://127.0.0.1:99999/v1"), "option endpoint"),
+        (LanguageModelSettings(endpoint="http://127.0.0.1:port/v1"), "option endpoint"),
+        (LanguageModelSettings(endpoint="https://me:sesame@h/v1"), r"found 'https://\.\.\.@h/v1'"),
+        (LanguageModelSettings(endpoint="https://h/v1?key=sesame"), "or query"),
+        (LanguageModelSettings(endpoint="http://h", api_key_env="NO_SUCH_VARIABLE_HERE"), "option api_key_env"),
+        (LanguageModelSettings(transcript="/no/such/file.jsonl"), "transcript /no/such/file.jsonl"),
     ],
 )
-def test_unusable_settings(settings: ModelSettings, wrong: str) -> None:
+def test_unusable_settings(settings: LanguageModelSettings, wrong: str) -> None:
     with pytest.raises(InputError, match=wrong):
         check_settings(settings)
 
 
 def test_options_make_settings() -> None:
-    assert llm_options("x", {"endpoint": "http://h", "rounds": "instant", "tries": 2}) == (
-        ModelSettings(endpoint="http://h", tries=2),
+    assert read_llm_options("x", {"endpoint": "http://h", "rounds": "instant", "tries": 2}) == (
+        LanguageModelSettings(endpoint="http://h", tries=2),
         True,
     )
 
@@ -354,7 +354,7 @@ def test_options_make_settings() -> None:
 )
 def test_unusable_options(option: dict[str, Any], wrong: str) -> None:
     with pytest.raises(InputError, match=wrong):
-        llm_options("colmdriver", {"endpoint": "http://h"} | option)
+        read_llm_options("colmdriver", {"endpoint": "http://h"} | option)
 
 
 ENDLESS = '{"seed": 1, "ordinal": 0, "digest": "x", "answer": "y", "tokens": Infinity}'
@@ -367,7 +367,7 @@ def test_a_file_that_is_no_transcript(tmp_path: Path, line: str) -> None:
     path = tmp_path / "t.jsonl"
     path.write_text(f"\n{line}\n")
     with pytest.raises(InputError, match="line 2: expected an exchange"):
-        check_settings(ModelSettings(transcript=str(path)))
+        check_settings(LanguageModelSettings(transcript=str(path)))
 
 
 def flaky(request: dict[str, Any]) -> tuple[int, bytes]:
@@ -383,21 +383,21 @@ def test_a_replay_says_the_same_without_any_endpoint(
 ) -> None:
     monkeypatch.setattr("mdrive_sumo.negotiation.language_model.FIRST_PAUSE_S", 0.0)
     with served(answering) as service:
-        settings = ModelSettings(endpoint=service.url, timeout_s=30.0, give_up_after=99)
+        settings = LanguageModelSettings(endpoint=service.url, timeout_s=30.0, give_up_after=99)
         steps = talk(crossing(), negotiators(settings, instant), 41)
     path = tmp_path / "transcript.jsonl"
     path.write_text("\n".join(lines_of(steps, "llm-exchange")) + "\n")
-    again = check_settings(ModelSettings(transcript=str(path), give_up_after=99))
+    again = check_settings(LanguageModelSettings(transcript=str(path), give_up_after=99))
     assert replies(talk(crossing(), negotiators(again, instant), 41)) == replies(steps)
     assert lines_of(steps, "llm-exchange")
 
 
 def test_a_replay_repeats_a_timeout(tmp_path: Path) -> None:
     with served(None, misbehaving) as service:
-        steps = talk(crossing(), negotiators(ModelSettings(endpoint=service.url, timeout_s=0.1)), 12)
+        steps = talk(crossing(), negotiators(LanguageModelSettings(endpoint=service.url, timeout_s=0.1)), 12)
     path = tmp_path / "transcript.jsonl"
     path.write_text("\n".join(lines_of(steps, "llm-exchange")))
-    again = ModelSettings(transcript=str(path), timeout_s=0.1)
+    again = LanguageModelSettings(transcript=str(path), timeout_s=0.1)
     assert replies(talk(crossing(), negotiators(again), 12)) == replies(steps)
     assert "timeout" in lines_of(steps, "llm-fallback")[0]
 
@@ -405,7 +405,7 @@ def test_a_replay_repeats_a_timeout(tmp_path: Path) -> None:
 def test_what_a_transcript_lacks_is_a_counted_fallback(tmp_path: Path) -> None:
     path = tmp_path / "transcript.jsonl"
     path.write_text("")
-    steps = talk(crossing(), negotiators(ModelSettings(transcript=str(path))), 12)
+    steps = talk(crossing(), negotiators(LanguageModelSettings(transcript=str(path))), 12)
     assert lines_of(steps, "llm-fallback")[0].startswith("missing: the transcript has no answer")
     told = steps[11]["b"].decision
     assert told is not None and told.intention == Intention.STOP  # the rule's

@@ -20,12 +20,12 @@ from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.perception.static_object_tracker import Standing
-from mdrive_sumo.planning.detour import SHARPEST, around, spans
-from mdrive_sumo.planning.obstacle_passing import Passing
-from mdrive_sumo.planning.path import SPACING_M, make_path
-from mdrive_sumo.planning.path_overlap import cells_of, footprints
-from mdrive_sumo.planning.space_time_planner import Planner
+from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
+from mdrive_sumo.planning.detour import SHARPEST, compute_box_extents, find_detour
+from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
+from mdrive_sumo.planning.path_overlap import compute_footprints, find_cells
+from mdrive_sumo.planning.reference_path import SPACING_M, build_path
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
 from mdrive_sumo.roads import Lane, RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sensing.briefing_builder import build_briefing
@@ -122,14 +122,14 @@ def test_a_detour_is_clear_on_the_road_and_drivable(
     radius: float, boxes: list[tuple[int, float, float, float, float]], speed: float, oncoming: int
 ) -> None:
     me = told(radius, oncoming)
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
     corners = np.array([box(me.route_xy, *one) for one in boxes])
-    detour = around(path, 3.0, speed, corners, me)
+    detour = find_detour(path, 3.0, speed, corners, me)
     assume(detour is not None)
     assert detour is not None
-    cells = cells_of(detour.path, np.arange(3.0, detour.last, SPACING_M))
-    mine = shapely.polygons(footprints(detour.path, CAR.length, CAR.width, cells))
-    passed = shapely.polygons(corners[spans(path, 3.0, corners)[:, 0] < detour.last - 4.0])
+    cells = find_cells(detour.path, np.arange(3.0, detour.last_s, SPACING_M))
+    mine = shapely.polygons(compute_footprints(detour.path, CAR.length, CAR.width, cells))
+    passed = shapely.polygons(corners[compute_box_extents(path, 3.0, corners)[:, 0] < detour.last_s - 4.0])
     assert shapely.distance(mine[:, None], passed).min() > 0.2
     beside = shapely.distance(shapely.union_all(mine), passed)
     assert (beside > 0.2).all()
@@ -139,18 +139,18 @@ def test_a_detour_is_clear_on_the_road_and_drivable(
     old, new = shapely.LineString(path.xy), shapely.points(detour.path.xy)
     gone = shapely.distance(new, old)
     stations = np.arange(len(new)) * SPACING_M
-    assert gone[(stations < detour.first) | (stations > detour.last)].max() < 0.01
+    assert gone[(stations < detour.first_s) | (stations > detour.last_s)].max() < 0.01
     assert np.hypot(*np.diff(detour.path.xy, axis=0).T) == pytest.approx(SPACING_M, abs=0.01)
-    assert detour.path.points(np.array((detour.path.goal_s,))) == pytest.approx(
-        path.points(np.array((path.goal_s,))), abs=0.02 + float(gone[-1])
+    assert detour.path.get_points(np.array((detour.path.goal_s,))) == pytest.approx(
+        path.get_points(np.array((path.goal_s,))), abs=0.02 + float(gone[-1])
     )
 
 
 def test_the_least_shift_is_taken() -> None:
     me = told(1e6)
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
     cone = box(me.route_xy, 35, -1.2, 0.4, 0.4)
-    detour = around(path, 0.0, 5.0, cone[None], me)
+    detour = find_detour(path, 0.0, 5.0, cone[None], me)
     assert detour is not None
     assert detour.path.xy[:, 1].max() == pytest.approx(-1.0 + 1.0 + 0.5, abs=0.1)  # cone's edge, half a car, clearance
 
@@ -162,25 +162,25 @@ def test_a_shift_that_brings_more_into_the_way_is_compared_as_it_ends() -> None:
         road(1e6), lanes={**lanes, "r_1": replace(lanes["r_0"], id="r_1", centre=Polyline(bent(1e6, aside=-WIDTH)))}
     )
     me = build_briefing(ego("0", bent(1e6)), roads, CAR, 0, 100.0)
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
     boxes = np.array([box(me.route_xy, 35, -0.2, 0.8, 1.6), box(me.route_xy, 35, 1.8, 0.8, 0.8)])
-    detour = around(path, 0.0, 5.0, boxes, me)
+    detour = find_detour(path, 0.0, 5.0, boxes, me)
     assert detour is not None
     assert detour.path.xy[:, 1].min() == pytest.approx(-2.5, abs=0.1)
 
 
 def test_who_moved_once_is_remembered() -> None:
-    standing, seen = Standing(), things((20.0, 0.0, 0.0), (40.0, 0.0, 0.0))
+    standing, seen = StaticObjectTracker(), things((20.0, 0.0, 0.0), (40.0, 0.0, 0.0))
     for tick, x in enumerate((20.0, 20.0, 25.0, 25.0)):
         seen = things((x, 0.0, 0.0), (40.0, 0.0, 0.0))
-        standing.look(tick, seen)
-    assert standing.unmoved(seen).tolist() == [False, True]
+        standing.update(tick, seen)
+    assert standing.find_never_moved(seen).tolist() == [False, True]
 
 
 def test_a_parked_car_is_passed_on_the_left_by_the_clearance() -> None:
     me = told(1e6)
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
-    detour = around(path, 0.0, 8.0, box(me.route_xy, 35, 0.0, 4.5, 1.8)[None], me)
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    detour = find_detour(path, 0.0, 8.0, box(me.route_xy, 35, 0.0, 4.5, 1.8)[None], me)
     assert detour is not None
     assert detour.path.xy[:, 1].max() == pytest.approx(0.9 + 0.5 + 1.0, abs=0.02)
 
@@ -196,22 +196,22 @@ def test_a_parked_car_is_passed_on_the_left_by_the_clearance() -> None:
 )
 def test_there_is_no_detour(boxes: list[tuple[int, float, float, float]], oncoming: int) -> None:
     me = told(1e6, oncoming)
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
-    assert around(path, 3.0, 2.0, np.array([box(me.route_xy, *one) for one in boxes]), me) is None
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    assert find_detour(path, 3.0, 2.0, np.array([box(me.route_xy, *one) for one in boxes]), me) is None
 
 
 def test_without_knowledge_of_the_road_nobody_leaves_the_path() -> None:
     me = replace(told(1e6), route_room=np.zeros((0, 2)))
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
-    assert around(path, 0.0, 5.0, box(me.route_xy, 35, 0.0, 4.5, 1.8)[None], me) is None
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    assert find_detour(path, 0.0, 5.0, box(me.route_xy, 35, 0.0, 4.5, 1.8)[None], me) is None
 
 
 def test_who_is_too_fast_for_the_ramp_slows_down_first() -> None:
     me = told(1e6)
-    path = make_path(me.route_xy, CAR.rear_to_centre, 0.0)
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0)
     car = box(me.route_xy, 20, 0.0, 4.5, 1.8)[None]
-    assert around(path, 0.0, 3.0, car, me) is not None
-    assert around(path, 0.0, 10.0, car, me) is None
+    assert find_detour(path, 0.0, 3.0, car, me) is not None
+    assert find_detour(path, 0.0, 10.0, car, me) is None
 
 
 def things(*rows: tuple[float, float, float], kind: Kind = Kind.STATIC) -> Objects:
@@ -224,30 +224,30 @@ def things(*rows: tuple[float, float, float], kind: Kind = Kind.STATIC) -> Objec
 
 class TestStanding:
     def test_the_mean_of_noisy_looks_is_better_than_one(self) -> None:
-        rng, standing = np.random.default_rng(0), Standing()
+        rng, standing = np.random.default_rng(0), StaticObjectTracker()
         for tick in range(0, 80, 4):
             noisy = things((20.0 + rng.normal(0, 0.2), rng.normal(0, 0.2), rng.normal(0, 0.5)))
-            standing.look(tick, noisy)
-        best = standing.settled(noisy, np.array([True]))
-        assert standing.seconds(noisy) == pytest.approx([3.8])
+            standing.update(tick, noisy)
+        best = standing.replace_by_means(noisy, np.array([True]))
+        assert standing.compute_standstill_durations(noisy) == pytest.approx([3.8])
         assert math.hypot(best.x[0] - 20.0, best.y[0]) < 0.12
         assert best.speed[0] == 0.0
         assert best.kind[0] == Kind.STATIC
 
     def test_who_creeps_does_not_stand(self) -> None:
-        standing = Standing()
+        standing = StaticObjectTracker()
         for tick in range(0, 240, 4):
             creeping = things((20.0 + 0.3 * tick * DT, 0.0, 0.3))
-            standing.look(tick, creeping)
-        assert standing.seconds(creeping)[0] < 8.0
+            standing.update(tick, creeping)
+        assert standing.compute_standstill_durations(creeping)[0] < 8.0
 
     def test_what_is_missed_is_recalled_for_a_second(self) -> None:
-        standing, nothing = Standing(), things()
+        standing, nothing = StaticObjectTracker(), things()
         for tick in range(0, 44, 4):
-            standing.look(tick, things((20.0, 0.0, 0.0)))
-        assert standing.recalled(50, nothing, 1.0).ids == ("b0",)
-        assert standing.recalled(50, nothing, 3.0).ids == ()
-        assert standing.recalled(70, nothing, 1.0).ids == ()
+            standing.update(tick, things((20.0, 0.0, 0.0)))
+        assert standing.add_missed_objects(50, nothing, 1.0).ids == ("b0",)
+        assert standing.add_missed_objects(50, nothing, 3.0).ids == ()
+        assert standing.add_missed_objects(70, nothing, 1.0).ids == ()
 
 
 class Driver:
@@ -255,16 +255,16 @@ class Driver:
 
     def __init__(self, oncoming: int = 1) -> None:
         self.me = told(1e6, oncoming)
-        self.planner = Planner(self.me, 0.0, 8.0)
-        self.passing = Passing(self.me)
+        self.planner = SpaceTimePlanner(self.me, 0.0, 8.0)
+        self.passing = ObstacleAvoidance(self.me)
         self.path = self.planner.path
 
     def looks(self, seconds: float, objects: Objects, halts: tuple[float, ...] = ()) -> tuple[bool, list[float]]:
         """Whether the path is another one after so long, and where to wait."""
         own, held = STANDING_OWN, []
         for tick in range(0, round(seconds / DT) + 1, 4):
-            self.planner.follow(tick, own)
-            _, holds = self.passing.step(Observation(tick, own, objects), objects, self.planner, list(halts))
+            self.planner.track_ego(tick, own)
+            _, holds = self.passing.update(Observation(tick, own, objects), objects, self.planner, list(halts))
             held = [barrier.s for barrier in holds]
         return self.planner.path is not self.path, held
 
@@ -294,8 +294,8 @@ class TestPassing:
         driver, own = Driver(), STANDING_OWN
         for tick in range(0, 300, 4):
             both = things((35.0, 0.0, 0.0), (30.0 + tick % 12, 5.0, 3.0), kind=Kind.VEHICLE)
-            driver.planner.follow(tick, own)
-            driver.passing.step(Observation(tick, own, both), both, driver.planner, [])
+            driver.planner.track_ego(tick, own)
+            driver.passing.update(Observation(tick, own, both), both, driver.planner, [])
         assert driver.planner.path is driver.path
 
     def test_oncoming_traffic_is_waited_for(self) -> None:
@@ -307,8 +307,8 @@ class TestPassing:
             both = replace(
                 both, kind=np.array([Kind.STATIC, Kind.VEHICLE], dtype=np.uint8), yaw=np.array([0.0, math.pi])
             )
-            driver.planner.follow(tick, own)
-            driver.passing.step(Observation(tick, own, both), both, driver.planner, [])
+            driver.planner.track_ego(tick, own)
+            driver.passing.update(Observation(tick, own, both), both, driver.planner, [])
             if diverted_at is None and driver.planner.path is not driver.path:
                 diverted_at = x
         assert diverted_at is not None

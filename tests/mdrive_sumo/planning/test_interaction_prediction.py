@@ -10,9 +10,9 @@ from testing.planning import LENGTH, briefing, own, straight, things
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.planning.interaction_prediction import BOLD_S, PATIENCE_S, Foresight
-from mdrive_sumo.planning.motion_prediction import TIMES, Motion, giving_way
-from mdrive_sumo.planning.space_time_planner import CHECK_TICKS, Barrier, Planner
+from mdrive_sumo.planning.interaction_prediction import BOLD_S, PATIENCE_S, InteractionPredictor
+from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion, predict_yielding
+from mdrive_sumo.planning.space_time_planner import CHECK_TICKS, SpaceTimePlanner, StopPoint
 
 RIGHT, LEFT = math.pi / 2, -math.pi / 2
 """Directions of those who come from my right, and from my left."""
@@ -20,7 +20,7 @@ RIGHT, LEFT = math.pi / 2, -math.pi / 2
 
 def expected(
     state: OwnState, *rows: Sequence[float], route: Float | None = None, kind: Kind = Kind.VEHICLE
-) -> tuple[list[Motion], list[Barrier]]:
+) -> tuple[list[PredictedMotion], list[StopPoint]]:
     """The first look of a driver on the straight way."""
     return Driver(route).looks(state, things(*rows, kind=kind))
 
@@ -29,14 +29,14 @@ class Driver:
     """Looks five times a second."""
 
     def __init__(self, route: Float | None = None, seed: int = 1) -> None:
-        self.planner = Planner(briefing(route), 0.0, 8.0)
-        self.foresight = Foresight(briefing(route, seed=seed), 8.0)
+        self.planner = SpaceTimePlanner(briefing(route), 0.0, 8.0)
+        self.foresight = InteractionPredictor(briefing(route, seed=seed), 8.0)
         self.tick = 0
 
-    def looks(self, state: OwnState, objects: Objects) -> tuple[list[Motion], list[Barrier]]:
-        self.planner.follow(self.tick, state)
+    def looks(self, state: OwnState, objects: Objects) -> tuple[list[PredictedMotion], list[StopPoint]]:
+        self.planner.track_ego(self.tick, state)
         self.tick += CHECK_TICKS
-        return self.foresight.outlook(state, objects, self.planner)
+        return self.foresight.predict(state, objects, self.planner)
 
 
 def test_who_comes_from_the_right_goes_first_and_from_the_left_does_not() -> None:
@@ -46,8 +46,8 @@ def test_who_comes_from_the_right_goes_first_and_from_the_left_does_not() -> Non
     assert right.poses[-1, 1] > 5.0  # and is expected to go on
     (left,), none = expected(moving, (20.0, 20.0, LEFT, 8.0))
     assert none == []
-    assert left.stands
-    assert left.poses[-1, 1] == pytest.approx(20.0 - giving_way(8.0)[-1])  # he brakes for me
+    assert left.stands_at_end
+    assert left.poses[-1, 1] == pytest.approx(20.0 - predict_yielding(8.0)[-1])  # he brakes for me
 
 
 def test_who_is_there_first_goes_first_wherever_he_comes_from() -> None:
@@ -79,7 +79,7 @@ def test_who_turns_lets_the_oncoming_one_go_who_does_not() -> None:
     oncoming = (28.0, 3.5, math.pi, 5.0)
     motions, waits = expected(own(speed=5.0), oncoming, route=turning_left())
     assert len(motions) == len(waits) == 1
-    assert not motions[0].stands
+    assert not motions[0].stands_at_end
     assert expected(own(speed=5.0), oncoming) == ([], [])  # straight on he is in nobody's way
 
 
@@ -96,8 +96,8 @@ def test_who_comes_to_where_i_am_already_is_ignored() -> None:
 def test_who_leads_may_brake_at_any_time_and_follows_the_way() -> None:
     (leader,), waits = expected(own(speed=8.0), (15.0, 0.0, 0.0, 6.0))
     assert waits == []
-    assert leader.stands
-    assert leader.poses[-1, 0] == pytest.approx(15.0 + giving_way(6.0)[-1], abs=0.1)
+    assert leader.stands_at_end
+    assert leader.poses[-1, 0] == pytest.approx(15.0 + predict_yielding(6.0)[-1], abs=0.1)
     (turner,), _ = expected(own(speed=3.0), (10.0, 0.0, 0.0, 8.0), route=turning_left())
     assert turner.poses[-1, 1] > 0.5  # along my bend, not straight on
 
@@ -105,7 +105,7 @@ def test_who_leads_may_brake_at_any_time_and_follows_the_way() -> None:
 def test_what_stands_on_the_way_stays_there() -> None:
     (box,), waits = expected(own(speed=8.0), (25.0, 0.5, 1.0, 0.0), kind=Kind.STATIC)
     assert waits == []
-    assert box.stands
+    assert box.stands_at_end
     assert np.ptp(box.poses, axis=0) == pytest.approx(0.0)
     assert box.poses[0] == pytest.approx((25.0, 0.5, 1.0))
 
@@ -122,7 +122,7 @@ def test_who_merges_before_me_may_hesitate() -> None:
 def test_when_two_stand_who_would_meet_head_on_the_one_further_west_goes(side: float, waits: int) -> None:
     """The same place twice, the second time turned by half a circle."""
     driver, yaw = Driver(side * straight(60.0)), math.radians(0 if side > 0 else 180)
-    driver.planner = Planner(briefing(side * straight(60.0)), yaw, 8.0)
+    driver.planner = SpaceTimePlanner(briefing(side * straight(60.0)), yaw, 8.0)
     askew = things((side * 34.0, side * 3.0, yaw + math.radians(198), 0.0))
     assert len(driver.looks(own(side * 8.0, 0.0, yaw), askew)[1]) == waits
 

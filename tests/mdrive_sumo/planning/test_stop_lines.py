@@ -7,9 +7,9 @@ import pytest
 from testing.planning import briefing, own, seen, things
 
 from mdrive_sumo.contract import StopSign, TrafficLight
-from mdrive_sumo.planning.ego_planner import Drive
-from mdrive_sumo.planning.path import make_path
-from mdrive_sumo.planning.stop_lines import LIGHT_MARGIN_M, SIGN_MARGIN_M, Lines, lines_on
+from mdrive_sumo.planning.ego_planner import EgoPlanner
+from mdrive_sumo.planning.reference_path import build_path
+from mdrive_sumo.planning.stop_lines import LIGHT_MARGIN_M, SIGN_MARGIN_M, StopLines, build_stop_lines
 
 LIGHTS = (TrafficLight("L", 50.0),)
 
@@ -23,17 +23,17 @@ def no(line: float) -> bool:
 
 
 def test_a_stop_sign_is_minded_until_one_has_stood_before_it() -> None:
-    lines = Lines([30.0], ())
+    lines = StopLines([30.0], ())
     before = [30.0 - SIGN_MARGIN_M]
-    assert lines.stations(10.0, 8.0, {}, yes) == before
-    assert lines.stations(10.0, 0.0, {}, yes) == before  # stood, but far away
-    assert lines.stations(28.0, 0.5, {}, yes) == before  # there, but rolling
-    assert lines.stations(28.0, 0.0, {}, yes) == []
-    assert lines.stations(28.5, 2.0, {}, yes) == []  # and it is not minded again
+    assert lines.find_stop_stations(10.0, 8.0, {}, yes) == before
+    assert lines.find_stop_stations(10.0, 0.0, {}, yes) == before  # stood, but far away
+    assert lines.find_stop_stations(28.0, 0.5, {}, yes) == before  # there, but rolling
+    assert lines.find_stop_stations(28.0, 0.0, {}, yes) == []
+    assert lines.find_stop_stations(28.5, 2.0, {}, yes) == []  # and it is not minded again
 
 
 def test_a_stop_sign_that_has_been_passed_is_not_minded() -> None:
-    assert Lines([30.0], ()).stations(30.1, 8.0, {}, yes) == []
+    assert StopLines([30.0], ()).find_stop_stations(30.1, 8.0, {}, yes) == []
 
 
 @pytest.mark.parametrize(
@@ -42,29 +42,31 @@ def test_a_stop_sign_that_has_been_passed_is_not_minded() -> None:
      ("Y", 20.0, no, False), ("g", 20.0, yes, False), ("G", 20.0, yes, False), ("r", 50.1, yes, False)],
 )  # fmt: skip
 def test_lights_by_their_colour(letter: str, here: float, can_stop: Callable[[float], bool], held: bool) -> None:
-    found = Lines([], LIGHTS).stations(here, 8.0, {"L": letter}, can_stop)
+    found = StopLines([], LIGHTS).find_stop_stations(here, 8.0, {"L": letter}, can_stop)
     assert found == ([50.0 - LIGHT_MARGIN_M] if held else [])
 
 
 def test_a_light_that_shows_nothing_is_green() -> None:
-    assert Lines([], LIGHTS).stations(20.0, 8.0, {}, yes) == []
+    assert StopLines([], LIGHTS).find_stop_stations(20.0, 8.0, {}, yes) == []
 
 
 def test_lines_are_told_along_the_path_and_signs_can_be_left_out() -> None:
     about = replace(briefing(), stop_signs=(StopSign(30.0),), traffic_lights=LIGHTS)
-    path = make_path(about.route_xy, about.vehicle.rear_to_centre, 0.0)
+    path = build_path(about.route_xy, about.vehicle.rear_to_centre, 0.0)
     red = {"L": "r"}
-    assert lines_on(path, about).stations(0.0, 8.0, red, yes) == pytest.approx([28.5, 47.0], abs=0.3)
-    assert lines_on(path, about, signs=False).stations(0.0, 8.0, red, yes) == pytest.approx([47.0], abs=0.3)
+    assert build_stop_lines(path, about).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx([28.5, 47.0], abs=0.3)
+    assert build_stop_lines(path, about, signs=False).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx(
+        [47.0], abs=0.3
+    )
 
 
 @pytest.mark.parametrize(("letter", "x", "stops"), [("r", 20.0, True), ("g", 20.0, False), ("y", 20.0, True),
                                                      ("y", 42.0, False)])  # fmt: skip
 def test_a_drive_stops_at_red_and_at_yellow_only_if_it_still_can(letter: str, x: float, stops: bool) -> None:
-    drive = Drive(replace(briefing(), traffic_lights=LIGHTS), own(x, speed=8.0), 8.0)
+    drive = EgoPlanner(replace(briefing(), traffic_lights=LIGHTS), own(x, speed=8.0), 8.0)
     now = replace(seen(0, own(x, speed=8.0), things()), signals={"L": letter})
     drive.planner.s = x
-    assert drive.due(now)
-    drive.step(now, things())
-    end = float(drive.planner.planned(0)[-1, 0])
+    assert drive.track_ego(now)
+    drive.update_plan(now, things())
+    end = float(drive.planner.get_planned_points(0)[-1, 0])
     assert end < 50.0 - LIGHT_MARGIN_M + 0.3 if stops else end > 60.0

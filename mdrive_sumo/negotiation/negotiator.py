@@ -12,7 +12,7 @@ from mdrive_sumo.v2x.messages import Direction, Intention
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class NegotiationMember:
     """One CAV as the negotiation sees it now: of oneself exact, of others from their last MCM, made up for its age."""
 
     id: str
@@ -31,7 +31,7 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class NegotiationDecision:
     """What came of a negotiation for one CAV."""
 
     intention: Intention
@@ -44,10 +44,10 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class NegotiationStep:
     """A negotiator's answer in one tick."""
 
-    decision: Decision | None = None
+    decision: NegotiationDecision | None = None
     """What holds now; None: drive as you like."""
     messages: tuple[Message, ...] = ()
     notes: tuple[Note, ...] = ()
@@ -56,6 +56,6 @@ class Step:
 class Negotiator(Protocol):
     """One CAV's side of all negotiations; asked on every tick, sends its own MCMs every planning step."""
 
-    def step(self, tick: int, me: Member, heard: Sequence[Message]) -> Step:
+    def step(self, tick: int, me: NegotiationMember, heard: Sequence[Message]) -> NegotiationStep:
         """Takes notice of what was heard and says what holds and what to send."""
         ...

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Objects, VehicleFacts
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning import right_of_way
-from mdrive_sumo.planning.path import make_path
+from mdrive_sumo.planning.reference_path import build_path
 
 REAR = 1.42
 
@@ -23,14 +23,14 @@ def cars(*rows: tuple[float, float, float, float]) -> Objects:
     return Objects(names, kind, *table.T, np.full(len(table), 4.5), np.full(len(table), 1.8))
 
 
-def mover(speed: float = 8.0) -> right_of_way.Mover:
-    return right_of_way.Mover((0.0, 0.0), speed, 8.0, 2.0)
+def mover(speed: float = 8.0) -> right_of_way.EgoMotion:
+    return right_of_way.EgoMotion((0.0, 0.0), speed, 8.0, 2.0)
 
 
 def crossing(
     bearing: float, arrives_s: float, leaves_s: float, x: float = 9.0, turning: bool = False
-) -> right_of_way.Crossing:
-    return right_of_way.Crossing("t", 16.0, 22.0, arrives_s, leaves_s, False, bearing, turning, (x, 0.0))
+) -> right_of_way.CrossingConflict:
+    return right_of_way.CrossingConflict("t", 16.0, 22.0, arrives_s, leaves_s, False, bearing, turning, (x, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -46,40 +46,40 @@ def crossing(
         (crossing(math.pi / 2, 0.1, 0.9), False),  # gone before I come
     ],
 )
-def test_right_of_way(other: right_of_way.Crossing, yields: bool) -> None:
-    assert right_of_way.gives_way(mover(), other, before=False, bold=False) is yields
+def test_right_of_way(other: right_of_way.CrossingConflict, yields: bool) -> None:
+    assert right_of_way.must_yield(mover(), other, yielded_before=False, is_impatient=False) is yields
 
 
 def test_who_gave_way_goes_on_to_do_so_and_the_bold_do_not() -> None:
     slightly_later = crossing(math.pi / 2, 3.0, 4.0)
-    assert right_of_way.gives_way(mover(), slightly_later, before=True, bold=False)
-    assert not right_of_way.gives_way(mover(), slightly_later, before=True, bold=True)
+    assert right_of_way.must_yield(mover(), slightly_later, yielded_before=True, is_impatient=False)
+    assert not right_of_way.must_yield(mover(), slightly_later, yielded_before=True, is_impatient=True)
 
 
 @given(speed=st.floats(0.0, 12.0), distance=st.floats(0.0, 100.0))
 def test_time_to_a_distance_is_the_motion_inverted(speed: float, distance: float) -> None:
-    t = mover(speed=speed).time_to(distance)
+    t = mover(speed=speed).compute_time_to(distance)
     cruise = max(8.0, speed)
     ramp = min(t, (cruise - speed) / 2.0)
     assert speed * ramp + ramp**2 + cruise * (t - ramp) == pytest.approx(distance, abs=1e-6)
 
 
 def test_leaders_are_seen_but_for_followers_beside() -> None:
-    path = make_path(np.column_stack((np.arange(61.0), np.zeros(61))), REAR)
-    ahead = right_of_way.outlook(path, 10.0, _vehicle())
-    found = right_of_way.leaders(
+    path = build_path(np.column_stack((np.arange(61.0), np.zeros(61))), REAR)
+    ahead = right_of_way.preview_path(path, 10.0, _vehicle())
+    found = right_of_way.find_lead_objects(
         mover(), ahead, cars((30.0, 0.0, 0.0, 3.0), (30.0, 3.5, 0.0, 3.0), (8.0, 1.5, 0.0, 8.0))
     )
     assert len(found) == 1
-    assert found[0].gap == pytest.approx(30 - 2.25 - 10 - 2.45, abs=1.0)
+    assert found[0].gap_m == pytest.approx(30 - 2.25 - 10 - 2.45, abs=1.0)
     assert found[0].speed == 3.0
 
 
 def test_a_turning_car_is_expected_to_turn_on() -> None:
-    memory = right_of_way.Memory()
-    memory.curvature(cars((0.0, 0.0, 0.0, 5.0)), 0.2)
-    assert memory.curvature(cars((1.0, 0.0, 0.1, 5.0)), 0.2) == pytest.approx([0.1])
-    assert memory.curvature(cars(), 0.2).shape == (0,)
+    memory = right_of_way.CurvatureEstimator()
+    memory.update(cars((0.0, 0.0, 0.0, 5.0)), 0.2)
+    assert memory.update(cars((1.0, 0.0, 0.1, 5.0)), 0.2) == pytest.approx([0.1])
+    assert memory.update(cars(), 0.2).shape == (0,)
 
 
 def _vehicle() -> VehicleFacts:

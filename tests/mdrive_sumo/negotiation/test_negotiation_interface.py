@@ -11,11 +11,11 @@ from testing.planning import LENGTH, WIDTH, briefing, own, seen, straight, thing
 from mdrive_sumo.contract import Message, Observation, OwnState
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.negotiation import Parley, RuleNegotiator, Step
+from mdrive_sumo.negotiation import NegotiationInterface, NegotiationStep, RuleNegotiator
 from mdrive_sumo.negotiation.peer_table import MEMORY_TICKS
-from mdrive_sumo.planning.ego_planner import without
-from mdrive_sumo.planning.motion_prediction import TIMES, Motion, giving_way
-from mdrive_sumo.planning.space_time_planner import Barrier, Planner
+from mdrive_sumo.planning.ego_planner import exclude_objects
+from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion, predict_yielding
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, decode, encode
 
 CROSSING_X = 17.0
@@ -30,24 +30,24 @@ class Car:
     state: OwnState
     stops: bool = True
     passing: bool = False
-    steps: list[Step] = field(default_factory=list)
+    steps: list[NegotiationStep] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         about = briefing(self.route, name=self.name)
-        self.planner = Planner(about, self.state.yaw, 8.0)
-        self.parley = Parley(about, RuleNegotiator(self.passing), self.stops)
-        self.motions: list[Motion] = []
+        self.planner = SpaceTimePlanner(about, self.state.yaw, 8.0)
+        self.parley = NegotiationInterface(about, RuleNegotiator(self.passing), self.stops)
+        self.motions: list[PredictedMotion] = []
         self.names: frozenset[str] = frozenset()
-        self.barriers: list[Barrier] = []
+        self.barriers: list[StopPoint] = []
 
     def act(self, tick: int, heard: Sequence[Message]) -> list[Message]:
         now = seen(tick, self.state, things(), heard)
-        self.planner.follow(tick, self.state)
-        self.parley.hear(now)
-        self.names, self.motions = self.parley.announced(now, self.planner)
-        self.barriers = self.parley.barriers(now, self.planner)
+        self.planner.track_ego(tick, self.state)
+        self.parley.receive(now)
+        self.names, self.motions = self.parley.predict_announced_motions(now, self.planner)
+        self.barriers = self.parley.find_stop_points(now, self.planner)
         self.planner.update(tick, self.state.speed, self.motions, self.barriers)
-        step = self.parley.step(now, self.planner, self.planner.planned(tick))
+        step = self.parley.negotiate(now, self.planner, self.planner.get_planned_points(tick))
         self.steps.append(step)
         return [replace(message, sender=self.name, tick=tick) for message in step.messages]
 
@@ -110,16 +110,17 @@ def test_who_has_priority_minds_the_other_one_only_where_he_must_be() -> None:
     assert len(minded.poses) < len(TIMES) == len(b.motions[0].poses)
     assert minded.length < LENGTH
     assert minded.width < WIDTH
-    assert a.planner.planned(11)[-1, 0] > 60.0  # goes on
+    assert a.planner.get_planned_points(11)[-1, 0] > 60.0  # goes on
+    plans = a.planner.get_planned_points(11), b.planner.get_planned_points(11)
     at_crossing = [int(np.argmax(line > place)) for line, place in
-                   ((a.planner.planned(11)[:, 0], CROSSING_X), (b.planner.planned(11)[:, 1], 0.0))]  # fmt: skip
+                   ((plans[0][:, 0], CROSSING_X), (plans[1][:, 1], 0.0))]  # fmt: skip
     assert at_crossing[0] < at_crossing[1]
 
 
 def test_whoever_has_announced_his_motion_is_not_guessed_at() -> None:
     a, _ = table(6)
     assert a.names == {"b"}
-    left = without(things((1, 0, 0, 0), (2, 0, 0, 0), ids=("b", "t00000001")), a.names)
+    left = exclude_objects(things((1, 0, 0, 0), (2, 0, 0, 0), ids=("b", "t00000001")), a.names)
     assert left.ids == ("t00000001",)
 
 
@@ -140,15 +141,15 @@ def mcm(x: float, y: float, yaw: float, speed: float, tick: int = 0) -> Message:
     return replace(encode(said), sender="b", tick=tick)
 
 
-def minded(message: Message, tick: int = 0) -> list[Motion]:
+def minded(message: Message, tick: int = 0) -> list[PredictedMotion]:
     """What a car at (20, 0) that goes east at 6 m/s minds of it."""
     about = briefing()
-    planner, parley = Planner(about, 0.0, 8.0), Parley(about, RuleNegotiator(), stops=True)
+    planner, parley = SpaceTimePlanner(about, 0.0, 8.0), NegotiationInterface(about, RuleNegotiator(), stops=True)
     planner.s = 20.0
     now = Observation(tick, own(20.0, speed=6.0), objects=things(), messages=(message,))
-    planner.follow(tick, now.own)
-    parley.hear(now)
-    names, motions = parley.announced(now, planner)
+    planner.track_ego(tick, now.own)
+    parley.receive(now)
+    names, motions = parley.predict_announced_motions(now, planner)
     assert names == {"b"}
     return motions
 
@@ -161,10 +162,10 @@ def test_who_comes_behind_me_is_ignored() -> None:
 
 def test_who_leads_may_brake_whatever_he_announced() -> None:
     (leader,) = minded(mcm(32.0, 0.0, 0.0, 6.0))
-    assert leader.stands
-    assert np.ptp(leader.poses[:, 0]) == pytest.approx(giving_way(6.0)[-1] - giving_way(6.0)[0], abs=0.05)
+    assert leader.stands_at_end
+    assert np.ptp(leader.poses[:, 0]) == pytest.approx(predict_yielding(6.0)[-1] - predict_yielding(6.0)[0], abs=0.05)
     (crossing,) = minded(mcm(40.0, -20.0, np.pi / 2, 6.0))
-    assert not crossing.stands
+    assert not crossing.stands_at_end
     assert crossing.poses[:, 1] == pytest.approx(-20.0 + 6.0 * TIMES, abs=0.05)
     assert crossing.poses[:, 2] == pytest.approx(np.pi / 2, abs=1e-3)
 
@@ -178,6 +179,6 @@ def test_what_i_announce_is_my_plan() -> None:
     a, _ = table(1)
     said = decode(a.steps[0].messages[0])
     assert isinstance(said, Mcm)
-    assert said.planned == pytest.approx(a.planner.planned(0), abs=0.011)
+    assert said.planned == pytest.approx(a.planner.get_planned_points(0), abs=0.011)
     assert (said.pose.x, said.speed) == (pytest.approx(5.0), pytest.approx(6.0))
-    assert said.desired == pytest.approx(a.planner.desired(6.0, 20), abs=0.011)
+    assert said.desired == pytest.approx(a.planner.predict_desired_points(6.0, 20), abs=0.011)

@@ -24,21 +24,21 @@ pose error (0.6 m) would be more, and then one car counts twice."""
 WALKER_GATE_M = 1.0
 
 
-class Reach(NamedTuple):
+class FusionLimits(NamedTuple):
     """Whose detections are fused: so many of the nearest at most, no farther away than that [m]."""
 
-    senders: int
-    metres: float
+    max_senders: int
+    max_distance_m: float
 
 
-class Fusion:
+class LateFusion:
     """What is known of the surroundings, kept from tick to tick.
 
     Names: a station is called by its id, everything else by the track name of whoever saw it first; the same thing
     keeps its name when another one sees it.
     """
 
-    def __init__(self, vehicle: VehicleFacts, reach: Reach | None = None) -> None:
+    def __init__(self, vehicle: VehicleFacts, reach: FusionLimits | None = None) -> None:
         """vehicle: the own one; others that tell their place but not their size are taken to be like it."""
         self._size, self._reach = (vehicle.length, vehicle.width), reach
         self._cams: dict[str, tuple[int, Cam]] = {}
@@ -46,7 +46,7 @@ class Fusion:
         self._names: dict[str, str] = {}
         self._listed: set[str] = set()
 
-    def hear(self, messages: Iterable[Message]) -> tuple[Note, ...]:
+    def receive(self, messages: Iterable[Message]) -> tuple[Note, ...]:
         """Takes notice of what arrived; notes what could not be read."""
         notes: list[Note] = []
         for message in messages:
@@ -67,7 +67,7 @@ class Fusion:
         """When a station told its place last."""
         return self._cams[station][0] if station in self._cams else -1
 
-    def fused(self, tick: int, own: OwnState, seen: Objects) -> Objects:
+    def fuse(self, tick: int, own: OwnState, seen: Objects) -> Objects:
         """Everything that I or others know of now (N,): what I see first, then stations, then what they see."""
         self._cams = {name: said for name, said in self._cams.items() if tick - said[0] <= MEMORY_TICKS}
         self._cpms = {name: said for name, said in self._cpms.items() if tick - said[0] <= MEMORY_TICKS}
@@ -84,8 +84,8 @@ class Fusion:
         if self._reach is None:
             return sorted(self._cpms)
         gaps = {name: math.hypot(c.pose.x - own.x, c.pose.y - own.y) for name, (_, c) in self._cpms.items()}
-        near = sorted((gap, name) for name, gap in gaps.items() if gap <= self._reach.metres)
-        return sorted(name for _, name in near[: self._reach.senders])
+        near = sorted((gap, name) for name, gap in gaps.items() if gap <= self._reach.max_distance_m)
+        return sorted(name for _, name in near[: self._reach.max_senders])
 
     def _joined(self, known: Objects, told: Objects, own: OwnState) -> Objects:
         """Known and told things together; what is me, or the same thing, is not added again."""

@@ -16,15 +16,15 @@ from mdrive_sumo.planning.motion_prediction import (
     REACTION_S,
     TIMES,
     WALKING_SPEED,
-    along_path,
-    giving_way,
-    going,
-    hesitating,
-    on_circle,
-    steady,
-    top_speed,
+    get_top_speed,
+    place_on_arc,
+    place_on_path,
+    predict_acceleration,
+    predict_constant_speed,
+    predict_hesitation,
+    predict_yielding,
 )
-from mdrive_sumo.planning.path import make_path
+from mdrive_sumo.planning.reference_path import build_path
 
 SPEEDS = st.floats(0.0, 15.0)
 REAR = 1.42
@@ -38,7 +38,12 @@ def one(x: float, y: float, yaw: float, speed: float, kind: Kind = Kind.VEHICLE)
 
 @given(SPEEDS)
 def test_nobody_is_expected_to_reverse(speed: float) -> None:
-    for travelled in (steady(speed), going(speed), hesitating(speed), giving_way(speed)):
+    for travelled in (
+        predict_constant_speed(speed),
+        predict_acceleration(speed),
+        predict_hesitation(speed),
+        predict_yielding(speed),
+    ):
         assert travelled.shape == TIMES.shape
         assert travelled[0] >= 0
         assert np.diff(travelled).min() >= -1e-9
@@ -46,52 +51,52 @@ def test_nobody_is_expected_to_reverse(speed: float) -> None:
 
 @given(SPEEDS)
 def test_who_hesitates_is_behind_who_goes_on_and_that_one_behind_who_takes_his_turn(speed: float) -> None:
-    assert np.all(hesitating(speed) <= steady(speed) + 1e-9)
-    assert np.all(steady(speed) <= going(speed) + 1e-9)
-    assert np.all(giving_way(speed) <= steady(speed) + 1e-9)
+    assert np.all(predict_hesitation(speed) <= predict_constant_speed(speed) + 1e-9)
+    assert np.all(predict_constant_speed(speed) <= predict_acceleration(speed) + 1e-9)
+    assert np.all(predict_yielding(speed) <= predict_constant_speed(speed) + 1e-9)
 
 
 @given(SPEEDS)
 def test_who_gives_way_stops_after_his_reaction_and_braking_way(speed: float) -> None:
     way = speed * REACTION_S + speed**2 / (2 * GIVING_WAY)
-    assert giving_way(speed)[-1] == pytest.approx(way, abs=1e-9)
+    assert predict_yielding(speed)[-1] == pytest.approx(way, abs=1e-9)
 
 
 @given(SPEEDS, SPEEDS)
 def test_who_is_faster_is_expected_further_ahead(one_speed: float, other_speed: float) -> None:
     slow, fast = sorted((one_speed, other_speed))
-    for motion in (steady, going, hesitating, giving_way):
+    for motion in (predict_constant_speed, predict_acceleration, predict_hesitation, predict_yielding):
         assert np.all(motion(slow) <= motion(fast) + 1e-9)
 
 
 def test_who_takes_his_turn_speeds_up_to_eight_and_not_beyond() -> None:
-    rates = np.diff(going(0.0)) / np.diff(TIMES)
-    assert going(0.0)[0] == pytest.approx(TIMES[0] ** 2)  # 2 m/s2
+    rates = np.diff(predict_acceleration(0.0)) / np.diff(TIMES)
+    assert predict_acceleration(0.0)[0] == pytest.approx(TIMES[0] ** 2)  # 2 m/s2
     assert rates[-1] == pytest.approx(GOING_SPEED)
     assert rates.max() <= GOING_SPEED + 1e-9
-    assert going(12.0) == pytest.approx(12.0 * TIMES)  # who is faster already keeps his speed
+    assert predict_acceleration(12.0) == pytest.approx(12.0 * TIMES)  # who is faster already keeps his speed
 
 
 def test_who_hesitates_loses_a_metre_and_a_half_a_second_and_may_stand() -> None:
-    assert np.diff(hesitating(8.0))[-1] == pytest.approx(6.5 * (TIMES[-1] - TIMES[-2]))
-    assert np.all(hesitating(1.0)[TIMES >= 1.0] == hesitating(1.0)[-1])
+    assert np.diff(predict_hesitation(8.0))[-1] == pytest.approx(6.5 * (TIMES[-1] - TIMES[-2]))
+    assert np.all(predict_hesitation(1.0)[TIMES >= 1.0] == predict_hesitation(1.0)[-1])
 
 
 @given(st.floats(-0.2, 0.2), st.floats(-3.0, 3.0), st.floats(0.5, 10.0))
 def test_a_circle_keeps_its_radius_and_begins_tangentially(curvature: float, yaw: float, speed: float) -> None:
-    poses = on_circle(one(5.0, -2.0, yaw, speed), 0, steady(speed), curvature)
+    poses = place_on_arc(one(5.0, -2.0, yaw, speed), 0, predict_constant_speed(speed), curvature)
     turned = poses[:, 2] - yaw
     assert np.abs(turned).max() <= math.pi / 2 + 1e-9
-    whole = np.abs(curvature * steady(speed)) <= math.pi / 2
+    whole = np.abs(curvature * predict_constant_speed(speed)) <= math.pi / 2
     if abs(curvature) > 1e-3:
         centre = np.array((5.0 - math.sin(yaw) / curvature, -2.0 + math.cos(yaw) / curvature))
         radii = np.hypot(*(poses[whole, :2] - centre).T)
         assert radii == pytest.approx(np.full(whole.sum(), 1 / abs(curvature)), rel=1e-6)
-    assert turned[whole] == pytest.approx((curvature * steady(speed))[whole], abs=1e-9)
+    assert turned[whole] == pytest.approx((curvature * predict_constant_speed(speed))[whole], abs=1e-9)
 
 
 def test_straight_on_is_a_circle_without_curvature() -> None:
-    poses = on_circle(one(1.0, 2.0, math.pi / 2, 4.0), 0, steady(4.0), 0.0)
+    poses = place_on_arc(one(1.0, 2.0, math.pi / 2, 4.0), 0, predict_constant_speed(4.0), 0.0)
     assert poses[:, 0] == pytest.approx(1.0)
     assert poses[:, 1] == pytest.approx(2.0 + 4.0 * TIMES)
 
@@ -103,16 +108,16 @@ def bent_route() -> Float:
 
 
 def test_who_is_on_a_path_follows_its_bends() -> None:
-    path = make_path(bent_route(), REAR)
-    poses = along_path(path, 5.0, steady(5.0))
+    path = build_path(bent_route(), REAR)
+    poses = place_on_path(path, 5.0, predict_constant_speed(5.0))
     at = [int(np.argmin(np.abs(TIMES - t))) for t in (1.0, 5.0)]
     assert poses[at[0]] == pytest.approx((10.0, 0.0, 0.0), abs=0.05)
     assert poses[at[1], 0] == pytest.approx(20.0, abs=0.05)
     assert poses[at[1], 2] == pytest.approx(math.pi / 2, abs=0.01)
-    assert along_path(path, 5.0, steady(0.0))[-1] == pytest.approx((5.0, 0.0, 0.0), abs=0.05)
+    assert place_on_path(path, 5.0, predict_constant_speed(0.0))[-1] == pytest.approx((5.0, 0.0, 0.0), abs=0.05)
 
 
 def test_who_is_on_foot_does_not_become_fast() -> None:
-    assert top_speed(one(0, 0, 0, 1, Kind.PEDESTRIAN), 0) == WALKING_SPEED
-    assert top_speed(one(0, 0, 0, 1), 0) == GOING_SPEED
-    assert going(1.0, WALKING_SPEED)[-1] < WALKING_SPEED * TIMES[-1]
+    assert get_top_speed(one(0, 0, 0, 1, Kind.PEDESTRIAN), 0) == WALKING_SPEED
+    assert get_top_speed(one(0, 0, 0, 1), 0) == GOING_SPEED
+    assert predict_acceleration(1.0, WALKING_SPEED)[-1] < WALKING_SPEED * TIMES[-1]

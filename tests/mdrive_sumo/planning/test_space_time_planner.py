@@ -12,27 +12,37 @@ from shapely import Polygon, affinity, box
 from testing.planning import LENGTH, WIDTH, briefing, moving, own, standing, stations, straight
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, Motion
-from mdrive_sumo.planning.path import SPACING_M
+from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, PredictedMotion
 from mdrive_sumo.planning.path_overlap import PLAN_MARGIN
-from mdrive_sumo.planning.space_time_planner import BRAKING, INTERVAL_S, PATIENT_TICKS, PLAN_POINTS, Barrier, Planner
+from mdrive_sumo.planning.reference_path import SPACING_M
+from mdrive_sumo.planning.space_time_planner import (
+    BRAKING,
+    INTERVAL_S,
+    PATIENT_TICKS,
+    PLAN_POINTS,
+    SpaceTimePlanner,
+    StopPoint,
+)
 
-MARGIN_M = PLAN_MARGIN.along - SPACING_M
+MARGIN_M = PLAN_MARGIN.longitudinal - SPACING_M
 """Every second cell of the path is compared, so that a margin may be one cell less."""
 AFTER = np.arange(1, PLAN_POINTS + 1) * INTERVAL_S
 
 
 def planned(
-    speed: float, motions: Sequence[Motion] = (), barriers: Sequence[Barrier] = (), route: Float | None = None
-) -> Planner:
+    speed: float,
+    motions: Sequence[PredictedMotion] = (),
+    barriers: Sequence[StopPoint] = (),
+    route: Float | None = None,
+) -> SpaceTimePlanner:
     """The plan of a car at the beginning of its way."""
-    planner = Planner(briefing(route), 0.0, 8.0)
-    planner.follow(0, own(speed=speed))
+    planner = SpaceTimePlanner(briefing(route), 0.0, 8.0)
+    planner.track_ego(0, own(speed=speed))
     planner.update(0, speed, motions, barriers)
     return planner
 
 
-def speeds(planner: Planner) -> Float:
+def speeds(planner: SpaceTimePlanner) -> Float:
     """Mean speed [m/s] in every interval of the plan; the first begins at the car."""
     return np.diff(np.concatenate(((planner.s,), stations(planner)))) / INTERVAL_S
 
@@ -59,7 +69,7 @@ def test_beyond_what_is_known_only_what_stands_is_in_the_way() -> None:
 
 
 def test_what_stands_beside_the_way_is_passed() -> None:
-    aside = WIDTH + PLAN_MARGIN.across + 0.1
+    aside = WIDTH + PLAN_MARGIN.lateral + 0.1
     assert stations(planned(8.0, [standing(40.0, aside)]))[-1] > 60
     assert stations(planned(8.0, [standing(40.0, aside - 0.2)]))[-1] < 40
 
@@ -79,19 +89,19 @@ def test_it_passes_before_one_who_crosses_late() -> None:
 
 
 def test_a_barrier_holds_until_its_time_and_no_longer() -> None:
-    planner = planned(4.0, barriers=[Barrier(15.0, until_s=5.0)])
+    planner = planned(4.0, barriers=[StopPoint(15.0, until_s=5.0)])
     s = stations(planner)
     assert s[AFTER <= 5.0].max() < 15.0
     assert s[AFTER <= 7.0].max() > 15.0
 
 
 def test_it_does_not_dawdle_on_the_way_to_where_it_must_wait() -> None:
-    s = stations(planned(4.0, barriers=[Barrier(20.0)]))
+    s = stations(planned(4.0, barriers=[StopPoint(20.0)]))
     assert s[AFTER <= 4.0].max() > 14.0
 
 
 def test_a_barrier_without_end_is_never_passed() -> None:
-    planner = planned(8.0, barriers=[Barrier(30.0), Barrier(60.0)])
+    planner = planned(8.0, barriers=[StopPoint(30.0), StopPoint(60.0)])
     assert 28.0 < stations(planner)[-1] < 30.0
 
 
@@ -107,12 +117,12 @@ def test_who_cannot_avoid_somebody_brakes() -> None:
 
 
 def test_who_has_stood_long_squeezes_past() -> None:
-    planner, beside = Planner(briefing(), 0.0, 8.0), [standing(10.0, WIDTH + 0.25)]
+    planner, beside = SpaceTimePlanner(briefing(), 0.0, 8.0), [standing(10.0, WIDTH + 0.25)]
     ends: list[float] = []
     for tick in range(0, 2 * PATIENT_TICKS, 2):
-        planner.follow(tick, own())
+        planner.track_ego(tick, own())
         planner.update(tick, 0.0, beside)
-        ends.append(float(planner.planned(tick)[-1, 0]))
+        ends.append(float(planner.get_planned_points(tick)[-1, 0]))
     assert ends[0] < 10.0 - LENGTH / 2
     assert ends[-1] > 30.0
 
@@ -121,10 +131,10 @@ def test_who_must_wait_waits_for_as_long_as_it_takes() -> None:
     """The omniscient planner moves a little every 24 s."""
     plans: list[Float] = []
     for tick in (0, 400):
-        planner = Planner(briefing(), 0.0, 8.0)
-        planner.follow(tick, own(speed=1.0))
-        planner.update(tick, 1.0, [], [Barrier(6.0)])
-        plans.append(planner.planned(tick))
+        planner = SpaceTimePlanner(briefing(), 0.0, 8.0)
+        planner.track_ego(tick, own(speed=1.0))
+        planner.update(tick, 1.0, [], [StopPoint(6.0)])
+        plans.append(planner.get_planned_points(tick))
     assert np.array_equal(plans[0], plans[1])
 
 
@@ -136,9 +146,9 @@ def test_who_must_wait_waits_for_as_long_as_it_takes() -> None:
 )
 def test_plans_keep_to_limits_and_comfortable_accelerations(speed: float, limit: float, barrier: float) -> None:
     assume(speed <= limit)
-    planner = Planner(briefing(limit=limit), 0.0, 8.0)
-    planner.follow(0, own(speed=speed))
-    planner.update(0, speed, [], [Barrier(barrier)])
+    planner = SpaceTimePlanner(briefing(limit=limit), 0.0, 8.0)
+    planner.track_ego(0, own(speed=speed))
+    planner.update(0, speed, [], [StopPoint(barrier)])
     found = speeds(planner)
     assert found.max() <= min(8.0, limit) + 0.5  # the start is rounded to whole m/s
     assert found.min() >= 0
@@ -151,15 +161,15 @@ def test_plans_keep_to_limits_and_comfortable_accelerations(speed: float, limit:
 def test_bends_are_driven_slowly() -> None:
     bend = np.vstack((straight(20.0), np.column_stack((np.full(30, 20.0), np.arange(1.0, 31.0)))))
     planner = planned(8.0, route=bend)
-    way = np.hypot(*np.diff(planner.planned(0), axis=0).T) / INTERVAL_S
+    way = np.hypot(*np.diff(planner.get_planned_points(0), axis=0).T) / INTERVAL_S
     assert way.min() < 5.0
-    assert planned(8.0).planned(0)[-1, 0] > 70
+    assert planned(8.0).get_planned_points(0)[-1, 0] > 70
 
 
 @given(st.floats(0.0, 8.0))
 def test_what_it_desires_is_a_free_road(speed: float) -> None:
-    planner = planned(speed, barriers=[Barrier(3.0)])
-    wanted = planner.desired(speed, 20)
+    planner = planned(speed, barriers=[StopPoint(3.0)])
+    wanted = planner.predict_desired_points(speed, 20)
     found = np.diff(np.concatenate(((0.0,), wanted[:, 0]))) / INTERVAL_S
     assert wanted.shape == (20, 2)
     assert found[0] == pytest.approx(min(speed + BRAKING * INTERVAL_S / 2, 8.0), abs=0.2)
@@ -168,37 +178,37 @@ def test_what_it_desires_is_a_free_road(speed: float) -> None:
 
 
 def test_what_it_desires_slows_down_for_a_lower_limit() -> None:
-    planner = Planner(briefing(limit=4.0), 0.0, 8.0)
-    assert np.diff(planner.desired(8.0, 20)[:, 0])[-1] == pytest.approx(4.0 * INTERVAL_S)
+    planner = SpaceTimePlanner(briefing(limit=4.0), 0.0, 8.0)
+    assert np.diff(planner.predict_desired_points(8.0, 20)[:, 0])[-1] == pytest.approx(4.0 * INTERVAL_S)
 
 
 def test_a_car_that_goes_astray_makes_a_new_profile() -> None:
     planner = planned(8.0)
-    planner.follow(3, own(x=8.0 * 0.15 + 0.7, speed=8.0))
-    assert not planner.due(3)
-    planner.follow(3, own(x=8.0 * 0.15 + 1.1, speed=8.0))
-    assert planner.due(3)
+    planner.track_ego(3, own(x=8.0 * 0.15 + 0.7, speed=8.0))
+    assert not planner.is_update_due(3)
+    planner.track_ego(3, own(x=8.0 * 0.15 + 1.1, speed=8.0))
+    assert planner.is_update_due(3)
     planner.update(3, 8.0, [])
-    assert planner.planned(3)[0, 0] == pytest.approx(8.0 * 0.15 + 1.1 + 8.0 * INTERVAL_S, abs=0.05)
+    assert planner.get_planned_points(3)[0, 0] == pytest.approx(8.0 * 0.15 + 1.1 + 8.0 * INTERVAL_S, abs=0.05)
 
 
 def test_a_good_plan_is_kept_and_one_that_meets_somebody_is_made_anew() -> None:
     planner = planned(8.0)
-    before = planner.planned(4)
-    planner.follow(4, own(x=1.6, speed=8.0))
-    assert planner.due(4)
+    before = planner.get_planned_points(4)
+    planner.track_ego(4, own(x=1.6, speed=8.0))
+    assert planner.is_update_due(4)
     planner.update(4, 8.0, [standing(60.0, 0.0)])  # too far away to be met within 3 s
-    assert np.array_equal(planner.planned(4), before)
+    assert np.array_equal(planner.get_planned_points(4), before)
     planner.update(4, 8.0, [standing(22.0, 0.0)])
-    assert planner.planned(4)[-1, 0] < 22.0 - LENGTH
+    assert planner.get_planned_points(4)[-1, 0] < 22.0 - LENGTH
 
 
 def test_plans_are_due_five_times_a_second() -> None:
     planner = planned(8.0)
     due: list[int] = []
     for tick in range(1, 21):
-        planner.follow(tick, own(x=8.0 * tick * 0.05, speed=8.0))
-        if planner.due(tick):
+        planner.track_ego(tick, own(x=8.0 * tick * 0.05, speed=8.0))
+        if planner.is_update_due(tick):
             due.append(tick)
     assert due == [4, 8, 10, 12, 16, 20]
 
@@ -210,7 +220,7 @@ def footprint(x: float, y: float, yaw: float, length: float, width: float) -> Po
 
 
 @st.composite
-def crossers(draw: st.DrawFn) -> Motion:
+def crossers(draw: st.DrawFn) -> PredictedMotion:
     """A car that begins away from my way and crosses it, or stands beside it."""
     at, gap, speed = draw(st.floats(25.0, 70.0)), draw(st.floats(6.0, 40.0)), draw(st.floats(0.0, 10.0))
     angle = math.radians(draw(st.floats(40.0, 140.0))) * draw(st.sampled_from((1, -1)))
@@ -219,7 +229,7 @@ def crossers(draw: st.DrawFn) -> Motion:
 
 @settings(max_examples=60)
 @given(speed=st.integers(0, 8), motions=st.lists(crossers(), min_size=1, max_size=4))
-def test_a_plan_never_meets_anybody(speed: int, motions: list[Motion]) -> None:
+def test_a_plan_never_meets_anybody(speed: int, motions: list[PredictedMotion]) -> None:
     """An independent oracle: polygons of shapely at times that are none of the planner's own."""
     planner = planned(float(speed), motions)
     met: list[float] = []

@@ -13,7 +13,7 @@ from testing.planning import FACTS, LENGTH, own, things
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.perception.fusion import CAR_GATE_M, MEMORY_TICKS, Fusion, Reach
+from mdrive_sumo.perception.late_fusion import CAR_GATE_M, MEMORY_TICKS, FusionLimits, LateFusion
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
@@ -49,11 +49,13 @@ def cpm(sender: str, objects: Objects, x: float = 50.0, y: float = 50.0, tick: i
     return sent(encode(Cpm(ReferencePose(x, y, 0.0, tick), 80.0, objects, ages)), sender)
 
 
-def fused(messages: Sequence[Message], seen: Objects = NOTHING, tick: int = 0, reach: Reach | None = None) -> Objects:
+def fused(
+    messages: Sequence[Message], seen: Objects = NOTHING, tick: int = 0, reach: FusionLimits | None = None
+) -> Objects:
     """What a car at the origin knows then."""
-    fusion = Fusion(FACTS, reach)
-    assert fusion.hear(messages) == ()
-    return fusion.fused(tick, own(), seen)
+    fusion = LateFusion(FACTS, reach)
+    assert fusion.receive(messages) == ()
+    return fusion.fuse(tick, own(), seen)
 
 
 def places(objects: Objects) -> list[tuple[float, float]]:
@@ -137,50 +139,50 @@ def test_what_is_older_than_a_second_is_forgotten(ticks: int, known: int) -> Non
 
 
 def test_a_thing_keeps_its_name_when_i_see_it_myself() -> None:
-    fusion = Fusion(FACTS)
-    fusion.hear([cam("b", 50.0, 50.0), cpm("b", things((20, 0, 0, 0), ids=("t0000000a",)))])
-    assert fusion.fused(0, own(), NOTHING).ids == ("b", "b:t0000000a")
-    known = fusion.fused(1, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
+    fusion = LateFusion(FACTS)
+    fusion.receive([cam("b", 50.0, 50.0), cpm("b", things((20, 0, 0, 0), ids=("t0000000a",)))])
+    assert fusion.fuse(0, own(), NOTHING).ids == ("b", "b:t0000000a")
+    known = fusion.fuse(1, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
     names = set(known.ids)
-    gone = fusion.fused(60, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
+    gone = fusion.fuse(60, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
     assert names == {"b", "b:t0000000a"}
     assert gone.ids == ("b:t0000000a",)
 
 
 def test_a_station_keeps_its_name_when_i_see_it_and_hear_it_no_more() -> None:
-    fusion = Fusion(FACTS)
+    fusion = LateFusion(FACTS)
     mine = things((20, 0, 0, 0), ids=("t00000001",))
-    fusion.hear([cam("b", 20.0)])
-    assert fusion.fused(0, own(), NOTHING).ids == ("b",)
-    assert fusion.fused(1, own(), mine).ids == ("b",)
-    assert fusion.fused(100, own(), mine).ids == ("b",)
+    fusion.receive([cam("b", 20.0)])
+    assert fusion.fuse(0, own(), NOTHING).ids == ("b",)
+    assert fusion.fuse(1, own(), mine).ids == ("b",)
+    assert fusion.fuse(100, own(), mine).ids == ("b",)
 
 
 def test_a_thing_keeps_my_name_when_others_tell_of_it_and_i_lose_it() -> None:
-    fusion = Fusion(FACTS)
-    fusion.hear([cpm("b", things((20, 0, 0, 0)))])
-    assert fusion.fused(0, own(), things((20.1, 0, 0, 0), ids=("t00000001",))).ids == ("t00000001",)
-    assert fusion.fused(1, own(), NOTHING).ids == ("t00000001",)
+    fusion = LateFusion(FACTS)
+    fusion.receive([cpm("b", things((20, 0, 0, 0)))])
+    assert fusion.fuse(0, own(), things((20.1, 0, 0, 0), ids=("t00000001",))).ids == ("t00000001",)
+    assert fusion.fuse(1, own(), NOTHING).ids == ("t00000001",)
 
 
 def test_names_are_unique_when_two_things_were_one() -> None:
-    fusion = Fusion(FACTS)
-    fusion.hear([cpm("b", things((20, 0, 0, 0)))])
-    fusion.fused(0, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
-    fusion.hear([cpm("b", things((27, 0, 0, 0)), tick=1)])
-    known = fusion.fused(1, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
+    fusion = LateFusion(FACTS)
+    fusion.receive([cpm("b", things((20, 0, 0, 0)))])
+    fusion.fuse(0, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
+    fusion.receive([cpm("b", things((27, 0, 0, 0)), tick=1)])
+    known = fusion.fuse(1, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
     assert len(set(known.ids)) == len(known.ids) == 2
 
 
 def test_a_car_that_was_taken_for_a_station_gets_its_own_name_back() -> None:
-    fusion = Fusion(FACTS)
+    fusion = LateFusion(FACTS)
     mine = things((20, 0, 0, 0), ids=("t00000001",))
-    fusion.hear([cam("b", 20.5)])
-    assert fusion.fused(0, own(), mine).ids == ("b",)
-    fusion.hear([cam("b", 27.0, tick=1)])
-    assert fusion.fused(1, own(), mine).ids == ("t00000001", "b")
+    fusion.receive([cam("b", 20.5)])
+    assert fusion.fuse(0, own(), mine).ids == ("b",)
+    fusion.receive([cam("b", 27.0, tick=1)])
+    assert fusion.fuse(1, own(), mine).ids == ("t00000001", "b")
     both = things((20, 0, 0, 0), (27, 0, 0, 0), ids=("t00000001", "t00000002"))
-    assert fusion.fused(2, own(), both).ids == ("t00000001", "b")
+    assert fusion.fuse(2, own(), both).ids == ("t00000001", "b")
 
 
 def test_the_channels_pose_error_hardly_ever_makes_two_of_one() -> None:
@@ -196,18 +198,18 @@ def test_the_channels_pose_error_hardly_ever_makes_two_of_one() -> None:
 
 def test_reach_picks_the_nearest_senders() -> None:
     told = [cpm(f"c{i}", things((200.0 + 10 * i, 0, 0, 0)), x=10.0 * (6 - i), y=0.0) for i in range(6)]
-    assert places(fused(told, reach=Reach(2, 70.0))) == [(240.0, 0.0), (250.0, 0.0)]
-    assert len(fused(told, reach=Reach(6, 35.0)).ids) == 3  # at 10, 20 and 30 m
+    assert places(fused(told, reach=FusionLimits(2, 70.0))) == [(240.0, 0.0), (250.0, 0.0)]
+    assert len(fused(told, reach=FusionLimits(6, 35.0)).ids) == 3  # at 10, 20 and 30 m
     assert len(fused(told).ids) == 6
 
 
 def test_what_cannot_be_read_is_noted_and_nothing_else_happens() -> None:
-    fusion = Fusion(FACTS)
+    fusion = LateFusion(FACTS)
     broken = [Message(CAM, b"\x01rubbish", "b"), Message(CPM, b"", "c"), Message("mine", b"x", "d")]
-    notes = fusion.hear([*broken, cam("e", 30.0)])
+    notes = fusion.receive([*broken, cam("e", 30.0)])
     assert [(note.kind, note.text.split(":")[0]) for note in notes] == [
         ("unreadable", "cam from b"), ("unreadable", "cpm from c"), ("unreadable", "mine from d")]  # fmt: skip
-    assert fusion.fused(0, own(), NOTHING).ids == ("e",)
+    assert fusion.fuse(0, own(), NOTHING).ids == ("e",)
 
 
 def test_manoeuvre_messages_tell_where_a_station_is_but_a_cam_of_the_same_tick_tells_more() -> None:
@@ -248,7 +250,7 @@ def test_the_order_of_messages_within_a_tick_does_not_matter(first: Rows, second
 
 
 def test_what_was_said_earlier_and_comes_later_does_not_count() -> None:
-    fusion = Fusion(FACTS)
-    fusion.hear([cam("b", 20.0, tick=8), cpm("c", things((40.0, 0.0, 0.0, 0.0)), tick=8)])
-    fusion.hear([cam("b", 90.0, tick=2), cpm("c", things((90.0, 9.0, 0.0, 0.0)), tick=2)])
-    assert places(fusion.fused(8, own(), NOTHING)) == [(20.0, 0.0), (40.0, 0.0)]
+    fusion = LateFusion(FACTS)
+    fusion.receive([cam("b", 20.0, tick=8), cpm("c", things((40.0, 0.0, 0.0, 0.0)), tick=8)])
+    fusion.receive([cam("b", 90.0, tick=2), cpm("c", things((90.0, 9.0, 0.0, 0.0)), tick=2)])
+    assert places(fusion.fuse(8, own(), NOTHING)) == [(20.0, 0.0), (40.0, 0.0)]

@@ -1,0 +1,118 @@
+"""The paths of all CAVs, and the cells of one path that others block: privileged knowledge of `omniscient`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mdrive_sumo.contract import Objects, OwnState, Plan
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, JointPlanningParameters, SafetyMargin
+from mdrive_sumo.planning.path_overlap import (
+    compute_footprints,
+    compute_overlaps,
+    compute_path_overlaps,
+    find_cells,
+)
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+
+
+@dataclass
+class FleetPaths:
+    """The reference path of every CAV by its id, and the cells in which any two overlap. All CAVs have one size [m]."""
+
+    path_by_ego: Mapping[str, ReferencePath]
+    size: tuple[float, float]
+    parameters: JointPlanningParameters = JOINT_PLANNING
+    _overlaps: dict[tuple[str, str, SafetyMargin], Bool] = field(
+        default_factory=dict[tuple[str, str, SafetyMargin], Bool]
+    )
+
+    def get_overlap(self, ego: str, other: str, margin: SafetyMargin = MARGINS.plan) -> Bool:
+        """Return the mask of `compute_path_overlaps`; computed at the first call."""
+        if ego > other:
+            return self.get_overlap(other, ego, margin).T
+        key = (ego, other, margin)
+        if key not in self._overlaps:
+            paths = self.path_by_ego[ego], self.path_by_ego[other]
+            self._overlaps[key] = compute_path_overlaps(*paths, self.size, margin)
+        return self._overlaps[key]
+
+    def find_blocked_cells(
+        self, ego: str, cells: Int, other: str, stations: Float, margin: SafetyMargin = MARGINS.plan
+    ) -> Bool:
+        """Return a mask (T, J): which cells (J,) of ego the other CAV blocks at arc lengths `stations` (T,) [m].
+
+        Beyond its goal the other CAV blocks nothing.
+        """
+        path = self.path_by_ego[other]
+        table = self.get_overlap(ego, other, margin)[cells][:, find_cells(path, stations)]
+        return table.T & (stations < path.goal_s + self.parameters.left_world_m)[:, None]
+
+    def find_blocking_starts(self, ego: str) -> frozenset[str]:
+        """Return the CAVs whose start obstructs the path of ego: it cannot arrive before they have left."""
+        length, width = self.size
+        mine = compute_footprints(self.path_by_ego[ego], length, width + 2 * MARGINS.plan.lateral)
+        others = [other for other in self.path_by_ego if other != ego]
+        starts = [compute_footprints(self.path_by_ego[other], length, width)[0] for other in others]
+        blocking = compute_overlaps(mine, np.array(starts).reshape(-1, 4, 2)).any(0)
+        return frozenset(np.array(others)[blocking].tolist())
+
+
+def predict_stations(path: ReferencePath, state: OwnState, plan: Plan | None, times: Float, age_s: float) -> Float:
+    """Return the arc lengths (T,) [m] of a CAV on its path at `times` [s] from now, by its plan made `age_s` ago.
+
+    Beyond the end of its plan, and without one, it continues at its last speed.
+    """
+    if plan is None:
+        here = path.project(state.x, state.y, 0.0, within_m=path.length)
+        return here + max(state.speed, 0.0) * times
+    gaps = ((plan.points[:, None] - path.xy[None]) ** 2).sum(-1)
+    stations = np.maximum.accumulate(gaps.argmin(1) * SPACING_M)
+    due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
+    speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
+    return np.interp(times, due, stations) + speed * np.maximum(times - due[-1], 0.0)
+
+
+def find_cells_blocked_by_objects(
+    path: ReferencePath, cells: Int, objects: Objects, times: Float, size: tuple[float, float], margin: SafetyMargin
+) -> Bool:
+    """Return a mask (T, J): which cells (J,) of a car of that size [m] other road users block at `times` (T,) [s].
+
+    Moving ones are predicted straight on at their speed for `vehicle_prediction_s` (`pedestrian_prediction_s`) and are
+    ignored after that; standing ones stay.
+    """
+    parameters = JOINT_PLANNING
+    blocked = np.zeros((len(times), len(cells)), dtype=np.bool_)
+    if not objects.ids:
+        return blocked
+    standing = np.abs(objects.speed) < parameters.standing_speed
+    least = SafetyMargin(*np.minimum(margin, MARGINS.standing).tolist())
+    standing_boxes = _predict_boxes(objects, standing, 0.0, parameters)
+    blocked[:] = compute_overlaps(_inflate_footprints(path, cells, size, least), standing_boxes).any(axis=1)
+    mine = _inflate_footprints(path, cells, size, margin)
+    pedestrians = objects.kind == Kind.PEDESTRIAN
+    horizon_s = np.where(pedestrians, parameters.pedestrian_prediction_s, parameters.vehicle_prediction_s)
+    for row, t in enumerate(times.tolist()):
+        if (moving := ~standing & (t <= horizon_s)).any():
+            blocked[row] |= compute_overlaps(mine, _predict_boxes(objects, moving, t, parameters)).any(axis=1)
+    return blocked
+
+
+def _inflate_footprints(path: ReferencePath, cells: Int, size: tuple[float, float], margin: SafetyMargin) -> Float:
+    """Return the corners (J, 4, 2) [m] of a car of that size with the whole margin around it."""
+    return compute_footprints(path, size[0] + 2 * margin.longitudinal, size[1] + 2 * margin.lateral, cells)
+
+
+def _predict_boxes(objects: Objects, rows: Bool, t: float, parameters: JointPlanningParameters) -> Float:
+    """Return the corners (N, 4, 2) [m] of the chosen objects' boxes after t seconds, enlarged by their uncertainty."""
+    ahead, yaw = objects.speed[rows] * t, objects.yaw[rows]
+    growth = 2 * parameters.growth * t
+    return boxes_corners(
+        objects.x[rows] + ahead * np.cos(yaw),
+        objects.y[rows] + ahead * np.sin(yaw),
+        yaw,
+        objects.length[rows] + growth,
+        objects.width[rows] + growth,
+    )

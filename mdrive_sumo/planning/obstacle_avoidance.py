@@ -1,0 +1,161 @@
+"""When the car leaves its path for obstacles, and where it waits until it can."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
+from mdrive_sumo.planning.detour import Detour, compute_box_extents, find_detour, find_obstructing_boxes
+from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, AvoidanceParameters
+from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+
+
+class ObstacleAvoidance:
+    """Tracks standing objects, decides which vehicles are parked, and replaces the path by a detour when it is free."""
+
+    def __init__(self, briefing: Briefing, parameters: AvoidanceParameters = AVOIDANCE) -> None:
+        self._vehicle, self._briefing, self._parameters = briefing.vehicle, briefing, parameters
+        self._tracker = StaticObjectTracker()
+        self._passed_ids: frozenset[str] = frozenset()
+        self._detour: Detour | None = None
+        self._last_conflict = -parameters.memory_ticks, math.inf
+        """Tick and station [m] of the last conflict on the detour."""
+
+    def update(
+        self, seen: Observation, objects: Objects, planner: SpaceTimePlanner, stop_stations: Sequence[float]
+    ) -> tuple[Objects, list[StopPoint]]:
+        """Replace the planner's path if there is a free detour; return the refined objects and where to wait.
+
+        stop_stations: arc lengths [m] of red lights and stop signs: a vehicle that stands before one is not parked.
+        """
+        self._tracker.update(seen.tick, objects)
+        objects = self._tracker.add_missed_objects(seen.tick, objects, self._parameters.confirmation_s)
+        standstill_s = self._tracker.compute_standstill_durations(objects)
+        fixed = self._find_fixed_objects(objects, standstill_s)
+        objects = self._tracker.replace_by_means(objects, fixed)
+        waits = self._find_oncoming_stops(seen.tick, objects.take(~fixed), seen.own, planner)
+        boxes = boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)
+        queued = self._find_queued(objects, standstill_s)
+        # A vehicle that has never moved may be parked, queued or not; too close to it the car could not turn out.
+        suspected = ~queued | self._tracker.find_never_moved(objects)
+        still = (objects.kind == Kind.VEHICLE) & (standstill_s >= self._parameters.suspected_s) & suspected
+        obstructing = (fixed | still) & find_obstructing_boxes(planner.path, planner.s, boxes, self._vehicle)
+        if not obstructing.any():
+            return objects, waits
+        first_s = compute_box_extents(planner.path, planner.s, boxes)[:, 0]
+        still &= ~_find_stopped_at_lines(first_s, stop_stations)
+        parked = fixed | (obstructing & still & ~queued & (standstill_s >= self._parameters.parked_s))
+        if self._take_detour(seen.own, objects, parked, boxes, planner):
+            return self._tracker.replace_by_means(objects, parked), waits
+        blocking_s = first_s[obstructing & (fixed | still)]
+        return objects, waits + self._build_waiting_points(blocking_s, planner.s, seen.own.speed)
+
+    def _find_fixed_objects(self, objects: Objects, standstill_s: Float) -> Bool:
+        """Return a mask (N,): static objects, and vehicles that the car passes already."""
+        passed = np.array([name in self._passed_ids for name in objects.ids], dtype=np.bool_)
+        return ((objects.kind == Kind.STATIC) | passed) & (standstill_s >= self._parameters.confirmation_s)
+
+    def _find_queued(self, objects: Objects, standstill_s: Float) -> Bool:
+        """Return a mask (N,): objects near a moving one, which may be waiting for it."""
+        moving_speed = self._parameters.moving_speed
+        moving = (standstill_s < self._parameters.suspected_s) & (np.abs(objects.speed) > moving_speed)
+        moves = np.flatnonzero(moving)
+        gaps = np.hypot(objects.x[:, None] - objects.x[moves], objects.y[:, None] - objects.y[moves])
+        return np.any(gaps < self._parameters.queue_radius_m, axis=1)
+
+    def _take_detour(
+        self, own: OwnState, objects: Objects, parked: Bool, boxes: Float, planner: SpaceTimePlanner
+    ) -> bool:
+        """Replace the path if there is a free detour around the parked objects (N,); return whether there is one."""
+        detour = find_detour(planner.path, planner.s, max(own.speed, 0.0), boxes[parked], self._briefing)
+        if detour is None:
+            return False
+        others, reserve_s = objects.take(~parked), self._parameters.time_reserve_s
+        if math.isfinite(self._find_conflict_station(detour, others, own, planner.s, reserve_s)):
+            return False
+        planner.replace_path(detour.path)
+        last_s = max(detour.last_s, self._detour.last_s) if self._detour else detour.last_s
+        self._detour = detour._replace(last_s=last_s)
+        self._passed_ids |= {name for name, one in zip(objects.ids, parked.tolist(), strict=True) if one}
+        return True
+
+    def _find_oncoming_stops(
+        self, tick: int, others: Objects, own: OwnState, planner: SpaceTimePlanner
+    ) -> list[StopPoint]:
+        """Return where to wait for traffic that crosses the detour; empty if the car is already in its way."""
+        if self._detour is None or planner.s > self._detour.last_s:
+            return []
+        parameters = self._parameters
+        reserve_s = parameters.time_reserve_s / 2
+        conflict_s = self._find_conflict_station(self._detour, others, own, planner.s, reserve_s)
+        if conflict_s < math.inf:
+            self._last_conflict = tick, conflict_s
+        elif tick - self._last_conflict[0] <= parameters.memory_ticks:
+            conflict_s = self._last_conflict[1]
+        soonest = planner.s + own.speed**2 / (2 * parameters.hard_braking)
+        can_stop = own.speed < parameters.creeping_speed or soonest < conflict_s
+        waits = can_stop and conflict_s < math.inf
+        return [StopPoint(max(conflict_s - parameters.yield_gap_m, soonest))] if waits else []
+
+    def _find_conflict_station(
+        self, detour: Detour, others: Objects, own: OwnState, s: float, reserve_s: float
+    ) -> float:
+        """Return the station [m] ahead of s where the area begins that others sweep when the car arrives.
+
+        All road users are predicted to go straight on; infinity if there is no conflict.
+        """
+        parameters = self._parameters
+        stations = np.arange(s, detour.last_s, parameters.stride_m)
+        size = self._vehicle.length, self._vehicle.width + 2 * parameters.side_gap_m
+        mine = compute_footprints(detour.path, *size, find_cells(detour.path, stations))
+        travelled, moving_speed = parameters.travelled, parameters.moving_speed
+        rows = np.flatnonzero(~self._find_same_lane_traffic(others, own))
+        speed = np.where(others.speed[rows] > moving_speed, others.speed[rows], 0.0)[:, None]
+        arrives_s = np.where(speed > 0, travelled / np.maximum(speed, moving_speed), 0.0)
+        swept = _sweep_boxes(others, rows, np.where(speed > 0, travelled, 0.0))
+        met = compute_overlaps(mine, swept.reshape(-1, 4, 2)).reshape(len(mine), len(rows), len(travelled))
+        ramp_s = max(parameters.passing_speed - own.speed, 0.0) / (2 * parameters.passing_acceleration)
+        own_s = (stations - s) / max(own.speed, parameters.passing_speed) + ramp_s
+        conflict = met & (arrives_s <= own_s[:, None, None] + reserve_s)
+        blocked = met[:, conflict.any((0, 2))].any((1, 2))
+        return float(stations[blocked.argmax()]) if blocked.any() else math.inf
+
+    def _find_same_lane_traffic(self, others: Objects, own: OwnState) -> Bool:
+        """Return a mask (N,): road users that drive ahead in the own direction, or follow the car."""
+        parameters = self._parameters
+        dx, dy = others.x - own.x, others.y - own.y
+        lead = dx * math.cos(own.yaw) + dy * math.sin(own.yaw)
+        lateral = dy * math.cos(own.yaw) - dx * math.sin(own.yaw)
+        leads = (lead > 0) & (others.speed > parameters.moving_speed)
+        follows = (lead < 0) & (np.abs(lateral) < parameters.follower_lateral_m)
+        return (np.cos(others.yaw - own.yaw) > parameters.same_direction_cos) & (leads | follows)
+
+    def _build_waiting_points(self, first_s: Float, s: float, speed: float) -> list[StopPoint]:
+        """Return where to wait behind obstacles that begin at first_s (K,) [m], with room to turn out.
+
+        Empty if the car can no longer stop there.
+        """
+        if not len(first_s):
+            return []
+        stop = float(first_s.min()) - self._vehicle.length / 2 - self._parameters.turn_out_m
+        soonest = s + speed**2 / (2 * self._parameters.hard_braking)
+        return [StopPoint(max(stop, soonest))] if soonest < stop + self._parameters.max_overshoot_m else []
+
+
+def _find_stopped_at_lines(first_s: Float, stop_stations: Sequence[float]) -> Bool:
+    """Return a mask (N,): which objects that begin at first_s [m] have a stop line shortly ahead."""
+    look_m = DETOUR.look_ahead_m
+    return np.array([any(s < line < s + look_m for line in stop_stations) for s in first_s], dtype=np.bool_)
+
+
+def _sweep_boxes(others: Objects, rows: Int, travelled: Float) -> Float:
+    """Return the corners (R, D, 4, 2) [m] of boxes moved straight on by `travelled` (R, D) [m]."""
+    yaw = others.yaw[rows, None]
+    x = others.x[rows, None] + travelled * np.cos(yaw)
+    y = others.y[rows, None] + travelled * np.sin(yaw)
+    return boxes_corners(x, y, yaw, others.length[rows, None], others.width[rows, None])

@@ -1,0 +1,66 @@
+"""Plans of constant acceleration along a reference path, for agents without a space-time planner."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.contract import Plan
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerParameters:
+    """How far the reference may run ahead of the car, and the shape of its plans. Design choices (decision 012)."""
+
+    lead_m: float = 1.0
+    lead_speed: float = 1.5
+    """[m/s]"""
+    plan_interval_s: float = 0.2
+    plan_points: int = 15
+
+
+FOLLOWER = FollowerParameters()
+
+
+class PathFollower:
+    """The reference state on a path: arc length s [m] and speed [m/s], advanced from tick to tick.
+
+    A plan that restarted at the measured state in every tick would demand almost nothing of a standing car. The
+    reference runs ahead of the car by the lag of its actuators, and never by more than `lead_m` and `lead_speed`, so
+    that a car that was stopped by force does not chase it.
+    """
+
+    def __init__(self, path: ReferencePath, parameters: FollowerParameters = FOLLOWER) -> None:
+        self.path = path
+        self.s = 0.0
+        self.speed = 0.0
+        self.actual_s = 0.0
+        self._parameters = parameters
+
+    def update(self, x: float, y: float, speed: float) -> None:
+        """Keep the reference near the measured box centre [m] and speed [m/s]."""
+        lead_m, lead_speed = self._parameters.lead_m, self._parameters.lead_speed
+        self.actual_s = self.path.project(x, y, self.actual_s)
+        self.s = min(max(self.s, self.actual_s - lead_m), self.actual_s + lead_m)
+        self.speed = min(max(self.speed, speed - lead_speed, 0.0), max(speed, 0.0) + lead_speed)
+
+    def advance(self, acceleration: float, limits: Float, tick_s: float) -> Plan:
+        """Advance the reference by one tick and return a plan of constant acceleration [m/s2] that never reverses.
+
+        limits: (M,) highest speed [m/s] at the points of the path.
+        """
+        stations: list[float] = []
+        s, speed = self.s, self.speed
+        for _ in range(self._parameters.plan_points):
+            s, speed = _integrate(s, speed, acceleration, limits, self._parameters.plan_interval_s)
+            stations.append(s)
+        self.s, self.speed = _integrate(self.s, self.speed, acceleration, limits, tick_s)
+        return Plan(self.path.get_points(np.array(stations)), self._parameters.plan_interval_s)
+
+
+def _integrate(s: float, speed: float, acceleration: float, limits: Float, dt: float) -> tuple[float, float]:
+    """Return arc length [m] and speed [m/s] after dt [s]."""
+    limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
+    after = min(max(speed + acceleration * dt, 0.0), limit)
+    return s + (speed + after) / 2 * dt, after

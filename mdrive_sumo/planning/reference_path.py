@@ -1,0 +1,146 @@
+"""The path that a built-in agent drives.
+
+A route is a chain of 1 m points. The reference path is the same line, smoothed, extended beyond the goal and sampled
+densely, with its curvature and the heading of the car's body along it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.contract import Briefing
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline, wrap_angle
+
+SPACING_M = 0.25
+"""Distance between the points of a path; a cell of the space-time lattice (`speed_profile`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathParameters:
+    """How a route becomes a reference path. Values are design choices (decision 012)."""
+
+    run_out_m: float = 10.0
+    """The path continues beyond the goal, so that a car passes it at speed: a route is completed by passing its end."""
+    smoothing_m: float = 2.0
+    """Half width of the moving average that rounds kinks of lane geometry; it cuts a 6 m bend by 4 / (6 · 6) = 0.11 m."""
+    aligned_rad: float = 0.15
+    """A route that leaves at a larger angle to the car's heading is blended into that heading."""
+    join_m: float = 16.0
+    """Length of that blend."""
+
+
+PATH = PathParameters()
+
+
+@dataclass(frozen=True)
+class ReferencePath:
+    """A path sampled every `SPACING_M`: the arc length of point i is i · SPACING_M. All arrays have M rows."""
+
+    xy: Float
+    """(M, 2) box centres [m]."""
+    yaw: Float
+    """Direction of the path [rad], unwrapped."""
+    body_yaw: Float
+    """Heading of the car's body [rad]: the rear axle follows, so it turns later than the path of the centre."""
+    curvature: Float
+    """[1/m], left positive."""
+    goal_s: float
+    """Arc length of the route's end [m]."""
+
+    @property
+    def length(self) -> float:
+        """Arc length of the last point [m]."""
+        return (len(self.xy) - 1) * SPACING_M
+
+    def get_points(self, s: Float) -> Float:
+        """Return the points (K, 2) at arc lengths s (K,); beyond the end the last point."""
+        index = s / SPACING_M
+        grid = np.arange(len(self.xy))
+        return np.column_stack((np.interp(index, grid, self.xy[:, 0]), np.interp(index, grid, self.xy[:, 1])))
+
+    def project(self, x: float, y: float, near_s: float, within_m: float = 10.0) -> float:
+        """Return the arc length of the point nearest to (x, y), searched within `within_m` of `near_s` along the path."""
+        low = max(int((near_s - within_m) / SPACING_M), 0)
+        high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
+        low = min(low, high - 1)
+        gap = np.array((x, y)) - self.xy[low:high]
+        i = low + int(np.argmin((gap**2).sum(1)))
+        along = math.cos(self.yaw[i]) * (x - self.xy[i, 0]) + math.sin(self.yaw[i]) * (y - self.xy[i, 1])
+        return min(max(i * SPACING_M + along, 0.0), self.length)
+
+
+def build_path(
+    route_xy: Float, rear_to_centre: float, start_yaw: float | None = None, parameters: PathParameters = PATH
+) -> ReferencePath:
+    """Return the path along a route (N, 2) [m] for a car whose box centre lies `rear_to_centre` [m] before its rear axle.
+
+    start_yaw: heading of the car [rad]; where the route leaves at an angle to it (a lane change that begins at the first
+    metre) the path begins straight and joins the route within `join_m`.
+    """
+    route = build_polyline(route_xy)
+    if start_yaw is not None and abs(wrap_angle(float(route.yaws[0]) - start_yaw)) > parameters.aligned_rad:
+        route = _blend_into_heading(route, start_yaw, parameters.join_m)
+    smoothing_m = parameters.smoothing_m
+    ends = [route.at(-smoothing_m), *route.xy, route.at(route.length + parameters.run_out_m + smoothing_m)]
+    fine = build_polyline(ends).resampled(SPACING_M).xy
+    half = round(smoothing_m / SPACING_M)
+    window = np.full(2 * half + 1, 1 / (2 * half + 1))
+    smooth = np.column_stack([np.convolve(fine[:, axis], window, mode="valid") for axis in (0, 1)])
+    xy = build_polyline(smooth).resampled(SPACING_M).xy[:-1]
+    goal_s = build_polyline(xy).project(*route.xy[-1].tolist())[0]
+    return build_path_through_points(xy, rear_to_centre, start_yaw, goal_s)
+
+
+def build_path_through_points(
+    xy: Float, rear_to_centre: float, start_yaw: float | None, goal_s: float
+) -> ReferencePath:
+    """Return the path through smooth points xy (M, 2) [m] that are `SPACING_M` apart."""
+    yaw = np.unwrap(np.arctan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
+    return ReferencePath(xy, yaw, _compute_body_yaw(yaw, rear_to_centre, start_yaw), _compute_curvature(yaw), goal_s)
+
+
+def _blend_into_heading(route: Polyline, start_yaw: float, join_m: float) -> Polyline:
+    """Return the route with its beginning bent towards the straight line along `start_yaw` [rad]."""
+    s = np.minimum(route.s, join_m)[:, None]
+    straight = route.xy[0] + s * np.array((math.cos(start_yaw), math.sin(start_yaw)))
+    share = s / join_m
+    weight = share**2 * (3 - 2 * share)
+    return build_polyline(straight * (1 - weight) + route.xy * weight)
+
+
+def _compute_curvature(yaw: Float) -> Float:
+    """Return the change of direction over the 2 m around each point: a car drives a kink as a bend of that length."""
+    reach = round(1.0 / SPACING_M)
+    padded = np.concatenate((np.full(reach, yaw[0]), yaw, np.full(reach, yaw[-1])))
+    return (padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * SPACING_M)
+
+
+def _compute_body_yaw(yaw: Float, rear_to_centre: float, start_yaw: float | None) -> Float:
+    """Integrate the kinematic single-track model: d body / ds = sin(yaw - body) / rear_to_centre."""
+    first = float(yaw[0])
+    body = [first if start_yaw is None else first + wrap_angle(start_yaw - first)]
+    for direction in yaw[:-1].tolist():
+        body.append(body[-1] + SPACING_M * math.sin(direction - body[-1]) / rear_to_centre)
+    return np.array(body)
+
+
+def compute_curve_speeds(path: ReferencePath, cruise_speed: float, lateral: float, braking: float) -> Float:
+    """Return the highest speed (M,) [m/s] at every point that respects `cruise_speed`, `lateral` and `braking` [m/s2]."""
+    bend = np.minimum(cruise_speed, np.sqrt(lateral / np.maximum(np.abs(path.curvature), 1e-6)))
+    speeds = bend.tolist()
+    for i in range(len(speeds) - 2, -1, -1):
+        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2 * braking * SPACING_M))
+    return np.array(speeds)
+
+
+def compute_legal_speeds(path: ReferencePath, briefing: Briefing) -> Float:
+    """Return the speed limit (M,) [m/s] of the route at the points of the path."""
+    stations = np.linspace(0.0, path.length, len(path.xy))
+    return np.interp(stations, briefing.route_s, briefing.route_speed_limit)
+
+
+def convert_route_station(path: ReferencePath, briefing: Briefing, route_s: float) -> float:
+    """Return the arc length [m] on the path (smoother, so shorter) of an arc length on the route."""
+    x, y = (float(np.interp(route_s, briefing.route_s, briefing.route_xy[:, axis])) for axis in (0, 1))
+    return path.project(x, y, route_s)
