@@ -1,10 +1,10 @@
-"""`colmdriver`: negotiates in words."""
+"""`colmdriver`: negotiates by language model."""
 
 from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.negotiation import LlmNegotiator, read_llm_options
 from mdrive_sumo.negotiation.language_model import LanguageModel
-from mdrive_sumo.planning.ego_planner import DRIVING_OPTIONS
+from mdrive_sumo.planning.driving_options import DRIVING_OPTIONS
 
 DRIVING = (*DRIVING_OPTIONS, "detector")
 
@@ -15,10 +15,10 @@ class ColmdriverAgent(ColmdriverRuleAgent):
     name = "colmdriver"
 
     def __init__(self, config: Config) -> None:
-        talking = {name: value for name, value in config.items() if name not in DRIVING}
-        self._settings, self._instant = read_llm_options(self.name, talking, DRIVING)
+        negotiation = {name: value for name, value in config.items() if name not in DRIVING}
+        self._settings, self._instant = read_llm_options(self.name, negotiation, DRIVING)
         super().__init__({name: value for name, value in config.items() if name in DRIVING})
 
-    def negotiator(self, seed: int) -> LlmNegotiator:
-        """The model's voice; where it gives nothing usable the rule decides."""
+    def build_negotiator(self, seed: int) -> LlmNegotiator:
+        """Return a negotiator that asks the model; where it gives nothing usable the rule decides."""
         return LlmNegotiator(LanguageModel(self._settings, seed), self._instant)

@@ -4,11 +4,12 @@ from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option
 from mdrive_sumo.negotiation import LlmNegotiator, NegotiationInterface, RuleNegotiator
 from mdrive_sumo.perception.late_fusion import LateFusion
-from mdrive_sumo.planning.ego_planner import DrivingOptions, EgoPlanner, exclude_objects
+from mdrive_sumo.planning.driving_options import DrivingOptions
+from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 from mdrive_sumo.v2x.messages import MCM
 
-COMPAT = {"compat_ego0": Option(0, 0, 1)}
-"""1: with the original's slip, see `RuleNegotiator`."""
+COMPATIBILITY_OPTIONS = {"compat_ego0": Option(0, 0, 1)}
+"""1: reproduce a defect of the original, see `RuleNegotiator`."""
 
 
 class ColmdriverRuleAgent:
@@ -18,36 +19,36 @@ class ColmdriverRuleAgent:
     name = "colmdriver-rule"
 
     def __init__(self, config: Config) -> None:
-        self._habits = DrivingOptions(self.name, config, COMPAT)
-        self._compat = bool(self._habits.values.get("compat_ego0", 0))
+        self._options = DrivingOptions(self.name, config, COMPATIBILITY_OPTIONS)
+        self._compat_ego0 = bool(self._options.values.get("compat_ego0", 0))
 
-    def negotiator(self, seed: int) -> RuleNegotiator | LlmNegotiator:  # noqa: ARG002  (a language model needs it)
-        """Who settles the conflicts."""
-        return RuleNegotiator(compat_ego0=self._compat)
+    def build_negotiator(self, seed: int) -> RuleNegotiator | LlmNegotiator:  # noqa: ARG002  (a language model needs it)
+        """Return the negotiator that resolves the conflicts."""
+        return RuleNegotiator(compat_ego0=self._compat_ego0)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """Boxes of what is in sight."""
-        return (self._habits.build_sensor_spec(),)
+        """Return the sensor of visible boxes."""
+        return (self._options.build_sensor_spec(),)
 
     def start(self, briefing: Briefing) -> None:
-        """The path needs the first observation: nobody says which way a car looks at its start."""
-        self._me = briefing
+        """Prepare the negotiation; the path needs the first observation, which has the heading of the car."""
+        self._briefing = briefing
         self._fusion = LateFusion(briefing.vehicle)
-        self._parley = NegotiationInterface(briefing, self.negotiator(briefing.seed), stops=True)
-        self._drive: EgoPlanner | None = None
+        self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing.seed), stops=True)
+        self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
-        """The plan, made anew when it is time to, and what I plan and claim for the others."""
-        drive = self._drive = self._drive or EgoPlanner(self._me, seen.own, self._habits.cruise_speed)
-        planner = drive.planner
+        """Return the plan, updated when it is due, and messages with plan and claims."""
+        if self._ego_planner is None:
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+        planner = self._ego_planner.planner
         notes = self._fusion.receive(message for message in seen.messages if message.type == MCM)
-        self._parley.receive(seen)
-        if drive.track_ego(seen):
-            names, motions = self._parley.predict_announced_motions(seen, planner)
-            objects = self._fusion.fuse(seen.tick, seen.own, self._habits.compensate_latency(seen))
-            drive.update_plan(
-                seen, exclude_objects(objects, names), motions, self._parley.find_stop_points(seen, planner)
-            )
+        self._negotiation.receive(seen)
+        if self._ego_planner.track_ego(seen):
+            names, motions = self._negotiation.predict_announced_motions(seen, planner)
+            objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
+            stop_points = self._negotiation.find_stop_points(seen, planner)
+            self._ego_planner.update_plan(seen, exclude_objects(objects, names), motions, stop_points)
         plan = planner.build_plan(seen.tick)
-        step = self._parley.negotiate(seen, planner, plan.points)
+        step = self._negotiation.negotiate(seen, planner, plan.points)
         return Reply(plan=plan, messages=step.messages, notes=notes + step.notes)

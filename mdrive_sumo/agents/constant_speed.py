@@ -1,20 +1,32 @@
-"""`constant-speed`: the blind driver."""
+"""`constant-speed`: drives without any perception."""
+
+from dataclasses import dataclass
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
-from mdrive_sumo.planning.reference_path import PathFollower, ReferencePath, build_path, compute_curve_speeds
+from mdrive_sumo.planning.path_follower import PathFollower
+from mdrive_sumo.planning.reference_path import build_path, compute_curve_speeds
 
 OPTIONS = {"speed": Option(8.0, 1.0, 30.0)}
-ACCELERATION = 2.5
-LATERAL = 5.0
-"""[m/s2] Generous: at 8 m/s (10.7 m/s2) a car leaves the road in a 6 m bend, so even the blind slow down there."""
-BRAKING = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantSpeedParameters:
+    """Parameters of `ConstantSpeedAgent` [m/s2]. All values are design choices of this agent."""
+
+    acceleration: float = 2.5
+    lateral_acceleration: float = 5.0
+    """High, but limited: at 8 m/s in a 6 m bend (10.7 m/s2) a car would leave the road."""
+    braking: float = 4.0
+
+
+CONSTANT_SPEED = ConstantSpeedParameters()
 
 
 class ConstantSpeedAgent:
-    """Follows its route at a constant speed (8 m/s, slower only in sharp bends) and reacts to nobody.
+    """Follows its route at a constant speed (8 m/s, slower only in sharp bends) and reacts to nothing.
 
-    The driver of the paper's difficulty screening (protocol 14.2): what endangers it is a conflict.
+    The driver of the paper's difficulty screening (protocol 14.2): a scenario that endangers it contains a conflict.
     """
 
     label = "single"
@@ -23,17 +35,18 @@ class ConstantSpeedAgent:
         self._speed = read_options("constant-speed", config, OPTIONS)["speed"]
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """None."""
+        """Return no sensor."""
         return ()
 
     def start(self, briefing: Briefing) -> None:
-        """Lays the path."""
-        path: ReferencePath = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
-        self._reference = PathFollower(path)
-        self._limits = compute_curve_speeds(path, self._speed, LATERAL, BRAKING)
+        """Build the path and its speed limits."""
+        path = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
+        lateral, braking = CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking
+        self._follower = PathFollower(path)
+        self._limits = compute_curve_speeds(path, self._speed, lateral, braking)
         self._tick_s = briefing.tick_s
 
     def act(self, seen: Observation) -> Reply:
-        """Faster until the speed is reached."""
-        self._reference.update(seen.own.x, seen.own.y, seen.own.speed)
-        return Reply(plan=self._reference.advance(ACCELERATION, self._limits, self._tick_s))
+        """Return a plan that accelerates until the speed is reached."""
+        self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
+        return Reply(plan=self._follower.advance(CONSTANT_SPEED.acceleration, self._limits, self._tick_s))

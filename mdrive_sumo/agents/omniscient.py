@@ -1,6 +1,6 @@
 """`omniscient`: the upper bound."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -10,10 +10,16 @@ from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
-from mdrive_sumo.planning.path_overlap import CHECK_MARGIN, SafetyMargin, find_cells
+from mdrive_sumo.planning.parameters import MARGINS, SafetyMargin
+from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
-from mdrive_sumo.planning.reference_path import ReferencePath, compute_curve_speeds, convert_route_station
+from mdrive_sumo.planning.reference_path import (
+    ReferencePath,
+    compute_curve_speeds,
+    compute_legal_speeds,
+    convert_route_station,
+)
 from mdrive_sumo.planning.speed_profile import (
     SpeedProfile,
     build_braking_profile,
@@ -22,157 +28,176 @@ from mdrive_sumo.planning.speed_profile import (
 )
 
 OPTIONS = {"speed": Option(9.0, 2.0, 10.0)}
-LATERAL = 3.0
-BRAKING = 2.0
-SPARE_S = 1.0
-"""Profiles end so long before the time limit."""
-INTERVAL_S = 0.25
-SHOWN_M = 6.0
-"""How far beyond the goal a published plan goes."""
-REVIEW_TICKS = 10
-"""Every CAV looks at its plan that often, each in a tick of its own, so that no two change their minds at once."""
-REVIEW_S = 8.0
-ASTRAY_M = 0.8
-"""A car that is so far from where its plan has it makes a new one."""
-STOP_BEFORE_M = (2.5, 1.0)
-"""Where to stop at a stop sign: box centre at most and at least that far before the line."""
-STOP_LAYERS = 3
-"""How long to stand there, in steps of a profile."""
-DECIDED_TICKS = 10
-"""A vehicle in the way that has not left by then is parked."""
+
+
+@dataclass(frozen=True, slots=True)
+class OmniscientParameters:
+    """Parameters of `OmniscientAgent`. All values are design choices of this agent."""
+
+    lateral_acceleration: float = 3.0
+    """[m/s2]"""
+    braking: float = 2.0
+    """[m/s2]"""
+    time_reserve_s: float = 1.0
+    """Profiles end this long before the time limit."""
+    min_horizon_s: float = 10.0
+    interval_s: float = 0.25
+    """Spacing of plan points."""
+    beyond_goal_m: float = 6.0
+    """A published plan continues this far beyond the goal."""
+    review_ticks: int = 10
+    """Every CAV reviews its plan this often, each in its own tick, so that no two change their plans at once."""
+    review_s: float = 8.0
+    max_tracking_error_m: float = 0.8
+    """A car further than this from the station of its plan makes a new one."""
+    stop_before_m: tuple[float, float] = (2.5, 1.0)
+    """The box centre stops at most and at least this far before the line of a stop sign."""
+    stop_tolerance_m: float = 1.0
+    """A stop this much earlier still obeys the sign."""
+    stopped_speed: float = 0.05
+    """[m/s]"""
+    stop_layers: int = 3
+    """Duration of the stop in steps of a profile."""
+    decision_ticks: int = 10
+    """A vehicle in the way that has not left by then is parked."""
 
 
 class OmniscientAgent:
     """Knows every state and every plan, and times its way through the gaps: the upper bound.
 
-    Prioritised planning: all CAVs find the same ways around what stands in the way and the same order at the first tick
-    (or, where it may be about to leave, `DECIDED_TICKS` later); number r plans r ticks later around the plans that it
-    sees then, keeps its plan, and makes a new one only when that has become unsafe or the car has strayed from it.
+    Prioritised planning: at the first tick (or `decision_ticks` later, if a vehicle in the way may be about to leave)
+    all CAVs compute the same detours and the same order. Number r plans r ticks later around the plans that it sees
+    then, keeps its plan, and makes a new one only when that has become unsafe or the car has left it.
     """
 
     label = "privileged"
 
     def __init__(self, config: Config) -> None:
-        self._cruise = read_options("omniscient", config, OPTIONS)["speed"]
+        self._cruise_speed = read_options("omniscient", config, OPTIONS)["speed"]
+        self._parameters = OmniscientParameters()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """Everything."""
+        """Return the privileged sensor."""
         return (SensorSpec("privileged"),)
 
     def start(self, briefing: Briefing) -> None:
-        """Everything else needs the first observation."""
-        self._me = briefing
+        """Store the briefing; everything else needs the first observation."""
+        self._briefing = briefing
         self._profile: SpeedProfile | None = None
-        self._made_tick = 0
+        self._profile_tick = 0
         self._s = 0.0
 
     def act(self, seen: Observation) -> Reply:
-        """The plan, made or reviewed when it is my turn."""
+        """Return the plan, made or reviewed when it is this CAV's turn."""
         assert seen.privileged is not None, "the privileged sensor is declared"
-        known = self._known(seen.tick, seen.privileged)
-        if seen.tick < self._began_tick:
-            return Reply(plan=self._published(seen))
-        if seen.tick == self._began_tick:
-            self._survey(known)
+        known = self._predict_pedestrians(seen.tick, seen.privileged)
+        if seen.tick < self._begin_tick:
+            return Reply(plan=self._build_plan(seen))
+        if seen.tick == self._begin_tick:
+            self._plan_jointly(known)
         self._s = self._path.project(seen.own.x, seen.own.y, self._s)
-        self._signs = [line for line in self._signs if not self._dealt_with(line, seen.own.speed)]
-        since = seen.tick - self._began_tick - self._rank
-        turn = since >= 0 and since % REVIEW_TICKS == 0
-        if turn and not self._still_good(seen, known):
-            self._profile, self._made_tick = self._planned(seen, known), seen.tick
-        return Reply(plan=self._published(seen))
+        self._signs = [line for line in self._signs if not self._is_sign_obeyed(line, seen.own.speed)]
+        since = seen.tick - self._begin_tick - self._rank
+        is_turn = since >= 0 and since % self._parameters.review_ticks == 0
+        if is_turn and not self._is_plan_valid(seen, known):
+            self._profile, self._profile_tick = self._find_profile(seen, known), seen.tick
+        return Reply(plan=self._build_plan(seen))
 
-    def _known(self, tick: int, known: Privileged) -> Privileged:
-        """What is known, with people who will walk on; at the first tick, when to begin."""
+    def _predict_pedestrians(self, tick: int, known: Privileged) -> Privileged:
+        """Return the knowledge with pedestrians that will walk on; at the first tick, set the tick to begin at."""
         objects = known.objects
         if tick == 0:
-            self._first_seen = dict(
-                zip(objects.ids, zip(objects.x.tolist(), objects.y.tolist(), strict=True), strict=True)
-            )
-            self._began_tick = DECIDED_TICKS if has_undecided_vehicle(known, self._me) else 0
-        return replace(known, objects=predict_walking_on(objects, self._first_seen))
+            positions = zip(objects.x.tolist(), objects.y.tolist(), strict=True)
+            self._first_positions = dict(zip(objects.ids, positions, strict=True))
+            undecided = has_undecided_vehicle(known, self._briefing)
+            self._begin_tick = self._parameters.decision_ticks if undecided else 0
+        return replace(known, objects=predict_walking_on(objects, self._first_positions))
 
-    def _survey(self, known: Privileged) -> None:
-        """Finds the paths of all CAVs and the order of planning."""
-        me = self._me
-        self._fleet = FleetPaths(plan_joint_detours(known, me), (me.vehicle.length, me.vehicle.width))
-        self._path: ReferencePath = self._fleet.path_by_ego[me.ego_id]
-        self._speeds = np.minimum(_speeds(self._path, self._cruise), self._legal_speeds())
-        until_s = me.time_limit_s - SPARE_S
-        tasks = {
-            ego: build_free_road_problem(path, _speeds(path, self._cruise), (0.0, 0.0), 0.0, until_s)
+    def _plan_jointly(self, known: Privileged) -> None:
+        """Find the paths of all CAVs and the order of planning."""
+        briefing = self._briefing
+        size = briefing.vehicle.length, briefing.vehicle.width
+        self._fleet = FleetPaths(plan_joint_detours(known, briefing), size)
+        self._path: ReferencePath = self._fleet.path_by_ego[briefing.ego_id]
+        self._speeds = np.minimum(self._compute_curve_speeds(self._path), compute_legal_speeds(self._path, briefing))
+        until_s = briefing.time_limit_s - self._parameters.time_reserve_s
+        problems = {
+            ego: build_free_road_problem(path, self._compute_curve_speeds(path), (0.0, 0.0), 0.0, until_s)
             for ego, path in self._fleet.path_by_ego.items()
         }
-        self._order = find_planning_order(self._fleet, tasks)
-        self._rank = self._order.index(me.ego_id)
-        self._signs = [convert_route_station(self._path, me, sign.s) for sign in me.stop_signs]
+        order = find_planning_order(self._fleet, problems)
+        self._rank = order.index(briefing.ego_id)
+        self._earlier = order[: self._rank]
+        self._signs = [convert_route_station(self._path, briefing, sign.s) for sign in briefing.stop_signs]
 
-    def _legal_speeds(self) -> Float:
-        """Speed limit (M,) [m/s] at the points of the path."""
-        stations = np.linspace(0.0, self._path.length, len(self._path.xy))
-        return np.interp(stations, self._me.route_s, self._me.route_speed_limit)
+    def _compute_curve_speeds(self, path: ReferencePath) -> Float:
+        """Return the comfortable speed (M,) [m/s] at the points of a path."""
+        parameters = self._parameters
+        return compute_curve_speeds(path, self._cruise_speed, parameters.lateral_acceleration, parameters.braking)
 
-    def _dealt_with(self, line: float, speed: float) -> bool:
-        """Whether a stop sign needs no more thought: I stand close before its line or have passed it."""
-        stood = abs(speed) < 0.05 and self._s > line - STOP_BEFORE_M[0] - 1.0
-        return stood or self._s > line - STOP_BEFORE_M[1] / 2
+    def _is_sign_obeyed(self, line: float, speed: float) -> bool:
+        """Return whether the car stands close before the line of a stop sign or has passed it."""
+        parameters = self._parameters
+        most_m, least_m = parameters.stop_before_m
+        close = self._s > line - most_m - parameters.stop_tolerance_m
+        return (abs(speed) < parameters.stopped_speed and close) or self._s > line - least_m / 2
 
-    def _still_good(self, seen: Observation, known: Privileged) -> bool:
-        """Whether the profile arrives, the car is where it should be, and nobody will be in the way for `REVIEW_S`."""
-        profile = self._profile
+    def _is_plan_valid(self, seen: Observation, known: Privileged) -> bool:
+        """Return whether the profile reaches the goal, the car is on it, and it is free for `review_s`."""
+        profile, parameters = self._profile, self._parameters
         if profile is None or not profile.reaches_goal:
             return False
-        age = (seen.tick - self._made_tick) * self._me.tick_s
-        if abs(float(profile.get_stations(np.full(1, age))[0]) - self._s) > ASTRAY_M:
+        age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
+        if abs(float(profile.get_stations(np.full(1, age_s))[0]) - self._s) > parameters.max_tracking_error_m:
             return False
-        times = np.arange(1, int(REVIEW_S / INTERVAL_S) + 1, dtype=np.float64) * INTERVAL_S
-        cells = find_cells(self._path, profile.get_stations(age + times))
-        met = np.diagonal(self._blocked(known, cells, times, CHECK_MARGIN))
-        return not (met & ~np.logical_and.accumulate(met)).any()  # a margin violated from the start was meant
+        count = int(parameters.review_s / parameters.interval_s)
+        times = np.arange(1, count + 1, dtype=np.float64) * parameters.interval_s
+        cells = find_cells(self._path, profile.get_stations(age_s + times))
+        met = np.diagonal(self._find_blocked(known, cells, times, MARGINS.check))
+        return not (met & ~np.logical_and.accumulate(met)).any()  # a margin violated from the start was intended
 
-    def _blocked(self, known: Privileged, cells: Int, times: Float, margin: SafetyMargin) -> Bool:
-        """Which of my cells (J,) anybody whose plan I respect blocks at times (T,) [s] from now: (T, J).
+    def _find_blocked(self, known: Privileged, cells: Int, times: Float, margin: SafetyMargin) -> Bool:
+        """Return a mask (T, J): which cells (J,) other road users block at times (T,) [s] from now.
 
-        Those who come later in the order mind me: a leader must not brake for a follower. A new plan in the middle of
-        the drive minds them too, for it surprises them.
+        CAVs later in the order give way: a leader must not brake for a follower. A new plan in the middle of the
+        episode respects them too, because it surprises them.
         """
-        me = self._me
-        earlier = self._order[: self._rank]
-        everyone = self._profile is not None and margin != CHECK_MARGIN
-        size = me.vehicle.length, me.vehicle.width
+        briefing = self._briefing
+        respects_all = self._profile is not None and margin != MARGINS.check
+        size = briefing.vehicle.length, briefing.vehicle.width
         blocked = find_cells_blocked_by_objects(self._path, cells, known.objects, times, size, margin)
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
-            if other in earlier or (other != me.ego_id and everyone):
-                stations = predict_stations(self._fleet.path_by_ego[other], state, plan, times, me.tick_s)
-                blocked |= self._fleet.find_blocked_cells(me.ego_id, cells, other, stations, margin)
+            if other in self._earlier or (other != briefing.ego_id and respects_all):
+                stations = predict_stations(self._fleet.path_by_ego[other], state, plan, times, briefing.tick_s)
+                blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
         return blocked
 
-    def _planned(self, seen: Observation, known: Privileged) -> SpeedProfile:
-        """A new profile from here, with the stops that are due."""
-        now_s = seen.tick * self._me.tick_s
-        until_s = max(self._me.time_limit_s - SPARE_S, now_s + 10.0)
-        speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, self._me.vehicle)
-        task = build_free_road_problem(self._path, speeds, (self._s, seen.own.speed), now_s, until_s)
-        task = task.add_traffic(partial(self._blocked, known, task.cells, task.times))
+    def _find_profile(self, seen: Observation, known: Privileged) -> SpeedProfile:
+        """Return a new profile from the present state, with the stops that are due."""
+        briefing, parameters = self._briefing, self._parameters
+        now_s = seen.tick * briefing.tick_s
+        until_s = max(briefing.time_limit_s - parameters.time_reserve_s, now_s + parameters.min_horizon_s)
+        speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, briefing.vehicle)
+        problem = build_free_road_problem(self._path, speeds, (self._s, seen.own.speed), now_s, until_s)
+        problem = problem.add_traffic(partial(self._find_blocked, known, problem.cells, problem.times))
         done: SpeedProfile | None = None
+        most_m, least_m = parameters.stop_before_m
         for line in self._signs:
-            part = find_fastest_profile(task.require_stop(line - STOP_BEFORE_M[0], line - STOP_BEFORE_M[1]))
+            part = find_fastest_profile(problem.require_stop(line - most_m, line - least_m))
             if part is None or not part.reaches_goal:
                 break
-            part = part.extend_standstill(STOP_LAYERS)
-            task, done = task.build_remainder(part), part if done is None else done.append(part)
-        last = find_fastest_profile(task) or build_braking_profile(task)
+            part = part.extend_standstill(parameters.stop_layers)
+            problem, done = problem.build_remainder(part), part if done is None else done.append(part)
+        last = find_fastest_profile(problem) or build_braking_profile(problem)
         return last if done is None else done.append(last)
 
-    def _published(self, seen: Observation) -> Plan:
-        """What the others may rely on: the profile from now on until beyond the goal, or standing here."""
+    def _build_plan(self, seen: Observation) -> Plan:
+        """Return the plan that others may rely on: the profile until beyond the goal, or standing here."""
+        interval_s = self._parameters.interval_s
         if self._profile is None:
-            return Plan(np.array([(seen.own.x, seen.own.y)]), INTERVAL_S)
-        age = (seen.tick - self._made_tick) * self._me.tick_s
-        stations = self._profile.get_stations(age + np.arange(1, MAX_PLAN_POINTS + 1, dtype=np.float64) * INTERVAL_S)
-        count = int(np.searchsorted(stations, self._path.goal_s + SHOWN_M)) + 1
-        return Plan(self._path.get_points(stations[:count]), INTERVAL_S)
-
-
-def _speeds(path: ReferencePath, cruise: float) -> Float:
-    return compute_curve_speeds(path, cruise, LATERAL, BRAKING)
+            return Plan(np.array([(seen.own.x, seen.own.y)]), interval_s)
+        age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
+        after = np.arange(1, MAX_PLAN_POINTS + 1, dtype=np.float64) * interval_s
+        stations = self._profile.get_stations(age_s + after)
+        count = int(np.searchsorted(stations, self._path.goal_s + self._parameters.beyond_goal_m)) + 1
+        return Plan(self._path.get_points(stations[:count]), interval_s)

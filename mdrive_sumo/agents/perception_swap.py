@@ -1,6 +1,7 @@
 """`perception-swap:*`: the paper's rule planner behind cooperative detectors, which are surrogates here."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,24 +14,37 @@ from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.messages import CPM
 
-RANGE_M = 80.0
-COOPERATORS = 4
-"""A detector fuses the nearest four others at most,"""
-NEAR_M = 70.0
-"""and nobody farther away than that (OPV2V's setting)."""
-SPEED = 6.0
-"""[m/s] 21.6 km/h (paper, table of controllers)."""
-CONTROLLER = "carla-pid-6"
-NEAREST_M, BASE_M, GROWTH_S = 0.5, 6.0, 1.0
-"""A detection from so far ahead of the box centre up to `BASE_M` plus `GROWTH_S` seconds' way is a hazard,"""
-ASIDE_M = 1.6 + 0.9
-"""if it is no farther to the side (protocol 11.2)."""
-HOLD_TICKS = 3
-STANDING_SPEED, PASSABLE_M = 0.3, 4.0
-"""Who stands ignores obstacles from `PASSABLE_M` on."""
-INTERVAL_S = 0.2
-POINTS = 15
-HALT_S = 1.0
+
+@dataclass(frozen=True, slots=True)
+class PerceptionSwapParameters:
+    """Parameters of `PerceptionSwapAgent`; the hazard rule is that of protocol 11.2 (CARLA's BasicAgent)."""
+
+    range_m: float = 80.0
+    max_senders: int = 4
+    """The detector fuses the detections of the nearest senders, at most this many (OPV2V's setting),"""
+    max_sender_distance_m: float = 70.0
+    """and at most this far away."""
+    speed: float = 6.0
+    """[m/s] 21.6 km/h (paper, table of controllers)."""
+    controller: str = "carla-pid-6"
+    min_ahead_m: float = 0.5
+    """A detection between this distance and `hazard_base_m` plus the way of `hazard_growth_s` ahead is a hazard."""
+    hazard_base_m: float = 6.0
+    hazard_growth_s: float = 1.0
+    max_lateral_m: float = 1.6 + 0.9
+    """... unless it is further to the side."""
+    hold_ticks: int = 3
+    """A hazard counts for this long."""
+    standing_speed: float = 0.3
+    """[m/s] A slower car ignores hazards from `standing_range_m` on."""
+    standing_range_m: float = 4.0
+    interval_s: float = 0.2
+    plan_points: int = 15
+    halt_s: float = 1.0
+    """A halting plan stands for the second that the controller looks ahead."""
+
+
+PERCEPTION_SWAP = PerceptionSwapParameters()
 
 
 class PerceptionSwapAgent:
@@ -43,56 +57,64 @@ class PerceptionSwapAgent:
         read_options(f"perception-swap:{self.detector}", config, {})
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """Boxes as the detector finds them."""
-        return (SensorSpec("objects", range_m=RANGE_M, options={"profile": self.detector}),)
+        """Return the sensor of boxes as the detector finds them."""
+        return (SensorSpec("objects", range_m=PERCEPTION_SWAP.range_m, options={"profile": self.detector}),)
 
     def start(self, briefing: Briefing) -> None:
-        """The path needs the first observation: nobody says which way a car looks at its start."""
-        self._me = briefing
-        self._fusion = LateFusion(briefing.vehicle, FusionLimits(COOPERATORS, NEAR_M))
-        self._station = AwarenessService(briefing, RANGE_M, PROFILES[self.detector].latency_ticks)
-        self._way: tuple[ReferencePath, StopLines] | None = None
-        self._s, self._held_until = 0.0, 0
+        """Prepare fusion and sending; the path needs the first observation, which has the heading of the car."""
+        self._briefing = briefing
+        limits = FusionLimits(PERCEPTION_SWAP.max_senders, PERCEPTION_SWAP.max_sender_distance_m)
+        self._fusion = LateFusion(briefing.vehicle, limits)
+        latency_ticks = PROFILES[self.detector].latency_ticks
+        self._awareness = AwarenessService(briefing, PERCEPTION_SWAP.range_m, latency_ticks)
+        self._route: tuple[ReferencePath, StopLines] | None = None
+        self._s, self._hold_until_tick = 0.0, 0
 
     def act(self, seen: Observation) -> Reply:
-        """On along the route, or standing."""
+        """Return a plan that drives along the route at full speed, or stands."""
         assert seen.objects is not None, "the objects sensor is declared"
-        path, lights = self._way = self._way or self._started(seen.own)
+        path, lights = self._route = self._route or self._build_route(seen.own)
         self._s = path.project(seen.own.x, seen.own.y, self._s)
         notes = self._fusion.receive(message for message in seen.messages if message.type == CPM)
         if has_hazard(seen.own, self._fusion.fuse(seen.tick, seen.own, seen.objects)):
-            self._held_until = seen.tick + HOLD_TICKS
-        halts = seen.tick < self._held_until or self._at_red(lights, seen)
-        return Reply(plan=self._plan(path, halts), messages=self._station.messages(seen), notes=notes)
+            self._hold_until_tick = seen.tick + PERCEPTION_SWAP.hold_ticks
+        halts = seen.tick < self._hold_until_tick or self._is_at_red_light(lights, seen)
+        return Reply(plan=self._build_plan(path, halts), messages=self._awareness.messages(seen), notes=notes)
 
-    def _started(self, own: OwnState) -> tuple[ReferencePath, StopLines]:
-        path = build_path(self._me.route_xy, self._me.vehicle.rear_to_centre, own.yaw)
-        return path, build_stop_lines(path, self._me, signs=False)  # BasicAgent minds lights, but no stop signs
+    def _build_route(self, own: OwnState) -> tuple[ReferencePath, StopLines]:
+        """Return the path, and the traffic lights on it: BasicAgent obeys no stop signs."""
+        path = build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw)
+        return path, build_stop_lines(path, self._briefing, include_signs=False)
 
-    def _at_red(self, lights: StopLines, seen: Observation) -> bool:
+    def _is_at_red_light(self, lights: StopLines, seen: Observation) -> bool:
+        """Return whether a closed light lies within the range of a hazard."""
         ahead = lights.find_stop_stations(self._s, seen.own.speed, seen.signals, lambda line: line > self._s)
         return any(line - self._s < compute_hazard_range(seen.own.speed) for line in ahead)
 
-    def _plan(self, path: ReferencePath, halts: bool) -> Plan:
-        """Full speed along the path; who halts stands for the second that the controller looks ahead."""
-        after = np.arange(1, POINTS + 1, dtype=np.float64) * INTERVAL_S
-        stations = self._s + SPEED * np.maximum(after - HALT_S, 0.0) if halts else self._s + SPEED * after
-        return Plan(path.get_points(stations), INTERVAL_S, CONTROLLER)
+    def _build_plan(self, path: ReferencePath, halts: bool) -> Plan:
+        """Return full speed along the path; a halting plan stands for `halt_s` first."""
+        parameters = PERCEPTION_SWAP
+        after = np.arange(1, parameters.plan_points + 1, dtype=np.float64) * parameters.interval_s
+        moving_s = np.maximum(after - parameters.halt_s, 0.0) if halts else after
+        stations = self._s + parameters.speed * moving_s
+        return Plan(path.get_points(stations), parameters.interval_s, parameters.controller)
 
 
 def compute_hazard_range(speed: float) -> float:
-    """How far ahead [m] of the box centre a detection is a hazard, at that speed [m/s]."""
-    return BASE_M + max(speed, 0.0) * GROWTH_S
+    """Return how far ahead [m] of the box centre a detection is a hazard, at that speed [m/s]."""
+    return PERCEPTION_SWAP.hazard_base_m + max(speed, 0.0) * PERCEPTION_SWAP.hazard_growth_s
 
 
 def has_hazard(own: OwnState, objects: Objects) -> bool:
-    """Whether the centre of a detection is in the lane-wide box straight ahead (protocol 11.2)."""
+    """Return whether the centre of a detection is in the lane-wide box straight ahead (protocol 11.2)."""
+    parameters = PERCEPTION_SWAP
     dx, dy = objects.x - own.x, objects.y - own.y
     ahead = math.cos(own.yaw) * dx + math.sin(own.yaw) * dy
-    aside = math.cos(own.yaw) * dy - math.sin(own.yaw) * dx
-    close = (ahead >= NEAREST_M) & (ahead <= compute_hazard_range(own.speed)) & (np.abs(aside) <= ASIDE_M)
-    if abs(own.speed) < STANDING_SPEED:
-        close &= ahead < PASSABLE_M
+    lateral = math.cos(own.yaw) * dy - math.sin(own.yaw) * dx
+    close = (ahead >= parameters.min_ahead_m) & (ahead <= compute_hazard_range(own.speed))
+    close &= np.abs(lateral) <= parameters.max_lateral_m
+    if abs(own.speed) < parameters.standing_speed:
+        close &= ahead < parameters.standing_range_m
     return bool(close.any())
 
 

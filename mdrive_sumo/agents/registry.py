@@ -1,4 +1,4 @@
-"""The built-in agents by name; a description of each is the first line of its class."""
+"""The built-in agents by name; the first docstring line of a class is the description of the agent."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -32,4 +32,4 @@ AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
         "omniscient": OmniscientAgent,
     }
 )
-"""What `--agent NAME` may name."""
+"""The names that `--agent NAME` accepts."""

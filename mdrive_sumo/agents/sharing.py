@@ -1,9 +1,10 @@
-"""`sharing`: drives by what it and the others see."""
+"""`sharing`: drives by its own detections and those that others share."""
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.perception.late_fusion import LateFusion
-from mdrive_sumo.planning.ego_planner import DrivingOptions, EgoPlanner
+from mdrive_sumo.planning.driving_options import DrivingOptions
+from mdrive_sumo.planning.ego_planner import EgoPlanner
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
 
@@ -14,23 +15,26 @@ class SharingAgent:
     name = "sharing"
 
     def __init__(self, config: Config) -> None:
-        self._habits = DrivingOptions(self.name, config)
+        self._options = DrivingOptions(self.name, config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """Boxes of what is in sight, and how far sight is free."""
-        return (self._habits.build_sensor_spec(free_space=True),)
+        """Return the sensor of visible boxes and of the free view."""
+        return (self._options.build_sensor_spec(free_space=True),)
 
     def start(self, briefing: Briefing) -> None:
-        """The path needs the first observation: nobody says which way a car looks at its start."""
-        self._me = briefing
+        """Prepare fusion and sending; the path needs the first observation, which has the heading of the car."""
+        self._briefing = briefing
         self._fusion = LateFusion(briefing.vehicle)
-        self._station = AwarenessService(briefing, self._habits.range_m, self._habits.latency_ticks)
-        self._drive: EgoPlanner | None = None
+        self._awareness = AwarenessService(briefing, self._options.range_m, self._options.latency_ticks)
+        self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
-        """The plan as it is, made anew when it is time to, and what I see for the others."""
-        drive = self._drive = self._drive or EgoPlanner(self._me, seen.own, self._habits.cruise_speed)
+        """Return the plan, updated when it is due, and messages with the own state and detections."""
+        if self._ego_planner is None:
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
         notes = self._fusion.receive(seen.messages)
-        if drive.track_ego(seen):
-            drive.update_plan(seen, self._fusion.fuse(seen.tick, seen.own, self._habits.compensate_latency(seen)))
-        return Reply(plan=drive.planner.build_plan(seen.tick), messages=self._station.messages(seen), notes=notes)
+        if self._ego_planner.track_ego(seen):
+            objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
+            self._ego_planner.update_plan(seen, objects)
+        plan = self._ego_planner.planner.build_plan(seen.tick)
+        return Reply(plan=plan, messages=self._awareness.messages(seen), notes=notes)

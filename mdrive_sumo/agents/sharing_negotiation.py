@@ -7,26 +7,28 @@ from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 
 
 class SharingNegotiationAgent(SharingAgent):
-    """Shares perception as `sharing` does, and settles by rule who passes behind whom: the paper's future work."""
+    """Shares perception as `sharing` does, and settles by rule which CAV passes first: the paper's future work."""
 
     label = "negotiation"
     name = "sharing+negotiation"
 
     def start(self, briefing: Briefing) -> None:
-        """As `sharing`, and takes a seat at the table."""
+        """Prepare as `sharing` does, and the negotiation."""
         super().start(briefing)
-        self._parley = NegotiationInterface(briefing, RuleNegotiator(passing=True), stops=False)
+        self._negotiation = NegotiationInterface(briefing, RuleNegotiator(passing=True), stops=False)
 
     def act(self, seen: Observation) -> Reply:
-        """The plan, made anew when it is time to, and what I see, plan and claim for the others."""
-        drive = self._drive = self._drive or EgoPlanner(self._me, seen.own, self._habits.cruise_speed)
-        planner = drive.planner
+        """Return the plan, updated when it is due, and messages with detections, plan and claims."""
+        if self._ego_planner is None:
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+        planner = self._ego_planner.planner
         notes = self._fusion.receive(seen.messages)
-        self._parley.receive(seen)
-        if drive.track_ego(seen):
-            names, motions = self._parley.predict_announced_motions(seen, planner)
-            objects = self._fusion.fuse(seen.tick, seen.own, self._habits.compensate_latency(seen))
-            drive.update_plan(seen, exclude_objects(objects, names), motions)
+        self._negotiation.receive(seen)
+        if self._ego_planner.track_ego(seen):
+            names, motions = self._negotiation.predict_announced_motions(seen, planner)
+            objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
+            self._ego_planner.update_plan(seen, exclude_objects(objects, names), motions)
         plan = planner.build_plan(seen.tick)
-        step = self._parley.negotiate(seen, planner, plan.points)
-        return Reply(plan=plan, messages=self._station.messages(seen) + step.messages, notes=notes + step.notes)
+        step = self._negotiation.negotiate(seen, planner, plan.points)
+        messages = self._awareness.messages(seen) + step.messages
+        return Reply(plan=plan, messages=messages, notes=notes + step.notes)

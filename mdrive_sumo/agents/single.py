@@ -1,8 +1,9 @@
-"""`single`: drives by what its own sensors see."""
+"""`single`: drives by its own sensors."""
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
-from mdrive_sumo.planning.ego_planner import DrivingOptions, EgoPlanner
+from mdrive_sumo.planning.driving_options import DrivingOptions
+from mdrive_sumo.planning.ego_planner import EgoPlanner
 
 
 class SingleAgent:
@@ -11,20 +12,21 @@ class SingleAgent:
     label = "single"
 
     def __init__(self, config: Config) -> None:
-        self._habits = DrivingOptions("single", config)
+        self._options = DrivingOptions("single", config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """Boxes of what is in sight."""
-        return (self._habits.build_sensor_spec(),)
+        """Return the sensor of visible boxes."""
+        return (self._options.build_sensor_spec(),)
 
     def start(self, briefing: Briefing) -> None:
-        """The path needs the first observation: nobody says which way a car looks at its start."""
-        self._me = briefing
-        self._drive: EgoPlanner | None = None
+        """Store the briefing; the path needs the first observation, because the briefing has no heading of the car."""
+        self._briefing = briefing
+        self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
-        """The plan as it is, made anew when it is time to."""
-        drive = self._drive = self._drive or EgoPlanner(self._me, seen.own, self._habits.cruise_speed)
-        if drive.track_ego(seen):
-            drive.update_plan(seen, self._habits.compensate_latency(seen))
-        return Reply(plan=drive.planner.build_plan(seen.tick))
+        """Return the plan, updated when it is due."""
+        if self._ego_planner is None:
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+        if self._ego_planner.track_ego(seen):
+            self._ego_planner.update_plan(seen, self._options.compensate_latency(seen))
+        return Reply(plan=self._ego_planner.planner.build_plan(seen.tick))

@@ -1,4 +1,4 @@
-"""`stationary`: the agent that never moves."""
+"""`stationary`: never moves."""
 
 from mdrive_sumo.contract import STANDSTILL, Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, read_options
@@ -13,12 +13,12 @@ class StationaryAgent:
         read_options("stationary", config, {})
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """None."""
+        """Return no sensor."""
         return ()
 
     def start(self, briefing: Briefing) -> None:
-        """Nothing to prepare."""
+        """Do nothing."""
 
     def act(self, seen: Observation) -> Reply:  # noqa: ARG002 - the protocol's signature
-        """The brake."""
+        """Return full braking."""
         return Reply(control=STANDSTILL)

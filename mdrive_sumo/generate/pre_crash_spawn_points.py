@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mdrive_sumo.agents.constant_speed import BRAKING, LATERAL
+from mdrive_sumo.agents.constant_speed import CONSTANT_SPEED
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.generate.lane_routes import LaneRoute
 from mdrive_sumo.generate.proposal import Proposal
@@ -109,6 +109,6 @@ def compute_arrival_s(line: RouteLine, start: float, station: float) -> float:
 def _bends(line: RouteLine) -> Float:
     """Speed of blind driving [m/s] at the points of a line, but for the start."""
     path = build_path(line.xy, VEHICLE.rear_to_centre)
-    speeds = compute_curve_speeds(path, BLIND_SPEED, LATERAL, BRAKING)
+    speeds = compute_curve_speeds(path, BLIND_SPEED, CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking)
     share = np.linspace(0.0, path.goal_s, len(line.xy))
     return np.interp(share, np.arange(len(speeds)) * SPACING_M, speeds)

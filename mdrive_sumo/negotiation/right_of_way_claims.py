@@ -3,7 +3,7 @@
 Whoever comes late, or lost a message, reads in the next ones what has been settled.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mdrive_sumo.contract import Message
@@ -43,25 +43,6 @@ def answer_claims(me: str, heard: Mapping[str, Mcm], claims: RightOfWayClaims) -
         name for name, mcm in heard.items() if name != me and mcm.requests.get(me, Intention.KEEP) <= Intention.SLOWER
     ]
     return {name: (me, name) not in claims for name in asking[:MAX_NAMES]}
-
-
-def order_by_urgency(group: Sequence[str], urgency: Mapping[str, float], before: RightOfWayClaims) -> tuple[str, ...]:
-    """The most urgent (smallest) first, nobody before those who must be before him; a circle is cut at its most urgent.
-
-    Whoever must be before an urgent one is as urgent himself.
-    """
-    inherited = {name: urgency[name] for name in group}
-    pairs = [(first, second) for first, second in before if first in inherited and second in inherited]
-    for _ in group:
-        for first, second in pairs:
-            inherited[first] = min(inherited[first], inherited[second])
-    left = sorted(group, key=lambda name: (inherited[name], urgency[name], name))
-    order: list[str] = []
-    while left:
-        free = [name for name in left if not any(second == name and first in left for first, second in pairs)]
-        order.append((free or left)[0])
-        left.remove(order[-1])
-    return tuple(order)
 
 
 def build_mcm_message(me: NegotiationMember, tick: int, terms: NegotiationTerms) -> Message:

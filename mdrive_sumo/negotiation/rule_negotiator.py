@@ -20,8 +20,8 @@ from mdrive_sumo.negotiation.right_of_way_claims import (
     answer_claims,
     build_mcm_message,
     collect_claims,
-    order_by_urgency,
 )
+from mdrive_sumo.planning.precedence import order_by_urgency
 from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm
 
 

@@ -1,1 +1,1 @@
-"""What an agent works out from detections and received messages: fused object lists, tracks of static objects."""
+"""Perception of an agent: object lists fused from detections and messages, and tracks of static objects."""

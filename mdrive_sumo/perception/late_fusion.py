@@ -1,13 +1,12 @@
-"""Late fusion: one list of boxes from what I see and what others say they see and are.
+"""Late fusion: one list of boxes from own detections and from what other stations detect and report of themselves.
 
-Track-level association by place and kind, greedily from the nearest pair; what is told is moved on by its age; my own
-measurement counts where I have one.
+Track-level association by position and kind, greedily from the nearest pair; received objects are advanced by their
+age; the own measurement is preferred where there is one.
 """
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,38 +15,50 @@ from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, MessageError, decode
 
-MEMORY_TICKS = TICKS_PER_SECOND
-"""What is older is forgotten."""
-CAR_GATE_M = 2.5
-"""Two cars are never nearer than this with their centres unless one is beside the other; three sigmas of the paper's
-pose error (0.6 m) would be more, and then one car counts twice."""
-WALKER_GATE_M = 1.0
+
+@dataclass(frozen=True, slots=True)
+class FusionParameters:
+    """Parameters of `LateFusion`."""
+
+    memory_ticks: int = TICKS_PER_SECOND
+    """Older messages are dropped."""
+    vehicle_gate_m: float = 2.5
+    """Nearer detections are one vehicle. Centres of two vehicles are never nearer unless side by side.
+    Three standard deviations of the paper's pose error (0.6 m) exceed it: one vehicle then counts twice."""
+    pedestrian_gate_m: float = 1.0
+    """The same for pedestrians and cyclists."""
 
 
-class FusionLimits(NamedTuple):
-    """Whose detections are fused: so many of the nearest at most, no farther away than that [m]."""
+@dataclass(frozen=True, slots=True)
+class FusionLimits:
+    """The senders whose detections are fused: at most `max_senders`, the nearest ones, within `max_distance_m`."""
 
     max_senders: int
     max_distance_m: float
 
 
-class LateFusion:
-    """What is known of the surroundings, kept from tick to tick.
+FUSION = FusionParameters()
 
-    Names: a station is called by its id, everything else by the track name of whoever saw it first; the same thing
-    keeps its name when another one sees it.
+
+class LateFusion:
+    """Keeps the latest messages and fuses them with own detections.
+
+    Names: a station is named by its id, every other object by the track name of the first station that reported it. An
+    object keeps its name when another station reports it.
     """
 
-    def __init__(self, vehicle: VehicleFacts, reach: FusionLimits | None = None) -> None:
-        """vehicle: the own one; others that tell their place but not their size are taken to be like it."""
-        self._size, self._reach = (vehicle.length, vehicle.width), reach
-        self._cams: dict[str, tuple[int, Cam]] = {}
-        self._cpms: dict[str, tuple[int, Cpm]] = {}
-        self._names: dict[str, str] = {}
+    def __init__(
+        self, vehicle: VehicleFacts, limits: FusionLimits | None = None, parameters: FusionParameters = FUSION
+    ) -> None:
+        """vehicle: the own one; stations that report their position but not their size are assumed to have its size."""
+        self._size, self._limits, self._parameters = (vehicle.length, vehicle.width), limits, parameters
+        self._cam_by_station: dict[str, tuple[int, Cam]] = {}
+        self._cpm_by_station: dict[str, tuple[int, Cpm]] = {}
+        self._name_by_alias: dict[str, str] = {}
         self._listed: set[str] = set()
 
     def receive(self, messages: Iterable[Message]) -> tuple[Note, ...]:
-        """Takes notice of what arrived; notes what could not be read."""
+        """Store messages; return notes about unreadable ones."""
         notes: list[Note] = []
         for message in messages:
             try:
@@ -55,83 +66,89 @@ class LateFusion:
             except MessageError as error:
                 notes.append(Note("unreadable", f"{message.type} from {message.sender}: {error}"))
                 continue
-            if isinstance(content, Cam) and content.pose.tick >= self._last(message.sender):
-                self._cams[message.sender] = content.pose.tick, content
-            elif isinstance(content, Cpm) and content.pose.tick >= self._cpms.get(message.sender, (-1,))[0]:
-                self._cpms[message.sender] = content.pose.tick, content
-            elif isinstance(content, Mcm) and content.pose.tick > self._last(message.sender):
-                self._cams[message.sender] = content.pose.tick, Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
+            if isinstance(content, Cam | Mcm | Cpm):
+                self._store(message.sender, content)
         return tuple(notes)
 
-    def _last(self, station: str) -> int:
-        """When a station told its place last."""
-        return self._cams[station][0] if station in self._cams else -1
+    def _store(self, sender: str, content: Cam | Mcm | Cpm) -> None:
+        """Store a message unless a newer one is known; a CAM replaces an MCM of the same tick."""
+        tick = content.pose.tick
+        last_tick = self._cam_by_station[sender][0] if sender in self._cam_by_station else -1
+        if isinstance(content, Cpm):
+            if tick >= self._cpm_by_station.get(sender, (-1,))[0]:
+                self._cpm_by_station[sender] = tick, content
+        elif isinstance(content, Cam):
+            if tick >= last_tick:
+                self._cam_by_station[sender] = tick, content
+        elif tick > last_tick:
+            self._cam_by_station[sender] = tick, Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
 
     def fuse(self, tick: int, own: OwnState, seen: Objects) -> Objects:
-        """Everything that I or others know of now (N,): what I see first, then stations, then what they see."""
-        self._cams = {name: said for name, said in self._cams.items() if tick - said[0] <= MEMORY_TICKS}
-        self._cpms = {name: said for name, said in self._cpms.items() if tick - said[0] <= MEMORY_TICKS}
+        """Return all objects known at that tick (N,): own detections first, then stations, then their detections."""
+        oldest = tick - self._parameters.memory_ticks
+        self._cam_by_station = {name: entry for name, entry in self._cam_by_station.items() if entry[0] >= oldest}
+        self._cpm_by_station = {name: entry for name, entry in self._cpm_by_station.items() if entry[0] >= oldest}
         known = seen
-        if self._cams:
-            known = self._joined(known, _stations(tick, self._cams), own)
-        for sender in self._senders(own):
-            known = self._joined(known, _told(tick, sender, self._cpms[sender][1]), own)
+        if self._cam_by_station:
+            known = self._merge(known, _predict_stations(tick, self._cam_by_station), own)
+        for sender in self._select_senders(own):
+            known = self._merge(known, _predict_reported(tick, sender, self._cpm_by_station[sender][1]), own)
         self._listed.update(known.ids)
-        return _renamed(known, self._names)
+        return _rename(known, self._name_by_alias)
 
-    def _senders(self, own: OwnState) -> list[str]:
-        """Whose detections count now, sorted."""
-        if self._reach is None:
-            return sorted(self._cpms)
-        gaps = {name: math.hypot(c.pose.x - own.x, c.pose.y - own.y) for name, (_, c) in self._cpms.items()}
-        near = sorted((gap, name) for name, gap in gaps.items() if gap <= self._reach.max_distance_m)
-        return sorted(name for _, name in near[: self._reach.max_senders])
+    def _select_senders(self, own: OwnState) -> list[str]:
+        """Return the stations whose detections are fused, sorted."""
+        if self._limits is None:
+            return sorted(self._cpm_by_station)
+        poses = {name: cpm.pose for name, (_, cpm) in self._cpm_by_station.items()}
+        gaps = {name: math.hypot(pose.x - own.x, pose.y - own.y) for name, pose in poses.items()}
+        near = sorted((gap, name) for name, gap in gaps.items() if gap <= self._limits.max_distance_m)
+        return sorted(name for _, name in near[: self._limits.max_senders])
 
-    def _joined(self, known: Objects, told: Objects, own: OwnState) -> Objects:
-        """Known and told things together; what is me, or the same thing, is not added again."""
-        told = told.take(np.hypot(told.x - own.x, told.y - own.y) > CAR_GATE_M)
-        pairs = _matched(known, told)
-        for mine, theirs in pairs:
-            self._call_same(known.ids[mine], told.ids[theirs])
-        new = np.ones(len(told.ids), dtype=np.bool_)
-        new[[theirs for _, theirs in pairs]] = False
-        return known.concat(told.take(new))
+    def _merge(self, known: Objects, reported: Objects, own: OwnState) -> Objects:
+        """Return known objects and those reported ones that are neither known nor the own vehicle."""
+        reported = reported.take(np.hypot(reported.x - own.x, reported.y - own.y) > self._parameters.vehicle_gate_m)
+        pairs = _associate(known, reported, self._parameters)
+        for i, j in pairs:
+            self._unify_names(known.ids[i], reported.ids[j])
+        is_new = np.ones(len(reported.ids), dtype=np.bool_)
+        is_new[[j for _, j in pairs]] = False
+        return known.concat(reported.take(is_new))
 
-    def _call_same(self, mine: str, theirs: str) -> None:
-        """Gives two names of one thing one meaning: the station's id, or the older of the two."""
-        if theirs in self._cams:
-            self._names = {name: common for name, common in self._names.items() if common != theirs}
-            self._names[mine] = theirs
-        elif theirs in self._listed and mine not in self._listed:
-            self._names[mine] = self._names.get(theirs, theirs)
+    def _unify_names(self, known: str, reported: str) -> None:
+        """Give two names of one object a common one: the station's id, or the older of the two."""
+        if reported in self._cam_by_station:
+            self._name_by_alias = {alias: name for alias, name in self._name_by_alias.items() if name != reported}
+            self._name_by_alias[known] = reported
+        elif reported in self._listed and known not in self._listed:
+            self._name_by_alias[known] = self._name_by_alias.get(reported, reported)
         else:
-            self._names.setdefault(theirs, self._names.get(mine, mine))
+            self._name_by_alias.setdefault(reported, self._name_by_alias.get(known, known))
 
 
-def _stations(tick: int, cams: dict[str, tuple[int, Cam]]) -> Objects:
-    """The senders of CAMs where they should be now."""
-    names = sorted(cams)
-    said = [cams[name][1] for name in names]
-    rows = [(c.pose.x, c.pose.y, c.pose.yaw, c.speed, c.length, c.width) for c in said]
-    ages = np.array([(tick - c.pose.tick) * DT for c in said])
-    turn = np.array([c.yaw_rate for c in said]) * ages
+def _predict_stations(tick: int, cam_by_station: dict[str, tuple[int, Cam]]) -> Objects:
+    """Return the senders of CAMs, advanced to that tick."""
+    names = sorted(cam_by_station)
+    cams = [cam_by_station[name][1] for name in names]
+    rows = [(cam.pose.x, cam.pose.y, cam.pose.yaw, cam.speed, cam.length, cam.width) for cam in cams]
+    ages = np.array([(tick - cam.pose.tick) * DT for cam in cams])
+    turn = np.array([cam.yaw_rate for cam in cams]) * ages
     return Objects(tuple(names), np.zeros(len(names), dtype=np.uint8), *np.array(rows).T).advance(ages, turn)
 
 
-def _told(tick: int, sender: str, cpm: Cpm) -> Objects:
-    """What a sender sees where it should be now."""
-    objects = cpm.objects
+def _predict_reported(tick: int, sender: str, cpm: Cpm) -> Objects:
+    """Return the objects that a sender detected, advanced to that tick."""
     ages = (tick - cpm.pose.tick + cpm.age.astype(np.float64)) * DT
-    names = tuple(f"{sender}:{name}" for name in objects.ids)
-    return replace(objects, ids=names).advance(ages)
+    names = tuple(f"{sender}:{name}" for name in cpm.objects.ids)
+    return replace(cpm.objects, ids=names).advance(ages)
 
 
-def _matched(known: Objects, told: Objects) -> list[tuple[int, int]]:
-    """Pairs (known, told) of the same thing: the nearest pair first, everything at most once."""
-    gaps = np.hypot(known.x[:, None] - told.x[None], known.y[:, None] - told.y[None])
-    walkers = _walks(known)[:, None]
-    allowed = np.where(walkers, WALKER_GATE_M, CAR_GATE_M)
-    possible = (gaps <= allowed) & (walkers == _walks(told)[None])
+def _associate(known: Objects, reported: Objects, parameters: FusionParameters) -> list[tuple[int, int]]:
+    """Return pairs (known row, reported row) of the same object: nearest pair first, every object at most once."""
+    gaps = np.hypot(known.x[:, None] - reported.x[None], known.y[:, None] - reported.y[None])
+    on_foot = _find_pedestrians(known)[:, None]
+    gates = np.where(on_foot, parameters.pedestrian_gate_m, parameters.vehicle_gate_m)
+    possible = (gaps <= gates) & (on_foot == _find_pedestrians(reported)[None])
     rows, columns = np.nonzero(possible)
     order = np.argsort(gaps[rows, columns], kind="stable")
     used_rows: set[int] = set()
@@ -145,16 +162,17 @@ def _matched(known: Objects, told: Objects) -> list[tuple[int, int]]:
     return pairs
 
 
-def _walks(objects: Objects) -> Bool:
+def _find_pedestrians(objects: Objects) -> Bool:
+    """Return a mask (N,): pedestrians and cyclists."""
     return (objects.kind == Kind.PEDESTRIAN) | (objects.kind == Kind.CYCLIST)
 
 
-def _renamed(objects: Objects, names: dict[str, str]) -> Objects:
-    """The same under common names; who would take another row's name keeps its own: they are two things now."""
+def _rename(objects: Objects, name_by_alias: dict[str, str]) -> Objects:
+    """Return the objects under their common names; where another row has that name, an object keeps its own."""
     taken = set(objects.ids)
     ids: list[str] = []
-    for name in objects.ids:
-        common = names.get(name, name)
-        ids.append(name if common in taken else common)
+    for alias in objects.ids:
+        name = name_by_alias.get(alias, alias)
+        ids.append(alias if name in taken else name)
         taken.add(ids[-1])
     return replace(objects, ids=tuple(ids))

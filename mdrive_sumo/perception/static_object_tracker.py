@@ -1,7 +1,7 @@
-"""Who stands, for how long and where exactly: what a driver remembers of things that do not move.
+"""Tracks objects that stand: for how long, and where exactly.
 
-Detections are noisy, so a thing stands while it stays near the mean of where it was seen, whatever its speed is said
-to be, and the mean says better where it is than any single look.
+Detections are noisy. An object stands while it is detected near the mean of its positions, whatever its measured speed,
+and the mean is more accurate than a single detection.
 """
 
 import math
@@ -13,95 +13,114 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 
-STAYS_M = 1.0
-"""How far from its mean place something may be seen: three standard errors; 0.2 m/s for 10 s brings one further."""
-LOST_TICKS = 2 * TICKS_PER_SECOND
-"""What has not been seen for so long begins anew."""
-RECALL_TICKS = TICKS_PER_SECOND
-"""Detectors miss things for half a second at a time: what stood is believed to stand on for so long unseen."""
+
+@dataclass(frozen=True, slots=True)
+class TrackerParameters:
+    """Parameters of `StaticObjectTracker`."""
+
+    max_offset_m: float = 1.0
+    """A detection further from the mean starts a new standstill: three standard errors; 0.2 m/s for 10 s is further."""
+    lost_ticks: int = 2 * TICKS_PER_SECOND
+    """An object that was not detected for this long starts a new standstill."""
+    recall_ticks: int = TICKS_PER_SECOND
+    """A static object is assumed to remain for this long undetected: detectors miss objects for half a second."""
+
+
+TRACKER = TrackerParameters()
 
 
 @dataclass(slots=True)
-class _Stay:
-    """Looks at one thing that stands: since when, the last one, how many, and the sum of what was seen."""
+class _Standstill:
+    """Detections of one standing object: first and last tick, their number and their sum."""
 
     kind: int
-    since: int
-    last: int
+    first_tick: int
+    last_tick: int
     count: int = 0
     total: Float = field(default_factory=lambda: np.zeros(6))
 
     @property
-    def seconds(self) -> float:
-        """For how long it has been seen to stand."""
-        return (self.last - self.since) * DT
+    def duration_s(self) -> float:
+        """Time between the first and the last detection [s]."""
+        return (self.last_tick - self.first_tick) * DT
 
-    def mean(self) -> Float:
-        """(6,) x, y, cosine and sine of yaw, length, width."""
+    def compute_mean(self) -> Float:
+        """Return (6,) the mean x, y, cosine and sine of yaw, length, width."""
         return self.total / self.count
 
-    def add(self, tick: int, look: Float) -> None:
-        self.last, self.count, self.total = tick, self.count + 1, self.total + look
+    def add(self, tick: int, detection: Float) -> None:
+        """Add a detection (6,)."""
+        self.last_tick, self.count, self.total = tick, self.count + 1, self.total + detection
 
 
 class StaticObjectTracker:
-    """Kept from look to look."""
+    """Accumulates the detections of standing objects by id."""
 
-    def __init__(self) -> None:
-        self._stays: dict[str, _Stay] = {}
-        self._moved: set[str] = set()
+    def __init__(self, parameters: TrackerParameters = TRACKER) -> None:
+        self._parameters = parameters
+        self._standstill_by_id: dict[str, _Standstill] = {}
+        self._moved_ids: set[str] = set()
 
     def update(self, tick: int, objects: Objects) -> None:
-        """Takes notice of what is seen now."""
+        """Add the detections of a tick."""
         yaw = objects.yaw
         table = (objects.x, objects.y, np.cos(yaw), np.sin(yaw), objects.length, objects.width)
-        for name, kind, look in zip(objects.ids, objects.kind.tolist(), np.column_stack(table), strict=True):
-            stay = self._stays.get(name)
-            gone = stay is not None and math.dist(stay.mean()[:2], look[:2]) > STAYS_M
-            if gone:
-                self._moved.add(name)
-            if stay is None or gone or tick - stay.last > LOST_TICKS:
-                stay = self._stays[name] = _Stay(kind, tick, tick)
-            stay.add(tick, look)
+        for name, kind, row in zip(objects.ids, objects.kind.tolist(), np.column_stack(table), strict=True):
+            known = self._standstill_by_id.get(name)
+            has_left = (
+                known is not None and math.dist(known.compute_mean()[:2], row[:2]) > self._parameters.max_offset_m
+            )
+            if has_left:
+                self._moved_ids.add(name)
+            if known is None or has_left or tick - known.last_tick > self._parameters.lost_ticks:
+                known = self._standstill_by_id[name] = _Standstill(kind, tick, tick)
+            known.add(tick, row)
 
     def compute_standstill_durations(self, objects: Objects) -> Float:
-        """(N,) [s] for how long each object has been seen standing; it must have been looked at."""
-        return np.array([self._stays[name].seconds for name in objects.ids])
+        """Return for how long (N,) [s] each object has been standing; `update` must have been called with them."""
+        return np.array([self._standstill_by_id[name].duration_s for name in objects.ids])
 
     def find_never_moved(self, objects: Objects) -> Bool:
-        """(N,) who has not moved since it was first seen."""
-        return np.array([name not in self._moved for name in objects.ids], dtype=np.bool_)
+        """Return a mask (N,): objects that have not moved since their first detection."""
+        return np.array([name not in self._moved_ids for name in objects.ids], dtype=np.bool_)
 
-    def add_missed_objects(self, tick: int, objects: Objects, least_s: float) -> Objects:
-        """The objects, and after them the static ones that stood for so long [s] and are missed just now.
+    def add_missed_objects(self, tick: int, objects: Objects, min_s: float) -> Objects:
+        """Return the objects and the undetected static ones that stood for at least `min_s` [s].
 
-        A car that is missed may have driven off.
+        Undetected vehicles are not added: they may have driven off.
         """
         missed = {
-            name: stay
-            for name, stay in self._stays.items()
-            if stay.kind == Kind.STATIC and stay.seconds >= least_s and 0 < tick - stay.last <= RECALL_TICKS
+            name: one
+            for name, one in self._standstill_by_id.items()
+            if one.kind == Kind.STATIC
+            and one.duration_s >= min_s
+            and 0 < tick - one.last_tick <= self._parameters.recall_ticks
         }
         if not missed:
             return objects
-        x, y, cos, sin, length, width = np.array([stay.mean() for stay in missed.values()]).T
         kinds = np.full(len(missed), Kind.STATIC, dtype=np.uint8)
-        return objects.concat(Objects(tuple(missed), kinds, x, y, np.arctan2(sin, cos), 0.0 * x, length, width))
+        return objects.concat(Objects(tuple(missed), kinds, *_build_mean_columns(list(missed.values())).values()))
 
-    def replace_by_means(self, objects: Objects, which: Bool) -> Objects:
-        """The objects; those of `which` (N,) as static ones, where and how they stand on average."""
-        if not which.any():
+    def replace_by_means(self, objects: Objects, mask: Bool) -> Objects:
+        """Return the objects with those of `mask` (N,) as static objects at their mean position and size."""
+        if not mask.any():
             return objects
-        rows = np.flatnonzero(which)
-        x, y, cos, sin, length, width = np.array([self._stays[objects.ids[row]].mean() for row in rows]).T
-        better = {"x": x, "y": y, "yaw": np.arctan2(sin, cos), "speed": 0.0 * x, "length": length, "width": width}
-        columns = {name: _with(getattr(objects, name), rows, values) for name, values in better.items()}
+        rows = np.flatnonzero(mask)
+        means = _build_mean_columns([self._standstill_by_id[objects.ids[row]] for row in rows])
+        columns = {name: _replace_rows(getattr(objects, name), rows, values) for name, values in means.items()}
         kind = objects.kind.copy()
         kind[rows] = Kind.STATIC
         return replace(objects, kind=kind, **columns)
 
 
-def _with(column: Float, rows: Int, values: Float) -> Float:
+def _build_mean_columns(standstills: list[_Standstill]) -> dict[str, Float]:
+    """Return the columns (K,) of `Objects` from x to width for objects at their mean."""
+    x, y, cos, sin, length, width = np.array([one.compute_mean() for one in standstills]).T
+    return {"x": x, "y": y, "yaw": np.arctan2(sin, cos), "speed": 0.0 * x, "length": length, "width": width}
+
+
+def _replace_rows(column: Float, rows: Int, values: Float) -> Float:
+    """Return a copy of the column with other values in some rows."""
     changed = column.copy()
     changed[rows] = values
     return changed

@@ -29,7 +29,7 @@ class Detour(NamedTuple):
 
 
 class _LateralShift(NamedTuple):
-    """A shift by `left` [m] between two arc lengths [m], with transitions of the lengths `ramps` [m] before and after."""
+    """A shift by `left` [m] between the arc lengths `hold` [m], with transitions of length `ramps` [m] at both ends."""
 
     left: float
     hold: tuple[float, float]
@@ -134,7 +134,7 @@ class _DetourSearch:
         return _LateralShift(offset, hold, (min(ramp_m, hold[0] - self._s), ramp_m))
 
     def _try_shift(self, shift: _LateralShift, group: Bool) -> tuple[Detour, float] | None:
-        """Return the detour and its shift [m], enlarged where it runs into further boxes; None if it is not drivable."""
+        """Return the detour and its shift [m], enlarged where it meets further boxes; None if it is not drivable."""
         while shift.ramps[0] > 0:
             detour = _apply_shift(self._path, shift, self._briefing.vehicle)
             if not self._is_drivable(detour):

@@ -88,9 +88,11 @@ def find_cells_blocked_by_objects(
     if not objects.ids:
         return blocked
     standing = np.abs(objects.speed) < parameters.standing_speed
-    least = SafetyMargin(*np.minimum(margin, MARGINS.standing).tolist())
+    standing_margin = SafetyMargin(
+        min(margin.longitudinal, MARGINS.standing.longitudinal), min(margin.lateral, MARGINS.standing.lateral)
+    )
     standing_boxes = _predict_boxes(objects, standing, 0.0, parameters)
-    blocked[:] = compute_overlaps(_inflate_footprints(path, cells, size, least), standing_boxes).any(axis=1)
+    blocked[:] = compute_overlaps(_inflate_footprints(path, cells, size, standing_margin), standing_boxes).any(axis=1)
     mine = _inflate_footprints(path, cells, size, margin)
     pedestrians = objects.kind == Kind.PEDESTRIAN
     horizon_s = np.where(pedestrians, parameters.pedestrian_prediction_s, parameters.vehicle_prediction_s)

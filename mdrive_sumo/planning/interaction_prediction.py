@@ -27,7 +27,7 @@ from mdrive_sumo.planning.parameters import (
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
-RELIABLE_ROWS = int((TIMES <= MOTION.reliable_s).sum())
+RELIABLE_ROWS = int((MOTION.reliable_s >= TIMES).sum())
 """Rows of a prediction within `MotionParameters.reliable_s`."""
 
 
@@ -58,9 +58,7 @@ class InteractionPredictor:
         motions = [self._predict_lead_object(objects, row, planner.path, planner.s) for row in on_path]
         yields_to_ego = right_of_way.find_followers_beside(ego, preview, objects)
         same_direction = right_of_way.find_same_direction(preview, objects)
-        row_by_id = {
-            name: row for row, name in enumerate(objects.ids) if row not in on_path and not yields_to_ego[row]
-        }
+        row_by_id = {name: row for row, name in enumerate(objects.ids) if row not in on_path and not yields_to_ego[row]}
         found = right_of_way.find_crossing_conflicts(preview, objects, curvature)
         conflicts = [one for one in found if one.begin_m > 0 and one.id in row_by_id]
         crossing = [one for one in conflicts if not same_direction[row_by_id[one.id]]]
@@ -71,14 +69,10 @@ class InteractionPredictor:
                 motions.append(_predict_merging(objects, row, float(curvature[row])))
             else:
                 motions.append(_predict_crossing(objects, row, float(curvature[row]), conflict.id in first))
-        stops = [
-            stop for one in conflicts if one.id in first for stop in self._build_stop_points(one, ego, planner.s)
-        ]
+        stops = [stop for one in conflicts if one.id in first for stop in self._build_stop_points(one, ego, planner.s)]
         return motions, stops
 
-    def _predict_lead_object(
-        self, objects: Objects, row: int, path: ReferencePath, s: float
-    ) -> PredictedMotion:
+    def _predict_lead_object(self, objects: Objects, row: int, path: ReferencePath, s: float) -> PredictedMotion:
         """Return the motion of an object on the own path: it brakes from now on."""
         speed, look_m = float(objects.speed[row]), RIGHT_OF_WAY.look_ahead_m
         here = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
@@ -119,9 +113,7 @@ def _predict_crossing(objects: Objects, row: int, curvature: float, goes_first: 
     return _predict_between(objects, row, (predict_hesitation(speed), fastest), curvature)
 
 
-def _predict_between(
-    objects: Objects, row: int, bounds: tuple[Float, Float], curvature: float
-) -> PredictedMotion:
+def _predict_between(objects: Objects, row: int, bounds: tuple[Float, Float], curvature: float) -> PredictedMotion:
     """Return the motion of an object that travels between two distances (T,) [m]: its box covers both."""
     least, most = bounds
     middle = place_on_arc(objects, row, (most + least) / 2, curvature)[:RELIABLE_ROWS]

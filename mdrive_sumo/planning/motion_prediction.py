@@ -37,7 +37,9 @@ def predict_constant_speed(speed: float) -> Float:
     return speed * TIMES
 
 
-def predict_acceleration(speed: float, top_speed: float = MOTION.top_speed, parameters: MotionParameters = MOTION) -> Float:
+def predict_acceleration(
+    speed: float, top_speed: float = MOTION.top_speed, parameters: MotionParameters = MOTION
+) -> Float:
     """Return the distance (T,) [m] travelled by a road user that accelerates to `top_speed` [m/s]."""
     top_speed = max(top_speed, speed)
     ramp_s = (top_speed - speed) / parameters.acceleration

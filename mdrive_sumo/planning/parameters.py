@@ -1,13 +1,12 @@
 """Parameters of motion planning: one frozen dataclass per module, every field with its unit and its source.
 
-A value without a named source is a design choice of the shared planner (docs/decisions/012-one-planner-for-all-baselines.md).
-The lattice itself (`speed_profile`) and the sampling times of predictions (`motion_prediction`) are no parameters: cells,
-profiles and predictions have to agree on them.
+A value without a named source is a design choice of the shared planner (docs/decisions/012). The lattice itself
+(`speed_profile`) and the sampling times of predictions (`motion_prediction`) are no parameters: cells, profiles and
+predictions have to agree on them.
 """
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,8 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 
 
-class SafetyMargin(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class SafetyMargin:
     """Free space between two vehicles [m]."""
 
     longitudinal: float
@@ -98,7 +98,7 @@ class AvoidanceParameters:
     """Other vehicles are predicted to drive straight on for this distance, in steps of `straight_on_step_m`."""
     straight_on_step_m: float = 2.0
     memory_ticks: int = 3 * TICKS_PER_SECOND // 2
-    """A conflict is remembered for this long: detectors miss objects for half a second, and one object hides another."""
+    """A conflict is remembered for this long: detectors miss objects for half a second, and one hides another."""
     creeping_speed: float = 1.5
     """[m/s] A slower car can still stop."""
     yield_gap_m: float = 3.0
@@ -140,7 +140,7 @@ class RightOfWayParameters:
     """Range of the relative heading of traffic from the side."""
     max_turn_rad: float = math.pi / 2
     patience_s: tuple[float, float] = (2.0, 8.0)
-    """Range of the random time after which a waiting car insists on its turn: four polite drivers would wait forever."""
+    """Range of the random time after which a waiting car insists on its turn: four polite cars would wait forever."""
     impatience_s: float = 3.0
     """How long it then insists."""
 

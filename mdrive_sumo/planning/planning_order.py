@@ -45,9 +45,7 @@ def _find_first_conflict(fleet: FleetPaths, ego: str) -> float:
     return float(min((cell[0] for cell in cells if len(cell)), default=0))
 
 
-def _count_successful(
-    fleet: FleetPaths, problems: Mapping[str, SpeedProfileProblem], order: tuple[str, ...]
-) -> int:
+def _count_successful(fleet: FleetPaths, problems: Mapping[str, SpeedProfileProblem], order: tuple[str, ...]) -> int:
     """Return how many CAVs of this order reach their goal before the first that does not."""
     done: dict[str, SpeedProfile] = {}
     for ego in order:

@@ -23,7 +23,7 @@ class PathParameters:
     run_out_m: float = 10.0
     """The path continues beyond the goal, so that a car passes it at speed: a route is completed by passing its end."""
     smoothing_m: float = 2.0
-    """Half width of the moving average that rounds kinks of lane geometry; it cuts a 6 m bend by 4 / (6 · 6) = 0.11 m."""
+    """Half width of the moving average that rounds kinks of lane geometry; cuts a 6 m bend by 4 / (6 · 6) = 0.11 m."""
     aligned_rad: float = 0.15
     """A route that leaves at a larger angle to the car's heading is blended into that heading."""
     join_m: float = 16.0
@@ -60,7 +60,7 @@ class ReferencePath:
         return np.column_stack((np.interp(index, grid, self.xy[:, 0]), np.interp(index, grid, self.xy[:, 1])))
 
     def project(self, x: float, y: float, near_s: float, within_m: float = 10.0) -> float:
-        """Return the arc length of the point nearest to (x, y), searched within `within_m` of `near_s` along the path."""
+        """Return the arc length [m] of the point nearest to (x, y), within `within_m` of `near_s` along the path."""
         low = max(int((near_s - within_m) / SPACING_M), 0)
         high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
         low = min(low, high - 1)
@@ -73,10 +73,10 @@ class ReferencePath:
 def build_path(
     route_xy: Float, rear_to_centre: float, start_yaw: float | None = None, parameters: PathParameters = PATH
 ) -> ReferencePath:
-    """Return the path along a route (N, 2) [m] for a car whose box centre lies `rear_to_centre` [m] before its rear axle.
+    """Return the path of a route (N, 2) [m] for a car whose box centre lies `rear_to_centre` [m] before its rear axle.
 
-    start_yaw: heading of the car [rad]; where the route leaves at an angle to it (a lane change that begins at the first
-    metre) the path begins straight and joins the route within `join_m`.
+    start_yaw: heading of the car [rad]; where the route leaves at an angle to it (a lane change from the first metre
+    on) the path begins straight and joins the route within `join_m`.
     """
     route = build_polyline(route_xy)
     if start_yaw is not None and abs(wrap_angle(float(route.yaws[0]) - start_yaw)) > parameters.aligned_rad:
@@ -126,7 +126,7 @@ def _compute_body_yaw(yaw: Float, rear_to_centre: float, start_yaw: float | None
 
 
 def compute_curve_speeds(path: ReferencePath, cruise_speed: float, lateral: float, braking: float) -> Float:
-    """Return the highest speed (M,) [m/s] at every point that respects `cruise_speed`, `lateral` and `braking` [m/s2]."""
+    """Return the highest speed (M,) [m/s] at each point that keeps to `cruise_speed`, `lateral`, `braking` [m/s2]."""
     bend = np.minimum(cruise_speed, np.sqrt(lateral / np.maximum(np.abs(path.curvature), 1e-6)))
     speeds = bend.tolist()
     for i in range(len(speeds) - 2, -1, -1):

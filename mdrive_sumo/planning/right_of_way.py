@@ -115,7 +115,7 @@ def _find_overlaps_now(preview: PathPreview, objects: Objects) -> Bool:
 def find_followers_beside(
     ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
 ) -> Bool:
-    """Return a mask (N,): which objects go in the own direction and are behind the own centre, or level and further east.
+    """Return a mask (N,): objects in the own direction that are behind the own centre, or level and further east.
 
     These cars give way to the own car.
     """
@@ -179,7 +179,7 @@ def must_yield(
 ) -> bool:
     """Return whether the own car yields: the other road user arrives earlier, or wins a tie (two standing cars tie).
 
-    A car that `yielded_before` keeps yielding while the other one is not clearly later; an impatient car wins every tie.
+    A car that `yielded_before` keeps yielding while the other one is not clearly later; an impatient car wins ties.
     """
     arrives_s, leaves_s = ego.compute_time_to(conflict.begin_m), ego.compute_time_to(conflict.end_m)
     gap_s = parameters.conflict_gap_s
@@ -199,9 +199,7 @@ def _loses_tie(ego: EgoMotion, conflict: CrossingConflict, parameters: RightOfWa
     return conflict.ego_turns or conflict.position < ego.position
 
 
-def _predict_boxes(
-    objects: Objects, rows: Int, travelled: Float | float, curvature: Float | float = 0.0
-) -> Float:
+def _predict_boxes(objects: Objects, rows: Int, travelled: Float | float, curvature: Float | float = 0.0) -> Float:
     """Return the corners (..., 4, 2) [m] of objects after `travelled` [m] on arcs; all arguments broadcast."""
     turned = np.clip(curvature * travelled, -RIGHT_OF_WAY.max_turn_rad, RIGHT_OF_WAY.max_turn_rad)
     # A chord of length travelled: exact for small turns, and large turns are guesses anyway.
@@ -240,9 +238,7 @@ class YieldingPolicy:
         self._waited_s = 0.0
         self._patience_s = float(np.random.default_rng(seed).uniform(*parameters.patience_s))
 
-    def select_first(
-        self, ego: EgoMotion, conflicts: Sequence[CrossingConflict], elapsed_s: float
-    ) -> frozenset[str]:
+    def select_first(self, ego: EgoMotion, conflicts: Sequence[CrossingConflict], elapsed_s: float) -> frozenset[str]:
         """Return the ids of the road users to which the own car yields; elapsed_s: time since the last call [s]."""
         is_impatient = self._waited_s > self._patience_s
         self._yielded_to = frozenset(

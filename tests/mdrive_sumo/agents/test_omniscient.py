@@ -12,7 +12,8 @@ from mdrive_sumo.contract import Briefing, Objects, OwnState, Privileged
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
-from mdrive_sumo.planning.pedestrian_caution import CREEPING, WALKING, limit_speeds_near_pedestrians, predict_walking_on
+from mdrive_sumo.planning.parameters import PEDESTRIAN
+from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path
 from mdrive_sumo.planning.reference_path import ReferencePath as Way
 from mdrive_sumo.roads import Lane, RoadMap
@@ -113,7 +114,7 @@ def test_it_slows_down_before_somebody_who_looks_across_the_road() -> None:
         path, speeds, things((50.0, -5.0, math.pi / 2, 0.0), kind=Kind.PEDESTRIAN), CAR
     )
     stations = np.arange(len(slow)) * SPACING_M
-    assert slow[(stations > 46) & (stations < 52)] == pytest.approx(CREEPING)
+    assert slow[(stations > 46) & (stations < 52)] == pytest.approx(PEDESTRIAN.creeping_speed)
     assert (slow[stations < 10] == 9.0).all()
     assert (slow[stations > 60] == 9.0).all()
     stop_m = slow**2 / (2 * 2.0)
@@ -138,6 +139,6 @@ def test_nobody_else_slows_it_down(row: tuple[float, float, float, float], kind:
 def test_who_has_set_off_and_waits_is_expected_to_walk_on() -> None:
     people = things((5.0, 0.0, 0.0, 0.0), (9.0, 0.0, 0.0, 0.0), (12.0, 0.0, 0.0, 0.8), kind=Kind.PEDESTRIAN)
     first = {"b0": (5.0, 0.0), "b1": (8.0, 0.0), "b2": (8.0, 0.0)}
-    assert predict_walking_on(people, first).speed.tolist() == [0.0, WALKING, 0.8]
+    assert predict_walking_on(people, first).speed.tolist() == [0.0, PEDESTRIAN.walking_speed, 0.8]
     cars = replace(people, kind=np.full(3, Kind.VEHICLE, dtype=np.uint8))
     assert predict_walking_on(cars, first).speed.tolist() == [0.0, 0.0, 0.8]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from testing.planning import briefing, own, seen, things
 
-from mdrive_sumo.agents.perception_swap import HOLD_TICKS, INTERVAL_S, SPEED, AttFuseAgent, has_hazard
+from mdrive_sumo.agents.perception_swap import PERCEPTION_SWAP, AttFuseAgent, has_hazard
 from mdrive_sumo.contract import Objects, Observation, Reply, StopSign, TrafficLight
 from mdrive_sumo.v2x.messages import CAM, CPM, Cpm, ReferencePose, encode
 
@@ -65,15 +65,17 @@ def asked(agent: AttFuseAgent, tick: int, objects: Objects, speed: float = 5.0) 
 def test_a_hazard_is_held_for_three_ticks() -> None:
     agent, close = started(), things((9, 0, 0, 0))
     found = [asked(agent, tick, close if tick in (2, 10, 11) else NOTHING) for tick in range(20)]
-    assert HOLD_TICKS == 3
+    assert PERCEPTION_SWAP.hold_ticks == 3
     assert [tick for tick, standing in enumerate(found) if standing] == [2, 3, 4, 10, 11, 12, 13]
 
 
 def test_on_a_free_road_it_drives_21_kmh() -> None:
     reply = started().act(seen(0, own(), NOTHING))
     assert reply.plan is not None
-    assert math.isclose(SPEED * 3.6, 21.6)
-    assert reply.plan.points[:, 0] == pytest.approx(SPEED * INTERVAL_S * np.arange(1, 16), abs=0.05)
+    assert math.isclose(PERCEPTION_SWAP.speed * 3.6, 21.6)
+    assert reply.plan.points[:, 0] == pytest.approx(
+        PERCEPTION_SWAP.speed * PERCEPTION_SWAP.interval_s * np.arange(1, 16), abs=0.05
+    )
 
 
 def test_what_others_see_is_a_hazard_too() -> None:

@@ -27,13 +27,9 @@ from mdrive_sumo.negotiation.intention import (
     replace_slow_keep,
 )
 from mdrive_sumo.negotiation.peer_table import MEMORY_TICKS, PeerTable
-from mdrive_sumo.negotiation.right_of_way_claims import (
-    NegotiationTerms,
-    build_mcm_message,
-    collect_claims,
-    order_by_urgency,
-)
+from mdrive_sumo.negotiation.right_of_way_claims import NegotiationTerms, build_mcm_message, collect_claims
 from mdrive_sumo.negotiation.rule_negotiator import apply_rule, find_leader_pairs, select_winner
+from mdrive_sumo.planning.precedence import order_by_urgency
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, decode
 
 STRAIGHT = np.array(((0.0, 0.0), (100.0, 0.0)))

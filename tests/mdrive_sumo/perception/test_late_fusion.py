@@ -13,7 +13,7 @@ from testing.planning import FACTS, LENGTH, own, things
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.perception.late_fusion import CAR_GATE_M, MEMORY_TICKS, FusionLimits, LateFusion
+from mdrive_sumo.perception.late_fusion import FUSION, FusionLimits, LateFusion
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
@@ -85,7 +85,7 @@ def test_association_is_one_to_one_from_the_nearest_pair() -> None:
     assert known.ids == ("t00000000", "b:t00000000")
 
 
-@pytest.mark.parametrize(("gap", "count"), [(CAR_GATE_M - 0.1, 1), (CAR_GATE_M + 0.1, 2)])
+@pytest.mark.parametrize(("gap", "count"), [(FUSION.vehicle_gate_m - 0.1, 1), (FUSION.vehicle_gate_m + 0.1, 2)])
 def test_two_cars_are_one_within_the_gate(gap: float, count: int) -> None:
     assert len(fused([cpm("b", things((20 + gap, 0, 0, 0)))], things((20, 0, 0, 0))).ids) == count
 
@@ -105,7 +105,7 @@ def test_pedestrians_are_not_cars() -> None:
     assert len(fused([cpm("b", walker)], things((20.9, 0, 0, 1), kind=Kind.PEDESTRIAN)).ids) == 1
 
 
-@given(st.floats(-3, 3), st.floats(0, 15), st.integers(0, MEMORY_TICKS))
+@given(st.floats(-3, 3), st.floats(0, 15), st.integers(0, FUSION.memory_ticks))
 def test_age_is_made_up_for_exactly_at_constant_velocity(yaw: float, speed: float, ticks: int) -> None:
     way = np.array((math.cos(yaw), math.sin(yaw))) * speed * ticks * DT
     station = fused([cam("b", 100.0, 20.0, yaw, speed)], tick=ticks)
@@ -120,7 +120,7 @@ def test_the_age_of_a_measurement_counts_too() -> None:
     assert known.x[0] == pytest.approx(30.0 + 10.0 * 10 * DT, abs=0.02)
 
 
-@given(st.floats(-0.6, 0.6), st.integers(0, MEMORY_TICKS))
+@given(st.floats(-0.6, 0.6), st.integers(0, FUSION.memory_ticks))
 def test_stations_are_moved_on_along_their_bend(turn: float, ticks: int) -> None:
     known = fused([cam("b", 60.0, 10.0, 0.3, 8.0, turn)], tick=ticks)
     x, y, yaw = 60.0, 10.0, 0.3
@@ -132,9 +132,9 @@ def test_stations_are_moved_on_along_their_bend(turn: float, ticks: int) -> None
     assert wrap_angle(float(known.yaw[0]) - yaw) == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize(("ticks", "known"), [(MEMORY_TICKS, 2), (MEMORY_TICKS + 1, 0)])
+@pytest.mark.parametrize(("ticks", "known"), [(FUSION.memory_ticks, 2), (FUSION.memory_ticks + 1, 0)])
 def test_what_is_older_than_a_second_is_forgotten(ticks: int, known: int) -> None:
-    assert MEMORY_TICKS * DT == 1.0
+    assert FUSION.memory_ticks * DT == 1.0
     assert len(fused([cam("b", 30.0), cpm("b", things((40, 0, 0, 0)))], tick=ticks).ids) == known
 
 
@@ -231,7 +231,7 @@ def test_there_are_no_fewer_things_than_anybody_sees_and_no_more_than_all(
     mine: Rows, first: Rows, second: Rows
 ) -> None:
     def away(rows: Rows) -> Rows:  # the own place is kept free
-        return [row for row in rows if math.hypot(row[0], row[1]) > CAR_GATE_M + 0.1]
+        return [row for row in rows if math.hypot(row[0], row[1]) > FUSION.vehicle_gate_m + 0.1]
 
     mine, first, second = away(mine), away(first), away(second)
     known = fused([cpm("b", things(*first)), cpm("c", things(*second))], things(*mine))

@@ -15,25 +15,12 @@ from mdrive_sumo.contract import Objects, OwnState, Plan
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
-from mdrive_sumo.planning.path_overlap import (
-    CONTACT_MARGIN,
-    PLAN_MARGIN,
-    compute_footprints,
-    compute_overlaps,
-    compute_path_overlaps,
-)
+from mdrive_sumo.planning.parameters import MARGINS, PROFILE
+from mdrive_sumo.planning.path_follower import FOLLOWER, PathFollower
+from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, compute_path_overlaps
 from mdrive_sumo.planning.planning_order import find_planning_order
-from mdrive_sumo.planning.reference_path import (
-    JOIN_M,
-    SPACING_M,
-    PathFollower,
-    ReferencePath,
-    build_path,
-    compute_curve_speeds,
-)
+from mdrive_sumo.planning.reference_path import PATH, SPACING_M, ReferencePath, build_path, compute_curve_speeds
 from mdrive_sumo.planning.speed_profile import (
-    ARRIVED_M,
-    IDLE_S,
     SAMPLE_S,
     STEP_S,
     SpeedProfile,
@@ -101,7 +88,7 @@ def test_a_path_that_leaves_at_an_angle_begins_straight() -> None:
     path = build_path(askew, REAR, 0.0)
     assert path.yaw[0] == pytest.approx(0.0, abs=0.05)
     assert path.body_yaw[0] == pytest.approx(0.0)
-    far = path.xy[round((JOIN_M + 4) / SPACING_M) :]
+    far = path.xy[round((PATH.join_m + 4) / SPACING_M) :]
     assert np.abs(far[:, 1] * math.cos(0.4) - far[:, 0] * math.sin(0.4)).max() < 0.02
 
 
@@ -118,7 +105,7 @@ def test_a_reference_never_runs_away_from_a_car_that_is_held() -> None:
     for _ in range(200):
         reference.update(10.0, 0.0, 0.0)
         reference.advance(2.0, np.full(400, 8.0), 0.05)
-    assert reference.s == pytest.approx(10.0 + PathFollower.LEAD_M, abs=0.2)
+    assert reference.s == pytest.approx(10.0 + FOLLOWER.lead_m, abs=0.2)
 
 
 # Footprints
@@ -153,9 +140,9 @@ def _shared_area(a: Float, b: Float) -> float:
 
 def test_paths_on_one_line_overlap_within_a_car_length() -> None:
     path = straight_path()
-    met = compute_path_overlaps(path, path, SIZE, CONTACT_MARGIN)
+    met = compute_path_overlaps(path, path, SIZE, MARGINS.contact)
     apart = np.abs(np.subtract.outer(np.arange(len(met)), np.arange(len(met)))) * SPACING_M
-    assert np.array_equal(met, apart < 4.9 + CONTACT_MARGIN.longitudinal)
+    assert np.array_equal(met, apart < 4.9 + MARGINS.contact.longitudinal)
 
 
 # Profiles
@@ -186,7 +173,7 @@ def test_a_free_road_is_driven_in_the_least_time() -> None:
     profile = find_fastest_profile(free_task(straight_path()))
     assert profile is not None
     # 2 m/s2 up to 9 m/s takes 4.5 s and 20.25 m; the other 40.75 m take 4.53 s.
-    assert (len(profile.s) - 1) * STEP_S == pytest.approx(4.5 + (60 + ARRIVED_M - 20.25) / 9, abs=STEP_S)
+    assert (len(profile.s) - 1) * STEP_S == pytest.approx(4.5 + (60 + PROFILE.beyond_goal_m - 20.25) / 9, abs=STEP_S)
 
 
 def test_no_way_out_is_no_profile() -> None:
@@ -220,7 +207,7 @@ def test_nobody_stands_for_thirty_seconds() -> None:
     assert profile is not None
     standing = np.convolve(profile.speed == 0.0, np.ones(int(29 / STEP_S)), mode="valid")
     assert standing.max() < int(29 / STEP_S)
-    assert IDLE_S < 30.0
+    assert PROFILE.idle_period_s < 30.0
 
 
 def test_bumper_to_bumper_is_forgiven_only_until_the_margin_is_whole() -> None:
@@ -228,7 +215,7 @@ def test_bumper_to_bumper_is_forgiven_only_until_the_margin_is_whole() -> None:
     violated = np.zeros_like(task.blocked)
     violated[:40, :3] = True
     violated[60:, 0] = True
-    eased = task.add_traffic(lambda margin: np.zeros_like(violated) if margin == CONTACT_MARGIN else violated.copy())
+    eased = task.add_traffic(lambda margin: np.zeros_like(violated) if margin == MARGINS.contact else violated.copy())
     assert not eased.blocked[:40].any()
     assert eased.blocked[60:, 0].all()
 
@@ -250,7 +237,7 @@ def test_background_cars_block_where_they_will_be() -> None:
     path = straight_path()
     cells, times = np.arange(240), np.array([1.0, 2.0, 30.0])
     seen = cars((30.0, -8.0, math.pi / 2, 4.0), (50.0, 0.0, 0.0, 0.0))
-    blocked = find_cells_blocked_by_objects(path, cells, seen, times, SIZE, PLAN_MARGIN)
+    blocked = find_cells_blocked_by_objects(path, cells, seen, times, SIZE, MARGINS.plan)
     assert not blocked[0, : 40 * 4].any()  # at y = -4 it is still beside
     assert blocked[1, 30 * 4]  # at y = 0
     assert not blocked[2, 30 * 4]  # long gone

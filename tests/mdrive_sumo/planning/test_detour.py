@@ -21,8 +21,9 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
-from mdrive_sumo.planning.detour import SHARPEST, compute_box_extents, find_detour
+from mdrive_sumo.planning.detour import compute_box_extents, find_detour
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
+from mdrive_sumo.planning.parameters import DETOUR
 from mdrive_sumo.planning.path_overlap import compute_footprints, find_cells
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
@@ -134,7 +135,7 @@ def test_a_detour_is_clear_on_the_road_and_drivable(
     beside = shapely.distance(shapely.union_all(mine), passed)
     assert (beside > 0.2).all()
     assert shapely.covers(strip(radius, oncoming), mine[np.linspace(0, len(mine) - 1, 40).astype(int)]).all()
-    assert np.abs(detour.path.curvature[cells]).max() <= SHARPEST
+    assert np.abs(detour.path.curvature[cells]).max() <= DETOUR.max_curvature
     # It begins and ends as the old path does, and its points are evenly spaced.
     old, new = shapely.LineString(path.xy), shapely.points(detour.path.xy)
     gone = shapely.distance(new, old)

@@ -10,9 +10,10 @@ from testing.planning import LENGTH, briefing, own, straight, things
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.planning.interaction_prediction import BOLD_S, PATIENCE_S, InteractionPredictor
+from mdrive_sumo.planning.interaction_prediction import InteractionPredictor
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion, predict_yielding
-from mdrive_sumo.planning.space_time_planner import CHECK_TICKS, SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.parameters import PLANNER, RIGHT_OF_WAY
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
 RIGHT, LEFT = math.pi / 2, -math.pi / 2
 """Directions of those who come from my right, and from my left."""
@@ -35,7 +36,7 @@ class Driver:
 
     def looks(self, state: OwnState, objects: Objects) -> tuple[list[PredictedMotion], list[StopPoint]]:
         self.planner.track_ego(self.tick, state)
-        self.tick += CHECK_TICKS
+        self.tick += PLANNER.check_ticks
         return self.foresight.predict(state, objects, self.planner)
 
 
@@ -147,11 +148,13 @@ def test_patience_ends_is_drawn_from_the_seed_and_comes_back() -> None:
         driver = Driver(seed=seed)
         return [bool(driver.looks(own(x=10.0), waiting)[1]) for _ in range(70)]
 
-    step_s = CHECK_TICKS * DT
+    step_s = PLANNER.check_ticks * DT
     found = {seed: held(seed) for seed in range(6)}
     patience = {seed: by_time.index(False) * step_s for seed, by_time in found.items()}
-    assert all(PATIENCE_S[0] <= value <= PATIENCE_S[1] + 2 * step_s for value in patience.values())
+    assert all(
+        RIGHT_OF_WAY.patience_s[0] <= value <= RIGHT_OF_WAY.patience_s[1] + 2 * step_s for value in patience.values()
+    )
     assert len(set(patience.values())) > 1
     assert found[3] == held(3)
     first = found[0].index(False)
-    assert found[0][first:].index(True) * step_s == pytest.approx(BOLD_S, abs=2 * step_s)
+    assert found[0][first:].index(True) * step_s == pytest.approx(RIGHT_OF_WAY.impatience_s, abs=2 * step_s)

@@ -11,11 +11,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.motion_prediction import (
-    GIVING_WAY,
-    GOING_SPEED,
-    REACTION_S,
     TIMES,
-    WALKING_SPEED,
     get_top_speed,
     place_on_arc,
     place_on_path,
@@ -24,6 +20,7 @@ from mdrive_sumo.planning.motion_prediction import (
     predict_hesitation,
     predict_yielding,
 )
+from mdrive_sumo.planning.parameters import MOTION
 from mdrive_sumo.planning.reference_path import build_path
 
 SPEEDS = st.floats(0.0, 15.0)
@@ -58,7 +55,7 @@ def test_who_hesitates_is_behind_who_goes_on_and_that_one_behind_who_takes_his_t
 
 @given(SPEEDS)
 def test_who_gives_way_stops_after_his_reaction_and_braking_way(speed: float) -> None:
-    way = speed * REACTION_S + speed**2 / (2 * GIVING_WAY)
+    way = speed * MOTION.reaction_s + speed**2 / (2 * MOTION.yielding_braking)
     assert predict_yielding(speed)[-1] == pytest.approx(way, abs=1e-9)
 
 
@@ -72,8 +69,8 @@ def test_who_is_faster_is_expected_further_ahead(one_speed: float, other_speed: 
 def test_who_takes_his_turn_speeds_up_to_eight_and_not_beyond() -> None:
     rates = np.diff(predict_acceleration(0.0)) / np.diff(TIMES)
     assert predict_acceleration(0.0)[0] == pytest.approx(TIMES[0] ** 2)  # 2 m/s2
-    assert rates[-1] == pytest.approx(GOING_SPEED)
-    assert rates.max() <= GOING_SPEED + 1e-9
+    assert rates[-1] == pytest.approx(MOTION.top_speed)
+    assert rates.max() <= MOTION.top_speed + 1e-9
     assert predict_acceleration(12.0) == pytest.approx(12.0 * TIMES)  # who is faster already keeps his speed
 
 
@@ -118,6 +115,6 @@ def test_who_is_on_a_path_follows_its_bends() -> None:
 
 
 def test_who_is_on_foot_does_not_become_fast() -> None:
-    assert get_top_speed(one(0, 0, 0, 1, Kind.PEDESTRIAN), 0) == WALKING_SPEED
-    assert get_top_speed(one(0, 0, 0, 1), 0) == GOING_SPEED
-    assert predict_acceleration(1.0, WALKING_SPEED)[-1] < WALKING_SPEED * TIMES[-1]
+    assert get_top_speed(one(0, 0, 0, 1, Kind.PEDESTRIAN), 0) == MOTION.walking_top_speed
+    assert get_top_speed(one(0, 0, 0, 1), 0) == MOTION.top_speed
+    assert predict_acceleration(1.0, MOTION.walking_top_speed)[-1] < MOTION.walking_top_speed * TIMES[-1]

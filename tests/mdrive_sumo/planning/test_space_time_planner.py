@@ -13,20 +13,13 @@ from testing.planning import LENGTH, WIDTH, briefing, moving, own, standing, sta
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, PredictedMotion
-from mdrive_sumo.planning.path_overlap import PLAN_MARGIN
+from mdrive_sumo.planning.parameters import MARGINS, PLANNER
 from mdrive_sumo.planning.reference_path import SPACING_M
-from mdrive_sumo.planning.space_time_planner import (
-    BRAKING,
-    INTERVAL_S,
-    PATIENT_TICKS,
-    PLAN_POINTS,
-    SpaceTimePlanner,
-    StopPoint,
-)
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
-MARGIN_M = PLAN_MARGIN.longitudinal - SPACING_M
+MARGIN_M = MARGINS.plan.longitudinal - SPACING_M
 """Every second cell of the path is compared, so that a margin may be one cell less."""
-AFTER = np.arange(1, PLAN_POINTS + 1) * INTERVAL_S
+AFTER = np.arange(1, PLANNER.plan_points + 1) * PLANNER.interval_s
 
 
 def planned(
@@ -44,7 +37,7 @@ def planned(
 
 def speeds(planner: SpaceTimePlanner) -> Float:
     """Mean speed [m/s] in every interval of the plan; the first begins at the car."""
-    return np.diff(np.concatenate(((planner.s,), stations(planner)))) / INTERVAL_S
+    return np.diff(np.concatenate(((planner.s,), stations(planner)))) / PLANNER.interval_s
 
 
 def test_on_a_free_road_it_speeds_up_to_the_cruising_speed() -> None:
@@ -69,7 +62,7 @@ def test_beyond_what_is_known_only_what_stands_is_in_the_way() -> None:
 
 
 def test_what_stands_beside_the_way_is_passed() -> None:
-    aside = WIDTH + PLAN_MARGIN.lateral + 0.1
+    aside = WIDTH + MARGINS.plan.lateral + 0.1
     assert stations(planned(8.0, [standing(40.0, aside)]))[-1] > 60
     assert stations(planned(8.0, [standing(40.0, aside - 0.2)]))[-1] < 40
 
@@ -119,7 +112,7 @@ def test_who_cannot_avoid_somebody_brakes() -> None:
 def test_who_has_stood_long_squeezes_past() -> None:
     planner, beside = SpaceTimePlanner(briefing(), 0.0, 8.0), [standing(10.0, WIDTH + 0.25)]
     ends: list[float] = []
-    for tick in range(0, 2 * PATIENT_TICKS, 2):
+    for tick in range(0, 2 * PLANNER.deadlock_ticks, 2):
         planner.track_ego(tick, own())
         planner.update(tick, 0.0, beside)
         ends.append(float(planner.get_planned_points(tick)[-1, 0]))
@@ -152,7 +145,7 @@ def test_plans_keep_to_limits_and_comfortable_accelerations(speed: float, limit:
     found = speeds(planner)
     assert found.max() <= min(8.0, limit) + 0.5  # the start is rounded to whole m/s
     assert found.min() >= 0
-    change = np.diff(found) / INTERVAL_S
+    change = np.diff(found) / PLANNER.interval_s
     assert change.max() <= 2.0 + 1e-6
     assert change.min() >= -4.0 - 1e-6
     assert stations(planner).max() < barrier
@@ -161,7 +154,7 @@ def test_plans_keep_to_limits_and_comfortable_accelerations(speed: float, limit:
 def test_bends_are_driven_slowly() -> None:
     bend = np.vstack((straight(20.0), np.column_stack((np.full(30, 20.0), np.arange(1.0, 31.0)))))
     planner = planned(8.0, route=bend)
-    way = np.hypot(*np.diff(planner.get_planned_points(0), axis=0).T) / INTERVAL_S
+    way = np.hypot(*np.diff(planner.get_planned_points(0), axis=0).T) / PLANNER.interval_s
     assert way.min() < 5.0
     assert planned(8.0).get_planned_points(0)[-1, 0] > 70
 
@@ -170,16 +163,16 @@ def test_bends_are_driven_slowly() -> None:
 def test_what_it_desires_is_a_free_road(speed: float) -> None:
     planner = planned(speed, barriers=[StopPoint(3.0)])
     wanted = planner.predict_desired_points(speed, 20)
-    found = np.diff(np.concatenate(((0.0,), wanted[:, 0]))) / INTERVAL_S
+    found = np.diff(np.concatenate(((0.0,), wanted[:, 0]))) / PLANNER.interval_s
     assert wanted.shape == (20, 2)
-    assert found[0] == pytest.approx(min(speed + BRAKING * INTERVAL_S / 2, 8.0), abs=0.2)
-    assert np.all(np.diff(found) / INTERVAL_S <= BRAKING + 1e-6)
-    assert found[-1] == pytest.approx(min(8.0, speed + BRAKING * 19.5 * INTERVAL_S), abs=0.3)
+    assert found[0] == pytest.approx(min(speed + PLANNER.braking * PLANNER.interval_s / 2, 8.0), abs=0.2)
+    assert np.all(np.diff(found) / PLANNER.interval_s <= PLANNER.braking + 1e-6)
+    assert found[-1] == pytest.approx(min(8.0, speed + PLANNER.braking * 19.5 * PLANNER.interval_s), abs=0.3)
 
 
 def test_what_it_desires_slows_down_for_a_lower_limit() -> None:
     planner = SpaceTimePlanner(briefing(limit=4.0), 0.0, 8.0)
-    assert np.diff(planner.predict_desired_points(8.0, 20)[:, 0])[-1] == pytest.approx(4.0 * INTERVAL_S)
+    assert np.diff(planner.predict_desired_points(8.0, 20)[:, 0])[-1] == pytest.approx(4.0 * PLANNER.interval_s)
 
 
 def test_a_car_that_goes_astray_makes_a_new_profile() -> None:
@@ -189,7 +182,7 @@ def test_a_car_that_goes_astray_makes_a_new_profile() -> None:
     planner.track_ego(3, own(x=8.0 * 0.15 + 1.1, speed=8.0))
     assert planner.is_update_due(3)
     planner.update(3, 8.0, [])
-    assert planner.get_planned_points(3)[0, 0] == pytest.approx(8.0 * 0.15 + 1.1 + 8.0 * INTERVAL_S, abs=0.05)
+    assert planner.get_planned_points(3)[0, 0] == pytest.approx(8.0 * 0.15 + 1.1 + 8.0 * PLANNER.interval_s, abs=0.05)
 
 
 def test_a_good_plan_is_kept_and_one_that_meets_somebody_is_made_anew() -> None:

@@ -8,8 +8,9 @@ from testing.planning import briefing, own, seen, things
 
 from mdrive_sumo.contract import StopSign, TrafficLight
 from mdrive_sumo.planning.ego_planner import EgoPlanner
+from mdrive_sumo.planning.parameters import STOP_LINE
 from mdrive_sumo.planning.reference_path import build_path
-from mdrive_sumo.planning.stop_lines import LIGHT_MARGIN_M, SIGN_MARGIN_M, StopLines, build_stop_lines
+from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 
 LIGHTS = (TrafficLight("L", 50.0),)
 
@@ -24,7 +25,7 @@ def no(line: float) -> bool:
 
 def test_a_stop_sign_is_minded_until_one_has_stood_before_it() -> None:
     lines = StopLines([30.0], ())
-    before = [30.0 - SIGN_MARGIN_M]
+    before = [30.0 - STOP_LINE.sign_gap_m]
     assert lines.find_stop_stations(10.0, 8.0, {}, yes) == before
     assert lines.find_stop_stations(10.0, 0.0, {}, yes) == before  # stood, but far away
     assert lines.find_stop_stations(28.0, 0.5, {}, yes) == before  # there, but rolling
@@ -43,7 +44,7 @@ def test_a_stop_sign_that_has_been_passed_is_not_minded() -> None:
 )  # fmt: skip
 def test_lights_by_their_colour(letter: str, here: float, can_stop: Callable[[float], bool], held: bool) -> None:
     found = StopLines([], LIGHTS).find_stop_stations(here, 8.0, {"L": letter}, can_stop)
-    assert found == ([50.0 - LIGHT_MARGIN_M] if held else [])
+    assert found == ([50.0 - STOP_LINE.light_gap_m] if held else [])
 
 
 def test_a_light_that_shows_nothing_is_green() -> None:
@@ -69,4 +70,4 @@ def test_a_drive_stops_at_red_and_at_yellow_only_if_it_still_can(letter: str, x:
     assert drive.track_ego(now)
     drive.update_plan(now, things())
     end = float(drive.planner.get_planned_points(0)[-1, 0])
-    assert end < 50.0 - LIGHT_MARGIN_M + 0.3 if stops else end > 60.0
+    assert end < 50.0 - STOP_LINE.light_gap_m + 0.3 if stops else end > 60.0
