@@ -56,7 +56,7 @@ def test_it_stops_before_a_standing_car_and_keeps_the_margin() -> None:
 def test_beyond_what_is_known_only_what_stands_is_in_the_way() -> None:
     known = int((TIMES <= 2.0).sum())
     stays = replace(standing(60.0, 0.0), poses=standing(60.0, 0.0).poses[:known])
-    gone = replace(stays, stands=False)
+    gone = replace(stays, stands_at_end=False)
     assert stations(planned(8.0, [gone])) == pytest.approx(stations(planned(8.0)))
     assert stations(planned(8.0, [stays]))[-1] < 60.0 - LENGTH
 

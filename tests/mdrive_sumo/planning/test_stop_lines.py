@@ -56,7 +56,7 @@ def test_lines_are_told_along_the_path_and_signs_can_be_left_out() -> None:
     path = build_path(about.route_xy, about.vehicle.rear_to_centre, 0.0)
     red = {"L": "r"}
     assert build_stop_lines(path, about).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx([28.5, 47.0], abs=0.3)
-    assert build_stop_lines(path, about, signs=False).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx(
+    assert build_stop_lines(path, about, include_signs=False).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx(
         [47.0], abs=0.3
     )
 
