@@ -1,4 +1,4 @@
-"""Who goes first: conflict groups, and negotiators that settle them by rule or by language model."""
+"""Negotiation of right of way: conflict groups, and negotiators that resolve them by rule or by language model."""
 
 from mdrive_sumo.negotiation.llm_negotiator import LlmNegotiator
 from mdrive_sumo.negotiation.llm_options import read_llm_options
@@ -7,12 +7,12 @@ from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationM
 from mdrive_sumo.negotiation.rule_negotiator import RuleNegotiator
 
 __all__ = [
-    "NegotiationDecision",
     "LlmNegotiator",
-    "NegotiationMember",
-    "Negotiator",
+    "NegotiationDecision",
     "NegotiationInterface",
-    "RuleNegotiator",
+    "NegotiationMember",
     "NegotiationStep",
+    "Negotiator",
+    "RuleNegotiator",
     "read_llm_options",
 ]

@@ -1,4 +1,4 @@
-"""What comes of the actions agreed upon: re-predicted, scored, and criticised (protocol 10.4)."""
+"""The critic: predicts agreed actions, scores their safety and efficiency, and criticises them (protocol 10.4)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.conflict_graph import build_trajectory_graph, compute_safety
 from mdrive_sumo.negotiation.intention import (
+    INTENTION,
     INTERVAL_S,
-    TOP_SPEED,
-    build_way,
+    build_line,
     convert_to_acceleration,
     predict_trajectory,
     replace_slow_keep,
@@ -18,54 +18,67 @@ from mdrive_sumo.negotiation.intention import (
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import Intention
 
-SAFE_ENOUGH = 0.7
-"""3.42 m"""
-FAST_ENOUGH = 0.4
-"""3.2 m/s"""
+
+@dataclass(frozen=True, slots=True)
+class CriticParameters:
+    """Thresholds below which the critic objects. Source: protocol 10.4."""
+
+    min_safety: float = 0.7
+    """A distance of 3.42 m."""
+    min_efficiency: float = 0.4
+    """A mean speed of 3.2 m/s."""
+
+
+CRITIC_PARAMETERS = CriticParameters()
 
 
 @dataclass(frozen=True, slots=True)
 class Critique:
-    """How good it is if everybody does what was agreed."""
+    """The quality of the agreed actions."""
 
     safety: float
     """Of the least safe pair, in (0, 1)."""
     efficiency: float
-    """Mean predicted speed of all by 8 m/s, at most 1."""
+    """Mean predicted speed of all members divided by 8 m/s, at most 1."""
     feedback: str
-    """What is wrong, in words; "" if nothing is."""
+    """The objection in words; "" if there is none."""
 
 
 def avoid_slow_keeping(actions: Mapping[str, Intention], members: Sequence[NegotiationMember]) -> dict[str, Intention]:
-    """The actions as they are carried out: keeping a low speed becomes going faster."""
-    return {m.id: replace_slow_keep(actions[m.id], m.speed) for m in members}
+    """Return the actions as they are carried out: KEEP at a low speed becomes FASTER."""
+    return {member.id: replace_slow_keep(actions[member.id], member.speed) for member in members}
 
 
-def evaluate_actions(members: Sequence[NegotiationMember], actions: Mapping[str, Intention]) -> Critique:
-    """Judges the actions of all members of a group."""
-    predicted = {m.id: _predicted(m, actions[m.id], members) for m in members}
+def evaluate_actions(
+    members: Sequence[NegotiationMember],
+    actions: Mapping[str, Intention],
+    parameters: CriticParameters = CRITIC_PARAMETERS,
+) -> Critique:
+    """Return the critique of the actions of all members of a group."""
+    predicted = {member.id: _predict_member(member, actions[member.id], members) for member in members}
     graph = build_trajectory_graph(tuple(predicted), predicted)
     first, second = divmod(int(graph.distance.argmin()), len(graph.ids))
-    least = compute_safety(float(graph.distance[first, second]))
-    efficiency = min(1.0, float(np.mean([_speed(m, predicted[m.id]) for m in members])) / TOP_SPEED)
-    if least < SAFE_ENOUGH:
+    safety = compute_safety(float(graph.distance[first, second]))
+    speeds = [_compute_mean_speed(member, predicted[member.id]) for member in members]
+    efficiency = min(1.0, float(np.mean(speeds)) / INTENTION.top_speed)
+    if safety < parameters.min_safety:
         pair = f"{graph.ids[first]} and {graph.ids[second]}"
         feedback = f"{pair} would come too close: one of them should yield, the other go faster."
-    elif efficiency < FAST_ENOUGH:
+    elif efficiency < parameters.min_efficiency:
         feedback = "All are too slow: who is not in the way of others should go faster."
     else:
         feedback = ""
-    return Critique(least, efficiency, feedback)
+    return Critique(safety, efficiency, feedback)
 
 
-def _predicted(member: NegotiationMember, action: Intention, members: Sequence[NegotiationMember]) -> Float:
-    """The trajectory of a member that does so, on the way that it desires."""
+def _predict_member(member: NegotiationMember, action: Intention, members: Sequence[NegotiationMember]) -> Float:
+    """Return the trajectory (`POINTS`, 2) [m] of a member with that action along its desired trajectory."""
     gaps = [float(np.hypot(m.x - member.x, m.y - member.y)) for m in members if m.id != member.id]
-    way = build_way(member.x, member.y, member.yaw, member.desired)
-    return predict_trajectory(way, member.speed, convert_to_acceleration(action, min(gaps), len(gaps)))
+    line = build_line(member.x, member.y, member.yaw, member.desired)
+    return predict_trajectory(line, member.speed, convert_to_acceleration(action, min(gaps), len(gaps)))
 
 
-def _speed(member: NegotiationMember, points: Float) -> float:
-    """Mean speed [m/s] of a trajectory."""
+def _compute_mean_speed(member: NegotiationMember, points: Float) -> float:
+    """Return the mean speed [m/s] of a trajectory."""
     steps = np.diff(np.vstack(((member.x, member.y), points)), axis=0)
     return float(np.hypot(steps[:, 0], steps[:, 1]).mean()) / INTERVAL_S

@@ -1,7 +1,8 @@
-"""What the four speed intentions mean: accelerations, and trajectories along a way (protocol 10.2)."""
+"""The meaning of the four speed intentions: accelerations, and trajectories along a line (protocol 10.2)."""
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -11,15 +12,11 @@ from mdrive_sumo.v2x.messages import Direction, Intention
 
 INTERVAL_S = 0.2
 POINTS = 20
-"""A prediction reaches 4 s ahead."""
+"""Points of a prediction, `INTERVAL_S` apart: 4 s."""
 AFTER_S: Float = np.arange(1, POINTS + 1, dtype=np.float64) * INTERVAL_S
-"""(POINTS,) when its points are due [s from now]."""
-TOP_SPEED = 8.0
-"""[m/s] Predicted speeds are clipped to [0, this]."""
-PATIENT_SPEED = 4.0
-"""[m/s] Who is slower and has priority does not keep its speed, it goes faster (protocol 10.4, 10.5)."""
+"""(POINTS,) times of the points [s from now]."""
 
-RANGES: Mapping[Intention, tuple[float, float]] = MappingProxyType(
+ACCELERATION_RANGES: Mapping[Intention, tuple[float, float]] = MappingProxyType(
     {
         Intention.STOP: (-10.0, -10.0),
         Intention.SLOWER: (-8.0, -1.0),
@@ -27,65 +24,95 @@ RANGES: Mapping[Intention, tuple[float, float]] = MappingProxyType(
         Intention.FASTER: (1.0, 5.0),
     }
 )
-"""Accelerations [m/s2] among which traffic chooses: (in the densest, on a free road)."""
-NEAR_M, FAR_M = 5.0, 50.0
-CROWD = 20
-TURN = math.radians(35)
-LANE_M = 2.0
+"""Accelerations [m/s2] (in the densest traffic, on a free road); protocol 10.2."""
 
 
-def convert_to_acceleration(intention: Intention, nearest_m: float = math.inf, vehicles: int = 0) -> float:
-    """What an intention means [m/s2] with the nearest of so many vehicles that far away [m].
+@dataclass(frozen=True, slots=True)
+class IntentionParameters:
+    """Parameters of intentions. Source of all without another one: protocol 10.2."""
 
-    The mean of an interpolation by distance (5 to 50 m) and a harmonic one by number (1 to 20, oneself counted).
+    top_speed: float = 8.0
+    """[m/s] Predicted speeds are clipped to [0, this]."""
+    min_keep_speed: float = 4.0
+    """[m/s] A slower CAV with priority does not keep its speed, it accelerates (protocol 10.4, 10.5)."""
+    near_m: float = 5.0
+    far_m: float = 50.0
+    dense_vehicles: int = 20
+    """Number of vehicles, the own one included, in the densest traffic."""
+    stop_below: float = -4.0
+    """[m/s2] Bounds of the intention of a measured acceleration."""
+    slower_below: float = -0.5
+    keep_up_to: float = 0.5
+    turn_rad: float = math.radians(35)
+    """A larger change of direction is a turn."""
+    lane_m: float = 2.0
+    """A larger lateral offset without a turn is a lane change."""
+
+
+INTENTION = IntentionParameters()
+
+
+def convert_to_acceleration(
+    intention: Intention,
+    nearest_m: float = math.inf,
+    vehicles: int = 0,
+    parameters: IntentionParameters = INTENTION,
+) -> float:
+    """Return the acceleration [m/s2] of an intention with the nearest of `vehicles` others at `nearest_m` [m].
+
+    The mean of an interpolation by distance (5 to 50 m) and a harmonic one by number (1 to 20 vehicles).
     """
-    low, high = RANGES[intention]
+    low, high = ACCELERATION_RANGES[intention]
     if low == high:
         return low
-    far = (min(max(nearest_m, NEAR_M), FAR_M) - NEAR_M) / (FAR_M - NEAR_M)
-    crowd = (min(vehicles + 1, CROWD) - 1) / (CROWD - 1)
-    by_distance = low + (high - low) * far
-    by_number = 1 / (1 / high + (1 / low - 1 / high) * crowd)
+    near_m, far_m = parameters.near_m, parameters.far_m
+    distance_share = (min(max(nearest_m, near_m), far_m) - near_m) / (far_m - near_m)
+    density = (min(vehicles + 1, parameters.dense_vehicles) - 1) / (parameters.dense_vehicles - 1)
+    by_distance = low + (high - low) * distance_share
+    by_number = 1 / (1 / high + (1 / low - 1 / high) * density)
     return (by_distance + by_number) / 2
 
 
-def classify_acceleration(accelerating: float) -> Intention:
-    """The label of an acceleration [m/s2]."""
-    if accelerating < -4.0:
+def classify_acceleration(acceleration: float, parameters: IntentionParameters = INTENTION) -> Intention:
+    """Return the intention of a measured acceleration [m/s2]."""
+    if acceleration < parameters.stop_below:
         return Intention.STOP
-    if accelerating < -0.5:
+    if acceleration < parameters.slower_below:
         return Intention.SLOWER
-    return Intention.KEEP if accelerating <= 0.5 else Intention.FASTER
+    return Intention.KEEP if acceleration <= parameters.keep_up_to else Intention.FASTER
 
 
-def replace_slow_keep(intention: Intention, speed: float) -> Intention:
-    """The intention of one who may go: keeping a low speed [m/s] becomes going faster."""
-    return Intention.FASTER if intention == Intention.KEEP and speed < PATIENT_SPEED else intention
+def replace_slow_keep(intention: Intention, speed: float, parameters: IntentionParameters = INTENTION) -> Intention:
+    """Return the intention of a CAV that may go: KEEP at a low speed [m/s] becomes FASTER."""
+    is_slow = speed < parameters.min_keep_speed
+    return Intention.FASTER if intention == Intention.KEEP and is_slow else intention
 
 
-def predict_trajectory(way: Float, speed: float, accelerating: float) -> Float:
-    """Points (`POINTS`, 2) every `INTERVAL_S` of a car that starts at the first point of its way (N, 2) [m].
+def predict_trajectory(line: Float, speed: float, acceleration: float) -> Float:
+    """Return the points (`POINTS`, 2) every `INTERVAL_S` of a car that starts at the first point of a line (N, 2) [m].
 
-    Constant acceleration [m/s2], the speed [m/s] clipped to [0, `TOP_SPEED`]; beyond the end of the way straight on.
+    Constant acceleration [m/s2], the speed [m/s] clipped to [0, `top_speed`]; straight on beyond the end of the line.
     """
-    return sample_polyline(way, _travelled(min(max(speed, 0.0), TOP_SPEED), accelerating, AFTER_S))
+    top_speed = INTENTION.top_speed
+    travelled = _compute_travelled(min(max(speed, 0.0), top_speed), acceleration, AFTER_S, top_speed)
+    return sample_polyline(line, travelled)
 
 
-def _travelled(speed: float, accelerating: float, times: Float) -> Float:
-    """Distance [m] after times [s]: until the speed meets its bound, and from then on at that."""
-    if accelerating == 0.0:
+def _compute_travelled(speed: float, acceleration: float, times: Float, top_speed: float) -> Float:
+    """Return the distance [m] after times [s]: the speed changes until it reaches its bound and stays there."""
+    if acceleration == 0.0:
         return speed * times
-    bound = TOP_SPEED if accelerating > 0 else 0.0
-    until = np.minimum(times, (bound - speed) / accelerating)
-    return speed * until + accelerating * until**2 / 2 + bound * (times - until)
+    bound = top_speed if acceleration > 0 else 0.0
+    until = np.minimum(times, (bound - speed) / acceleration)
+    return speed * until + acceleration * until**2 / 2 + bound * (times - until)
 
 
-def sample_polyline(way: Float, stations: Float) -> Float:
-    """Points (K, 2) at arc lengths (K,) of a chain of points (N, 2), its last step prolonged."""
-    steps = np.diff(way, axis=0)
+def sample_polyline(line: Float, stations: Float) -> Float:
+    """Return the points (K, 2) at arc lengths (K,) of a line (N, 2), its last step extended."""
+    steps = np.diff(line, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     s = np.concatenate(((0.0,), np.cumsum(lengths)))
-    points = np.column_stack((np.interp(stations, s, way[:, 0]), np.interp(stations, s, way[:, 1])))
+    points = np.column_stack((np.interp(stations, s, line[:, 0]), np.interp(stations, s, line[:, 1])))
     moving = np.flatnonzero(lengths > 1e-6)
     if len(moving):
         last = moving[-1]
@@ -93,26 +120,26 @@ def sample_polyline(way: Float, stations: Float) -> Float:
     return points
 
 
-def build_way(x: float, y: float, yaw: float, points: Float) -> Float:
-    """The way (N, 2) of a car at that pose with a trajectory (K, 2); one that stands would go straight on."""
+def build_line(x: float, y: float, yaw: float, points: Float) -> Float:
+    """Return the line (N, 2) of a car at that pose with a trajectory (K, 2); a standing car would go straight on."""
     here = np.array((x, y))
     if len(points) and float(np.hypot(*(points[-1] - here))) > 0.5:
         return np.vstack((here, points))
     return np.array(((x, y), (x + math.cos(yaw), y + math.sin(yaw))))
 
 
-def classify_direction(way: Float) -> Direction:
-    """Where a way (N, 2) leads, told by its shape: N points 1 m or so apart, some 30 m of them."""
-    steps = np.diff(way[:: max(len(way) // 15, 1)], axis=0)
+def classify_direction(line: Float, parameters: IntentionParameters = INTENTION) -> Direction:
+    """Return the direction of a line (N, 2) by its shape: about 30 m of points up to 1 m apart."""
+    steps = np.diff(line[:: max(len(line) // 15, 1)], axis=0)
     steps = steps[np.hypot(steps[:, 0], steps[:, 1]) > 1e-6]
     if len(steps) < 2:
         return Direction.FOLLOW
     first, last = (math.atan2(step[1], step[0]) for step in (steps[0], steps[-1]))
     turn = wrap_angle(last - first)
-    if abs(turn) > TURN:
+    if abs(turn) > parameters.turn_rad:
         return Direction.LEFT if turn > 0 else Direction.RIGHT
-    gap = way[-1] - way[0]
-    aside = math.cos(first) * gap[1] - math.sin(first) * gap[0]
-    if abs(aside) > LANE_M and abs(turn) < TURN / 3:
-        return Direction.CHANGE_LEFT if aside > 0 else Direction.CHANGE_RIGHT
+    gap = line[-1] - line[0]
+    lateral = math.cos(first) * gap[1] - math.sin(first) * gap[0]
+    if abs(lateral) > parameters.lane_m and abs(turn) < parameters.turn_rad / 3:
+        return Direction.CHANGE_LEFT if lateral > 0 else Direction.CHANGE_RIGHT
     return Direction.FOLLOW

@@ -1,4 +1,4 @@
-"""The language model as a negotiator uses it: with retries and a budget, and every exchange on record."""
+"""Access to a language model with retries, a budget, and a record of every exchange."""
 
 import os
 import re
@@ -20,45 +20,45 @@ from mdrive_sumo.negotiation.llm_endpoint import (
 from mdrive_sumo.negotiation.transcript import LanguageModelTranscript, check_transcript, format_exchange
 
 EXCHANGE, FALLBACK = "llm-exchange", "llm-fallback"
-HOPELESS = ("timeout", "missing")
-"""Kinds of failure that are not tried again."""
+FINAL_FAILURES = ("timeout", "missing")
+"""Kinds of failure after which a request is not repeated."""
 FIRST_PAUSE_S = 0.5
-"""Before a service that answered with an HTTP error is asked again; then twice as long."""
+"""Pause before the first retry after an HTTP error; doubled for every further one."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class LanguageModelSettings:
-    """Which model, and what it may cost one CAV in one episode."""
+    """The model, and the budget of one CAV in one episode."""
 
     endpoint: str = ""
-    """Address of any service that speaks OpenAI's chat completions; unused if there is a transcript."""
+    """URL of a service with OpenAI's chat completions API; unused if there is a transcript."""
     model: str = "default"
     api_key_env: str = ""
     """Name of the environment variable with the key; "": no key."""
     transcript: str = ""
-    """A .jsonl file with recorded exchanges; nothing else is asked then."""
+    """A .jsonl file with recorded exchanges, which replaces the endpoint."""
     timeout_s: float = 30.0
     """For one exchange."""
     tries: int = 3
-    """(protocol K17)"""
+    """Attempts per request (protocol K17)."""
     max_calls: int = 300
     max_tokens_total: int = 400_000
-    """As far as the endpoint tells how many an exchange took."""
+    """Counted from the usage that the endpoint reports."""
     give_up_after: int = 3
-    """Requests that failed in a row, after which nothing is asked any more."""
+    """No further requests after this many failures in a row."""
     max_answer_chars: int = MAX_ANSWER_CHARS
     temperature: float = 0
 
 
 def check_settings(settings: LanguageModelSettings) -> LanguageModelSettings:
-    """The settings; raises InputError if they name nothing to ask."""
+    """Return the settings; raise InputError if they name neither a valid endpoint nor a readable transcript."""
     if settings.transcript:
         check_transcript(Path(settings.transcript))
         return settings
     if not _is_address(settings.endpoint):
-        raise InputError(  # it is recorded as all options are, so it must not carry a key
+        raise InputError(  # options are recorded, so the URL must not contain a key
             "language model: option endpoint: expected the URL of an OpenAI-compatible service without user, password,"
             f" or query, or a transcript, found {re.sub('//.*@', '//...@', settings.endpoint)!r:.60}"
         )
@@ -80,40 +80,40 @@ class LanguageModel:
         self._tokens = 0
         self._failed = 0
         self.notes: list[Note] = []
-        """What is to be kept; whoever uses the model takes it from here."""
+        """Notes to record; the caller removes them from here."""
 
     def ask(self, conversation: list[dict[str, str]], max_tokens: int, read: Callable[[str], T]) -> T | None:
-        """What the model says, as `read` understands it (it raises ValueError if it does not).
+        """Return the answer of the model as parsed by `read`, which raises ValueError for an unusable one.
 
         None if there is no usable answer: the reason is noted as a fallback.
         """
-        reason = self._spent()
+        reason = self._find_exhausted_budget()
         pause = 0.0
         for _ in range(self._settings.tries if reason is None else 0):
             try:
-                answer = self._exchange(self._request(conversation, max_tokens), pause)
+                answer = self._exchange(self._build_request(conversation, max_tokens), pause)
             except LanguageModelError as error:
                 reason = str(error)
-                if error.kind in HOPELESS:
+                if error.kind in FINAL_FAILURES:
                     break
                 pause = 2 * pause or FIRST_PAUSE_S if error.kind == "status" else 0.0
                 continue
             try:
-                understood = read(answer.text)
+                parsed = read(answer.text)
             except ValueError as error:
                 reason = f"answer: {error}"
-                conversation = conversation + _corrected(
+                conversation = conversation + _build_correction(
                     answer.text[: self._settings.max_answer_chars // 4], str(error)
                 )
             else:
                 self._failed = 0
-                return understood
+                return parsed
         self._failed += 1
         self.notes.append(Note(FALLBACK, str(reason)))
         return None
 
-    def _spent(self) -> str | None:
-        """Why nothing is asked any more, or None."""
+    def _find_exhausted_budget(self) -> str | None:
+        """Return why no further request is allowed, or None."""
         if self._failed >= self._settings.give_up_after:
             return f"given up: after {self._settings.give_up_after} failures in a row"
         if self._ordinal >= self._settings.max_calls:
@@ -122,7 +122,8 @@ class LanguageModel:
             return f"budget: {self._settings.max_tokens_total} tokens"
         return None
 
-    def _request(self, conversation: list[dict[str, str]], max_tokens: int) -> dict[str, Any]:
+    def _build_request(self, conversation: list[dict[str, str]], max_tokens: int) -> dict[str, Any]:
+        """Return the body of a chat completion request."""
         return {
             "model": self._settings.model,
             "messages": conversation,
@@ -132,11 +133,14 @@ class LanguageModel:
         }
 
     def _exchange(self, request: Mapping[str, Any], pause: float) -> ChatCompletion:
-        """One exchange, noted whatever comes of it; raises ModelError. Pauses before [s] if the service was busy."""
+        """Send one request and note the exchange, whatever its outcome. Raises LanguageModelError.
+
+        pause: wait this long [s] before it, except for a transcript.
+        """
         if pause and self._transcript is None:
             time.sleep(min(pause, self._settings.timeout_s / 4))
         try:
-            answer = self._told(request)
+            answer = self._complete(request)
         except LanguageModelError as error:
             self._note(request, error)
             raise
@@ -144,7 +148,8 @@ class LanguageModel:
         self._tokens += answer.tokens
         return answer
 
-    def _told(self, request: Mapping[str, Any]) -> ChatCompletion:
+    def _complete(self, request: Mapping[str, Any]) -> ChatCompletion:
+        """Return the recorded or the requested completion."""
         if self._transcript is not None:
             return self._transcript.replay(request)
         settings = self._settings
@@ -152,12 +157,13 @@ class LanguageModel:
         return request_completion(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env, limit)
 
     def _note(self, request: Mapping[str, Any], outcome: ChatCompletion | LanguageModelError) -> None:
+        """Note an exchange."""
         self.notes.append(Note(EXCHANGE, format_exchange(self._seed, self._ordinal, request, outcome)))
         self._ordinal += 1
 
 
-def _corrected(answer: str, error: str) -> list[dict[str, str]]:
-    """What is added to a conversation so that the next answer is better."""
+def _build_correction(answer: str, error: str) -> list[dict[str, str]]:
+    """Return the messages that ask the model to correct its answer."""
     return [
         {"role": "assistant", "content": answer or "(nothing)"},
         {"role": "user", "content": f"That cannot be used: {error}. Answer again, in the form asked for."},
@@ -165,7 +171,7 @@ def _corrected(answer: str, error: str) -> list[dict[str, str]]:
 
 
 def _is_address(endpoint: str) -> bool:
-    """Whether it is a web address without user, password or query, and its port, if one is given, is one."""
+    """Return whether it is an HTTP URL without user, password or query, and with a valid port if there is one."""
     try:
         return bool(re.fullmatch(r"https?://[^/\s@?#]+(/[^\s@?#]*)?", endpoint)) and urlsplit(endpoint).port != 0
     except ValueError:

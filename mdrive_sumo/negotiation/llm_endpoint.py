@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 MAX_BODY_BYTES = 262_144
-"""An answer's body is cut off there."""
+"""A larger body is refused."""
 MAX_ANSWER_CHARS = 2000
-"""256 tokens are some 1000 characters."""
+"""A longer answer is refused; 256 tokens are about 1000 characters."""
 PATH = "/chat/completions"
 
 
 class LanguageModelError(Exception):
-    """The model gave no answer. `kind` says why in one word."""
+    """The model gave no answer. `kind` is the reason in one word."""
 
     def __init__(self, kind: str, text: str) -> None:
         super().__init__(f"{kind}: {text}"[:300])
@@ -22,14 +22,14 @@ class LanguageModelError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ChatCompletion:
-    """What a model said, and how many tokens the exchange took, as far as the endpoint tells."""
+    """The text of an answer, and the tokens of the exchange (0 if the endpoint does not report them)."""
 
     text: str
     tokens: int = 0
 
 
 def build_completions_url(endpoint: str) -> str:
-    """The address of an OpenAI-compatible endpoint of which its root, its /v1 or the whole address is given."""
+    """Return the URL for completions of an OpenAI-compatible endpoint, given its root, its /v1 or the whole URL."""
     base = endpoint.rstrip("/")
     if base.endswith(PATH):
         return base
@@ -43,26 +43,26 @@ def request_completion(
     key_variable: str = "",
     max_chars: int = MAX_ANSWER_CHARS,
 ) -> ChatCompletion:
-    """Posts a chat completion request; raises ModelError. Never takes longer than the time-out [s] or so.
+    """Post a chat completion request and return the answer, within about `timeout_s` [s].
 
-    Redirects are not followed: they would carry the key elsewhere. The key is read from the environment variable of
-    that name for every request, and kept nowhere.
+    Raises LanguageModelError.
+
+    Redirects are not followed: they would send the key to another host. The key is read from the environment variable
+    `key_variable` for every request, and is not stored.
     """
     import asyncio  # slow to import, as httpx is, and most agents need neither
 
     headers = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
     if key_variable:
         headers["Authorization"] = f"Bearer {os.environ.get(key_variable, '')}"
-    status, body = asyncio.run(
-        _posted(build_completions_url(endpoint), json.dumps(request).encode(), headers, timeout_s)
-    )
+    status, body = asyncio.run(_post(build_completions_url(endpoint), json.dumps(request).encode(), headers, timeout_s))
     if status != 200:
         raise LanguageModelError("status", f"HTTP status {status}")
-    return _answer(body, max_chars)
+    return _parse_answer(body, max_chars)
 
 
-async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: float) -> tuple[int, bytes]:
-    """(status, body). The time-out is for everything together, so nobody can drip bytes for ever."""
+async def _post(url: str, content: bytes, headers: dict[str, str], timeout_s: float) -> tuple[int, bytes]:
+    """Return (status, body). The time-out covers the whole exchange, so a slow stream of bytes cannot extend it."""
     import asyncio
 
     import httpx
@@ -85,8 +85,8 @@ async def _posted(url: str, content: bytes, headers: dict[str, str], timeout_s: 
         raise LanguageModelError("connection", type(error).__name__) from None
 
 
-def _answer(body: bytes, max_chars: int) -> ChatCompletion:
-    """The first choice's text; whatever else the body is raises ModelError."""
+def _parse_answer(body: bytes, max_chars: int) -> ChatCompletion:
+    """Return the text of the first choice; raise LanguageModelError for any other body."""
     try:
         data = json.loads(body)
         text = data["choices"][0]["message"]["content"]
@@ -98,9 +98,10 @@ def _answer(body: bytes, max_chars: int) -> ChatCompletion:
         raise LanguageModelError("choices", "no text in choices[0].message.content")
     if len(text) > max_chars:
         raise LanguageModelError("length", f"{len(text)} characters, at most {max_chars} are allowed")
-    return ChatCompletion(text, _tokens(data.get("usage")))
+    return ChatCompletion(text, _parse_tokens(data.get("usage")))
 
 
-def _tokens(usage: object) -> int:
+def _parse_tokens(usage: object) -> int:
+    """Return the total number of tokens, 0 if it is missing or implausible."""
     found = usage.get("total_tokens") if isinstance(usage, dict) else None
     return found if type(found) is int and 0 <= found < 1_000_000 else 0

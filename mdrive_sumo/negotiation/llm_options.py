@@ -1,4 +1,4 @@
-"""How a user sets up the language model: options of the agent that negotiates with one."""
+"""Options of the agent that negotiates by language model."""
 
 from collections.abc import Mapping
 
@@ -24,12 +24,15 @@ ROUNDS = ("channel", "instant")
 
 
 def read_llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -> tuple[LanguageModelSettings, bool]:
-    """(settings of the model, whether rounds are instant); raises InputError for anything that makes no sense."""
+    """Return the settings of the model and whether rounds are instant; others: names of options read elsewhere.
+
+    Raises InputError for an unknown name or an invalid value.
+    """
     unknown = sorted(set(config) - set(TEXTS) - set(NUMBERS))
     if unknown:
         known = ", ".join(sorted((*TEXTS, *NUMBERS, *others)))
         raise InputError(f"agent {agent}: expected options among ({known}), found {unknown[0]!r}")
-    texts = {name: _text(agent, name, config.get(name, default)) for name, default in TEXTS.items()}
+    texts = {name: _read_text(agent, name, config.get(name, default)) for name, default in TEXTS.items()}
     numbers = read_options(agent, {name: config[name] for name in NUMBERS if name in config}, NUMBERS)
     rounds = texts["rounds"]
     if rounds not in ROUNDS:
@@ -48,7 +51,8 @@ def read_llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -
     return check_settings(settings), rounds == "instant"
 
 
-def _text(agent: str, name: str, value: object) -> str:
+def _read_text(agent: str, name: str, value: object) -> str:
+    """Return the value; raise InputError unless it is a text."""
     if not isinstance(value, str):
         raise InputError(f"agent {agent}: option {name}: expected a text, found {value!r}")
     return value

@@ -1,4 +1,4 @@
-"""What negotiation is about: members, decisions, and the negotiator that every CAV carries."""
+"""The negotiator of a CAV, its decision, and the members of a negotiation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,10 +13,10 @@ from mdrive_sumo.v2x.messages import Direction, Intention
 
 @dataclass(frozen=True, slots=True)
 class NegotiationMember:
-    """One CAV as the negotiation sees it now: of oneself exact, of others from their last MCM, made up for its age."""
+    """The present state of one CAV: the own one is exact, others are predicted from their last MCM."""
 
     id: str
-    """Station id, as `Message.sender` has it."""
+    """Station id, as in `Message.sender`."""
     x: float
     y: float
     yaw: float
@@ -25,37 +25,37 @@ class NegotiationMember:
     direction: Direction
     interval_s: float
     desired: Float
-    """(K, 2) where it would drive if the others let it; the first point lies one interval ahead of now."""
+    """(K, 2) positions [m] on a free road; the first point lies one interval ahead of now."""
     planned: Float = field(default_factory=lambda: np.zeros((0, 2)))
-    """(K, 2) where it means to drive."""
+    """(K, 2) planned positions [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class NegotiationDecision:
-    """What came of a negotiation for one CAV."""
+    """The result of a negotiation for one CAV."""
 
     intention: Intention
     yield_to: frozenset[str] = frozenset()
     """Stations that go first."""
     priority_over: frozenset[str] = frozenset()
-    """Stations that let me go first."""
+    """Stations that yield to this CAV."""
     until_tick: int = 0
     group: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class NegotiationStep:
-    """A negotiator's answer in one tick."""
+    """The output of a negotiator in one tick."""
 
     decision: NegotiationDecision | None = None
-    """What holds now; None: drive as you like."""
+    """The decision in force; None: no restriction."""
     messages: tuple[Message, ...] = ()
     notes: tuple[Note, ...] = ()
 
 
 class Negotiator(Protocol):
-    """One CAV's side of all negotiations; asked on every tick, sends its own MCMs every planning step."""
+    """One CAV's side of all negotiations: called in every tick, sends its MCMs in every planning step."""
 
     def step(self, tick: int, me: NegotiationMember, heard: Sequence[Message]) -> NegotiationStep:
-        """Takes notice of what was heard and says what holds and what to send."""
+        """Process the messages received in this tick; return the decision in force and the messages to send."""
         ...

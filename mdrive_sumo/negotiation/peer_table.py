@@ -1,4 +1,4 @@
-"""What a CAV knows of all others from their manoeuvre messages: one common view, made up for the messages' age."""
+"""A CAV's knowledge of all members from their MCMs: one common view, compensated for the age of the messages."""
 
 import numpy as np
 
@@ -10,21 +10,21 @@ from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import MCM, Mcm, MessageError, decode
 
 MEMORY_TICKS = TICKS_PER_SECOND
-"""Who has not been heard for so long is forgotten."""
+"""A station that has been silent for longer is dropped."""
 
 
 class PeerTable:
-    """The latest MCM of every station, one's own included.
+    """The latest MCM of every station, the own one included.
 
-    Everybody sees himself as the others see him, by what he last announced: with a faultless channel all have the
-    same view, and a rule applied to it gives the same result everywhere.
+    Every CAV sees itself as the others see it, by its last announcement: over a perfect channel all CAVs have the same
+    view, and a rule applied to it gives the same result everywhere.
     """
 
     def __init__(self) -> None:
         self._latest: dict[str, tuple[int, Mcm]] = {}
 
     def receive(self, message: Message) -> bool:
-        """Takes notice of a message; False if it is no readable MCM."""
+        """Store an MCM; return False if the message is no readable MCM."""
         if message.type != MCM:
             return False
         try:
@@ -36,91 +36,88 @@ class PeerTable:
         return True
 
     def get_latest_mcms(self, tick: int) -> dict[str, Mcm]:
-        """The latest MCM of everybody who is not forgotten, sorted by station."""
+        """Return the latest MCM by station, sorted by station, without stations that have been silent for too long."""
         self._latest = {name: entry for name, entry in self._latest.items() if tick - entry[0] <= MEMORY_TICKS}
         return {name: self._latest[name][1] for name in sorted(self._latest)}
 
     def predict_members(self, tick: int) -> tuple[NegotiationMember, ...]:
-        """Everybody who is not forgotten, as it should be now, sorted by station."""
-        return tuple(
-            _aged(name, mcm, self._age(name, mcm, tick) * DT) for name, mcm in self.get_latest_mcms(tick).items()
-        )
+        """Return all members as they should be at that tick, sorted by station."""
+        mcms = self.get_latest_mcms(tick)
+        return tuple(_predict_member(name, mcm, self._compute_age(name, mcm, tick) * DT) for name, mcm in mcms.items())
 
-    def _age(self, name: str, mcm: Mcm, tick: int) -> int:
-        """Ticks since the sender was where its message says; who thinks for long says so late."""
+    def _compute_age(self, name: str, mcm: Mcm, tick: int) -> int:
+        """Return the ticks since the sender was at the position in its message; a slow agent sends late."""
         sent = self._latest[name][0]
         return max(tick - min(max(mcm.pose.tick, sent - MEMORY_TICKS), sent), 0)
 
 
-def _aged(name: str, mcm: Mcm, age_s: float) -> NegotiationMember:
-    """An announcement carried on by its age.
+def _predict_member(name: str, mcm: Mcm, age_s: float) -> NegotiationMember:
+    """Return the member that an MCM describes, `age_s` [s] later.
 
-    The sender has driven what it planned; what it desires begins where that has brought it, so a car that waits still
-    desires the same.
+    The sender has driven what it planned. Its desired trajectory starts from there, so a waiting car still desires the
+    same.
     """
     here = np.array((mcm.pose.x, mcm.pose.y))
-    planned = _Motion(here, mcm.planned, mcm.interval_s)
-    desired = _Motion(here, mcm.desired, mcm.interval_s) if len(mcm.desired) else planned
-    driven = planned.travelled(np.full(1, age_s))
-    now = planned.at(np.full(1, age_s))[0]
-    later = planned.at(np.full(1, age_s + INTERVAL_S))[0] - now
-    moves = float(np.hypot(*later)) > 0.1
+    planned = _AnnouncedTrajectory(here, mcm.planned, mcm.interval_s)
+    desired = _AnnouncedTrajectory(here, mcm.desired, mcm.interval_s) if len(mcm.desired) else planned
+    driven = planned.compute_travelled(np.full(1, age_s))
+    now = planned.get_points(np.full(1, age_s))[0]
+    later = planned.get_points(np.full(1, age_s + INTERVAL_S))[0] - now
+    is_moving = float(np.hypot(*later)) > 0.1
     return NegotiationMember(
         id=name,
         x=float(now[0]),
         y=float(now[1]),
-        yaw=float(np.arctan2(later[1], later[0])) if moves and age_s > 0 else mcm.pose.yaw,
+        yaw=float(np.arctan2(later[1], later[0])) if is_moving and age_s > 0 else mcm.pose.yaw,
         speed=float(np.hypot(*later)) / INTERVAL_S if age_s > 0 else mcm.speed,
         intention=mcm.intention,
         direction=mcm.direction,
         interval_s=INTERVAL_S,
-        desired=desired.at(desired.when(float(driven[0]), age_s) + AFTER_S),
-        planned=planned.at(age_s + AFTER_S),
+        desired=desired.get_points(desired.find_time(float(driven[0]), age_s) + AFTER_S),
+        planned=planned.get_points(age_s + AFTER_S),
     )
 
 
 def predict_announced_poses(mcm: Mcm, age_s: float, after: Float) -> Float:
-    """(T, 3) [m, m, rad] where the sender will be after so many seconds (T,), as it announced `age_s` ago."""
-    planned = _Motion(np.array((mcm.pose.x, mcm.pose.y)), mcm.planned, mcm.interval_s)
-    xy, ahead = planned.at(age_s + after), planned.at(age_s + after + INTERVAL_S)
+    """Return the poses (T, 3) [m, m, rad] of the sender at times `after` (T,) [s], announced `age_s` ago."""
+    planned = _AnnouncedTrajectory(np.array((mcm.pose.x, mcm.pose.y)), mcm.planned, mcm.interval_s)
+    xy, ahead = planned.get_points(age_s + after), planned.get_points(age_s + after + INTERVAL_S)
     steps = ahead - xy
-    moves = np.hypot(steps[:, 0], steps[:, 1]) > 0.05
-    yaw = np.where(moves, np.arctan2(steps[:, 1], steps[:, 0]), np.nan)
-    return np.column_stack((xy, _filled(yaw, mcm.pose.yaw)))
+    is_moving = np.hypot(steps[:, 0], steps[:, 1]) > 0.05
+    yaw = np.where(is_moving, np.arctan2(steps[:, 1], steps[:, 0]), np.nan)
+    return np.column_stack((xy, _fill_forward(yaw, mcm.pose.yaw)))
 
 
-def _filled(yaw: Float, first: float) -> Float:
-    """Directions of a car that stands at times: those it had before."""
+def _fill_forward(yaw: Float, first: float) -> Float:
+    """Return the headings with NaN (the car stands) replaced by the previous heading."""
     known = ~np.isnan(yaw)
     last = np.maximum.accumulate(np.where(known, np.arange(len(yaw)), -1))
     return np.where(last >= 0, yaw[np.maximum(last, 0)], first)
 
 
-class _Motion:
-    """A trajectory in time: where one is after t seconds, going on at the last speed beyond its end."""
+class _AnnouncedTrajectory:
+    """A trajectory from a position through points at a fixed interval; beyond its end at the last speed."""
 
     def __init__(self, here: Float, points: Float, interval_s: float) -> None:
-        self._way = np.vstack((here, points))
-        steps = np.diff(self._way, axis=0)
+        self._line = np.vstack((here, points))
+        steps = np.diff(self._line, axis=0)
         self._s = np.concatenate(((0.0,), np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
-        self._times = np.arange(len(self._way)) * interval_s
+        self._times = np.arange(len(self._line)) * interval_s
         self._last_speed = (self._s[-1] - self._s[-2]) / interval_s if len(points) else 0.0
 
-    def travelled(self, t: Float) -> Float:
-        """Arc length (N,) [m] at times (N,) [s]."""
+    def compute_travelled(self, t: Float) -> Float:
+        """Return the arc length (N,) [m] at times (N,) [s]."""
         beyond = np.maximum(t - self._times[-1], 0.0)
         return np.interp(t, self._times, self._s) + self._last_speed * beyond
 
-    def at(self, t: Float) -> Float:
-        """Points (N, 2) [m] at times (N,) [s]."""
-        return (
-            sample_polyline(self._way, self.travelled(t))
-            if len(self._way) > 1
-            else np.repeat(self._way, len(t), axis=0)
-        )
+    def get_points(self, t: Float) -> Float:
+        """Return the points (N, 2) [m] at times (N,) [s]."""
+        if len(self._line) == 1:
+            return np.repeat(self._line, len(t), axis=0)
+        return sample_polyline(self._line, self.compute_travelled(t))
 
-    def when(self, s: float, latest: float) -> float:
-        """The first time [s] at which arc length s [m] is reached, at most the latest [s]."""
+    def find_time(self, s: float, latest: float) -> float:
+        """Return the first time [s] at which arc length s [m] is reached, at most `latest` [s]."""
         reached = int(np.searchsorted(self._s, s - 1e-9))
         if reached == 0 or reached >= len(self._s):
             return min(latest, self._times[-1]) if reached else 0.0

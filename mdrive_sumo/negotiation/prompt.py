@@ -1,4 +1,4 @@
-"""What the language model is asked, and what of its answers is used."""
+"""Prompts of the language model, and the parsing of its answers. Recorded transcripts depend on every word."""
 
 import json
 import math
@@ -14,7 +14,7 @@ MAX_TEXT_BYTES = 1024
 MESSAGE_TOKENS, ACTION_TOKENS = 256, 256
 
 ACTIONS = {intention.name: intention for intention in Intention}
-_MEANT = {
+_DIRECTION_TEXTS = {
     Direction.FOLLOW: "follows its lane",
     Direction.LEFT: "turns left",
     Direction.RIGHT: "turns right",
@@ -32,13 +32,13 @@ _RULES = """Traffic rules:
 - In an emergency the cars behind slow down for those in front.
 - Somebody must go: if all stop nothing is gained."""
 
-_SPEAKER = (
+_SPEAKER_PROMPT = (
     "You drive one of several connected cars whose planned ways come dangerously close to each other. Agree with the"
     " others by short messages who goes first and who gives way. Every car can STOP, go SLOWER, KEEP its speed or go"
     f" FASTER.\n{_RULES}\nAnswer with nothing but your message to the others: one to three sentences, in which you name"
     " cars by their ids and say what you will do and what you ask of them."
 )
-_MAPPER = (
+_ACTION_PROMPT = (
     "Several connected cars have negotiated who goes first. Read their messages and say which action every car takes:"
     f" STOP, SLOWER, KEEP or FASTER.\n{_RULES}\nAnswer with nothing but one JSON object that has every car's id as key"
     ' and its action as value. You may add the key "consensus" with a number from 0 (they disagree) to 100 (they all'
@@ -49,48 +49,51 @@ _MAPPER = (
 def build_speaker_chat(
     me: NegotiationMember, others: Sequence[NegotiationMember], said: Sequence[tuple[str, str]], feedback: str
 ) -> Chat:
-    """Asks for the next message of `me`; `said`: (id, text) so far, oldest first."""
+    """Return the request for the next message of `me`; said: (id, text) so far, oldest first."""
     lines = [
-        f"You are car {me.id}: {me.speed:.1f} m/s, your car {_MEANT[me.direction]} and means to {me.intention.name}.",
+        f"You are car {me.id}: {me.speed:.1f} m/s, your car {_DIRECTION_TEXTS[me.direction]} and means to {me.intention.name}.",
         "The others:",
-        *(f"- {_seen(me, other)}" for other in others),
-        *_conversation(said),
+        *(f"- {_describe_car(me, other)}" for other in others),
+        *_format_utterances(said),
     ]
     if feedback:
         lines.append(f"What an observer says of the agreement so far: {feedback}")
-    return _chat(_SPEAKER, lines)
+    return _build_chat(_SPEAKER_PROMPT, lines)
 
 
 def build_action_chat(members: Sequence[NegotiationMember], said: Sequence[tuple[str, str]]) -> Chat:
-    """Asks for the actions that follow from the last messages."""
-    cars = [f"- car {m.id}: {m.speed:.1f} m/s, {_MEANT[m.direction]}, means to {m.intention.name}" for m in members]
-    return _chat(_MAPPER, ["The cars:", *cars, *_conversation(said)])
+    """Return the request for the actions that follow from the last utterances."""
+    cars = [
+        f"- car {m.id}: {m.speed:.1f} m/s, {_DIRECTION_TEXTS[m.direction]}, means to {m.intention.name}"
+        for m in members
+    ]
+    return _build_chat(_ACTION_PROMPT, ["The cars:", *cars, *_format_utterances(said)])
 
 
-def _chat(system: str, lines: Sequence[str]) -> Chat:
+def _build_chat(system: str, lines: Sequence[str]) -> Chat:
     return [{"role": "system", "content": system}, {"role": "user", "content": "\n".join(lines)}]
 
 
-def _conversation(said: Sequence[tuple[str, str]]) -> list[str]:
+def _format_utterances(said: Sequence[tuple[str, str]]) -> list[str]:
     if not said:
         return ["Nobody has said anything yet."]
     return ["Said so far:", *(f"{name}: {text}" for name, text in said)]
 
 
-def _seen(me: NegotiationMember, other: NegotiationMember) -> str:
-    """Another car as the driver of mine would describe it."""
+def _describe_car(me: NegotiationMember, other: NegotiationMember) -> str:
+    """Return a description of another car relative to the own one."""
     distance = math.hypot(other.x - me.x, other.y - me.y)
     bearing = wrap_angle(math.atan2(other.y - me.y, other.x - me.x) - me.yaw)
     sector = _SECTORS[round(bearing / (math.pi / 4)) % 8]
     heading = _HEADINGS[round(wrap_angle(other.yaw - me.yaw) / (math.pi / 2)) % 4]
     return (
         f"car {other.id}: {distance:.1f} m {sector}, moving {heading}, {other.speed:.1f} m/s,"
-        f" {_MEANT[other.direction]}, means to {other.intention.name}"
+        f" {_DIRECTION_TEXTS[other.direction]}, means to {other.intention.name}"
     )
 
 
 def clean_message(text: str) -> str:
-    """A message as it may be sent: one line of valid UTF-8, short enough; raises ValueError if nothing is left."""
+    """Return a message as one line of valid UTF-8 of limited length. Raises ValueError if nothing is left."""
     line = " ".join(text.split())
     line = line.encode("utf-8", "replace")[: MAX_TEXT_BYTES - 64].decode("utf-8", "ignore")
     if not line:
@@ -99,7 +102,7 @@ def clean_message(text: str) -> str:
 
 
 def parse_actions(text: str, group: Sequence[str]) -> tuple[dict[str, Intention], float | None]:
-    """(action by id, consensus in [0, 1] if told) of a mapper's answer; raises ValueError saying what is wrong."""
+    """Return the action by id and the consensus in [0, 1] (if stated); raise ValueError with the defect."""
     start, end = text.find("{"), text.rfind("}")
     if start < 0 or end < start:
         raise ValueError("there is no JSON object in it")
@@ -109,18 +112,18 @@ def parse_actions(text: str, group: Sequence[str]) -> tuple[dict[str, Intention]
         raise ValueError("it is nested too deeply") from None
     if not isinstance(found, dict):
         raise ValueError("there is no JSON object in it")
-    told: Mapping[str, object] = found
-    agreed = None if "consensus" in group else told.get("consensus")
-    keys = set(told) - ({"consensus"} - set(group))
+    content: Mapping[str, object] = found
+    agreed = None if "consensus" in group else content.get("consensus")
+    keys = set(content) - ({"consensus"} - set(group))
     if keys != set(group):
         raise ValueError(f"expected exactly the ids {', '.join(group)}")
-    actions = {name: _action(name, told[name]) for name in group}
+    actions = {name: _parse_action(name, content[name]) for name in group}
     if isinstance(agreed, int | float) and not isinstance(agreed, bool) and 0 <= agreed <= 100:
         return actions, agreed / 100
     return actions, None
 
 
-def _action(name: str, value: object) -> Intention:
+def _parse_action(name: str, value: object) -> Intention:
     action = ACTIONS.get(value.strip().upper()) if isinstance(value, str) else None
     if action is None:
         raise ValueError(f"car {name}: expected one of {', '.join(ACTIONS)}")

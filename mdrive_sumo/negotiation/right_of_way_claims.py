@@ -1,6 +1,6 @@
-"""Who says that he goes before whom: the memory of all negotiations lies in the messages themselves.
+"""Claims to go first. All results of negotiations are contained in the MCMs themselves.
 
-Whoever comes late, or lost a message, reads in the next ones what has been settled.
+A CAV that joins late or lost a message reads in the next ones what has been settled.
 """
 
 from collections.abc import Mapping
@@ -11,12 +11,12 @@ from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm, ReferencePose, encode
 
 RightOfWayClaims = frozenset[tuple[str, str]]
-"""(first, second) pairs of stations."""
+"""(first, second) pairs of stations: the first claims to go before the second."""
 
 
 @dataclass(frozen=True, slots=True)
 class NegotiationTerms:
-    """What an MCM says beyond trajectories; see `v2x.messages.Mcm`."""
+    """The negotiation part of an MCM; see `v2x.messages.Mcm`."""
 
     requests: Mapping[str, Intention] = field(default_factory=dict[str, Intention])
     answers: Mapping[str, bool] = field(default_factory=dict[str, bool])
@@ -24,43 +24,43 @@ class NegotiationTerms:
     until_tick: int = 0
 
 
-def collect_claims(heard: Mapping[str, Mcm], tick: int) -> RightOfWayClaims:
-    """The claims that hold in this tick, by everybody's latest MCM; of two that contradict each other the smaller
-    station's counts."""
-    said = {
+def collect_claims(mcm_by_station: Mapping[str, Mcm], tick: int) -> RightOfWayClaims:
+    """Return the claims in force at that tick; of two contradicting ones that of the smaller station id counts."""
+    claims = {
         (name, other)
-        for name, mcm in heard.items()
+        for name, mcm in mcm_by_station.items()
         if mcm.until_tick >= tick
-        for other, what in mcm.requests.items()
-        if other != name and what <= Intention.SLOWER
+        for other, intention in mcm.requests.items()
+        if other != name and intention <= Intention.SLOWER
     }
-    return frozenset((a, b) for a, b in said if a < b or (b, a) not in said)
+    return frozenset((a, b) for a, b in claims if a < b or (b, a) not in claims)
 
 
-def answer_claims(me: str, heard: Mapping[str, Mcm], claims: RightOfWayClaims) -> dict[str, bool]:
-    """My answers to all who claim to go before me: yes, unless my own claim counts."""
-    asking = [
-        name for name, mcm in heard.items() if name != me and mcm.requests.get(me, Intention.KEEP) <= Intention.SLOWER
+def answer_claims(own_id: str, mcm_by_station: Mapping[str, Mcm], claims: RightOfWayClaims) -> dict[str, bool]:
+    """Return the answers to all stations that claim to go first: yes, unless the own claim counts."""
+    claimants = [
+        name
+        for name, mcm in mcm_by_station.items()
+        if name != own_id and mcm.requests.get(own_id, Intention.KEEP) <= Intention.SLOWER
     ]
-    return {name: (me, name) not in claims for name in asking[:MAX_NAMES]}
+    return {name: (own_id, name) not in claims for name in claimants[:MAX_NAMES]}
 
 
-def build_mcm_message(me: NegotiationMember, tick: int, terms: NegotiationTerms) -> Message:
-    """My MCM: what I plan and desire, and the terms of the negotiation."""
-    pose = ReferencePose(me.x, me.y, me.yaw, tick)
+def build_mcm_message(member: NegotiationMember, tick: int, terms: NegotiationTerms) -> Message:
+    """Return the MCM of a member: its planned and desired trajectories and the terms of the negotiation."""
     message = encode(
         Mcm(
-            pose=pose,
-            speed=me.speed,
-            intention=me.intention,
-            direction=me.direction,
-            interval_s=me.interval_s,
-            planned=me.planned,
-            desired=me.desired,
+            pose=ReferencePose(member.x, member.y, member.yaw, tick),
+            speed=member.speed,
+            intention=member.intention,
+            direction=member.direction,
+            interval_s=member.interval_s,
+            planned=member.planned,
+            desired=member.desired,
             requests=terms.requests,
             answers=terms.answers,
             group=terms.group,
             until_tick=terms.until_tick,
         )
     )
-    return Message(message.type, message.payload, me.id, tick)
+    return Message(message.type, message.payload, member.id, tick)

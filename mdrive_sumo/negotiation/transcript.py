@@ -1,4 +1,4 @@
-"""Transcripts: every exchange with a language model as a line of JSON, and a model that repeats them."""
+"""Transcripts: every exchange with a language model as a line of JSON, and their replay."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ FIELDS = ("seed", "ordinal", "digest", "request", "answer", "tokens", "error")
 
 
 def compute_request_digest(request: Mapping[str, Any]) -> str:
-    """Names a request by its contents."""
+    """Return a digest of the contents of a request."""
     text = json.dumps(request, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
@@ -22,7 +22,7 @@ def compute_request_digest(request: Mapping[str, Any]) -> str:
 def format_exchange(
     seed: int, ordinal: int, request: Mapping[str, Any], outcome: ChatCompletion | LanguageModelError
 ) -> str:
-    """An exchange as a line, without line ends in it: pure ASCII, whatever was said."""
+    """Return an exchange as one line of JSON in ASCII."""
     entry: dict[str, Any] = {
         "seed": seed,
         "ordinal": ordinal,
@@ -37,23 +37,23 @@ def format_exchange(
 
 
 class LanguageModelTranscript:
-    """What one agent was told in a recorded run: by request, in the order in which it was asked."""
+    """The answers that one agent received in a recorded run, by request, in their order."""
 
     def __init__(self, path: Path, seed: int) -> None:
-        """Reads the lines of the agent with that seed; raises InputError for a file that is no transcript."""
-        self._told: dict[tuple[str, int], ChatCompletion | LanguageModelError] = {}
-        self._asked: Counter[str] = Counter()
+        """Read the lines of the agent with that seed. Raises InputError for a file that is no transcript."""
+        self._outcome_by_request: dict[tuple[str, int], ChatCompletion | LanguageModelError] = {}
+        self._request_counts: Counter[str] = Counter()
         counts: Counter[str] = Counter()
-        for ordinal, digest, outcome in sorted(_lines(path, seed), key=lambda line: line[0]):
+        for ordinal, digest, outcome in sorted(_read_lines(path, seed), key=lambda line: line[0]):
             del ordinal
-            self._told[digest, counts[digest]] = outcome
+            self._outcome_by_request[digest, counts[digest]] = outcome
             counts[digest] += 1
 
     def replay(self, request: Mapping[str, Any]) -> ChatCompletion:
-        """The recorded answer; raises ModelError as recorded, or of the kind "missing" if this was never asked."""
+        """Return the recorded answer; raise the recorded error, or one of kind "missing" for an unknown request."""
         digest = compute_request_digest(request)
-        outcome = self._told.get((digest, self._asked[digest]))
-        self._asked[digest] += 1
+        outcome = self._outcome_by_request.get((digest, self._request_counts[digest]))
+        self._request_counts[digest] += 1
         if outcome is None:
             raise LanguageModelError("missing", f"the transcript has no answer to request {digest}")
         if isinstance(outcome, LanguageModelError):
@@ -62,26 +62,28 @@ class LanguageModelTranscript:
 
 
 def load_outcomes(path: Path, seed: int) -> tuple[ChatCompletion | LanguageModelError, ...]:
-    """What the agent with that seed was told, in this order; raises InputError for a file that is no transcript."""
-    return tuple(outcome for _, _, outcome in sorted(_lines(path, seed), key=lambda line: line[0]))
+    """Return the answers to the agent with that seed, in order. Raises InputError for a file that is no transcript."""
+    return tuple(outcome for _, _, outcome in sorted(_read_lines(path, seed), key=lambda line: line[0]))
 
 
 def check_transcript(path: Path) -> None:
-    """Raises InputError if the file cannot be read as a transcript."""
-    for _ in _lines(path, -1):
+    """Raise InputError if the file cannot be read as a transcript."""
+    for _ in _read_lines(path, -1):
         pass
 
 
-def _lines(path: Path, seed: int) -> list[tuple[int, str, ChatCompletion | LanguageModelError]]:
+def _read_lines(path: Path, seed: int) -> list[tuple[int, str, ChatCompletion | LanguageModelError]]:
+    """Return (ordinal, request digest, outcome) of the lines of one agent."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:
         raise InputError(f"transcript {path}: expected a text file, found none ({error})") from None
-    found = [_entry(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    found = [_parse_entry(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]
     return [(ordinal, digest, outcome) for owner, ordinal, digest, outcome in found if owner == seed]
 
 
-def _entry(path: Path, number: int, line: str) -> tuple[int, int, str, ChatCompletion | LanguageModelError]:
+def _parse_entry(path: Path, number: int, line: str) -> tuple[int, int, str, ChatCompletion | LanguageModelError]:
+    """Return (seed, ordinal, request digest, outcome) of a line."""
     try:
         entry = json.loads(line)
         seed, ordinal, digest = entry["seed"], entry["ordinal"], entry["digest"]
@@ -89,7 +91,7 @@ def _entry(path: Path, number: int, line: str) -> tuple[int, int, str, ChatCompl
             raise TypeError
         if "error" in entry:
             kind, text = entry["error"]
-            return seed, ordinal, digest, _again(str(kind), str(text))
+            return seed, ordinal, digest, _restore_error(str(kind), str(text))
         if not isinstance(entry["answer"], str):
             raise TypeError
         tokens = entry.get("tokens", 0)
@@ -102,5 +104,6 @@ def _entry(path: Path, number: int, line: str) -> tuple[int, int, str, ChatCompl
         ) from None
 
 
-def _again(kind: str, text: str) -> LanguageModelError:
+def _restore_error(kind: str, text: str) -> LanguageModelError:
+    """Return the error that was recorded."""
     return LanguageModelError(kind, text.removeprefix(f"{kind}: "))

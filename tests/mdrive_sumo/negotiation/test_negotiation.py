@@ -19,7 +19,7 @@ from mdrive_sumo.negotiation.conflict_graph import (
     compute_safety,
 )
 from mdrive_sumo.negotiation.intention import (
-    build_way,
+    build_line,
     classify_acceleration,
     classify_direction,
     convert_to_acceleration,
@@ -98,7 +98,7 @@ def test_keeping_a_low_speed_becomes_going_faster() -> None:
 
 def test_a_standing_car_would_go_straight_on() -> None:
     standing = np.zeros((20, 2))
-    assert build_way(0.0, 0.0, math.pi / 2, standing)[-1] == pytest.approx((0.0, 1.0))
+    assert build_line(0.0, 0.0, math.pi / 2, standing)[-1] == pytest.approx((0.0, 1.0))
 
 
 S = np.arange(0.0, 31.0)
