@@ -51,7 +51,8 @@ def build_speaker_chat(
 ) -> Chat:
     """Return the request for the next message of `me`; said: (id, text) so far, oldest first."""
     lines = [
-        f"You are car {me.id}: {me.speed:.1f} m/s, your car {_DIRECTION_TEXTS[me.direction]} and means to {me.intention.name}.",
+        f"You are car {me.id}: {me.speed:.1f} m/s, your car {_DIRECTION_TEXTS[me.direction]}"
+        f" and means to {me.intention.name}.",
         "The others:",
         *(f"- {_describe_car(me, other)}" for other in others),
         *_format_utterances(said),
