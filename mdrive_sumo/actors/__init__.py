@@ -1,4 +1,4 @@
-"""Scripted road users: what a scenario authors beside SUMO's traffic, moved in Python from frame to frame."""
+"""Scripted actors: road users and objects that the scenario file moves, advanced in Python tick by tick."""
 
 from mdrive_sumo.actors.scripted_actors import ActorMode, ScriptedActors
 

@@ -1,27 +1,27 @@
-"""What is in the way: the swept boxes of courses against everybody who may be on them.
+"""Intersect the swept boxes of actors on their paths with the boxes of everything else.
 
-A road user looks along its own course as far as it needs to stop, and a bit. What it would run into there limits its
-speed to one from which it can brake comfortably to a stop before it (or to the speed of what drives ahead).
+An actor looks along its path over its stopping distance and a margin. An obstacle there limits its speed to one from
+which comfortable braking ends before the obstacle, or at the obstacle's speed along the path.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from mdrive_sumo.actors.actor_surroundings import Around
-from mdrive_sumo.actors.kinematic_limits import safe_speed
-from mdrive_sumo.actors.path_tables import Places, Tables
+from mdrive_sumo.actors.actor_surroundings import ActorSurroundings
+from mdrive_sumo.actors.kinematic_limits import compute_safe_speed
+from mdrive_sumo.actors.path_tables import PathPoints, PathTables
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 
 SAMPLES = 16
-"""Boxes along the way ahead; they are made longer where they would leave gaps."""
+"""Number of boxes along the path ahead; they are lengthened where they would leave gaps."""
 
 
-class Lookers(NamedTuple):
-    """Those who look ahead, (R,) each."""
+class LookAhead(NamedTuple):
+    """The R actors that look ahead; arrays are (R,)."""
 
-    rows: Int
-    """Which movers they are."""
+    movers: Int
+    """Their indices among the moving scripted actors."""
     x: Float
     y: Float
     s: Float
@@ -30,109 +30,131 @@ class Lookers(NamedTuple):
     """How far ahead of their box they look [m]."""
     half_length: Float
     half_width: Float
-    """Of what they sweep [m]."""
+    """Half width [m] of the swept area."""
     gap: Float
-    brake: Float
-    foresight: Float
+    comfort_brake: Float
+    prediction_s: Float
 
 
-class Pairs(NamedTuple):
-    """Who may be in whose way, (P,) each."""
+class ConflictPairs(NamedTuple):
+    """P pairs of an actor and something close to its path; arrays are (P,)."""
 
-    who: Int
-    """Index of the looker."""
-    whom: Int
-    """Row of `Around`."""
-    onward: Float
-    """How much longer the other's box is taken to be, ahead of it [m]."""
+    looker: Int
+    """Row of `LookAhead`."""
+    other: Int
+    """Row of `ActorSurroundings`."""
+    extension_m: Float
+    """Length [m] by which the other's box is extended ahead of it, for its predicted motion."""
 
 
-class Way(NamedTuple):
-    """How free the ways are, (R,) each."""
+class FreeSpeeds(NamedTuple):
+    """Speed limits by obstacles; arrays are (R,)."""
 
     speed: Float
-    """At most this fast [m/s]; infinite if nothing is in the way."""
+    """Greatest speed [m/s]; infinite on a free path."""
     blocker: Int
-    """Row of `Around` that limits it; -1: nobody."""
+    """Row of `ActorSurroundings` that limits the speed; -1 if none."""
 
 
-def free_way(lookers: Lookers, wary: Bool, yields: Bool, around: Around, tables: Tables) -> Way:
-    """How fast each looker may go.
+def compute_free_speeds(
+    look_ahead: LookAhead, considers: Bool, yields: Bool, surroundings: ActorSurroundings, tables: PathTables
+) -> FreeSpeeds:
+    """Return the greatest speed of each actor and what limits it.
 
-    `wary` (R, O): whom each minds. `yields` (R, O): to whom it gives way, so that it sees them everywhere they will be
-    in the next `foresight` seconds.
+    `considers` (R, O): which road users an actor avoids. `yields` (R, O): to which it gives way; their boxes cover
+    the positions of the next `prediction_s` seconds.
     """
-    count = len(lookers.rows)
+    count = len(look_ahead.movers)
     speed, blocker = np.full(count, np.inf), np.full(count, -1, dtype=np.int64)
-    pairs = _near(lookers, wary, yields, around)
-    if not len(pairs.who):
-        return Way(speed, blocker)
-    room, along = _room(lookers, pairs, around, tables)
-    allowed = _allowed(room, np.maximum(along, 0.0), lookers.gap[pairs.who], lookers.brake[pairs.who])
-    allowed[_stuck_in(lookers, pairs, room, around, tables)] = np.inf
-    order = np.lexsort((allowed, pairs.who))  # the first one of each looker is its least
-    least = order[np.append(True, np.diff(pairs.who[order]) > 0)]
-    speed[pairs.who[least]] = allowed[least]
-    blocker[pairs.who[least]] = np.where(np.isfinite(allowed[least]), pairs.whom[least], -1)
-    return Way(speed, blocker)
+    pairs = _find_near_pairs(look_ahead, considers, yields, surroundings)
+    if not len(pairs.looker):
+        return FreeSpeeds(speed, blocker)
+    clearance, along = _compute_clearances(look_ahead, pairs, surroundings, tables)
+    allowed = _compute_allowed_speeds(
+        clearance, np.maximum(along, 0.0), look_ahead.gap[pairs.looker], look_ahead.comfort_brake[pairs.looker]
+    )
+    allowed[_find_overlaps(look_ahead, pairs, clearance, surroundings, tables)] = np.inf
+    order = np.lexsort((allowed, pairs.looker))  # the first row of each looker is its minimum
+    least = order[np.append(True, np.diff(pairs.looker[order]) > 0)]
+    speed[pairs.looker[least]] = allowed[least]
+    blocker[pairs.looker[least]] = np.where(np.isfinite(allowed[least]), pairs.other[least], -1)
+    return FreeSpeeds(speed, blocker)
 
 
-def _near(lookers: Lookers, wary: Bool, yields: Bool, around: Around) -> Pairs:
-    onward = np.where(yields, lookers.foresight[:, None] * around.speed, 0.0)
-    reach = (lookers.reach + lookers.half_length + lookers.half_width)[:, None]
-    reach = reach + (around.half_length + around.half_width) + onward
-    x, y = lookers.x[:, None] - around.x, lookers.y[:, None] - around.y
-    who, whom = np.nonzero(wary & (x * x + y * y < reach * reach))
-    return Pairs(who, whom, onward[who, whom])
+def _find_near_pairs(
+    look_ahead: LookAhead, considers: Bool, yields: Bool, surroundings: ActorSurroundings
+) -> ConflictPairs:
+    extension = np.where(yields, look_ahead.prediction_s[:, None] * surroundings.speed, 0.0)
+    reach = (look_ahead.reach + look_ahead.half_length + look_ahead.half_width)[:, None]
+    reach = reach + (surroundings.half_length + surroundings.half_width) + extension
+    x, y = look_ahead.x[:, None] - surroundings.x, look_ahead.y[:, None] - surroundings.y
+    looker, other = np.nonzero(considers & (x * x + y * y < reach * reach))
+    return ConflictPairs(looker, other, extension[looker, other])
 
 
-def _room(lookers: Lookers, pairs: Pairs, around: Around, tables: Tables) -> tuple[Float, Float]:
-    """Free way [m] from each looker's box to the other's (infinite: not in the way), and the other's speed along."""
-    some, pair = np.unique(pairs.who, return_inverse=True)
-    spread = lookers.reach[some, None] * np.linspace(0.0, 1.0, SAMPLES)
-    way = tables.ahead(lookers.rows[some], lookers.s[some, None] + spread)
-    cos, sin = np.cos(way.yaw)[pair], np.sin(way.yaw)[pair]
-    cos_o, sin_o = np.cos(around.yaw[pairs.whom])[:, None], np.sin(around.yaw[pairs.whom])[:, None]
-    half = pairs.onward[:, None] / 2
-    x = around.x[pairs.whom, None] + cos_o * half - way.x[pair]
-    y = around.y[pairs.whom, None] + sin_o * half - way.y[pair]
-    length, width = around.half_length[pairs.whom, None] + half, around.half_width[pairs.whom, None]
+def _compute_clearances(
+    look_ahead: LookAhead, pairs: ConflictPairs, surroundings: ActorSurroundings, tables: PathTables
+) -> tuple[Float, Float]:
+    """Return (P,) the free path [m] between the boxes (infinite: not on the path), and the other's speed along it."""
+    unique_lookers, pair = np.unique(pairs.looker, return_inverse=True)
+    spread = look_ahead.reach[unique_lookers, None] * np.linspace(0.0, 1.0, SAMPLES)
+    path = tables.sample_ahead(look_ahead.movers[unique_lookers], look_ahead.s[unique_lookers, None] + spread)
+    cos, sin = np.cos(path.yaw)[pair], np.sin(path.yaw)[pair]
+    cos_o, sin_o = np.cos(surroundings.yaw[pairs.other])[:, None], np.sin(surroundings.yaw[pairs.other])[:, None]
+    half = pairs.extension_m[:, None] / 2
+    x = surroundings.x[pairs.other, None] + cos_o * half - path.x[pair]
+    y = surroundings.y[pairs.other, None] + sin_o * half - path.y[pair]
+    length, width = surroundings.half_length[pairs.other, None] + half, surroundings.half_width[pairs.other, None]
     turned = np.abs(cos * cos_o + sin * sin_o), np.abs(cos * sin_o - sin * cos_o)
-    box = lookers.half_length[pairs.who, None], lookers.half_width[pairs.who, None]
-    swept = np.maximum(box[0], lookers.reach[pairs.who, None] / (SAMPLES - 1) / 2)
+    box = look_ahead.half_length[pairs.looker, None], look_ahead.half_width[pairs.looker, None]
+    swept = np.maximum(box[0], look_ahead.reach[pairs.looker, None] / (SAMPLES - 1) / 2)
     along = x * cos + y * sin
     extent = turned[0] * length + turned[1] * width
-    # Separating axes: along and across the way, along and across the other.
+    # Separating axes: along and across the path, along and across the other box.
     hit = np.abs(along) < swept + extent
     hit &= np.abs(y * cos - x * sin) < box[1] + turned[1] * length + turned[0] * width
     hit &= np.abs(x * cos_o + y * sin_o) < length + turned[0] * swept + turned[1] * box[1]
     hit &= np.abs(y * cos_o - x * sin_o) < width + turned[1] * swept + turned[0] * box[1]
     centre = spread[pair] + along
-    room = np.where(hit & (centre > 0.0), centre - box[0] - extent, np.inf)  # what is behind is not in the way
-    nearest = room.argmin(1)
+    clearance = np.where(
+        hit & (centre > 0.0), centre - box[0] - extent, np.inf
+    )  # what is behind does not block the path
+    nearest = clearance.argmin(1)
     rows = np.arange(len(nearest))
     heading = cos[rows, nearest] * cos_o[:, 0] + sin[rows, nearest] * sin_o[:, 0]
-    return room[rows, nearest], heading * around.speed[pairs.whom]
+    return clearance[rows, nearest], heading * surroundings.speed[pairs.other]
 
 
-def _allowed(room: Float, speed: Float, gap: Float, brake: Float) -> Float:
-    """Speed [m/s] from which it can brake so that it ends `gap` behind something that goes at `speed`."""
-    slack = room - gap
-    return np.where(slack > 0.0, safe_speed(slack, speed, brake), speed * np.clip(room / gap, 0.0, 1.0))
+def _compute_allowed_speeds(clearance: Float, speed: Float, gap: Float, comfort_brake: Float) -> Float:
+    """Return the speed [m/s] from which comfortable braking ends `gap` [m] behind something that moves at `speed`."""
+    slack = clearance - gap
+    return np.where(
+        slack > 0.0, compute_safe_speed(slack, speed, comfort_brake), speed * np.clip(clearance / gap, 0.0, 1.0)
+    )
 
 
-def _stuck_in(lookers: Lookers, pairs: Pairs, room: Float, around: Around, tables: Tables) -> Bool:
-    """Which of the pairs overlap now: stopping does not mend that. A CAV is waited for all the same."""
-    stuck = (room < 0.0) & (pairs.whom >= around.cavs)
+def _find_overlaps(
+    look_ahead: LookAhead, pairs: ConflictPairs, clearance: Float, surroundings: ActorSurroundings, tables: PathTables
+) -> Bool:
+    """Return a (P,) mask of pairs that overlap already: stopping does not resolve that. CAVs are excepted."""
+    stuck = (clearance < 0.0) & (pairs.other >= surroundings.cav_count)
     if not stuck.any():
         return stuck
-    who, whom = pairs.who[stuck], pairs.whom[stuck]
-    here: Places = tables.ahead(lookers.rows[who], lookers.s[who, None])
+    looker, other = pairs.looker[stuck], pairs.other[stuck]
+    here: PathPoints = tables.sample_ahead(look_ahead.movers[looker], look_ahead.s[looker, None])
     own = boxes_corners(
-        here.x[:, 0], here.y[:, 0], here.yaw[:, 0], 2 * lookers.half_length[who], 2 * lookers.half_width[who]
+        here.x[:, 0],
+        here.y[:, 0],
+        here.yaw[:, 0],
+        2 * look_ahead.half_length[looker],
+        2 * look_ahead.half_width[looker],
     )
     other = boxes_corners(
-        around.x[whom], around.y[whom], around.yaw[whom], 2 * around.half_length[whom], 2 * around.half_width[whom]
+        surroundings.x[other],
+        surroundings.y[other],
+        surroundings.yaw[other],
+        2 * surroundings.half_length[other],
+        2 * surroundings.half_width[other],
     )
     stuck[stuck] = boxes_overlap(own, other)
     return stuck

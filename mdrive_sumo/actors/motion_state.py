@@ -1,87 +1,91 @@
-"""How all moving road users of a cast go one tick further, as pure array arithmetic."""
+"""Advance all moving scripted actors by one tick, as pure array arithmetic."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.actors.kinematic_limits import MANNERS, safe_speed
-from mdrive_sumo.actors.path_tables import Places, Tables
+from mdrive_sumo.actors.kinematic_limits import LIMITS_BY_KIND, compute_safe_speed
+from mdrive_sumo.actors.path_tables import PathPoints, PathTables
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor
 
-STANDS = 1e-3
-"""Slower than this [m/s] is standing: what a recording can tell apart."""
+STANDSTILL_SPEED = 1e-3
+"""A speed below this [m/s], the resolution of a recording, is set to 0."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fitness:
-    """What the movers are and can do, (M,) each; see `Manner`."""
+class ActorParams:
+    """Constant properties of the M moving actors; arrays are (M,). See `KinematicLimits`."""
 
-    timed: Bool
-    """Replays, whose progress is their own clock [s]."""
+    is_timed: Bool
+    """Whether it is a replay, whose progress is its own clock [s]."""
     half_length: Float
     half_width: Float
     accel: Float
-    brake: Float
-    full: Float
+    comfort_brake: Float
+    max_brake: Float
     gap: Float
-    look: Float
+    look_margin: Float
     clearance: Float
-    foresight: Float
+    prediction_s: Float
 
 
-def fitness_of(actors: Sequence[Actor]) -> Fitness:
-    """Of the movers, in their order."""
-    manners = [MANNERS[KIND_BY_NAME[actor.kind]] for actor in actors]
-    names = ("accel", "brake", "full", "gap", "look", "clearance", "foresight")
-    return Fitness(
+def build_actor_params(actors: Sequence[Actor]) -> ActorParams:
+    """Return the parameters of the moving actors, in their order."""
+    limits_of_actors = [LIMITS_BY_KIND[KIND_BY_NAME[actor.kind]] for actor in actors]
+    names = ("accel", "comfort_brake", "max_brake", "gap", "look_margin", "clearance", "prediction_s")
+    return ActorParams(
         np.array([actor.motion.type == "replay" for actor in actors], dtype=np.bool_),
         np.array([actor.length / 2 for actor in actors]),
         np.array([actor.width / 2 for actor in actors]),
-        *(np.array([getattr(manner, name) for manner in manners]) for name in names),
+        *(np.array([getattr(limits, name) for limits in limits_of_actors]) for name in names),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Going:
-    """Where the movers are on their courses, (M,) each."""
+class MotionState:
+    """Progress of the M moving actors on their paths; arrays are (M,)."""
 
     progress: Float
-    """Arc length [m], or the own clock of a replay [s]."""
+    """Arc length [m]; for a replay its own clock [s]."""
     speed: Float
-    rate: Float
-    """How fast the own clock of a replay goes: 1 is as logged."""
+    clock_rate: Float
+    """Rate of a replay's own clock: 1 is as logged."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What the movers are up to in this tick, (M,) each."""
+class MotionTarget:
+    """Targets and limits of the M moving actors in this tick; arrays are (M,)."""
 
-    target: Float
-    """Speed [m/s] by their script; infinite for a replay, which has its log's."""
-    limit: Float
-    """Speed [m/s] by what is in their way."""
-    full_brake: Bool
-    frozen: Bool
-    """Stands at once: struck, or not yet triggered."""
+    script_speed: Float
+    """Speed [m/s] that the script sets; infinite for a replay, which follows its log."""
+    speed_limit: Float
+    """Greatest speed [m/s] with respect to obstacles."""
+    is_braking_fully: Bool
+    is_stopped: Bool
+    """Whether it stands at once: struck, or not yet triggered."""
 
 
-def gone_on(going: Going, here: Places, wanted: Wanted, fitness: Fitness, tables: Tables) -> Going:
-    """One tick further. `here`: where `going.progress` is."""
-    timed = fitness.timed
-    room = np.where(timed, np.inf, np.maximum(tables.length - here.s, 0.0))
-    limit = np.minimum(wanted.limit, safe_speed(room, 0.0, fitness.brake))
-    plan = np.where(timed, np.minimum(here.slope, wanted.target), wanted.target)
-    easing = np.where(wanted.full_brake | timed, fitness.full, fitness.brake)
-    goal = np.minimum(np.maximum(plan, going.speed - easing * DT), limit)
-    speed = np.clip(goal, np.maximum(going.speed - fitness.full * DT, 0.0), going.speed + fitness.accel * DT)
-    speed = np.where(speed < STANDS, 0.0, speed)
-    unhindered = timed & (going.rate >= 1.0) & (limit >= plan)  # a log's own speed is taken as it is
-    speed = np.where(wanted.frozen, 0.0, np.where(unhindered, plan, speed))
-    rate = np.where(plan > 1e-6, np.minimum(speed / np.maximum(plan, 1e-6), 1.0), 1.0)
-    rate = np.where(wanted.frozen, 0.0, rate)
-    onward = np.where(timed, rate, speed) * DT
-    progress = np.where(timed, going.progress + onward, np.minimum(going.progress + onward, tables.end))
-    return Going(progress, speed, rate)
+def advance_motion(
+    state: MotionState, points: PathPoints, target: MotionTarget, params: ActorParams, tables: PathTables
+) -> MotionState:
+    """Return the state one tick later. `points`: the path points at `state.progress`."""
+    timed = params.is_timed
+    room = np.where(timed, np.inf, np.maximum(tables.length - points.s, 0.0))
+    speed_limit = np.minimum(target.speed_limit, compute_safe_speed(room, 0.0, params.comfort_brake))
+    planned_speed = np.where(timed, np.minimum(points.slope, target.script_speed), target.script_speed)
+    brake = np.where(target.is_braking_fully | timed, params.max_brake, params.comfort_brake)
+    wanted_speed = np.minimum(np.maximum(planned_speed, state.speed - brake * DT), speed_limit)
+    speed = np.clip(wanted_speed, np.maximum(state.speed - params.max_brake * DT, 0.0), state.speed + params.accel * DT)
+    speed = np.where(speed < STANDSTILL_SPEED, 0.0, speed)
+    unhindered = (
+        timed & (state.clock_rate >= 1.0) & (speed_limit >= planned_speed)
+    )  # a log may exceed the kinematic limits
+    speed = np.where(target.is_stopped, 0.0, np.where(unhindered, planned_speed, speed))
+    clock_rate = np.where(planned_speed > 1e-6, np.minimum(speed / np.maximum(planned_speed, 1e-6), 1.0), 1.0)
+    clock_rate = np.where(target.is_stopped, 0.0, clock_rate)
+    step = np.where(timed, clock_rate, speed) * DT
+    progress = np.where(timed, state.progress + step, np.minimum(state.progress + step, tables.end))
+    return MotionState(progress, speed, clock_rate)

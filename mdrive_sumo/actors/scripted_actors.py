@@ -1,4 +1,4 @@
-"""Cast: the scripted road users of one episode, tick by tick."""
+"""The scripted actors of one episode, advanced tick by tick."""
 
 import math
 from collections.abc import Collection
@@ -7,74 +7,87 @@ from enum import StrEnum
 
 import numpy as np
 
-from mdrive_sumo.actors.actor_assembler import Stage
-from mdrive_sumo.actors.actor_surroundings import CAR, Onlooker
-from mdrive_sumo.actors.collision_avoidance import Watch
-from mdrive_sumo.actors.lane_change import lane_change_m
-from mdrive_sumo.actors.motion_path import Course, course_of, shifted
-from mdrive_sumo.actors.motion_state import Going, Wanted, fitness_of, gone_on
-from mdrive_sumo.actors.path_tables import tables_of
-from mdrive_sumo.actors.trigger_script import Own, Phase, first_cue, initial_speed_of, next_cue, target_speed
+from mdrive_sumo.actors.actor_assembler import ActorAssembler
+from mdrive_sumo.actors.actor_surroundings import CAR, SurroundingsBuilder
+from mdrive_sumo.actors.collision_avoidance import CollisionAvoidance
+from mdrive_sumo.actors.lane_change import compute_lane_change_offset
+from mdrive_sumo.actors.motion_path import MotionPath, build_lane_change_path, build_motion_path
+from mdrive_sumo.actors.motion_state import MotionState, MotionTarget, advance_motion, build_actor_params
+from mdrive_sumo.actors.path_tables import build_path_tables
+from mdrive_sumo.actors.trigger_script import (
+    ActorPosition,
+    ScriptPhase,
+    advance_script,
+    build_script_state,
+    compute_target_speed,
+    find_initial_speed,
+)
 from mdrive_sumo.core.geometry import Bool, Float, box_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors, Frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneChange, LaneMotion, PathMotion, ReplayMotion, StandingMotion
 
-ON_TIME_S = 1e-6
-"""A replay whose own clock is no later than this is where its log has it."""
+LOG_TIME_TOLERANCE_S = 1e-6
+"""A replay whose own clock differs from the scenario's by less than this is at the pose of its log."""
 
 
 class ActorMode(StrEnum):
-    """`default`: scripted road users react, on a global clock. `original`: as in MDrive's code (protocol 3.5)."""
+    """`default`: scripted actors react to others, on a global clock. `original`: as in MDrive's code (protocol 3.5)."""
 
     DEFAULT = "default"
     ORIGINAL = "original"
 
 
 class ScriptedActors:
-    """Moves what a scenario scripts. `original`: nobody avoids anything, and all freeze when the first CAV ends."""
+    """Moves the scripted actors. `original`: none avoids collisions, and all stop when the first CAV ends."""
 
     def __init__(self, scenario: Scenario, roads: RoadMap, mode: ActorMode = ActorMode.DEFAULT) -> None:
         """Raises InputError for lanes that do not connect."""
         actors = sorted(scenario.actors, key=lambda actor: actor.id)
-        courses = [(i, course) for i, actor in enumerate(actors) if (course := course_of(actor, roads)) is not None]
+        paths = [(i, path) for i, actor in enumerate(actors) if (path := build_motion_path(actor, roads)) is not None]
         self._roads, self._mode, self._leader = roads, mode, scenario.egos[0].id
-        self._movers: list[Actor] = [actors[i] for i, _ in courses]
-        self._courses: list[Course] = [course for _, course in courses]
-        self._tables = tables_of(self._courses)
-        self._fitness = fitness_of(self._movers)
-        self._cues = {i: first_cue(actor) for i, actor in enumerate(self._movers) if actor.trigger is not None}
-        self._held: dict[str, int] = {}
-        self._stage = Stage(actors, [i for i, _ in courses])
-        still = frozenset(actor.id for actor in actors if isinstance(actor.motion, StandingMotion))
-        self._onlooker = Onlooker({actor.id: i for i, actor in enumerate(self._movers)}, still)
-        watchful = [actor.avoid_collision and mode is ActorMode.DEFAULT for actor in self._movers]
-        on_foot = [actor.kind == "pedestrian" for actor in self._movers]
-        self._watch = Watch(np.array(watchful, np.bool_), np.array(on_foot, np.bool_), self._fitness)
-        self._stays = np.array(
+        self._movers: list[Actor] = [actors[i] for i, _ in paths]
+        self._paths: list[MotionPath] = [path for _, path in paths]
+        self._tables = build_path_tables(self._paths)
+        self._params = build_actor_params(self._movers)
+        self._states = {
+            i: build_script_state(actor) for i, actor in enumerate(self._movers) if actor.trigger is not None
+        }
+        self._held_until: dict[str, int] = {}
+        self._assembler = ActorAssembler(actors, [i for i, _ in paths])
+        static_ids = frozenset(actor.id for actor in actors if isinstance(actor.motion, StandingMotion))
+        self._surroundings_builder = SurroundingsBuilder(
+            {actor.id: i for i, actor in enumerate(self._movers)}, static_ids
+        )
+        avoids_collisions = [actor.avoid_collision and mode is ActorMode.DEFAULT for actor in self._movers]
+        is_pedestrian = [actor.kind == "pedestrian" for actor in self._movers]
+        self._collision_avoidance = CollisionAvoidance(
+            np.array(avoids_collisions, np.bool_), np.array(is_pedestrian, np.bool_), self._params
+        )
+        self._stays_at_end = np.array(
             [not isinstance(a.motion, ReplayMotion) or a.motion.stays for a in self._movers], np.bool_
         )
-        self._target = np.array([_cruise(actor) for actor in self._movers])
-        self._going = self._first(scenario)
-        self._here = self._tables.places(self._going.progress)
+        self._script_speed = np.array([_find_cruise_speed(actor) for actor in self._movers])
+        self._motion = self._build_initial_state(scenario)
+        self._points = self._tables.interpolate(self._motion.progress)
         self._frozen = False
-        self.present: Actors = self._shown()
-        """Who is there in the last frame; at first, in frame 0."""
+        self.present: Actors = self._assemble()
+        """The actors in the last frame; before the first `advance`, in frame 0."""
 
-    def _first(self, scenario: Scenario) -> Going:
+    def _build_initial_state(self, scenario: Scenario) -> MotionState:
         starts = {ego.id: (ego.start.x, ego.start.y) for ego in scenario.egos}
-        speed = [initial_speed_of(actor, starts) for actor in self._movers]
-        # A replay's own clock is the scenario's, unless it has a trigger.
-        waits = np.array([actor.trigger is not None for actor in self._movers], np.bool_)
-        begin = np.where(self._fitness.timed & ~waits, 0.0, self._tables.begin)
-        logged = np.where(waits, 0.0, self._tables.places(begin).slope)
-        return Going(begin, np.where(self._fitness.timed, logged, np.array(speed)), np.ones(len(speed)))
+        speed = [find_initial_speed(actor, starts) for actor in self._movers]
+        # A replay without a trigger runs on the scenario's clock.
+        is_triggered = np.array([actor.trigger is not None for actor in self._movers], np.bool_)
+        begin = np.where(self._params.is_timed & ~is_triggered, 0.0, self._tables.begin)
+        logged = np.where(is_triggered, 0.0, self._tables.interpolate(begin).slope)
+        return MotionState(begin, np.where(self._params.is_timed, logged, np.array(speed)), np.ones(len(speed)))
 
     def advance(self, frame: Frame, struck: Collection[str]) -> Actors:
-        """The scripted road users one tick after `frame`. Its CAVs are those that have not ended.
+        """Return the scripted actors one tick after `frame`, whose CAVs are those that have not ended.
 
-        `struck`: ids of actors that a CAV met in that frame; they stand for two seconds.
+        `struck`: ids of actors that a CAV touches in that frame; they stand for 2 s.
         """
         if not self._movers or self._frozen:
             return self.present
@@ -82,84 +95,88 @@ class ScriptedActors:
             self._frozen = True
             self.present = replace(self.present, speed=np.zeros(len(self.present)))
             return self.present
-        self._held |= dict.fromkeys(struck, frame.tick + STRUCK_HOLD_TICKS)
-        full_brake = self._follow_scripts(frame)
-        wanted = Wanted(self._target, self._limits(frame), full_brake, self._standing(frame.tick))
-        self._going = gone_on(self._going, self._here, wanted, self._fitness, self._tables)
-        self._let_in(frame)
-        self._here = self._tables.places(self._going.progress)
-        self.present = self._shown()
+        self._held_until |= dict.fromkeys(struck, frame.tick + STRUCK_HOLD_TICKS)
+        full_brake = self._advance_scripts(frame)
+        target = MotionTarget(
+            self._script_speed, self._compute_speed_limits(frame), full_brake, self._find_stopped(frame.tick)
+        )
+        self._motion = advance_motion(self._motion, self._points, target, self._params, self._tables)
+        self._delay_blocked_entries(frame)
+        self._points = self._tables.interpolate(self._motion.progress)
+        self.present = self._assemble()
         return self.present
 
-    def _follow_scripts(self, frame: Frame) -> Bool:
-        """Cues of the triggered; whether each mover (M,) brakes with all it has."""
+    def _advance_scripts(self, frame: Frame) -> Bool:
+        """Advance the scripts of triggered actors; return an (M,) mask of the movers that brake fully."""
         full_brake = np.zeros(len(self._movers), np.bool_)
-        for i, cue in self._cues.items():
+        for i, state in self._states.items():
             actor = self._movers[i]
-            own = Own(float(self._here.x[i]), float(self._here.y[i]), float(self._going.speed[i]))
-            after = self._cues[i] = next_cue(cue, actor, own, frame)
-            if after.phase is Phase.AFTER and cue.phase is Phase.BEFORE:
-                self._change_lane(i, frame)
-            self._target[i] = target_speed(after, actor, own, frame)
-            full_brake[i] = after.phase is Phase.BRAKING
+            position = ActorPosition(float(self._points.x[i]), float(self._points.y[i]), float(self._motion.speed[i]))
+            after = self._states[i] = advance_script(state, actor, position, frame)
+            if after.phase is ScriptPhase.AFTER and state.phase is ScriptPhase.BEFORE:
+                self._start_lane_change(i, frame)
+            self._script_speed[i] = compute_target_speed(after, actor, position, frame)
+            full_brake[i] = after.phase is ScriptPhase.BRAKING
         return full_brake
 
-    def _change_lane(self, i: int, frame: Frame) -> None:
-        actor, course, here = self._movers[i], self._courses[i], self._here
+    def _start_lane_change(self, i: int, frame: Frame) -> None:
+        actor, path, points = self._movers[i], self._paths[i], self._points
         if not isinstance(actor.action, LaneChange):
             return
-        at = (float(here.x[i]), float(here.y[i]), float(here.yaw[i]))
-        aside = lane_change_m(actor, course, at, frame, self._roads)
-        if not aside:
+        at = (float(points.x[i]), float(points.y[i]), float(points.yaw[i]))
+        offset = compute_lane_change_offset(actor, path, at, frame, self._roads)
+        if not offset:
             return
-        self._courses[i], since = shifted(course, float(here.s[i]), aside, actor)
-        self._tables = tables_of(self._courses)
-        progress = self._going.progress.copy()
+        self._paths[i], since = build_lane_change_path(path, float(points.s[i]), offset, actor)
+        self._tables = build_path_tables(self._paths)
+        progress = self._motion.progress.copy()
         progress[i] = since
-        self._going = replace(self._going, progress=progress)
-        self._here = self._tables.places(progress)
+        self._motion = replace(self._motion, progress=progress)
+        self._points = self._tables.interpolate(progress)
 
-    def _limits(self, frame: Frame) -> Float:
-        around = self._onlooker.around(frame)
+    def _compute_speed_limits(self, frame: Frame) -> Float:
+        surroundings = self._surroundings_builder.build(frame)
         now = frame.tick * DT
-        on_time = self._fitness.timed & (np.abs(now - self._going.progress) < ON_TIME_S)
-        return self._watch.limits(self._going, self._here, self._present, on_time, around, self._tables)
+        is_on_log = self._params.is_timed & (np.abs(now - self._motion.progress) < LOG_TIME_TOLERANCE_S)
+        return self._collision_avoidance.compute_speed_limits(
+            self._motion, self._points, self._present, is_on_log, surroundings, self._tables
+        )
 
-    def _standing(self, tick: int) -> Bool:
-        """Who stands at once (M,): struck, or not yet set off."""
+    def _find_stopped(self, tick: int) -> Bool:
+        """Return an (M,) mask of the movers that stand: struck, or not yet triggered."""
         standing = np.zeros(len(self._movers), np.bool_)
-        for i, cue in self._cues.items():
-            standing[i] = cue.phase is Phase.WAITING
-        self._held = {actor: until for actor, until in self._held.items() if tick < until}
-        if self._held:
-            standing |= np.array([actor.id in self._held for actor in self._movers], np.bool_)
+        for i, state in self._states.items():
+            standing[i] = state.phase is ScriptPhase.WAITING
+        self._held_until = {actor: until for actor, until in self._held_until.items() if tick < until}
+        if self._held_until:
+            standing |= np.array([actor.id in self._held_until for actor in self._movers], np.bool_)
         return standing
 
-    def _let_in(self, frame: Frame) -> None:
-        """A replay that would appear inside a CAV waits outside until there is room, unless it minds nothing."""
-        coming = self._there() & ~self._present
-        if not coming.any() or self._mode is ActorMode.ORIGINAL or not frame.egos:
+    def _delay_blocked_entries(self, frame: Frame) -> None:
+        """Delay the entry of replays that would appear inside a CAV, unless they do not avoid collisions."""
+        is_entering = self._find_present() & ~self._present
+        if not is_entering.any() or self._mode is ActorMode.ORIGINAL or not frame.egos:
             return
-        cavs = np.stack([box_corners(ego.x, ego.y, ego.yaw, CAR.length, CAR.width) for ego in frame.egos.values()])
-        progress = self._going.progress.copy()
-        for i in np.flatnonzero(coming).tolist():
-            actor, course = self._movers[i], self._courses[i]
-            box = box_corners(course.x[0], course.y[0], course.yaw[0], actor.length, actor.width)
-            if actor.avoid_collision and boxes_overlap(box, cavs).any():
+        ego_boxes = np.stack([box_corners(ego.x, ego.y, ego.yaw, CAR.length, CAR.width) for ego in frame.egos.values()])
+        progress = self._motion.progress.copy()
+        for i in np.flatnonzero(is_entering).tolist():
+            actor, path = self._movers[i], self._paths[i]
+            box = box_corners(path.x[0], path.y[0], path.yaw[0], actor.length, actor.width)
+            if actor.avoid_collision and boxes_overlap(box, ego_boxes).any():
                 progress[i] -= DT
-        self._going = replace(self._going, progress=progress)
+        self._motion = replace(self._motion, progress=progress)
 
-    def _there(self) -> Bool:
-        """Which movers are in the world (M,)."""
-        progress, tables = self._going.progress, self._tables
-        late = (progress > tables.end + ON_TIME_S) & ~self._stays
-        return (progress >= tables.begin - ON_TIME_S) & ~late
+    def _find_present(self) -> Bool:
+        """Return an (M,) mask of the movers that are in the world."""
+        progress, tables = self._motion.progress, self._tables
+        is_over = (progress > tables.end + LOG_TIME_TOLERANCE_S) & ~self._stays_at_end
+        return (progress >= tables.begin - LOG_TIME_TOLERANCE_S) & ~is_over
 
-    def _shown(self) -> Actors:
-        self._present = self._there()
-        return self._stage.actors(self._here, self._going.speed, self._present)
+    def _assemble(self) -> Actors:
+        self._present = self._find_present()
+        return self._assembler.assemble(self._points, self._motion.speed, self._present)
 
 
-def _cruise(actor: Actor) -> float:
-    """Speed [m/s] without a script; a replay has its log's."""
+def _find_cruise_speed(actor: Actor) -> float:
+    """Return the speed [m/s] without a script; infinite for a replay, which follows its log."""
     return actor.motion.speed if isinstance(actor.motion, PathMotion | LaneMotion) else math.inf

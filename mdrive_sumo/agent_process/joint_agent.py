@@ -37,7 +37,7 @@ class JointAgentSession:
         self._briefings: dict[str, Briefing] = {}
         self._asked: dict[str, Observation] = {}
         self._answers: dict[str, object] = {}
-        self.thought_s = 0.0
+        self.think_time_s = 0.0
         self.drivers = {ego: JointDriver(self, ego) for ego in self._egos}
         with _Kept(self):
             line.send("create", CREATE_TICK, {"config": dict(config), "cavs": self._egos})
@@ -100,7 +100,7 @@ class JointAgentSession:
             self._line.send("act", tick, asked)
             egos = tuple(asked)
             self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, egos)))
-            self.thought_s = self._line.think_times_s[-1]
+            self.think_time_s = self._line.think_times_s[-1]
 
     def _check(self) -> None:
         if self._failure is not None:
@@ -132,9 +132,9 @@ class JointDriver:
         self._crew, self._ego = crew, ego
 
     @property
-    def thought_s(self) -> float:
+    def think_time_s(self) -> float:
         """See Driver: the whole program's time."""
-        return self._crew.thought_s
+        return self._crew.think_time_s
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See Driver."""

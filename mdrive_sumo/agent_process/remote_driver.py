@@ -28,7 +28,7 @@ class RemoteDriver:
         self._line, self._check = line, check
         self._declared: reply_decoding.AgentDeclaration | None = None
         self._failure: AgentFailure | None = None
-        self.thought_s = 0.0
+        self.think_time_s = 0.0
         try:
             line.send("create", CREATE_TICK, dict(config))
         except AgentFailure as error:
@@ -61,7 +61,7 @@ class RemoteDriver:
     def answer(self) -> Reply:
         """See Driver."""
         reply = self._line.receive(reply_decoding.read_reply)
-        self.thought_s = self._line.think_times_s[-1]
+        self.think_time_s = self._line.think_times_s[-1]
         return reply
 
     def close(self) -> None:

@@ -7,19 +7,21 @@ from typing import Any
 import click
 
 from mdrive_sumo import contract
+from mdrive_sumo.episode import build_episode_schema
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import NetworkFile
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile
-from mdrive_sumo.scoring import results_schema
+from mdrive_sumo.scoring import build_results_schema
 
 SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
-    "results": results_schema,
+    "results": build_results_schema,
     "contract": contract.schema,
     "scenario": Scenario.model_json_schema,
     "network": NetworkFile.model_json_schema,
     "proposal": Proposal.model_json_schema,
     "suite": SuiteFile.model_json_schema,
+    "episode": build_episode_schema,
 }
 
 
@@ -28,6 +30,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
 def command(what: str) -> None:
     """Print a file format, or the contract between benchmark and agent, as JSON.
 
-    Files are described in JSON Schema; the contract by its message types with their fields.
+    Files are described in JSON Schema; the contract by its message types with their fields, a recording (episode)
+    by its arrays and the JSON Schema of its header.
     """
     click.echo(json.dumps(SCHEMAS[what](), indent=2))

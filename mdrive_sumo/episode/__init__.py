@@ -10,7 +10,8 @@ from mdrive_sumo.episode.episode import (
     ThinkTime,
 )
 from mdrive_sumo.episode.episode_file import load_episode, save_episode
-from mdrive_sumo.episode.quantization import quantised_frame
+from mdrive_sumo.episode.episode_schema import build_episode_schema
+from mdrive_sumo.episode.quantization import quantize_frame
 from mdrive_sumo.episode.recorder import Recorder
 
 __all__ = [
@@ -22,7 +23,8 @@ __all__ = [
     "PlanRecord",
     "SignalChange",
     "Recorder",
+    "build_episode_schema",
     "load_episode",
-    "quantised_frame",
+    "quantize_frame",
     "save_episode",
 ]

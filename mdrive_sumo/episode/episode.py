@@ -147,6 +147,6 @@ class EpisodeRecord:
         """(T, egos, 3) throttle, brake in [0, 1], steer in [-1, 1]."""
         return self.controls.astype(np.float64) * CONTROL_STEP
 
-    def ending(self, ego: str) -> Ending:
+    def find_ending(self, ego: str) -> Ending:
         """How that ego ended."""
         return next(ending for ending in self.endings if ending.ego == ego)

@@ -15,9 +15,9 @@ from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
+from mdrive_sumo.episode.episode_schema import FORMAT
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
-FORMAT = "mdrive-sumo/episode/2"
 _CORRUPT = (
     OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip

@@ -7,21 +7,21 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Actors, EgoState, Frame
 
 Quanta = npt.NDArray[np.int32]
-STEP = np.array((1e-3, 1e-3, 1e-4, 1e-3))
+RESOLUTION = np.array((1e-3, 1e-3, 1e-4, 1e-3))
 """Resolution of x [m], y [m], yaw [rad], speed [m/s]."""
 
 
 def to_quanta(values: Float) -> Quanta:
     """(..., 4) x, y, yaw, speed -> whole multiples of `STEP`."""
-    return np.rint(values / STEP).astype(np.int32)
+    return np.rint(values / RESOLUTION).astype(np.int32)
 
 
 def from_quanta(quanta: Quanta) -> Float:
     """(..., 4) whole multiples of `STEP` -> x, y, yaw, speed; the inverse of `to_quanta` on rounded values."""
-    return quanta.astype(np.float64) * STEP
+    return quanta.astype(np.float64) * RESOLUTION
 
 
-def quantised_frame(frame: Frame) -> Frame:
+def quantize_frame(frame: Frame) -> Frame:
     """The frame at recording resolution. What instruments show beyond pose and speed stays as it is."""
     actors = frame.actors
     rounded = actors
@@ -41,5 +41,5 @@ def _quantised_ego(ego: EgoState) -> EgoState:
     return EgoState(x, y, yaw, speed, ego.acceleration, ego.yaw_rate, ego.steer_angle)
 
 
-_STEPS = tuple(float(step) for step in STEP)
-_COLUMN = STEP[:, None]
+_STEPS = tuple(float(step) for step in RESOLUTION)
+_COLUMN = RESOLUTION[:, None]

@@ -28,7 +28,7 @@ class AgentDriver(Protocol):
         ...
 
     @property
-    def thought_s(self) -> float:
+    def think_time_s(self) -> float:
         """How long the agent took for its last answer, wall clock; only a measured agent clock asks."""
         ...
 
@@ -60,7 +60,7 @@ class LocalDriver:
         self._agent = agent
         self._seen: Observation | None = None
         self.label = getattr(agent, "label", "single")
-        self.thought_s = 0.0
+        self.think_time_s = 0.0
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See Driver."""
@@ -85,7 +85,7 @@ class LocalDriver:
             reply = self._agent.act(self._seen)
         except Exception as error:
             raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
-        self.thought_s = time.perf_counter() - since
+        self.think_time_s = time.perf_counter() - since
         return validate_reply(reply)
 
     def close(self) -> None:

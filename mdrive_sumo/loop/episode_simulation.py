@@ -8,7 +8,7 @@ from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind, WorldState
-from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantize_frame
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.scenario.weather import WEATHERS
@@ -46,9 +46,9 @@ class EpisodeSimulation:
         """`sensors` maps the id of every CAV to its sensors. Raises InputError for an invalid sensor."""
         scenario = config.scenario
         self._config, self._world = config, world
-        self._time_limit = criteria.time_limit_ticks(scenario)
-        self._references = {ego.id: criteria.course_of(ego) for ego in scenario.egos}
-        self._progress = {ego.id: criteria.Trial() for ego in scenario.egos}
+        self._time_limit = criteria.compute_time_limit_ticks(scenario)
+        self._references = {ego.id: criteria.build_route_reference(ego) for ego in scenario.egos}
+        self._progress = {ego.id: criteria.RouteProgress() for ego in scenario.egos}
         self._vehicle_states = {
             ego.id: dynamics.initial_state(ego.start.x, ego.start.y, ego.start.yaw, ego.start_speed)
             for ego in scenario.egos
@@ -105,7 +105,7 @@ class EpisodeSimulation:
         states = _ego_states(self._vehicle_states)
         around = self._world.start(states, self._scripted.present)
         actors = around.actors.merge(self._scripted.present)
-        self._frame = quantised_frame(Frame(0, states, actors, around.signals))
+        self._frame = quantize_frame(Frame(0, states, actors, around.signals))
         return self._begin_tick(())
 
     def step(self, replies: Mapping[str, Reply], busy: Collection[str] = ()) -> dict[str, Observation]:
@@ -120,7 +120,7 @@ class EpisodeSimulation:
         self._end_tick(replies)
         if self.is_done:
             return {}
-        self._frame = quantised_frame(self._advance(self.frame))
+        self._frame = quantize_frame(self._advance(self.frame))
         return self._begin_tick(busy)
 
     def fail_agent(self, ego: str, error: AgentFailure) -> None:
@@ -175,10 +175,10 @@ class EpisodeSimulation:
         """End the CAVs that arrived, deviated, are blocked or timed out in this frame (protocol 5 to 7)."""
         for ego in self.active_egos:
             state = frame.egos[ego]
-            self._progress[ego] = criteria.observe(
+            self._progress[ego] = criteria.update_progress(
                 self._progress[ego], self._references[ego], frame.tick, state.x, state.y, state.speed
             )
-            end = criteria.verdict(self._progress[ego], frame.tick, self._time_limit)
+            end = criteria.find_end(self._progress[ego], frame.tick, self._time_limit)
             if end is not None:
                 self._endings[ego] = Ending(ego, frame.tick, end)
         for failure in self._config.replayed_failures:

@@ -16,7 +16,15 @@ from mdrive_sumo.report.result_tables import (
     format_captured,
     format_scores,
 )
-from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, categories, category_groups, harmonic
+from mdrive_sumo.scoring import (
+    Results,
+    ScenarioResult,
+    ScoreMode,
+    compute_category_group_means,
+    compute_category_means,
+    compute_harmonic_mean,
+)
+from mdrive_sumo.scoring.metrics import ScalarMetric, list_scalar_metrics
 
 HOW_TO_READ = """\
 DS, RC and SR are percentages, IP is a factor: the driving score of a CAV is DS = RC x IP, it succeeds with
@@ -86,10 +94,10 @@ def _void_list(results: Results) -> str:
 
 
 def _category_table(results: Results, captured: CapturedCooperation | None) -> str:
-    groups = category_groups(results.scenarios, ScoreMode(results.run.score_mode))
+    groups = compute_category_group_means(results.scenarios, ScoreMode(results.run.score_mode))
     rows: list[TableRow] = [
-        (name, str(group.scenarios), *format_scores(group), f"{harmonic(group):.2f}")
-        for name, group in (categories(results.scenarios) | groups).items()
+        (name, str(group.scenarios), *format_scores(group), f"{compute_harmonic_mean(group):.2f}")
+        for name, group in (compute_category_means(results.scenarios) | groups).items()
     ]
     header: TableRow = ("category", "scenarios", *SCORE_HEADER, "H")
     if captured is None:
@@ -101,15 +109,18 @@ def _category_table(results: Results, captured: CapturedCooperation | None) -> s
 
 
 def _scenario_table(results: Results) -> str:
+    metrics = list_scalar_metrics()
     rows = [
-        (s.id, s.category, *format_scores(s), _seconds(s.min_ttc), str(s.ticks), _endings(s)) for s in results.scenarios
+        (s.id, s.category, *format_scores(s), *(_scalar_cell(s, m) for m in metrics), str(s.ticks), _endings(s))
+        for s in results.scenarios
     ]
-    header = ("scenario", "category", *SCORE_HEADER, "min TTC [s]", "ticks", "CAVs")
+    header = ("scenario", "category", *SCORE_HEADER, *(metric.label for metric in metrics), "ticks", "CAVs")
     return format_markdown_table(header, rows, left=2)
 
 
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+def _scalar_cell(scenario: ScenarioResult, metric: ScalarMetric) -> str:
+    value = scenario.find_scalar(metric.name)
+    return "-" if value is None else f"{value:.{metric.decimals}f}"
 
 
 def _endings(scenario: ScenarioResult) -> str:

@@ -18,7 +18,7 @@ from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_w
 from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
-from mdrive_sumo.scoring import Results, ScenarioResult, save_results, summarise, void_result
+from mdrive_sumo.scoring import Results, ScenarioResult, make_void_result, save_results, summarize_run
 
 RESULTS_FILE = "results.json"
 TRIES = 2
@@ -61,7 +61,7 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
                 journal.add_result(result.model_dump(mode="json"))
                 found[result.id] = result
                 progress.done(result)
-        whole = summarise(run.info, [found[scenario.id] for scenario in run.scenarios])
+        whole = summarize_run(run.info, [found[scenario.id] for scenario in run.scenarios])
         with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
             _gather_transcripts(run)
@@ -120,7 +120,7 @@ def _driven(
                 progress.note(f"{job.scenario}: {outcome.reason}" + ("; tried again later" if tries_left else ""))
                 failed.append(job)
                 if not tries_left:
-                    yield void_result(todo[job.scenario], job.seed, outcome.reason)
+                    yield make_void_result(todo[job.scenario], job.seed, outcome.reason)
             jobs = failed
 
 

@@ -7,7 +7,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.episode_job import rescore
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun
-from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarise
+from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results, summarize_run
 
 
 def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
@@ -22,7 +22,7 @@ def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
         return rescore(replace(run.make_job(scenarios[result.id]), score_mode=mode))
 
     info = results.run.model_copy(update={"score_mode": str(mode)})
-    return summarise(info, [again(result) for result in results.scenarios])
+    return summarize_run(info, [again(result) for result in results.scenarios])
 
 
 def save_rescored(run: PreparedRun, results: Results) -> Path:

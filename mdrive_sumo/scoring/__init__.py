@@ -1,6 +1,10 @@
 """Scores: episode -> scenario -> bucket -> overall (protocol 8)."""
 
-from mdrive_sumo.scoring.category_groups import category_groups, interaction_levels, interdrive_groups
+from mdrive_sumo.scoring.category_groups import (
+    compute_category_group_means,
+    compute_interdrive_means,
+    compute_level_means,
+)
 from mdrive_sumo.scoring.results import (
     BucketResult,
     EgoResult,
@@ -11,24 +15,30 @@ from mdrive_sumo.scoring.results import (
     RunInfo,
     ScenarioResult,
 )
-from mdrive_sumo.scoring.results_file import load_results, results_schema, save_results
-from mdrive_sumo.scoring.scenario_score import score_episode, void_result
-from mdrive_sumo.scoring.score_mode import ScoreMode, scenario_means
-from mdrive_sumo.scoring.summary import buckets, categories, harmonic, overall, summarise
+from mdrive_sumo.scoring.results_file import build_results_schema, load_results, save_results
+from mdrive_sumo.scoring.scenario_score import make_void_result, score_episode
+from mdrive_sumo.scoring.score_mode import ScoreMode, compute_scenario_means
+from mdrive_sumo.scoring.summary import (
+    compute_bucket_means,
+    compute_category_means,
+    compute_harmonic_mean,
+    compute_overall,
+    summarize_run,
+)
 
 __all__ = [
     "ScoreMode",
     "score_episode",
-    "void_result",
-    "scenario_means",
-    "summarise",
-    "overall",
-    "buckets",
-    "categories",
-    "harmonic",
-    "category_groups",
-    "interaction_levels",
-    "interdrive_groups",
+    "make_void_result",
+    "compute_scenario_means",
+    "summarize_run",
+    "compute_overall",
+    "compute_bucket_means",
+    "compute_category_means",
+    "compute_harmonic_mean",
+    "compute_category_group_means",
+    "compute_level_means",
+    "compute_interdrive_means",
     "Results",
     "RunInfo",
     "Overall",
@@ -39,5 +49,5 @@ __all__ = [
     "Infraction",
     "load_results",
     "save_results",
-    "results_schema",
+    "build_results_schema",
 ]

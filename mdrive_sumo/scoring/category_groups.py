@@ -6,7 +6,7 @@ from types import MappingProxyType
 from mdrive_sumo.scenario.categories import LEVELS, Category
 from mdrive_sumo.scoring.results import BucketResult, ScenarioResult
 from mdrive_sumo.scoring.score_mode import ScoreMode
-from mdrive_sumo.scoring.summary import grouped_means
+from mdrive_sumo.scoring.summary import compute_group_means
 
 GROUPS: Mapping[str, str] = MappingProxyType(
     {
@@ -25,22 +25,22 @@ GROUPS: Mapping[str, str] = MappingProxyType(
 """Category -> intersection crossing, lane merge or lane change."""
 
 
-def category_groups(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
+def compute_category_group_means(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
     """Means over the scenarios of each group, other scenarios left out."""
-    return interdrive_groups(scenarios, mode) | interaction_levels(scenarios)
+    return compute_interdrive_means(scenarios, mode) | compute_level_means(scenarios)
 
 
-def interaction_levels(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
+def compute_level_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
     """Means over the scenarios of each interactivity level, other scenarios left out."""
     known = [scenario for scenario in scenarios if scenario.category in set(LEVELS)]
-    return grouped_means(known, lambda scenario: LEVELS[Category(scenario.category)])
+    return compute_group_means(known, lambda scenario: LEVELS[Category(scenario.category)])
 
 
-def interdrive_groups(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
+def compute_interdrive_means(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
     """Means over the scenarios of each sub-category, other scenarios left out.
 
     The original compares name parts in an order in which crosschange falls into LM; so do the InterDrive
     modes.
     """
     groups = GROUPS if mode is ScoreMode.MDRIVE else {**GROUPS, "ins_crosschange": "LM"}
-    return grouped_means([s for s in scenarios if s.category in groups], lambda s: groups[s.category])
+    return compute_group_means([s for s in scenarios if s.category in groups], lambda s: groups[s.category])

@@ -67,6 +67,8 @@ class ScenarioResult(Means):
     """Why it is void, else ""."""
     min_ttc: Number | None
     """Least time to contact [s]; null if never within 1.8 s, or void."""
+    scalars: dict[str, Number | None] = Field(default_factory=lambda: {}, exclude_if=lambda scalars: not scalars)
+    """Values of the scalar metrics other than `min_ttc`; absent if there are none."""
     digest: str
     ticks: int
     egos: tuple[EgoResult, ...]
@@ -74,6 +76,10 @@ class ScenarioResult(Means):
     """Messages and payload bytes sent, and per fate how many deliveries; empty if nothing was said."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
     """How many notes of each kind the agents left, e.g. fallbacks of a language model."""
+
+    def find_scalar(self, name: str) -> float | None:
+        """Return the value of a scalar metric; None where it is undefined or was not computed."""
+        return self.min_ttc if name == "min_ttc" else self.scalars.get(name)
 
 
 class BucketResult(Means):

@@ -33,6 +33,6 @@ def save_results(results: Results, path: Path) -> None:
     temporary.replace(path)
 
 
-def results_schema() -> dict[str, Any]:
+def build_results_schema() -> dict[str, Any]:
     """JSON Schema of `results.json` (`mdrive-sumo schema results`)."""
     return Results.model_json_schema(mode="serialization")

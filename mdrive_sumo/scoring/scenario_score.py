@@ -6,21 +6,21 @@ from collections.abc import Sequence
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring.metrics import EgoRecord, ego_records, min_ttc
+from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
 from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
-from mdrive_sumo.scoring.score_mode import ScoreMode, driving_score, scenario_means
+from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
 from mdrive_sumo.v2x.channel import count_deliveries
 
 
 def score_episode(
     episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int
 ) -> ScenarioResult:
-    """Scores a finished or a loaded episode, with the same numbers.
+    """Return the score of an episode; the same numbers for a finished and a loaded one.
 
-    Raises InputError for an episode of another scenario, metrics.EpisodeMismatch for one that contradicts
-    itself.
+    Raises InputError for an episode of another scenario, EpisodeMismatch for one that contradicts itself.
     """
-    records = ego_records(episode, scenario, roads)
+    records = build_ego_records(episode, scenario, roads)
+    scalars = {metric.name: metric.compute(ScoredEpisode(episode, scenario, roads)) for metric in list_scalar_metrics()}
     return ScenarioResult(
         id=scenario.id,
         bucket=scenario.bucket,
@@ -29,7 +29,8 @@ def score_episode(
         status="ok",
         reason="",
         **_means(records, mode),
-        min_ttc=min_ttc(episode),
+        min_ttc=scalars.pop("min_ttc"),
+        scalars=scalars,
         digest=episode.digest,
         ticks=episode.ticks,
         egos=tuple(_ego_result(record) for record in records),
@@ -38,10 +39,10 @@ def score_episode(
     )
 
 
-def void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResult:
-    """A run that the benchmark or SUMO spoilt: DS 0 in every mode and reported apart.
+def make_void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResult:
+    """Return the result of a run that failed in the benchmark or SUMO: DS 0 in every mode, reported separately.
 
-    The original leaves such runs out of its means (protocol 8.3): a stated deviation.
+    The original leaves such runs out of its means (protocol 8.3): a documented deviation.
     """
     return ScenarioResult(
         id=scenario.id,
@@ -62,7 +63,7 @@ def void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResult:
 
 
 def _means(records: Sequence[EgoRecord], mode: ScoreMode) -> dict[str, float]:
-    return scenario_means(records, mode).model_dump()
+    return compute_scenario_means(records, mode).model_dump()
 
 
 def _ego_result(record: EgoRecord) -> EgoResult:
@@ -71,7 +72,7 @@ def _ego_result(record: EgoRecord) -> EgoResult:
         id=record.id,
         outcome=ending.end,
         reason=": ".join(part for part in (ending.failure or "", ending.text) if part),
-        ds=driving_score(record),
+        ds=compute_driving_score(record),
         rc=record.rc,
         ip=record.ip,
         infractions=tuple(

@@ -22,17 +22,17 @@ class ScoreMode(StrEnum):
     INTERDRIVE_ASIS = "interdrive_asis"
 
 
-def driving_score(record: EgoRecord) -> float:
+def compute_driving_score(record: EgoRecord) -> float:
     """DS [%] of one CAV: max(RC * IP, 0)."""
     return max(record.rc * record.ip, 0.0)
 
 
-def scenario_means(records: Sequence[EgoRecord], mode: ScoreMode) -> Means:
+def compute_scenario_means(records: Sequence[EgoRecord], mode: ScoreMode) -> Means:
     """DS, SR, RC and IP of one scenario."""
     return _MODES[mode](records)
 
 
-def mean(values: Iterable[float]) -> float:
+def compute_mean(values: Iterable[float]) -> float:
     """Mean, the same for every order of the values."""
     listed = tuple(values)
     return math.fsum(listed) / len(listed)
@@ -40,12 +40,12 @@ def mean(values: Iterable[float]) -> float:
 
 def _mdrive(records: Sequence[EgoRecord]) -> Means:
     """Plain means over the CAVs; SR is the share of CAVs that succeed."""
-    scores = [driving_score(record) for record in records]
+    scores = [compute_driving_score(record) for record in records]
     return Means(
-        ds=mean(scores),
-        sr=100.0 * mean(score > SUCCESS_DS for score in scores),
-        rc=mean(record.rc for record in records),
-        ip=mean(record.ip for record in records),
+        ds=compute_mean(scores),
+        sr=100.0 * compute_mean(score > SUCCESS_DS for score in scores),
+        rc=compute_mean(record.rc for record in records),
+        ip=compute_mean(record.ip for record in records),
     )
 
 
@@ -61,7 +61,7 @@ def _interdrive_asis(records: Sequence[EgoRecord]) -> Means:
 
 def _interdrive(records: Sequence[EgoRecord], penalised: Sequence[EgoRecord], forgiven: Sequence[EgoRecord]) -> Means:
     """`ip` is the product before anything is divided out, so `ds` is not rc * ip where something is."""
-    rc, ip = mean(record.rc for record in records), math.prod(record.ip for record in penalised)
+    rc, ip = compute_mean(record.rc for record in records), math.prod(record.ip for record in penalised)
     factors = [i.factor for record in forgiven for i in record.infractions if i.kind in FORGIVEN]
     ds = max(rc * ip / math.prod(factors), 0.0)
     return Means(ds=ds, sr=100.0 * (ds > SUCCESS_DS), rc=rc, ip=ip)

@@ -4,8 +4,16 @@ from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import CapturedCooperation
-from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, categories, category_groups, overall
-from mdrive_sumo.scoring.summary import buckets
+from mdrive_sumo.scoring import (
+    Means,
+    Results,
+    ScenarioResult,
+    ScoreMode,
+    compute_category_group_means,
+    compute_category_means,
+    compute_overall,
+)
+from mdrive_sumo.scoring.summary import compute_bucket_means
 
 LEAST_GAIN_DS = 2.0
 """Where perfect cooperation gains less driving score than this, a share of it would be noise and is left blank."""
@@ -43,13 +51,13 @@ def compute_captured_from_scenarios(
     ours, without, best = ([run[key] for key in common] for run in runs)
 
     def groups(scenarios: Sequence[ScenarioResult]) -> Mapping[str, Means]:
-        return categories(scenarios) | category_groups(scenarios, mode)
+        return compute_category_means(scenarios) | compute_category_group_means(scenarios, mode)
 
-    totals = [overall(scenarios) for scenarios in (ours, without, best)]
+    totals = [compute_overall(scenarios) for scenarios in (ours, without, best)]
     return CapturedCooperation(
         bucket_mean=compute_captured_share(*(total.bucket_mean.ds for total in totals)),
         scenario_mean=compute_captured_share(*(total.scenario_mean.ds for total in totals)),
-        buckets=_shares(buckets(ours), buckets(without), buckets(best)),
+        buckets=_shares(compute_bucket_means(ours), compute_bucket_means(without), compute_bucket_means(best)),
         categories=_shares(groups(ours), groups(without), groups(best)),
     )
 

@@ -76,7 +76,7 @@ def _line_values(line: StudyLine) -> dict[str, Any]:
 
 
 def _run_values(results: Results) -> dict[str, Any]:
-    kept = {"status", "reason", "ds", "sr", "rc", "ip", "min_ttc", "digest", "comm", "notes"}
+    kept = {"status", "reason", "ds", "sr", "rc", "ip", "min_ttc", "scalars", "digest", "comm", "notes"}
     return {
         "seed": results.run.seed,
         "overall": results.overall.model_dump(),

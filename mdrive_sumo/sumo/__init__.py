@@ -1,4 +1,4 @@
-"""SUMO in process: every SUMO quirk lives in this package, and nothing else imports libsumo."""
+"""SUMO in process: the only package that imports libsumo, and the only one with SUMO's conventions."""
 
 from mdrive_sumo.sumo.sumo_world import SumoWorld
 

@@ -1,6 +1,6 @@
-"""SUMO's own traffic: background vehicles of a scenario with their departures and schedules, held after impacts."""
+"""Background vehicles that SUMO drives: departures, schedules, and standing still after an impact."""
 
-# pyright: basic
+# pyright: basic  (libsumo has no type information)
 from collections.abc import Callable, Collection, Sequence
 
 import libsumo
@@ -9,110 +9,122 @@ import numpy as np
 from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.sumo.conflict import Mover, meets
-from mdrive_sumo.sumo.insertion import Berth, add_type, berth_of, depart, free, type_of
-from mdrive_sumo.sumo.lane_change import Others
-from mdrive_sumo.sumo.planned_poses import plans_of
-from mdrive_sumo.sumo.scheduled_driving import FREE, Scheduled
+from mdrive_sumo.sumo.conflict import MovingBox, find_conflicts
+from mdrive_sumo.sumo.insertion import (
+    InsertionPoint,
+    add_vehicle_type,
+    build_type_id,
+    find_departure_point,
+    insert_vehicle,
+    is_free,
+)
+from mdrive_sumo.sumo.lane_change import RoadUsersProvider
+from mdrive_sumo.sumo.planned_poses import build_planned_poses
+from mdrive_sumo.sumo.scheduled_driving import FREE, ScheduleFollower
 
-LOOK_TICKS = 4
-"""How often it is looked for vehicles on schedule that are in somebody's way: every 0.2 s."""
+CONFLICT_SEARCH_TICKS = 4
+"""Interval of the search for conflicts of vehicles on schedule with others: 0.2 s."""
 
 
-class Traffic:
-    """Background vehicles from their departure on. One object an episode."""
+class BackgroundTraffic:
+    """The background vehicles of one episode, from their departure on."""
 
     def __init__(self, background: Background, roads: RoadMap) -> None:
         self._background, self._roads = background, roads
         self._held: dict[str, int] = {}
-        self._waiting: list[tuple[BackgroundVehicle, Berth]] = []
-        self._driving: dict[str, Scheduled] = {}
-        self._departed: list[str] = []
+        self._waiting: list[tuple[BackgroundVehicle, InsertionPoint]] = []
+        self._followers: dict[str, ScheduleFollower] = {}
+        self._just_departed: list[str] = []
         self._disturbed: set[str] = set()
-        self.drives = False
-        """Whether SUMO drives anybody, now or later."""
+        self.has_vehicles = False
+        """Whether SUMO drives any vehicle, now or later."""
 
-    def add(self) -> None:
-        """Hands vehicles over to SUMO, once after its start. Those with a schedule are kept back until they depart."""
+    def add_vehicles(self) -> None:
+        """Add the vehicles to SUMO, once after its start. Those with a schedule are inserted when they depart."""
         for vehicle in self._background.vehicles:
             if self._background.mode != "reactive" and vehicle.log:
                 continue
-            self._introduce(vehicle)
+            self._register(vehicle)
             if vehicle.schedule is None:
-                _add(vehicle)
+                _add_reactive(vehicle)
             else:
-                self._waiting.append((vehicle, berth_of(vehicle, self._roads)))
+                self._waiting.append((vehicle, find_departure_point(vehicle, self._roads)))
 
-        self._plans = plans_of(self._background.vehicles, self._roads)
+        self._planned_poses = build_planned_poses(self._background.vehicles, self._roads)
 
-    def _introduce(self, vehicle: BackgroundVehicle) -> None:
-        self.drives = True
-        add_type(vehicle)
+    def _register(self, vehicle: BackgroundVehicle) -> None:
+        self.has_vehicles = True
+        add_vehicle_type(vehicle)
         libsumo.route.add(vehicle.id, list(vehicle.edges))
 
-    def take(self, vehicle: BackgroundVehicle, berth: Berth) -> None:
-        """Takes over a vehicle that has been on its log."""
-        self._introduce(vehicle)
-        self._waiting.append((vehicle, berth))
+    def take_over(self, vehicle: BackgroundVehicle, point: InsertionPoint) -> None:
+        """Take over a vehicle that leaves its log."""
+        self._register(vehicle)
+        self._waiting.append((vehicle, point))
 
-    def prepare(self, tick: int, others: Others, movers: Callable[[], Sequence[Mover]]) -> None:
-        """Before the step that makes frame `tick`: departures, speeds. `movers`: who keeps to no schedule."""
-        if not (self._waiting or self._driving or self._departed):
+    def prepare(self, tick: int, road_users: RoadUsersProvider, unscheduled: Callable[[], Sequence[MovingBox]]) -> None:
+        """Insert departing vehicles and command speeds before the step that produces frame `tick`.
+
+        `road_users`: all road users of the last tick; `unscheduled`: the moving ones that follow no schedule.
+        """
+        if not (self._waiting or self._followers or self._just_departed):
             return
         for arrived in libsumo.simulation.getArrivedIDList():
-            self._driving.pop(arrived, None)
-        if tick % LOOK_TICKS == 0:
-            self._disturbed = self._in_conflict(tick, movers())
-        for name, scheduled in list(self._driving.items()):
-            if name not in self._held and not scheduled.drive(tick, others, name in self._disturbed):
-                del self._driving[name]
-        for name in self._departed:
+            self._followers.pop(arrived, None)
+        if tick % CONFLICT_SEARCH_TICKS == 0:
+            self._disturbed = self._find_in_conflict(tick, unscheduled())
+        for name, follower in list(self._followers.items()):
+            if name not in self._held and not follower.drive(tick, road_users, name in self._disturbed):
+                del self._followers[name]
+        for name in self._just_departed:
             libsumo.vehicle.setSpeed(name, -1)
             libsumo.vehicle.setSpeedMode(name, FREE)
             libsumo.vehicle.setSpeedFactor(name, 1.0)
-        self._departed.clear()
+        self._just_departed.clear()
         due = [one for one in self._waiting if one[0].depart_s < (tick + 0.5) * DT]
         if due:
-            self._depart(due, others())
+            self._insert_due(due, road_users())
 
-    def _in_conflict(self, tick: int, movers: Sequence[Mover]) -> set[str]:
-        """Vehicles on schedule whose way leads into somebody who has none, or is off it."""
-        plans = self._plans
+    def _find_in_conflict(self, tick: int, unscheduled: Sequence[MovingBox]) -> set[str]:
+        """Return the ids of vehicles on schedule whose planned path leads into an unscheduled or late road user."""
+        plans = self._planned_poses
         if tick >= plans.present.shape[1]:
             return set()
-        on_time = [one.id in self._driving and not self._driving[one.id].late for one in plans.vehicles]
-        there = plans.present[:, tick] & np.array(on_time, dtype=np.bool_)
-        met = np.zeros_like(there)
-        for mover in movers:
-            met |= meets(plans, tick, there & ~met, mover)
-        return {plans.vehicles[i].id for i in np.flatnonzero(met)}
+        is_on_schedule = [one.id in self._followers and not self._followers[one.id].is_late for one in plans.vehicles]
+        is_candidate = plans.present[:, tick] & np.array(is_on_schedule, dtype=np.bool_)
+        in_conflict = np.zeros_like(is_candidate)
+        for mover in unscheduled:
+            in_conflict |= find_conflicts(plans, tick, is_candidate & ~in_conflict, mover)
+        return {plans.vehicles[i].id for i in np.flatnonzero(in_conflict)}
 
     @property
-    def on_time(self) -> set[str]:
-        """Ids of the vehicles that are where their schedule has them."""
-        return {name for name, scheduled in self._driving.items() if not scheduled.late}
+    def on_schedule_ids(self) -> set[str]:
+        """Ids of the vehicles that are at the position of their schedule."""
+        return {name for name, follower in self._followers.items() if not follower.is_late}
 
-    def _depart(self, due: list[tuple[BackgroundVehicle, Berth]], others: Actors) -> None:
-        for vehicle, berth in due:
-            if not free(berth, others):
+    def _insert_due(self, due: list[tuple[BackgroundVehicle, InsertionPoint]], road_users: Actors) -> None:
+        for vehicle, point in due:
+            if not is_free(point, road_users):
                 continue
-            depart(vehicle, berth)
-            self._waiting.remove((vehicle, berth))
+            insert_vehicle(vehicle, point)
+            self._waiting.remove((vehicle, point))
             if vehicle.schedule is not None:
-                self._driving[vehicle.id] = Scheduled(vehicle, berth.since, self._roads, self._background.action_step_s)
+                self._followers[vehicle.id] = ScheduleFollower(
+                    vehicle, point.route_offset_m, self._roads, self._background.action_step_s
+                )
             else:
-                self._departed.append(vehicle.id)
+                self._just_departed.append(vehicle.id)
 
     @property
-    def offsets(self) -> dict[str, tuple[float, float]]:
-        """By id, how far lane changes have taken vehicles aside of where SUMO has them, and how fast [m, m/s]."""
-        found = ((name, scheduled.offset) for name, scheduled in self._driving.items())
+    def lane_change_offsets(self) -> dict[str, tuple[float, float]]:
+        """Lateral offset [m] from the position in SUMO, and its rate [m/s], by vehicle that changes lanes."""
+        found = ((name, follower.offset) for name, follower in self._followers.items())
         return {name: offset for name, offset in found if offset is not None}
 
     def hold(self, struck: Collection[str], tick: int) -> None:
-        """Struck vehicles stand for a while: a surrogate, SUMO knows no impact."""
-        ours = {vehicle.id for vehicle in self._background.vehicles} if struck else set()
-        self._held |= dict.fromkeys(ours.intersection(struck), tick + STRUCK_HOLD_TICKS)
+        """Stop struck vehicles for `STRUCK_HOLD_TICKS`: a surrogate, because SUMO models no impact."""
+        background_ids = {vehicle.id for vehicle in self._background.vehicles} if struck else set()
+        self._held |= dict.fromkeys(background_ids.intersection(struck), tick + STRUCK_HOLD_TICKS)
         if not self._held:
             return
         present = set(libsumo.vehicle.getIDList())
@@ -126,9 +138,9 @@ class Traffic:
                 libsumo.vehicle.setSpeed(vehicle, 0.0)
 
 
-def _add(vehicle: BackgroundVehicle) -> None:
-    """SUMO inserts it as soon as it finds that safe."""
+def _add_reactive(vehicle: BackgroundVehicle) -> None:
+    """Let SUMO insert the vehicle as soon as that is safe."""
     libsumo.vehicle.add(
-        vehicle.id, vehicle.id, typeID=type_of(vehicle), depart=f"{vehicle.depart_s:.3f}",
+        vehicle.id, vehicle.id, typeID=build_type_id(vehicle), depart=f"{vehicle.depart_s:.3f}",
         departLane=str(vehicle.depart_lane), departPos=str(vehicle.depart_pos_m), departSpeed=str(vehicle.depart_speed),
     )  # fmt: skip

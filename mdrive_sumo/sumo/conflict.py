@@ -1,4 +1,4 @@
-"""Whether somebody's known way leads into somebody else, who goes on as people do."""
+"""Conflicts between known future poses and a road user whose motion is extrapolated."""
 
 from dataclasses import dataclass
 
@@ -6,22 +6,22 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors
-from mdrive_sumo.sumo.logged_poses import Logs
+from mdrive_sumo.sumo.logged_poses import LoggedPoses
 
-LOOK_TICKS = np.arange(0, 61, 3)
-"""Moments (J,) for which a mover is carried on: now to 3 s."""
+PREDICTION_TICKS = np.arange(0, 61, 3)
+"""Ticks ahead (J,) for which a road user is extrapolated: now to 3 s."""
 MARGIN_M = 0.1
-"""Boxes nearer than this meet."""
+"""Boxes nearer than this [m] are in conflict."""
 BRAKING, SPEEDING = -3.0, 2.0
-"""Accelerations [m/s2] that a driver may well choose. The situation is another one than in the log if neither they nor
-going on as now lead around a meeting; else every CAV that is about to brake behind a logged car would change it."""
+"""Plausible accelerations [m/s2] of a driver. A conflict counts only if neither they nor constant speed avoid it;
+otherwise every CAV that is about to brake behind a logged car would count as one."""
 REACH_M = 20.0
-"""Sizes of boxes, acceleration and margin, for the search of those that could meet."""
+"""Allowance [m] for box dimensions, acceleration and margin in the search of candidates."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mover:
-    """Something that is not on a log: box and speed along its yaw."""
+class MovingBox:
+    """The box of a road user that is on no log, and its speed along its yaw."""
 
     x: float
     y: float
@@ -30,36 +30,38 @@ class Mover:
     length: float
     width: float
     off_log: bool = False
-    """Whether it has a log and left it: then it is enough that going on as now leads to a meeting."""
+    """Whether it left its log: then a conflict at constant speed suffices."""
 
 
-def mover_of(actors: Actors, i: int, off_log: bool = False) -> Mover:
-    """One of the actors."""
+def build_moving_box(actors: Actors, i: int, off_log: bool = False) -> MovingBox:
+    """Return the box of actor `i`."""
     columns = (actors.x, actors.y, actors.yaw, actors.speed, actors.length, actors.width)
     x, y, yaw, speed, length, width = (float(column[i]) for column in columns)
-    return Mover(x, y, yaw, speed, length, width, off_log)
+    return MovingBox(x, y, yaw, speed, length, width, off_log)
 
 
-def meets(logs: Logs, tick: int, there: Bool, mover: Mover) -> Bool:
-    """Which of the vehicles that are `there` (V,) meet the mover now, or will whatever it does (V,)."""
-    now = logs.poses[:, tick]
-    reach = REACH_M + (mover.speed + np.abs(now[:, 3])) * LOOK_TICKS[-1] * DT
-    near = np.flatnonzero(there & (np.hypot(now[:, 0] - mover.x, now[:, 1] - mover.y) < reach))
-    met = np.zeros_like(there)
+def find_conflicts(poses: LoggedPoses, tick: int, is_candidate: Bool, mover: MovingBox) -> Bool:
+    """Return a (V,) mask of the candidate vehicles that are in conflict with the mover now, or inevitably will be."""
+    now = poses.poses[:, tick]
+    reach = REACH_M + (mover.speed + np.abs(now[:, 3])) * PREDICTION_TICKS[-1] * DT
+    near = np.flatnonzero(is_candidate & (np.hypot(now[:, 0] - mover.x, now[:, 1] - mover.y) < reach))
+    in_conflict = np.zeros_like(is_candidate)
     if len(near):
-        ticks = np.minimum(tick + LOOK_TICKS, logs.present.shape[1] - 1)
-        present = logs.present[near][:, ticks] & (tick + LOOK_TICKS == ticks)
-        x, y, yaw, _ = np.moveaxis(logs.poses[near][:, ticks], -1, 0)
-        boxes = boxes_corners(x, y, yaw, *(logs.size[near].T[:, :, None] + 2 * MARGIN_M))
-        as_now, *others = (present & boxes_overlap(boxes, _carried(mover, a)) for a in (0.0, BRAKING, SPEEDING))
+        ticks = np.minimum(tick + PREDICTION_TICKS, poses.present.shape[1] - 1)
+        present = poses.present[near][:, ticks] & (tick + PREDICTION_TICKS == ticks)
+        x, y, yaw, _ = np.moveaxis(poses.poses[near][:, ticks], -1, 0)
+        boxes = boxes_corners(x, y, yaw, *(poses.dimensions[near].T[:, :, None] + 2 * MARGIN_M))
+        as_now, *others = (
+            present & boxes_overlap(boxes, _extrapolate_boxes(mover, a)) for a in (0.0, BRAKING, SPEEDING)
+        )
         inevitable = np.all([hit.any(axis=1) for hit in (as_now, *others)], axis=0)
-        met[near] = as_now[:, 0] | (as_now.any(axis=1) if mover.off_log else inevitable)
-    return met
+        in_conflict[near] = as_now[:, 0] | (as_now.any(axis=1) if mover.off_log else inevitable)
+    return in_conflict
 
 
-def _carried(mover: Mover, acceleration: float) -> Float:
-    """Corners (J, 4, 2) of the mover in the look-ahead, straight on with one acceleration [m/s2] until it stands."""
-    time = LOOK_TICKS * DT
+def _extrapolate_boxes(mover: MovingBox, acceleration: float) -> Float:
+    """Return the corners (J, 4, 2) of the mover, straight on with a constant acceleration [m/s2] until it stands."""
+    time = PREDICTION_TICKS * DT
     if acceleration < 0:
         time = np.minimum(time, max(mover.speed, 0.0) / -acceleration)
     ahead = mover.speed * time + acceleration * time**2 / 2

@@ -1,6 +1,6 @@
-"""Ghosts: stand-ins on every lane that something overlaps without SUMO seeing it there (sumo_pitfalls 1.5)."""
+"""Ghost vehicles: placeholders on every lane that a box overlaps without SUMO knowing (sumo_pitfalls 1.5)."""
 
-# pyright: basic
+# pyright: basic  (shapely's array functions have no precise types)
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.sumo.placed_vehicles import GHOST
 
 CORRIDOR_M = 1.8
-"""Width of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
+"""Width [m] of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
 SHORTEST_M = 0.5
-"""Least length of a ghost."""
+"""Least length [m] of a ghost."""
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
-    """What SUMO's traffic shall notice: SUMO id of its double (or what would be it), box, speed along its yaw."""
+class SourceBox:
+    """A box that SUMO's traffic must react to: id, centre [m], yaw [rad], speed along yaw [m/s], dimensions [m]."""
 
     name: str
     x: float
@@ -32,55 +32,55 @@ class Body:
     speed: float
     length: float
     width: float
-    seen_on: str = ""
-    """The lane where SUMO sees it by a double of its own: no ghost is needed there."""
+    visible_lane: str = ""
+    """Lane on which SUMO has a placed vehicle for it, so that it needs no ghost there; "" if none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ghost:
-    """A stand-in on a lane that a body overlaps without being on it, so that SUMO's traffic sees it there."""
+    """A placeholder on a lane that a source overlaps."""
 
-    body: str
-    """SUMO id of what it stands for."""
+    source_id: str
+    """Id of the box that it represents."""
     lane: Lane
     front_s: float
     """Arc length [m] on the lane of the foremost point of the overlap."""
     length: float
     speed: float
 
-    def moved(self) -> "Ghost":
-        """The ghost one tick later, if its body goes on as it does."""
+    def advance(self) -> "Ghost":
+        """Return the ghost one tick later, at constant speed."""
         if self.speed == 0.0:
             return self
-        return Ghost(self.body, self.lane, self.front_s + self.speed * DT, self.length, self.speed)
+        return Ghost(self.source_id, self.lane, self.front_s + self.speed * DT, self.length, self.speed)
 
 
-def ghosts_of(bodies: Sequence[Body], roads: RoadMap) -> dict[str, Ghost]:
-    """By SUMO id, a ghost for every lane whose vehicle corridor a body overlaps, but for the lane it is seen on."""
-    if not bodies:
+def find_ghosts(sources: Sequence[SourceBox], roads: RoadMap) -> dict[str, Ghost]:
+    """Return a ghost, by SUMO id, for every lane whose vehicle corridor a source overlaps, except its visible lane."""
+    if not sources:
         return {}
-    strips = _corridors(roads)
-    boxes = shapely.polygons([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in bodies])
+    strips = _build_corridors(roads)
+    boxes = shapely.polygons([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in sources])
     found = zip(*strips.tree.query(boxes, predicate="intersects").tolist(), strict=True)
-    pairs = sorted((b, lane) for b, lane in found if roads.driving[lane].id != bodies[b].seen_on)
-    return dict(_ghosts(bodies, pairs, boxes, roads)) if pairs else {}
+    pairs = sorted((b, lane) for b, lane in found if roads.driving[lane].id != sources[b].visible_lane)
+    return dict(_build_ghosts(sources, pairs, boxes, roads)) if pairs else {}
 
 
-def _ghosts(
-    bodies: Sequence[Body], pairs: list[tuple[int, int]], boxes: Any, roads: RoadMap
+def _build_ghosts(
+    sources: Sequence[SourceBox], pairs: list[tuple[int, int]], boxes: Any, roads: RoadMap
 ) -> Iterator[tuple[str, Ghost]]:
-    body, lane = np.array(pairs).T
-    first, last = _extents(boxes[body], lane, _corridors(roads))
+    source, lane = np.array(pairs).T
+    first, last = _compute_extents(boxes[source], lane, _build_corridors(roads))
     for (b, found), begin, end in zip(pairs, first.tolist(), last.tolist(), strict=True):
-        one, on = bodies[b], roads.driving[found]
+        one, on = sources[b], roads.driving[found]
         length = max(end - begin, SHORTEST_M)
-        front = max(end, length)  # its rear is on this lane too: SUMO loses track of ghosts on two lanes
+        front = max(end, length)  # the rear must be on this lane as well: SUMO loses vehicles that span two lanes
         along = one.speed * math.cos(one.yaw - on.centre.yaw_at(end)) if one.speed else 0.0
         yield f"{GHOST}{one.name}:{on.id}", Ghost(one.name, on, front, length, max(along, 0.0))
 
 
-def _extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float, Float]:
-    """Least and greatest arc length (P,) [m] on the lanes (P,) of what the boxes (P,) have of their strips."""
+def _compute_extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float, Float]:
+    """Return least and greatest arc length (P,) [m] on the lanes (P,) of the overlap of boxes (P,) and corridors."""
     shared = shapely.intersection(boxes, strips.tree.geometries[lane])
     corners, pair = shapely.get_coordinates(shared, return_index=True)
     stations = shapely.line_locate_point(strips.lines[lane[pair]], shapely.points(corners))
@@ -97,6 +97,6 @@ class _Corridors:
 
 
 @lru_cache(maxsize=8)
-def _corridors(roads: RoadMap) -> _Corridors:
+def _build_corridors(roads: RoadMap) -> _Corridors:
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
     return _Corridors(lines, shapely.STRtree(shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat")))

@@ -1,6 +1,6 @@
-"""How background vehicles come into SUMO: a vehicle type of their own, and the very place, time and speed of a log."""
+"""Insertion of background vehicles into SUMO: vehicle types, and departure at the exact pose and speed of a log."""
 
-# pyright: basic
+# pyright: basic  (libsumo has no type information)
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,38 +15,38 @@ from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap, wrap_angle
 from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
-from mdrive_sumo.sumo.logged_poses import LogPose
+from mdrive_sumo.sumo.logged_poses import LoggedPose
 from mdrive_sumo.sumo.placed_vehicles import MATCH_M
-from mdrive_sumo.sumo.schedule import ACTION_TICKS, Timetable
-from mdrive_sumo.sumo.sumo_frames import angle_to_sumo, front_bumper
+from mdrive_sumo.sumo.schedule import ACTION_TICKS, ScheduleTable
+from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_yaw_to_sumo
 
 STANDARD = "DEFAULT_VEHTYPE"
 EMERGENCY_DECEL = 9.0
-"""[m/s2], SUMO's default; what a driver does who must."""
+"""[m/s2] SUMO's default emergency deceleration."""
 SLACK_M = 0.2
-"""A log's vehicle may depart so near beside something [m]; parked cars and lanes are known no better."""
-KEEP_CLEAR = "junctionModel.jmIgnoreKeepClearTime"
-"""After how long [s] a driver enters a junction that SUMO thinks it cannot leave. The log knows that it can."""
-NO_LIMIT = 10.0
-"""Speed factor at departure: SUMO refuses vehicles that come faster than allowed. When it drives freely it is 1."""
+"""Tolerated lateral overlap [m] at departure: the accuracy of parked cars and lanes in a log."""
+KEEP_CLEAR_PARAMETER = "junctionModel.jmIgnoreKeepClearTime"
+"""SUMO's parameter: time [s] after which a driver enters a junction that it may not be able to leave."""
+DEPARTURE_SPEED_FACTOR = 10.0
+"""Speed factor at departure, because SUMO refuses vehicles above the speed limit. It is 1 while driving freely."""
 REACTION_S = 0.3
-"""Before a vehicle that has just departed brakes fully: until its first action, and one more."""
-ON_LANE, AS_IT_IS = 1, 2
-"""moveToXY's keepRoute: on the centre of a lane of its own route; or exactly there (sumo_pitfalls 1)."""
-WAY_M = 3.0
-"""How far [m] the centre line of a lane may be from a vehicle that is to drive on it."""
+"""Time [s] before a departed vehicle brakes fully: until its first action, and one more."""
+ON_LANE, EXACT_POSE = 1, 2
+"""moveToXY's keepRoute: on the centre line of a lane of its route; or exactly at the pose (sumo_pitfalls 1)."""
+MAX_LANE_DISTANCE_M = 3.0
+"""Greatest distance [m] between a vehicle and the centre line of the lane that it is inserted on."""
 
 
-def type_of(vehicle: BackgroundVehicle) -> str:
-    """SUMO's name of the type: SUMO's default where nothing is said, else one for each way to drive and size."""
+def build_type_id(vehicle: BackgroundVehicle) -> str:
+    """Return the vehicle type id: SUMO's default type, or one per driving style and dimensions."""
     plain = (vehicle.driving, vehicle.length, vehicle.width, vehicle.schedule) == (CarFollowing(), 5.0, 1.8, None)
     kind = "scheduled" if vehicle.schedule else "logged" if vehicle.log else "free"
     return STANDARD if plain else f"{kind}:{vehicle.length}:{vehicle.width}:{vehicle.driving.model_dump_json()}"
 
 
-def add_type(vehicle: BackgroundVehicle) -> None:
-    """Makes the vehicle's type known to SUMO, unless it is."""
-    name, driving, types = type_of(vehicle), vehicle.driving, libsumo.vehicletype
+def add_vehicle_type(vehicle: BackgroundVehicle) -> None:
+    """Add the vehicle's type to SUMO unless it exists."""
+    name, driving, types = build_type_id(vehicle), vehicle.driving, libsumo.vehicletype
     if name in types.getIDList():
         return
     types.copy(STANDARD, name)
@@ -61,96 +61,112 @@ def add_type(vehicle: BackgroundVehicle) -> None:
     types.setImperfection(name, driving.sigma)
     if vehicle.schedule is not None:
         types.setActionStepLength(name, ACTION_TICKS * DT)
-        types.setParameter(name, KEEP_CLEAR, "0")
+        types.setParameter(name, KEEP_CLEAR_PARAMETER, "0")
     if vehicle.schedule is not None or vehicle.log:
-        types.setSpeedFactor(name, NO_LIMIT)
+        types.setSpeedFactor(name, DEPARTURE_SPEED_FACTOR)
         types.setSpeedDeviation(name, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Berth:
-    """Where and how a vehicle comes onto the road."""
+class InsertionPoint:
+    """Pose, speed and lane at which a vehicle is inserted."""
 
     edge: str
     lane: int
-    front: tuple[float, float, float]
+    front_pose: tuple[float, float, float]
     """Front bumper x, y [m], yaw [rad]."""
     speed: float
-    since: float
-    """Where along its schedule [m] that is."""
+    route_offset_m: float
+    """Distance [m] along its schedule."""
     keep_route: int
     centre: tuple[float, float]
-    size: tuple[float, float]
-    """Length and width of its box [m]."""
-    waits: bool
-    """Whether it stays away while something stands there; not if it was there before, on its log."""
+    dimensions: tuple[float, float]
+    """Length and width [m]."""
+    waits_for_gap: bool
+    """Whether insertion waits for a gap; not if the vehicle was there before, on its log."""
 
 
-def berth_of(vehicle: BackgroundVehicle, roads: RoadMap) -> Berth:
-    """The place of its departure on the road; raises InputError where there is none.
+def find_departure_point(vehicle: BackgroundVehicle, roads: RoadMap) -> InsertionPoint:
+    """Return the departure point of a vehicle. Raises InputError if the lane does not exist.
 
-    A schedule that begins at a distance over 0 begins so far ahead of the place of departure: in a junction.
+    A schedule that begins at a distance > 0 begins that far ahead of the departure position, in a junction.
     """
-    since = vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0
-    lane, ahead = _lane_at(vehicle, since, roads)
+    route_offset_m = vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0
+    lane, ahead = _find_departure_lane(vehicle, route_offset_m, roads)
     along = ahead * lane.centre.length / libsumo.lane.getLength(lane.id)
     x, y = lane.centre.at(along)
     yaw, back = lane.centre.yaw_at(along), vehicle.length / 2
     centre = x - math.cos(yaw) * back, y - math.sin(yaw) * back
     size = vehicle.length, vehicle.width
-    return Berth(lane.edge, lane.index, (x, y, yaw), vehicle.depart_speed, since, ON_LANE, centre, size, True)
+    return InsertionPoint(
+        lane.edge, lane.index, (x, y, yaw), vehicle.depart_speed, route_offset_m, ON_LANE, centre, size, True
+    )
 
 
-def _lane_at(vehicle: BackgroundVehicle, since: float, roads: RoadMap) -> tuple[Lane, float]:
-    """The lane of a route at a distance from the place of departure, and how far along it [m], as SUMO measures."""
+def _find_departure_lane(vehicle: BackgroundVehicle, route_offset_m: float, roads: RoadMap) -> tuple[Lane, float]:
+    """Return the lane at a distance [m] from the departure position, and the arc length [m] on it as SUMO measures."""
     lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
     if lane is None:
         raise InputError(
             f"vehicle {vehicle.id}: expected a driving lane to depart on,"
             f" found lane {vehicle.depart_lane} of {vehicle.edges[0]}"
         )
-    ahead = vehicle.depart_pos_m + since
-    while since and ahead > (length := libsumo.lane.getLength(lane.id)):
-        ways = route_lanes(vehicle.edges, roads)
-        following = next((way for way in lane.successors if way in ways), None)
+    ahead = vehicle.depart_pos_m + route_offset_m
+    while route_offset_m and ahead > (length := libsumo.lane.getLength(lane.id)):
+        route_lane_ids = find_route_lanes(vehicle.edges, roads)
+        following = next((lane_id for lane_id in lane.successors if lane_id in route_lane_ids), None)
         if following is None:
             break
         lane, ahead = roads.lanes[following], ahead - length
     return lane, ahead
 
 
-def berth_at(vehicle: BackgroundVehicle, pose: LogPose, tick: int, waits: bool, roads: RoadMap) -> Berth | None:
-    """A berth right where its log has it in a tick; None off its route."""
-    x, y = front_bumper(pose.x, pose.y, pose.yaw, vehicle.length)
-    ways = route_lanes(vehicle.edges, roads)
-    near = [lane for lane in roads.lanes_near(x, y, WAY_M) if lane.id in ways]
+def find_takeover_point(
+    vehicle: BackgroundVehicle, pose: LoggedPose, tick: int, waits_for_gap: bool, roads: RoadMap
+) -> InsertionPoint | None:
+    """Return the insertion point at the logged pose of a tick; None off its route."""
+    x, y = compute_front_bumper(pose.x, pose.y, pose.yaw, vehicle.length)
+    route_lane_ids = find_route_lanes(vehicle.edges, roads)
+    near = [lane for lane in roads.lanes_near(x, y, MAX_LANE_DISTANCE_M) if lane.id in route_lane_ids]
     if not near:
         return None
-    lane = min(near, key=lambda one: abs(_beside(one, x, y, pose.yaw)))
+    lane = min(near, key=lambda one: abs(_compute_lane_misfit(one, x, y, pose.yaw)))
     centre, size = (pose.x, pose.y), (vehicle.length, vehicle.width)
-    since = Timetable(vehicle.schedule).place(tick) if vehicle.schedule else 0.0
-    return Berth(lane.edge, lane.index, (x, y, pose.yaw), max(pose.speed, 0.0), since, AS_IT_IS, centre, size, waits)
+    route_offset_m = ScheduleTable(vehicle.schedule).find_position(tick) if vehicle.schedule else 0.0
+    return InsertionPoint(
+        lane.edge,
+        lane.index,
+        (x, y, pose.yaw),
+        max(pose.speed, 0.0),
+        route_offset_m,
+        EXACT_POSE,
+        centre,
+        size,
+        waits_for_gap,
+    )
 
 
-def _beside(lane: Lane, x: float, y: float, yaw: float) -> float:
-    """How badly a pose fits a lane: distance [m] from its centre line, and 1 m for every 0.2 rad of turning."""
+def _compute_lane_misfit(lane: Lane, x: float, y: float, yaw: float) -> float:
+    """Return the misfit of a pose and a lane: distance [m] from the centre line, plus 1 m per 0.2 rad of heading."""
     line = shapely.LineString(lane.centre.xy)
     point = shapely.Point(x, y)
     turned = abs(wrap_angle(yaw - lane.centre.yaw_at(line.project(point))))
     return float(line.distance(point)) + turned / 0.2
 
 
-def route_lanes(edges: Sequence[str], roads: RoadMap) -> set[str]:
-    """Ids of all lanes of a route, with the junction lanes from edge to edge."""
-    ways = {lane.id for lane in roads.driving if lane.edge in edges}
+def find_route_lanes(edges: Sequence[str], roads: RoadMap) -> set[str]:
+    """Return the ids of all lanes of a route, including the junction lanes between its edges."""
+    route_lane_ids = {lane.id for lane in roads.driving if lane.edge in edges}
     for edge, following in pairwise(edges):
         for lane in [lane for lane in roads.driving if lane.edge == edge]:
-            ways |= {way for first in lane.successors for way in through(first, following, roads)}
-    return ways
+            route_lane_ids |= {
+                lane_id for first in lane.successors for lane_id in find_junction_lanes(first, following, roads)
+            }
+    return route_lane_ids
 
 
-def through(lane: str, edge: str, roads: RoadMap) -> set[str]:
-    """Ids of the junction lanes from `lane` on, if they lead to `edge`; else none."""
+def find_junction_lanes(lane: str, edge: str, roads: RoadMap) -> set[str]:
+    """Return the ids of the junction lanes that lead from `lane` to `edge`; empty if they do not."""
     passed: set[str] = set()
     while roads.lanes[lane].junction and lane not in passed:
         passed.add(lane)
@@ -158,24 +174,28 @@ def through(lane: str, edge: str, roads: RoadMap) -> set[str]:
     return passed if roads.lanes[lane].edge == edge else set()
 
 
-def free(berth: Berth, others: Actors) -> bool:
-    """Whether nobody stands there, nor so near before or behind that not even full braking helps."""
-    if not berth.waits:
+def is_free(point: InsertionPoint, road_users: Actors) -> bool:
+    """Return whether the point is free, with gaps ahead and behind that full braking can keep."""
+    if not point.waits_for_gap:
         return True
-    *_, yaw = berth.front
-    along = np.maximum(others.speed * np.cos(others.yaw - yaw), 0.0)
-    needed = np.abs(berth.speed**2 - along**2) / (2 * EMERGENCY_DECEL) + REACTION_S * np.abs(berth.speed - along)
-    ahead = np.where(along < berth.speed, needed, -needed) / 2
-    x, y = berth.centre[0] + math.cos(yaw) * ahead, berth.centre[1] + math.sin(yaw) * ahead
-    mine = boxes_corners(x, y, np.array(yaw), berth.size[0] + needed, np.array(berth.size[1] - 2 * SLACK_M))
-    theirs = boxes_corners(others.x, others.y, others.yaw, others.length, others.width)
-    return not boxes_overlap(mine, theirs).any()
+    *_, yaw = point.front_pose
+    along = np.maximum(road_users.speed * np.cos(road_users.yaw - yaw), 0.0)
+    needed = np.abs(point.speed**2 - along**2) / (2 * EMERGENCY_DECEL) + REACTION_S * np.abs(point.speed - along)
+    ahead = np.where(along < point.speed, needed, -needed) / 2
+    x, y = point.centre[0] + math.cos(yaw) * ahead, point.centre[1] + math.sin(yaw) * ahead
+    own_boxes = boxes_corners(
+        x, y, np.array(yaw), point.dimensions[0] + needed, np.array(point.dimensions[1] - 2 * SLACK_M)
+    )
+    other_boxes = boxes_corners(road_users.x, road_users.y, road_users.yaw, road_users.length, road_users.width)
+    return not boxes_overlap(own_boxes, other_boxes).any()
 
 
-def depart(vehicle: BackgroundVehicle, berth: Berth) -> None:
-    """Puts it on the road in the coming step, without SUMO's judgement of whether that is safe."""
-    x, y, yaw = berth.front
-    libsumo.vehicle.add(vehicle.id, vehicle.id, typeID=type_of(vehicle), departSpeed=str(berth.speed))
+def insert_vehicle(vehicle: BackgroundVehicle, point: InsertionPoint) -> None:
+    """Insert a vehicle in the coming step, without SUMO's safety check."""
+    x, y, yaw = point.front_pose
+    libsumo.vehicle.add(vehicle.id, vehicle.id, typeID=build_type_id(vehicle), departSpeed=str(point.speed))
     libsumo.vehicle.setSpeedMode(vehicle.id, 0)
-    libsumo.vehicle.moveToXY(vehicle.id, berth.edge, berth.lane, x, y, angle_to_sumo(yaw), berth.keep_route, MATCH_M)
-    libsumo.vehicle.setSpeed(vehicle.id, berth.speed)
+    libsumo.vehicle.moveToXY(
+        vehicle.id, point.edge, point.lane, x, y, convert_yaw_to_sumo(yaw), point.keep_route, MATCH_M
+    )
+    libsumo.vehicle.setSpeed(vehicle.id, point.speed)

@@ -1,4 +1,4 @@
-"""What a vehicle of a log did, as the speed that it desires: on time where nothing disturbs it, and never a race."""
+"""The schedule of a logged vehicle, and the speed that keeps or regains it without racing."""
 
 import math
 from bisect import bisect_right
@@ -9,54 +9,54 @@ from mdrive_sumo.core.state import DT
 from mdrive_sumo.scenario.background import Schedule
 
 ACTION_TICKS = 4
-"""Vehicles with a schedule act every 0.2 s: measured, they follow it best so (0.1 s: 0.4 m off at most, 0.5 s: 3 m)."""
+"""Action step of vehicles with a schedule: 0.2 s. Measured: 0.1 s deviates by up to 0.4 m, 0.5 s by up to 3 m."""
 CATCH_UP_S = 0.5
-"""A deviation from the schedule is made good with this time constant."""
-HURRY = 1.2
-"""A late vehicle drives at most so many times as fast as the log did at that place."""
-CRAWL = 3.0
-"""Where the log stood or crept, a late vehicle may drive this fast [m/s]: it does not wait there again."""
-CREEP_MPS = 0.5
-"""Whoever is slower than this at the end of its schedule stood there; others do not stop there when they are late."""
+"""Time constant [s] of regaining the schedule."""
+CATCH_UP_FACTOR = 1.2
+"""A late vehicle drives at most at this multiple of the logged speed at that position."""
+MIN_CATCH_UP_SPEED = 3.0
+"""[m/s] A late vehicle may drive this fast where the log stood or crept: it does not wait there again."""
+STANDSTILL_MPS = 0.5
+"""A vehicle slower than this at the end of its schedule stood there; a faster one does not stop there when late."""
 ON_TIME_M = 0.5
-"""Nearer than this to its schedule a vehicle drives as the log did."""
+"""[m] Nearer than this to its schedule a vehicle drives as the log did."""
 LATE_M = 2.0
-"""Whoever is further behind its schedule [m] is perturbed: it takes right of way as the rules have it."""
-THERE_M = 0.5
-"""How near [m] to the end of its schedule a vehicle has arrived there."""
+"""A vehicle further than this [m] behind its schedule observes right of way by the rules."""
+ARRIVAL_TOLERANCE_M = 0.5
+"""Distance [m] to the end of its schedule at which a vehicle has arrived."""
 
 
-class Timetable:
-    """A schedule, ready for look-ups: plain floats, by tick and by place."""
+class ScheduleTable:
+    """A schedule as plain floats, for look-ups by tick and by position."""
 
     def __init__(self, schedule: Schedule) -> None:
-        times, places = np.array(schedule.progress).T
+        times, positions = np.array(schedule.progress).T
         ticks = np.arange(math.ceil(times[-1] / DT - 1e-6) + 1)
-        self._at: list[float] = np.interp(ticks * DT, times, places).tolist()
-        rates = np.diff(places) / np.diff(times)
+        self._at: list[float] = np.interp(ticks * DT, times, positions).tolist()
+        rates = np.diff(positions) / np.diff(times)
         moving = rates > 0.0
-        self._stations: list[float] = places[:-1][moving].tolist()
+        self._positions: list[float] = positions[:-1][moving].tolist()
         self._speeds: list[float] = rates[moving].tolist()
-        self._moved_on = bool(rates[-1] > CREEP_MPS)
+        self._ends_moving = bool(rates[-1] > STANDSTILL_MPS)
         self.ends_tick = len(self._at) - 1
-        self.ends_m = float(places[-1])
+        self.ends_m = float(positions[-1])
 
-    def place(self, tick: int) -> float:
-        """Where the log had the vehicle in a tick [m along the route]; before and after, where it began and ended."""
+    def find_position(self, tick: int) -> float:
+        """Return the logged position [m along the route] in a tick, clamped to the ends of the schedule."""
         return self._at[min(max(tick, 0), self.ends_tick)]
 
-    def speed_at(self, place: float) -> float:
-        """How fast the log drove there [m/s]; where it stood, how fast it drove on."""
+    def find_speed(self, position: float) -> float:
+        """Return the logged speed [m/s] at a position; where the log stood, the speed at which it drove on."""
         if not self._speeds:
             return 0.0
-        return self._speeds[max(bisect_right(self._stations, place) - 1, 0)]
+        return self._speeds[max(bisect_right(self._positions, position) - 1, 0)]
 
-    def desired(self, tick: int, place: float, ticks: int = ACTION_TICKS) -> float:
-        """The speed [m/s] to command from `tick` on for some ticks to a vehicle that is at `place`."""
-        ought = self.place(tick)
-        late = ought - place
-        speed = max((self.place(tick + ticks) - ought) / (ticks * DT) + late / CATCH_UP_S, 0.0)
-        if -ON_TIME_M < late < ON_TIME_M and tick < self.ends_tick:
+    def compute_desired_speed(self, tick: int, position: float, ticks: int = ACTION_TICKS) -> float:
+        """Return the speed [m/s] to command for `ticks` ticks from `tick` on to a vehicle at `position` [m]."""
+        due = self.find_position(tick)
+        lag = due - position
+        speed = max((self.find_position(tick + ticks) - due) / (ticks * DT) + lag / CATCH_UP_S, 0.0)
+        if -ON_TIME_M < lag < ON_TIME_M and tick < self.ends_tick:
             return speed
-        most = max(HURRY * self.speed_at(place), CRAWL)
-        return most if tick >= self.ends_tick and self._moved_on else min(speed, most)
+        limit = max(CATCH_UP_FACTOR * self.find_speed(position), MIN_CATCH_UP_SPEED)
+        return limit if tick >= self.ends_tick and self._ends_moving else min(speed, limit)

@@ -1,106 +1,107 @@
-"""Driving by schedule: what SUMO is told on every step about a vehicle that has one."""
+"""CarFollowing by schedule: the commands to SUMO on every step for a vehicle that has a schedule."""
 
-# pyright: basic
+# pyright: basic  (libsumo has no type information)
 import math
 
 import libsumo
 
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.sumo.lane_change import DURATION_S, LaneChange, Others
-from mdrive_sumo.sumo.schedule import LATE_M, THERE_M, Timetable
+from mdrive_sumo.sumo.lane_change import DURATION_S, RoadUsersProvider, ScheduledLaneChange
+from mdrive_sumo.sumo.schedule import ARRIVAL_TOLERANCE_M, LATE_M, ScheduleTable
 
 _distance, _speed, _set_speed, _set_mode = (
     getattr(libsumo.libsumo._libsumo, f"vehicle_{what}")
     for what in ("getDistance", "getSpeed", "setSpeed", "setSpeedMode")
 )
-HELD_BACK_MPS = 0.5
-"""Who is slower than it desires is left to SUMO: a vehicle with a commanded speed never brakes harder than comfortable.
-"""
-BOUND, BY_LOG, FREE = 31 | 64, 55 | 64, 31
-"""Speed modes. All but the speed limit (64) bind: following, acceleration, right of way, red lights; the same without
-right of way at junctions (8) and on them (32), which the log has settled; SUMO's default."""
-ORDERED, AUTONOMOUS = 0b01_00_00_00_00, 0b01_10_01_01_01_01
-"""Lane-change modes: none of its own; SUMO's default."""
+HELD_BACK_SPEED = 0.5
+"""[m/s] A vehicle slower than desired by this is left to SUMO: with a commanded speed it brakes comfortably at most."""
+RULES, NO_RIGHT_OF_WAY, FREE = 31 | 64, 55 | 64, 31
+"""Speed modes: all checks but the speed limit (64); the same without right of way before (8) and on (32) junctions,
+which the log determines; SUMO's default."""
+COMMANDED, AUTONOMOUS = 0b01_00_00_00_00, 0b01_10_01_01_01_01
+"""Lane-change modes: only commanded changes; SUMO's default."""
 EDGE_M = 0.5
-"""A change whose place is nearer than this to the end of an edge belongs to the next one."""
+"""[m] A lane change nearer than this to the end of an edge belongs to the next edge."""
 
 
-class Scheduled:
-    """A vehicle that is on the road and follows its schedule."""
+class ScheduleFollower:
+    """Makes one vehicle follow its schedule, from its departure on."""
 
-    def __init__(self, vehicle: BackgroundVehicle, since: float, roads: RoadMap, action_step_s: float) -> None:
-        """`since`: where along its route [m] it came onto the road. `action_step_s`: once its schedule has ended."""
+    def __init__(self, vehicle: BackgroundVehicle, route_offset_m: float, roads: RoadMap, action_step_s: float) -> None:
+        """`route_offset_m`: distance along its route at departure. `action_step_s`: applies after the schedule."""
         assert vehicle.schedule is not None
         self._roads, self._action_step_s = roads, action_step_s
-        self._changing: LaneChange | None = None
+        self._lane_change: ScheduledLaneChange | None = None
         self._name = vehicle.id
-        self._table = Timetable(vehicle.schedule)
-        self._leaves = vehicle.schedule.leaves
-        self._lanes = [one for one in vehicle.schedule.lanes if one[0] > since]
-        self._since = since
-        self._mode, self._late = -1, False
-        libsumo.vehicle.setLaneChangeMode(self._name, ORDERED)
+        self._schedule = ScheduleTable(vehicle.schedule)
+        self._leaves_at_end = vehicle.schedule.leaves
+        self._lanes = [one for one in vehicle.schedule.lanes if one[0] > route_offset_m]
+        self._route_offset_m = route_offset_m
+        self._mode, self._is_late = -1, False
+        libsumo.vehicle.setLaneChangeMode(self._name, COMMANDED)
 
     @property
     def offset(self) -> tuple[float, float] | None:
-        """How far a lane change has taken it aside, and how fast, as `LaneChange.offset`; None without one."""
-        return self._changing.offset if self._changing else None
+        """Offset and rate of the lane change in progress, see `ScheduledLaneChange.offset`; None without one."""
+        return self._lane_change.offset if self._lane_change else None
 
     @property
-    def late(self) -> bool:
-        """Whether it is so late that right of way is to be settled anew."""
-        return self._late
+    def is_late(self) -> bool:
+        """Whether it is so late that it observes right of way."""
+        return self._is_late
 
-    def drive(self, tick: int, others: Others, disturbed: bool) -> bool:
-        """Commands it for the step that makes frame `tick`; False once its schedule has ended."""
-        name, table = self._name, self._table
-        place = self._since + _distance(name)
-        if tick > table.ends_tick and place >= table.ends_m - THERE_M:
+    def drive(self, tick: int, road_users: RoadUsersProvider, disturbed: bool) -> bool:
+        """Command the step that produces frame `tick`; return False once the schedule has ended."""
+        name, schedule = self._name, self._schedule
+        position = self._route_offset_m + _distance(name)
+        if tick > schedule.ends_tick and position >= schedule.ends_m - ARRIVAL_TOLERANCE_M:
             self._end()
             return False
-        self._late = table.place(tick - 1) - place > LATE_M
-        self._bind(self._late or disturbed)
-        speed = table.desired(tick - 1, place)
-        _set_speed(name, speed if speed - _speed(name) < HELD_BACK_MPS else -1)
-        if self._changing or (self._lanes and place + speed * DURATION_S / 2 >= self._lanes[0][0]):
-            self._change(place, others)
+        self._is_late = schedule.find_position(tick - 1) - position > LATE_M
+        self._set_speed_mode(self._is_late or disturbed)
+        speed = schedule.compute_desired_speed(tick - 1, position)
+        _set_speed(name, speed if speed - _speed(name) < HELD_BACK_SPEED else -1)
+        if self._lane_change or (self._lanes and position + speed * DURATION_S / 2 >= self._lanes[0][0]):
+            self._advance_lane_change(position, road_users)
         return True
 
-    def _bind(self, bound: bool) -> None:
-        mode = BOUND if bound else BY_LOG
+    def _set_speed_mode(self, observes_right_of_way: bool) -> None:
+        mode = RULES if observes_right_of_way else NO_RIGHT_OF_WAY
         if mode != self._mode:
             _set_mode(self._name, mode)
             self._mode = mode
 
-    def _change(self, place: float, others: Others) -> None:
-        """Goes on with the lane change, or begins the one that is due."""
-        if self._changing is None:
-            self._changing = self._begun(place)
-        if self._changing is not None:
-            self._changing.advance(others)
-            if self._changing.done:
-                self._changing = None
+    def _advance_lane_change(self, position: float, road_users: RoadUsersProvider) -> None:
+        """Continue the lane change in progress, or begin the one that is due."""
+        if self._lane_change is None:
+            self._lane_change = self._start_lane_change(position)
+        if self._lane_change is not None:
+            self._lane_change.advance(road_users)
+            if self._lane_change.is_done:
+                self._lane_change = None
 
-    def _begun(self, place: float) -> LaneChange | None:
-        """The next lane change, once the vehicle is on the edge where it is meant."""
-        while len(self._lanes) > 1 and place >= self._lanes[1][0]:
+    def _start_lane_change(self, position: float) -> ScheduledLaneChange | None:
+        """Return the next lane change, once the vehicle is on its edge; else None."""
+        while len(self._lanes) > 1 and position >= self._lanes[1][0]:
             self._lanes.pop(0)
         at, wanted = self._lanes[0]
         lane = self._roads.lanes.get(libsumo.vehicle.getLaneID(self._name))
         if lane is None or lane.junction:
             return None
-        if at > place + libsumo.lane.getLength(lane.id) - libsumo.vehicle.getLanePosition(self._name) - EDGE_M:
+        if at > position + libsumo.lane.getLength(lane.id) - libsumo.vehicle.getLanePosition(self._name) - EDGE_M:
             return None
-        beside = lane.left if wanted > lane.index else lane.right
-        if wanted == lane.index or not beside:
+        adjacent = lane.left if wanted > lane.index else lane.right
+        if wanted == lane.index or not adjacent:
             self._lanes.pop(0)
             return None
-        target = self._roads.lanes[beside]
-        return LaneChange(self._name, target, math.copysign((lane.width + target.width) / 2, wanted - lane.index))
+        target = self._roads.lanes[adjacent]
+        return ScheduledLaneChange(
+            self._name, target, math.copysign((lane.width + target.width) / 2, wanted - lane.index)
+        )
 
     def _end(self) -> None:
-        if self._leaves:
+        if self._leaves_at_end:
             libsumo.vehicle.remove(self._name)
         else:
             _set_speed(self._name, -1)

@@ -1,39 +1,36 @@
-"""Scripted road users as SUMO's traffic notices them."""
+"""Scripted actors as sources of ghosts in SUMO."""
 
 from collections.abc import Sequence
 
 from mdrive_sumo.core.state import Actors
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.sumo.ghost_placement import Body
+from mdrive_sumo.sumo.ghost_placement import SourceBox
 
 SCRIPTED = "scripted:"
-"""Prefix of the names of their bodies, which have ghosts in SUMO, and no double."""
+"""Prefix of their source ids. They have ghosts in SUMO but no placed vehicle."""
 
 
-class Scripted:
-    """Which scripted road users of a scenario SUMO's traffic takes notice of."""
+class MirroredActors:
+    """Selects the scripted actors that SUMO's traffic reacts to."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
-        self._unnoticed = frozenset(actor.id for actor in actors if not actor.mirrored)
+        self._not_mirrored = frozenset(actor.id for actor in actors if not actor.mirrored)
 
-    def noticed(self, scripted: Actors) -> Actors:
-        """Those that SUMO's traffic takes notice of."""
-        if self._unnoticed.isdisjoint(scripted.ids):
+    def select(self, scripted: Actors) -> Actors:
+        """Return the actors that SUMO's traffic reacts to."""
+        if self._not_mirrored.isdisjoint(scripted.ids):
             return scripted
-        chosen = [i for i, name in enumerate(scripted.ids) if name not in self._unnoticed]
-        columns = ("kind", "x", "y", "yaw", "speed", "length", "width")
-        return Actors(
-            tuple(scripted.ids[i] for i in chosen), *(getattr(scripted, column)[chosen] for column in columns)
-        )
+        chosen = [i for i, name in enumerate(scripted.ids) if name not in self._not_mirrored]
+        return scripted.take(chosen)
 
 
-def names_of(actors: Actors) -> set[str]:
-    """Names of their bodies."""
+def build_source_ids(actors: Actors) -> set[str]:
+    """Return the source ids of actors."""
     return {SCRIPTED + name for name in actors.ids}
 
 
-def bodies_of(actors: Actors) -> list[Body]:
-    """Their boxes. By ghosts alone: with a double SUMO also shuts lanes that they are in but leave room on."""
+def build_source_boxes(actors: Actors) -> list[SourceBox]:
+    """Return the source boxes of actors. A placed vehicle would also block lanes on which they leave enough room."""
     columns = (actors.x, actors.y, actors.yaw, actors.speed, actors.length, actors.width)
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [Body(SCRIPTED + name, *row) for name, row in zip(actors.ids, rows, strict=True)]
+    return [SourceBox(SCRIPTED + name, *row) for name, row in zip(actors.ids, rows, strict=True)]

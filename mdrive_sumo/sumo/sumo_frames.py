@@ -1,4 +1,4 @@
-"""Frames: SUMO's pose is the front bumper and degrees clockwise from north; ours the box centre and radians from +x."""
+"""Convert between SUMO's poses (front bumper, degrees clockwise from north) and ours (box centre, radians from +x)."""
 
 import math
 
@@ -7,16 +7,16 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 
 
-def yaws_from_sumo(angles_deg: Float) -> Float:
-    """SUMO headings (N,) [deg, clockwise from north] -> yaws [rad, counter-clockwise from +x] in [-pi, pi)."""
+def convert_sumo_angles(angles_deg: Float) -> Float:
+    """Return SUMO headings (N,) [deg, clockwise from north] as yaws [rad, counter-clockwise from +x] in [-pi, pi)."""
     return np.radians((270.0 - angles_deg) % 360.0 - 180.0)
 
 
-def angle_to_sumo(yaw: float) -> float:
-    """Yaw [rad] -> SUMO heading [deg] in [0, 360)."""
+def convert_yaw_to_sumo(yaw: float) -> float:
+    """Return a yaw [rad] as SUMO heading [deg] in [0, 360)."""
     return math.degrees(math.pi / 2 - yaw) % 360.0
 
 
-def front_bumper(x: float, y: float, yaw: float, length: float) -> tuple[float, float]:
-    """Box centre -> the front bumper point that SUMO calls the position."""
+def compute_front_bumper(x: float, y: float, yaw: float, length: float) -> tuple[float, float]:
+    """Return the front bumper point of a box, which SUMO calls the position."""
     return x + math.cos(yaw) * length / 2, y + math.sin(yaw) * length / 2

@@ -1,6 +1,6 @@
-"""SumoWorld: SUMO in process. Ghosts, egos' doubles and SUMO's own ids stay behind this door."""
+"""SUMO in process. Ghosts, placed vehicles and SUMO's own ids are internal to this package."""
 
-# pyright: basic
+# pyright: basic  (libsumo has no type information)
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, repeat
@@ -14,61 +14,61 @@ from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.sumo.background_traffic import Traffic
-from mdrive_sumo.sumo.conflict import Mover, mover_of
-from mdrive_sumo.sumo.friction import friction_options, make_slippery
-from mdrive_sumo.sumo.ghost_manager import Mirror
-from mdrive_sumo.sumo.ghost_placement import Body
-from mdrive_sumo.sumo.lane_change import shifted
-from mdrive_sumo.sumo.log_replay import Replay
-from mdrive_sumo.sumo.placed_vehicles import EGO, add_remote, add_types, place
-from mdrive_sumo.sumo.scripted_bodies import Scripted, bodies_of, names_of
-from mdrive_sumo.sumo.sumo_frames import front_bumper, yaws_from_sumo
+from mdrive_sumo.sumo.background_traffic import BackgroundTraffic
+from mdrive_sumo.sumo.conflict import MovingBox, build_moving_box
+from mdrive_sumo.sumo.friction import build_friction_options, make_slippery
+from mdrive_sumo.sumo.ghost_manager import GhostManager
+from mdrive_sumo.sumo.ghost_placement import SourceBox
+from mdrive_sumo.sumo.lane_change import apply_offsets
+from mdrive_sumo.sumo.log_replay import LogReplay
+from mdrive_sumo.sumo.placed_vehicles import EGO, add_placed_types, add_placed_vehicle, place_vehicle
+from mdrive_sumo.sumo.scripted_bodies import MirroredActors, build_source_boxes, build_source_ids
+from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_sumo_angles
 
 _position, _angle, _speed = (
     getattr(libsumo.libsumo._libsumo, f"vehicle_get{what}") for what in ("Position", "Angle", "Speed")
 )
-"""libsumo's own functions below its Python wrappers, which take as long again; called for every vehicle and tick."""
+"""libsumo's functions without the Python wrappers, which double their time; called for every vehicle and tick."""
 ROLLING = (Kind.VEHICLE, Kind.CYCLIST)
 
 
 class SumoWorld:
-    """One simulation; a context manager. SUMO holds one simulation a process, so a second one is refused."""
+    """One SUMO simulation, as a context manager. A process can hold one only; a second one raises WorldError."""
 
     def __init__(
         self,
         scenario: Scenario,
         roads: RoadMap,
-        sizes: Mapping[str, tuple[float, float]],
+        dimensions: Mapping[str, tuple[float, float]],
         seed: int,
         grip: float = 1.0,
     ) -> None:
-        """`sizes`: (length, width) [m] of every ego. `seed` drives all of SUMO's own randomness.
+        """`dimensions`: (length, width) [m] of every ego. `seed`: for all of SUMO's randomness.
 
         `grip`: share in (0, 1] of a dry road's friction.
         """
-        self._scenario, self._roads, self._sizes, self._seed = scenario, roads, sizes, seed
+        self._scenario, self._roads, self._dimensions, self._seed = scenario, roads, dimensions, seed
         self._grip = grip
-        self._known: dict[str, tuple[float, float]] = {}
+        self._dimensions_by_vehicle: dict[str, tuple[float, float]] = {}
         self._present: Sequence[str] = ()
-        self._cast = self._last = Actors.empty()
-        self._traffic = Traffic(scenario.background, roads)
-        self._egos: tuple[str, ...] = ()
-        self._replay = Replay(scenario.background, roads)
-        self._mirror = Mirror(roads)
-        self._scripted = Scripted(scenario.actors)
+        self._template = self._last = Actors.empty()
+        self._traffic = BackgroundTraffic(scenario.background, roads)
+        self._placed_egos: tuple[str, ...] = ()
+        self._replay = LogReplay(scenario.background, roads)
+        self._ghosts = GhostManager(roads)
+        self._mirrored_actors = MirroredActors(scenario.actors)
         self._tick = 0
-        self._frozen: dict[str, str] | None = None
+        self._frozen_signals: dict[str, str] | None = None
 
     def __enter__(self) -> Self:
         if libsumo.isLoaded():
             raise WorldError("SUMO holds one simulation a process, and one is open already")
         try:
             libsumo.start(self._command())
-            add_types()
+            add_placed_types()
             make_slippery(self._grip)
             self._freeze_lights()
-            self._traffic.add()
+            self._traffic.add_vehicles()
         except libsumo.TraCIException as error:
             libsumo.close()
             raise InputError(f"scenario {self._scenario.id}: SUMO refused it: {error}") from None
@@ -83,7 +83,7 @@ class SumoWorld:
         libsumo.close()
 
     def _command(self) -> list[str]:
-        """SUMO's options (sumo_pitfalls 2.1, 6.1 and 11): no teleports, no collision actions, slow-reacting drivers."""
+        """Return SUMO's command line (sumo_pitfalls 2.1, 6.1, 11): no teleports, no collision actions."""
         action_step = str(self._scenario.background.action_step_s)
         return [
             "sumo", "--net-file", str(self._roads.net_file), "--seed", str(self._seed), "--step-length", str(DT),
@@ -91,40 +91,44 @@ class SumoWorld:
             "--time-to-teleport", "-1", "--time-to-teleport.disconnected", "-1", "--time-to-teleport.ride", "-1",
             "--collision.action", "none", "--intermodal-collision.action", "none", "--collision.check-junctions",
             "--no-step-log", "--no-warnings", "--duration-log.disable",
-            *friction_options(self._grip),
+            *build_friction_options(self._grip),
         ]  # fmt: skip
 
     def _freeze_lights(self) -> None:
-        """`frozen-green`: every link shows g. With G background cars would take each other's right of way."""
+        """Set every link to g for `frozen-green`. With G, background cars would ignore right of way."""
         if self._scenario.signals != "frozen-green":
             return
-        self._frozen = {}
+        self._frozen_signals = {}
         for light in sorted(libsumo.trafficlight.getIDList()):
             state = "g" * len(libsumo.trafficlight.getRedYellowGreenState(light))
             libsumo.trafficlight.setRedYellowGreenState(light, state)
-            self._frozen[light] = state
+            self._frozen_signals[light] = state
 
     def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
-        """Places the egos and makes the first step, so that vehicles departing at 0 s are there in frame 0."""
+        """Place the egos and make the first step, so that vehicles departing at 0 s are in frame 0."""
         return self.advance(egos, scripted, ())
 
     def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
-        """The only deed: places egos and ghosts, holds struck vehicles, steps SUMO, and reads what it drives.
+        """Place egos and ghosts, hold struck vehicles, step SUMO, and return what it drives.
 
-        Egos that are no longer named leave the world. Raises WorldError where SUMO fails or teleports a vehicle.
+        Egos that are no longer named leave the world. Raises WorldError if SUMO fails or teleports a vehicle.
         """
         try:
-            scripted = self._scripted.noticed(scripted) if len(scripted) else scripted
-            if self._replay.releases:
-                for vehicle, berth in self._replay.released(self._tick, self._movers(egos), self._last):
-                    self._traffic.take(vehicle, berth)
+            scripted = self._mirrored_actors.select(scripted) if len(scripted) else scripted
+            if self._replay.can_release:
+                for vehicle, point in self._replay.release_disturbed(
+                    self._tick, self._build_moving_boxes(egos), self._last
+                ):
+                    self._traffic.take_over(vehicle, point)
             replayed = self._replay.actors(self._tick)
-            if self._traffic.drives:  # otherwise nobody is there to see them
+            if self._traffic.has_vehicles:  # otherwise no vehicle could react to them
                 self._place_egos(egos)
                 self._place_ghosts(egos, (scripted, replayed))
             self._traffic.hold(struck, self._tick)
             self._traffic.prepare(
-                self._tick, lambda: self._everybody(egos, scripted), lambda: self._unplanned(egos, scripted)
+                self._tick,
+                lambda: self._collect_road_users(egos, scripted),
+                lambda: self._collect_unscheduled(egos, scripted),
             )
             libsumo.simulationStep()
             self._tick += 1
@@ -132,89 +136,95 @@ class SumoWorld:
                 raise WorldError(
                     f"SUMO teleported {libsumo.simulation.getStartingTeleportIDList()} at step {self._tick}"
                 )
-            driven = self._actors()
-            if offsets := self._traffic.offsets:
-                shifted(driven, offsets)
+            driven = self._read_actors()
+            if offsets := self._traffic.lane_change_offsets:
+                apply_offsets(driven, offsets)
             self._last = driven.merge(replayed)
-            return WorldState(self._last, self._signals())
+            return WorldState(self._last, self._read_signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
 
     def _place_egos(self, egos: Mapping[str, EgoState]) -> None:
-        """A double that SUMO lost from the road is replaced: put back on it, it may crash SUMO (docs/decisions/015)."""
-        lost = [ego for ego in self._egos if ego not in egos or not self._lane_of(EGO + ego)]
+        """Place the vehicles of the egos. Replace one that SUMO lost: moving it back may crash SUMO (decision 015)."""
+        lost = [ego for ego in self._placed_egos if ego not in egos or not self._find_lane(EGO + ego)]
         for gone in lost:
             libsumo.vehicle.remove(EGO + gone)
-        for ego_id in [ego for ego in egos if ego in lost or ego not in self._egos]:
-            add_remote(EGO + ego_id, EGO, self._sizes[ego_id], self._edge_at(egos[ego_id]), self._roads)
-        self._egos = tuple(egos)
+        for ego_id in [ego for ego in egos if ego in lost or ego not in self._placed_egos]:
+            add_placed_vehicle(EGO + ego_id, EGO, self._dimensions[ego_id], self._find_edge(egos[ego_id]), self._roads)
+        self._placed_egos = tuple(egos)
         for ego_id, ego in egos.items():
-            x, y = front_bumper(ego.x, ego.y, ego.yaw, self._sizes[ego_id][0])
-            place(EGO + ego_id, x, y, ego.yaw, ego.speed)
+            x, y = compute_front_bumper(ego.x, ego.y, ego.yaw, self._dimensions[ego_id][0])
+            place_vehicle(EGO + ego_id, x, y, ego.yaw, ego.speed)
 
-    def _everybody(self, egos: Mapping[str, EgoState], scripted: Actors) -> Actors:
-        """CAVs and scripted road users as they are placed for this step, the rest as it was after the last."""
-        cavs = Actors.from_egos(egos, self._sizes)
+    def _collect_road_users(self, egos: Mapping[str, EgoState], scripted: Actors) -> Actors:
+        """Return CAVs and scripted actors as placed for this step, and all others as read after the last step."""
+        cavs = Actors.from_egos(egos, self._dimensions)
         return replace(cavs, ids=tuple(EGO + name for name in cavs.ids)).concat(scripted, self._last)
 
-    def _unplanned(self, egos: Mapping[str, EgoState], scripted: Actors) -> list[Mover]:
-        """Whatever rolls and keeps to no schedule: CAVs, scripted vehicles and cyclists, traffic that is late."""
-        on_time = self._traffic.on_time
+    def _collect_unscheduled(self, egos: Mapping[str, EgoState], scripted: Actors) -> list[MovingBox]:
+        """Return the moving boxes that follow no schedule: CAVs, scripted vehicles and cyclists, late vehicles."""
+        on_schedule = self._traffic.on_schedule_ids
         rolling = ((scripted, i) for i in np.flatnonzero(np.isin(scripted.kind, ROLLING) & (scripted.speed > 0)))
-        late = ((self._last, i) for i, name in enumerate(self._last.ids) if name not in on_time)
-        return [*self._movers(egos), *(mover_of(some, int(i)) for some, i in chain(rolling, late))]
+        late = ((self._last, i) for i, name in enumerate(self._last.ids) if name not in on_schedule)
+        return [*self._build_moving_boxes(egos), *(build_moving_box(some, int(i)) for some, i in chain(rolling, late))]
 
-    def _edge_at(self, ego: EgoState) -> str:
+    def _find_edge(self, ego: EgoState) -> str:
         return self._roads.driving[int(self._roads.nearest(np.array([[ego.x, ego.y]])).lane[0])].edge
 
-    def _movers(self, egos: Mapping[str, EgoState]) -> list[Mover]:
-        return [Mover(one.x, one.y, one.yaw, one.speed, *self._sizes[name]) for name, one in egos.items()]
+    def _build_moving_boxes(self, egos: Mapping[str, EgoState]) -> list[MovingBox]:
+        return [MovingBox(one.x, one.y, one.yaw, one.speed, *self._dimensions[name]) for name, one in egos.items()]
 
     def _place_ghosts(self, egos: Mapping[str, EgoState], others: Sequence[Actors]) -> None:
-        if self._mirror.looks(self._tick):
-            bodies = [body for some in others for body in bodies_of(some)]
-            self._mirror.look([*self._ego_bodies(egos), *bodies])
+        if self._ghosts.is_search_due(self._tick):
+            sources = [body for some in others for body in build_source_boxes(some)]
+            self._ghosts.search([*self._build_source_boxes(egos), *sources])
             return
-        self._mirror.follow({EGO + name for name in egos}.union(*(names_of(some) for some in others if len(some))))
+        self._ghosts.advance(
+            {EGO + name for name in egos}.union(*(build_source_ids(some) for some in others if len(some)))
+        )
 
-    def _ego_bodies(self, egos: Mapping[str, EgoState]) -> list[Body]:
+    def _build_source_boxes(self, egos: Mapping[str, EgoState]) -> list[SourceBox]:
         return [
-            Body(EGO + name, one.x, one.y, one.yaw, one.speed, *self._sizes[name], self._lane_of(EGO + name))
+            SourceBox(
+                EGO + name, one.x, one.y, one.yaw, one.speed, *self._dimensions[name], self._find_lane(EGO + name)
+            )
             for name, one in egos.items()
         ]
 
-    def _lane_of(self, double: str) -> str:
-        return libsumo.vehicle.getLaneID(double) if self._tick else ""
+    def _find_lane(self, placed_id: str) -> str:
+        return libsumo.vehicle.getLaneID(placed_id) if self._tick else ""
 
-    def _actors(self) -> Actors:
-        """One pass of direct getters (sumo_pitfalls 9.1), then array arithmetic."""
+    def _read_actors(self) -> Actors:
+        """Read the background vehicles: one pass of direct getters (sumo_pitfalls 9.1), then array arithmetic."""
         present = libsumo.vehicle.getIDList()
         if present != self._present:
-            self._present, self._cast = present, self._casting(present)
-        cast = self._cast
-        ids = cast.ids
+            self._present, self._template = present, self._build_template(present)
+        template = self._template
+        ids = template.ids
         if not ids:
-            return cast
+            return template
         places = chain.from_iterable(map(_position, ids, repeat(False)))
         front = np.fromiter(places, dtype=np.float64, count=2 * len(ids)).reshape(-1, 2).T
-        yaw = yaws_from_sumo(np.array(list(map(_angle, ids))))
+        yaw = convert_sumo_angles(np.array(list(map(_angle, ids))))
         speed = np.array(list(map(_speed, ids)))
-        half = cast.length / 2
+        half = template.length / 2
         x, y = front[0] - np.cos(yaw) * half, front[1] - np.sin(yaw) * half
-        return Actors(ids, cast.kind, x, y, yaw, speed, cast.length, cast.width)
+        return Actors(ids, template.kind, x, y, yaw, speed, template.length, template.width)
 
-    def _casting(self, present: Sequence[str]) -> Actors:
-        """Who of the vehicles in SUMO is background (ids without a colon), with sizes; poses come on every tick."""
+    def _build_template(self, present: Sequence[str]) -> Actors:
+        """Return the background vehicles in SUMO (ids without a colon) with dimensions, without poses."""
         ids = tuple(sorted(i for i in present if ":" not in i))
         for new in ids:
-            if new not in self._known:
-                self._known[new] = (libsumo.vehicle.getLength(new), libsumo.vehicle.getWidth(new))
-        size = np.array([self._known[i] for i in ids]).reshape(-1, 2)
-        nil = np.zeros(len(ids))
-        return Actors(ids, np.full(len(ids), Kind.VEHICLE, dtype=np.uint8), nil, nil, nil, nil, size[:, 0], size[:, 1])
+            if new not in self._dimensions_by_vehicle:
+                self._dimensions_by_vehicle[new] = (libsumo.vehicle.getLength(new), libsumo.vehicle.getWidth(new))
+        size = np.array([self._dimensions_by_vehicle[i] for i in ids]).reshape(-1, 2)
+        zeros = np.zeros(len(ids))
+        return Actors(
+            ids, np.full(len(ids), Kind.VEHICLE, dtype=np.uint8), zeros, zeros, zeros, zeros, size[:, 0], size[:, 1]
+        )
 
-    def _signals(self) -> Mapping[str, str]:
-        if self._frozen is not None:
-            return self._frozen
+    def _read_signals(self) -> Mapping[str, str]:
+        if self._frozen_signals is not None:
+            return self._frozen_signals
         lights = libsumo.trafficlight
         return {light: lights.getRedYellowGreenState(light) for light in sorted(lights.getIDList())}

@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import bootstrap_stratified_mean
-from mdrive_sumo.scoring import Means, ScenarioResult, buckets, categories, overall
+from mdrive_sumo.scoring import Means, ScenarioResult, compute_bucket_means, compute_category_means, compute_overall
 from server.store.standings import FiguresData, SummaryData
 from server.store.tables import JobRow
 
@@ -19,13 +19,16 @@ INTERVAL_SCORES = ("ds", "sr")
 def summarise(jobs: Sequence[JobRow]) -> SummaryData:
     """Overall numbers are means over the buckets, as the paper's are."""
     results = [ScenarioResult.model_validate(job.result) for job in jobs]
-    of_bucket = {name: [one for one in results if one.bucket == name] for name in buckets(results)}
-    of_category = {name: [one for one in results if one.category == name] for name in categories(results)}
+    of_bucket = {name: [one for one in results if one.bucket == name] for name in compute_bucket_means(results)}
+    of_category = {name: [one for one in results if one.category == name] for name in compute_category_means(results)}
     return {
-        "overall": _compute_figures(overall(results).bucket_mean, list(of_bucket.values())),
-        "buckets": {name: _compute_figures(means, [of_bucket[name]]) for name, means in buckets(results).items()},
+        "overall": _compute_figures(compute_overall(results).bucket_mean, list(of_bucket.values())),
+        "buckets": {
+            name: _compute_figures(means, [of_bucket[name]]) for name, means in compute_bucket_means(results).items()
+        },
         "categories": {
-            name: _compute_figures(means, [of_category[name]]) for name, means in categories(results).items()
+            name: _compute_figures(means, [of_category[name]])
+            for name, means in compute_category_means(results).items()
         },
     }
 

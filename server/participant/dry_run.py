@@ -15,7 +15,7 @@ from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScenarioResult
-from mdrive_sumo.scoring.summary import means
+from mdrive_sumo.scoring.summary import compute_means
 from server.enums import ChallengeTrack, ScenarioVerdict, SubmissionState
 from server.environments import Environment
 from server.participant.check import ask_agent, format_declaration, format_manifest
@@ -72,7 +72,7 @@ def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack
         results.append(outcome)
         click.echo(format_result(outcome))
     if results:
-        mean = means(results)
+        mean = compute_means(results)
         driven_ = f"{len(results)} scenario{'s' if len(results) > 1 else ''}"
         click.echo(f"{driven_}: DS {mean.ds:.2f}, SR {mean.sr:.2f}, RC {mean.rc:.2f}; logs, recordings in {course.out}")
     return not ours

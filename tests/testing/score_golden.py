@@ -9,12 +9,18 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantize_frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scoring.criteria import Trial, course_of, observe, time_limit_ticks, verdict
+from mdrive_sumo.scoring.criteria import (
+    RouteProgress,
+    build_route_reference,
+    compute_time_limit_ticks,
+    find_end,
+    update_progress,
+)
 
 WIDTH = 3.2
 BOX = (4.9, 2.0)
@@ -112,7 +118,7 @@ def episode(
         shown = signals.get(tick, shown)
         living = {i: EgoState(*rows[tick]) for i, rows in drives.items() if tick < len(rows)}
         frame = Frame(tick, living, actors or Actors.empty(), shown, tuple(hits.get(tick, ())))
-        recorder.add(quantised_frame(frame), {}, {}, {})
+        recorder.add(quantize_frame(frame), {}, {}, {})
     return recorder.finish([_ending(i, len(rows) - 1, ends[i]) for i, rows in drives.items()])
 
 
@@ -126,15 +132,15 @@ def judged(
     about: Scenario, drives: Mapping[str, Sequence[Row]], hits: Iterable[tuple[int, Contact]] = ()
 ) -> EpisodeRecord:
     """The recording that a live judge makes of these drives: each CAV until its end, then its agent fails."""
-    limit = time_limit_ticks(about)
+    limit = compute_time_limit_ticks(about)
     rows, ends = dict[str, Sequence[Row]](), dict[str, End]()
     for one in about.egos:
-        route, trial = course_of(one), Trial()
+        route, trial = build_route_reference(one), RouteProgress()
         end, lived = None, 0
         for tick, row in enumerate(drives[one.id]):
-            seen = quantised_frame(Frame(tick, {one.id: EgoState(*row)}, Actors.empty(), {})).egos[one.id]
-            trial = observe(trial, route, tick, seen.x, seen.y, seen.speed)
-            end, lived = verdict(trial, tick, limit), tick + 1
+            seen = quantize_frame(Frame(tick, {one.id: EgoState(*row)}, Actors.empty(), {})).egos[one.id]
+            trial = update_progress(trial, route, tick, seen.x, seen.y, seen.speed)
+            end, lived = find_end(trial, tick, limit), tick + 1
             if end is not None:
                 break
         rows[one.id], ends[one.id] = drives[one.id][:lived], end or End.AGENT_FAILED

@@ -6,7 +6,7 @@ from mdrive_sumo import cli
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import ScenarioResult, void_result
+from mdrive_sumo.scoring import ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import format_comm_json
 from testing.pool_fakes import Task, perform
 
@@ -27,7 +27,7 @@ def drive(job: EpisodeJob) -> ScenarioResult:
     said = {} if agent in ("omniscient", "idm") else {"sent": 1, "bytes": 4}
     if job.recording:
         job.recording.write_text("recorded")
-    return void_result(scenario, job.seed, "").model_copy(
+    return make_void_result(scenario, job.seed, "").model_copy(
         update={"status": "ok", "ds": score, "sr": score / 2, "rc": score, "ip": 1.0, "ticks": 1, "comm": said}
     )
 

@@ -11,7 +11,7 @@ from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
-from mdrive_sumo.scoring import ScenarioResult, void_result
+from mdrive_sumo.scoring import ScenarioResult, make_void_result
 from testing.pool_fakes import Task, perform
 
 NET = b"""<net version="1.20">
@@ -58,7 +58,7 @@ def drive(job: EpisodeJob) -> ScenarioResult:
     if job.recording:
         job.recording.write_text("recorded")
     score = 10.0 * int(job.scenario[1:]) + job.seed
-    return void_result(scenario, job.seed, "").model_copy(
+    return make_void_result(scenario, job.seed, "").model_copy(
         update={"status": "ok", "ds": score, "rc": score, "ip": 1.0, "digest": f"{job.seed:016x}", "ticks": 1}
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantize_frame
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.roads.network_file import Building
@@ -103,7 +103,7 @@ def record(ticks: int = 40, egos: int = 2, actors: int = 3, prefix: str = "car_"
         living = {f"cav_{i}": ego_state(i, tick) for i in range(egos) if i != 1 or tick < 0.7 * ticks}
         touch = (Contact("cav_0", "cav_1", Kind.VEHICLE),) if 0.5 * ticks <= tick < 0.5 * ticks + 8 else ()
         signals = {"c": "GrGrrryy" if tick // 20 % 2 else "rGrGrrrr"}
-        frame = quantised_frame(Frame(tick, living, traffic(actors, tick, prefix), signals, touch))
+        frame = quantize_frame(Frame(tick, living, traffic(actors, tick, prefix), signals, touch))
         plans = {ego: Plan(plan_ahead(state), 0.5) for ego, state in living.items()}
         pedal = math.sin(tick / 30)
         control = Control(max(pedal, 0.0), max(-pedal, 0.0), 0.4 * math.sin(tick / 25))

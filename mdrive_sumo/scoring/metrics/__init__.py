@@ -1,8 +1,22 @@
-"""Pure readers of a finished episode: what each CAV completed, did wrong, came near to (protocol 6, 7)."""
+"""Metrics of a finished episode: route completion, infractions and scalars (protocol 6, 7)."""
 
-from mdrive_sumo.scoring.metrics.ego_record import METRICS, EgoRecord, ego_records
-from mdrive_sumo.scoring.metrics.ego_track import EpisodeMismatch
-from mdrive_sumo.scoring.metrics.infraction import Infraction
-from mdrive_sumo.scoring.metrics.min_ttc import min_ttc
+from mdrive_sumo.scoring.metrics.ego_record import EgoRecord, build_ego_records
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch
+from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.metric import InfractionMetric, ScalarMetric, ScoredEpisode
+from mdrive_sumo.scoring.metrics.min_ttc import compute_min_ttc
+from mdrive_sumo.scoring.metrics.registry import METRICS, list_scalar_metrics
 
-__all__ = ["METRICS", "EgoRecord", "EpisodeMismatch", "Infraction", "ego_records", "min_ttc"]
+__all__ = [
+    "METRICS",
+    "EgoRecord",
+    "EgoTrack",
+    "EpisodeMismatch",
+    "InfractionEvent",
+    "InfractionMetric",
+    "ScalarMetric",
+    "ScoredEpisode",
+    "build_ego_records",
+    "compute_min_ttc",
+    "list_scalar_metrics",
+]

@@ -1,36 +1,40 @@
-"""Collisions, de-duplicated (protocol 7.2)."""
+"""Collisions, de-duplicated (protocol 7.2), with the penalty factors of protocol 7.1."""
 
 import math
 from types import MappingProxyType
 
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
-from mdrive_sumo.scoring.metrics.ego_track import Track
-from mdrive_sumo.scoring.metrics.infraction import Infraction
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
+from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 SAME_ACTOR_TICKS = 5 * TICKS_PER_SECOND
+"""Ticks after a counted collision in which contacts with the same actor are ignored."""
 SAME_PLACE_M = 3.0
+"""Contacts nearer than this [m] to an earlier collision are ignored."""
 FORGET_PLACE_M = 5.0
+"""An earlier collision is forgotten once the CAV is further away than this [m]."""
 
-KINDS = MappingProxyType(
+INFRACTION_BY_KIND = MappingProxyType(
     {
-        Kind.PEDESTRIAN: "collision-pedestrian",
-        Kind.VEHICLE: "collision-vehicle",
-        Kind.CYCLIST: "collision-vehicle",
-        Kind.STATIC: "collision-static",
+        Kind.PEDESTRIAN: ("collision-pedestrian", 0.50),
+        Kind.VEHICLE: ("collision-vehicle", 0.60),
+        Kind.CYCLIST: ("collision-vehicle", 0.60),
+        Kind.STATIC: ("collision-static", 0.65),
     }
 )
-"""A cyclist is a vehicle to the original, which goes by CARLA's type names."""
+"""Infraction and penalty factor by kind of the other. The original treats a cyclist as a vehicle, by CARLA's types."""
 
 
-class _Sensor:
-    """What the original's collision sensor of one CAV remembers."""
+class _CollisionFilter:
+    """The memory of the original's collision sensor of one CAV."""
 
     def __init__(self) -> None:
         self._places: list[tuple[float, float]] = []
         self._actor, self._tick = "", 0
 
-    def counts(self, other: str, tick: int, x: float, y: float) -> bool:
-        """Whether a hit on `other` at (x, y) [m] is a new collision; it is remembered if so."""
+    def is_new(self, other: str, tick: int, x: float, y: float) -> bool:
+        """Return whether a contact with `other` at (x, y) [m] is a new collision, and remember it if so."""
         if other and other == self._actor and tick - self._tick <= SAME_ACTOR_TICKS:
             return False
         if any(math.hypot(x - px, y - py) <= SAME_PLACE_M for px, py in self._places):
@@ -40,28 +44,32 @@ class _Sensor:
             self._actor, self._tick = other, tick
         return True
 
-    def leave(self, x: float, y: float) -> None:
-        """Forgets the places that are far from (x, y) [m], where the CAV is now."""
+    def forget_distant_places(self, x: float, y: float) -> None:
+        """Forget the collisions far from (x, y) [m], the position of the CAV."""
         self._places = [p for p in self._places if math.hypot(x - p[0], y - p[1]) <= FORGET_PLACE_M]
 
 
-def collisions(track: Track) -> tuple[Infraction, ...]:
-    """Collisions that count: touching the same thing on, or again at the same place, is one collision.
+def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
+    """Return the collisions of a CAV: continued contact, or contact again at the same place, is one collision.
 
-    Ignored are a hit on the actor of the last counted hit until more than 5 s have passed since that one, and
-    any hit within 3 m of where an earlier one was counted; such a place is forgotten once the CAV is over 5 m
-    away from it. The map ("") is never the "last actor". Places are box centres of the CAV itself.
+    Ignored are contacts with the actor of the last collision until more than 5 s have passed since, and contacts
+    within 3 m of an earlier collision; that place is forgotten once the CAV is over 5 m away. The map ("") is never
+    the "last actor". Places are box centres of the CAV.
     """
-    hits: dict[int, list[tuple[str, Kind]]] = {}
+    contacts_by_tick: dict[int, list[tuple[str, Kind]]] = {}
     for tick, contact in track.episode.contacts:
         if contact.ego == track.ego.id:
-            hits.setdefault(tick, []).append((contact.other, contact.kind))
-    counted: list[Infraction] = []
-    sensor = _Sensor()
-    # Between two hits the CAV may leave a place and come back, hence every tick and not the hits alone.
-    for tick, (x, y) in enumerate(track.xy.tolist()) if hits else ():
-        for other, kind in hits.get(tick, ()):
-            if sensor.counts(other, tick, x, y):
-                counted.append(track.event(KINDS[kind], tick, other))
-        sensor.leave(x, y)
+            contacts_by_tick.setdefault(tick, []).append((contact.other, contact.kind))
+    counted: list[InfractionEvent] = []
+    collision_filter = _CollisionFilter()
+    # Between two contacts the CAV may leave a place and return, hence every tick and not only those with contacts.
+    for tick, (x, y) in enumerate(track.xy.tolist()) if contacts_by_tick else ():
+        for other, kind in contacts_by_tick.get(tick, ()):
+            if collision_filter.is_new(other, tick, x, y):
+                name, factor = INFRACTION_BY_KIND[kind]
+                counted.append(track.make_infraction(name, tick, other, factor))
+        collision_filter.forget_distant_places(x, y)
     return tuple(counted)
+
+
+COLLISIONS = InfractionMetric("collisions", find_collisions)

@@ -1,42 +1,26 @@
-"""EgoRecord: all that scoring needs to know about one CAV of an episode."""
+"""The scored facts of every CAV of an episode: ending, route completion, infractions."""
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring.metrics.collisions import collisions
-from mdrive_sumo.scoring.metrics.ego_track import Track, track_of
-from mdrive_sumo.scoring.metrics.endings import endings, route_completion
-from mdrive_sumo.scoring.metrics.infraction import Infraction
-from mdrive_sumo.scoring.metrics.lane_infractions import lanes
-from mdrive_sumo.scoring.metrics.red_lights import red_lights
-from mdrive_sumo.scoring.metrics.stop_signs import stop_signs
-
-METRICS: Mapping[str, Callable[[Track], tuple[Infraction, ...]]] = MappingProxyType(
-    {
-        "collisions": collisions,
-        "red_lights": red_lights,
-        "stop_signs": stop_signs,
-        "lanes": lanes,
-        "endings": endings,
-    }
-)
-"""Every family of infractions."""
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, build_ego_track
+from mdrive_sumo.scoring.metrics.endings import compute_route_completion
+from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.registry import list_infraction_metrics
 
 
 @dataclass(frozen=True, slots=True)
 class EgoRecord:
-    """One CAV: how it ended, route completion RC [%], and its infractions in the order of time."""
+    """One CAV: its ending, route completion RC [%], and infractions in temporal order."""
 
     id: str
     ending: Ending
     rc: float
-    infractions: tuple[Infraction, ...]
+    infractions: tuple[InfractionEvent, ...]
 
     @property
     def ip(self) -> float:
@@ -44,8 +28,8 @@ class EgoRecord:
         return math.prod(infraction.factor for infraction in self.infractions)
 
 
-def ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[EgoRecord, ...]:
-    """The record of every CAV, in the order of the scenario.
+def build_ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[EgoRecord, ...]:
+    """Return the record of every CAV, in the order of the scenario file.
 
     Raises InputError for an episode of another scenario and EpisodeMismatch for one that contradicts itself.
     """
@@ -56,11 +40,13 @@ def ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> t
             f"recording of {found[0]}: expected scenario {expected[0]} with CAVs {', '.join(expected[1])},"
             f" found {found[0]} with {', '.join(found[1])}"
         )
-    return tuple(_record(track_of(episode, scenario, roads, column)) for column in range(len(scenario.egos)))
+    return tuple(
+        _build_ego_record(build_ego_track(episode, scenario, roads, column)) for column in range(len(scenario.egos))
+    )
 
 
-def _record(track: Track) -> EgoRecord:
-    rc = route_completion(track)
-    found = [infraction for metric in METRICS.values() for infraction in metric(track)]
+def _build_ego_record(track: EgoTrack) -> EgoRecord:
+    rc = compute_route_completion(track)
+    found = [infraction for metric in list_infraction_metrics() for infraction in metric.find(track)]
     found.sort(key=lambda infraction: infraction.tick)
     return EgoRecord(track.ego.id, track.ending, rc, tuple(found))

@@ -1,13 +1,11 @@
-"""Infraction: one thing that a CAV did wrong, and what it costs (protocol 7.1)."""
+"""An infraction of a CAV and its penalty factor (protocol 7.1)."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 
 @dataclass(frozen=True, slots=True)
-class Infraction:
-    """One event of one CAV. `factor` multiplies its infraction penalty IP; 1.0 only marks the event."""
+class InfractionEvent:
+    """One infraction of one CAV. `factor` multiplies its infraction penalty IP; 1.0 marks an event without penalty."""
 
     kind: str
     tick: int
@@ -16,16 +14,4 @@ class Infraction:
     y: float
     factor: float
     other: str = ""
-    """Id of what it concerns: a road user ("" for a building), a stop sign, a traffic light."""
-
-
-PENALTY: Mapping[str, float] = MappingProxyType(
-    {
-        "collision-pedestrian": 0.50,
-        "collision-vehicle": 0.60,
-        "collision-static": 0.65,
-        "red-light": 0.70,
-        "stop-sign": 0.80,
-    }
-)
-"""Factors of the table; "outside-lanes" costs 1 - share instead, ends such as "blocked" cost nothing."""
+    """Id of the road user ("" for a building), stop sign or traffic light concerned."""

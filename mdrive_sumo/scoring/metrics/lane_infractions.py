@@ -1,62 +1,63 @@
-"""Outside lanes and wrong lane (protocol 7.3)."""
+"""Driving outside lanes or on a wrong lane (protocol 7.3)."""
 
 from itertools import pairwise
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, wrap_angles
-from mdrive_sumo.scoring.criteria import advanced
-from mdrive_sumo.scoring.metrics.ego_track import Track
-from mdrive_sumo.scoring.metrics.infraction import Infraction
+from mdrive_sumo.scoring.criteria import advance_index
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
+from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 OUTSIDE_MARGIN_M = 1.3
-"""A centre may be this far beyond the edge of its nearest lane."""
+"""A box centre may be this far [m] beyond the edge of its nearest lane."""
 WRONG_AFTER_JUNCTION_RAD = np.radians(120.0)
 WRONG_BETWEEN_LANES_RAD = np.radians(150.0)
 DISTANCE_WINDOW = 3
 
 
-def lanes(track: Track) -> tuple[Infraction, ...]:
-    """One infraction at the end of a CAV that drove a share of its way outside lanes or on a wrong one.
+def find_lane_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
+    """Return one infraction, at the end, of a CAV that drove a share of its way outside lanes or on a wrong lane.
 
-    Its factor is 1 minus that share of the way made, measured in route points newly passed (window 3).
+    Its factor is 1 minus that share of the distance driven, measured by newly passed route points (window 3).
     """
-    share = wrong_share(track)
+    share = compute_wrong_share(track)
     if share == 0.0:
         return ()
     x, y = track.xy[-1].tolist()
-    return (Infraction("outside-lanes", len(track.xy) - 1, x, y, 1.0 - share),)
+    return (InfractionEvent("outside-lanes", len(track.xy) - 1, x, y, 1.0 - share),)
 
 
-def wrong_share(track: Track) -> float:
-    """Share in [0, 1] of the way made that was outside lanes or on a wrong lane; 0 if none was made."""
-    course, index = track.course, 0
+def compute_wrong_share(track: EgoTrack) -> float:
+    """Return the share in [0, 1] of the distance driven outside lanes or on a wrong lane; 0 without any distance."""
+    reference, index = track.reference, 0
     total = wrong = 0.0
-    bad = outside_lanes(track) | wrong_lane(track)
-    for (x, y), is_bad in zip(track.xy.tolist(), bad.tolist(), strict=True):
-        now = advanced(course, index, DISTANCE_WINDOW, x, y)
+    is_infringing = find_outside_lanes(track) | find_wrong_lane(track)
+    for (x, y), infringes in zip(track.xy.tolist(), is_infringing.tolist(), strict=True):
+        now = advance_index(reference, index, DISTANCE_WINDOW, x, y)
         if now > index:
-            total += course.s[now] - course.s[index]
-            wrong += (course.s[now] - course.s[index]) * is_bad
+            total += reference.s[now] - reference.s[index]
+            wrong += (reference.s[now] - reference.s[index]) * infringes
             index = now
     return wrong / total if wrong else 0.0
 
 
-def outside_lanes(track: Track) -> Bool:
-    """Per tick (n,): whether the centre is over half a lane width + 1.3 m off the nearest lane's centre line.
+def find_outside_lanes(track: EgoTrack) -> Bool:
+    """Return an (n,) mask: the centre is over half a lane width + 1.3 m off the nearest lane's centre line.
 
-    SUMO has no parking lanes, the only other lanes that the original allows.
+    SUMO has no parking lanes, which the original allows as well.
     """
     nearest = track.nearest
     return nearest.distance > track.roads.lane_width[nearest.lane] / 2 + OUTSIDE_MARGIN_M
 
 
-def wrong_lane(track: Track) -> Bool:
-    """Per tick (n,): whether the CAV drives on a lane of the other direction, as the original decides it.
+def find_wrong_lane(track: EgoTrack) -> Bool:
+    """Return an (n,) mask: the CAV drives on a lane of the opposite direction, as the original decides it.
 
-    Never inside a junction. Else the answer changes only with the nearest lane: coming from a junction it is
-    whether CAV and lane make at least 120 degrees; coming from a road it flips if the lane direction turned
-    by 150 degrees or more, and is "no" otherwise. It starts with "no".
+    False inside a junction and on the first lane. Elsewhere the value changes with the nearest lane only: after a
+    junction it is true if CAV and lane form at least 120 degrees; after another lane it flips if the lane direction
+    turned by 150 degrees or more, and is false otherwise.
     """
     nearest = track.nearest
     junction = track.roads.in_junction[nearest.lane]
@@ -70,3 +71,6 @@ def wrong_lane(track: Track) -> Bool:
             before = bool(wrong[begin - 1])
             wrong[begin:end] = against[begin] if junction[begin - 1] else turned[begin] and not before
     return wrong
+
+
+LANE_INFRACTIONS = InfractionMetric("lanes", find_lane_infractions)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.actors_world import Egos, Film, actor, nobody, two_lanes
 
-from mdrive_sumo.actors.pacing import initial_speed, paced_speed
+from mdrive_sumo.actors.pacing import compute_initial_speed, compute_paced_speed
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.scenario.scripted_actor import (
     Action,
@@ -140,25 +140,25 @@ def test_where_there_is_no_lane_it_stays_on_its_own_but_a_path_goes_over_by_a_la
 
 
 def test_pacing_is_the_formula_of_the_protocol() -> None:
-    assert paced_speed(10.0, 38.0, 8.0, target=12.0) == pytest.approx(7.0)  # 10 - 30/10
-    assert paced_speed(2.0, 38.0, 8.0, target=12.0) == pytest.approx(1.0)  # at least 1 m/s, far away
-    assert paced_speed(4.0, 20.5, 8.0, target=12.0) == pytest.approx(2.75)
-    assert paced_speed(2.1, 20.5, 8.0, target=12.0) == pytest.approx(2.0)  # at least 1 + 2 (1 - 12.5/25)
-    assert paced_speed(10.0, 9.0, 8.0, target=5.0) == 5.0  # at most its target
-    assert paced_speed(10.0, 8.5, 8.0, target=12.0) == pytest.approx(9.8)  # at most 0.98 of the CAV's
-    assert paced_speed(0.05, 20.0, 8.0, target=12.0) == 0.0
+    assert compute_paced_speed(10.0, 38.0, 8.0, target=12.0) == pytest.approx(7.0)  # 10 - 30/10
+    assert compute_paced_speed(2.0, 38.0, 8.0, target=12.0) == pytest.approx(1.0)  # at least 1 m/s, far away
+    assert compute_paced_speed(4.0, 20.5, 8.0, target=12.0) == pytest.approx(2.75)
+    assert compute_paced_speed(2.1, 20.5, 8.0, target=12.0) == pytest.approx(2.0)  # at least 1 + 2 (1 - 12.5/25)
+    assert compute_paced_speed(10.0, 9.0, 8.0, target=5.0) == 5.0  # at most its target
+    assert compute_paced_speed(10.0, 8.5, 8.0, target=12.0) == pytest.approx(9.8)  # at most 0.98 of the CAV's
+    assert compute_paced_speed(0.05, 20.0, 8.0, target=12.0) == 0.0
 
 
 @given(ego=st.floats(0, 30), distance=st.floats(0, 300), trigger=st.floats(1, 50), target=st.floats(0, 30))
 def test_paced_speed_never_exceeds_target_or_cav(ego: float, distance: float, trigger: float, target: float) -> None:
-    assert 0.0 <= paced_speed(ego, distance, trigger, target) <= min(target, max(0.98 * ego, 0.0)) + 1e-12
+    assert 0.0 <= compute_paced_speed(ego, distance, trigger, target) <= min(target, max(0.98 * ego, 0.0)) + 1e-12
 
 
 def test_the_initial_speed_falls_from_the_target_to_2_with_the_distance() -> None:
-    assert initial_speed(12.0, 8.0, 10.0) == 10.0
-    assert initial_speed(36.0, 8.0, 10.0) == pytest.approx(6.0)  # half-way between 12 and 60
-    assert initial_speed(100.0, 8.0, 10.0) == 2.0
-    assert initial_speed(54.0 + 15.0, 50.0, 10.0) == pytest.approx(6.0)  # between 54 and 84
+    assert compute_initial_speed(12.0, 8.0, 10.0) == 10.0
+    assert compute_initial_speed(36.0, 8.0, 10.0) == pytest.approx(6.0)  # half-way between 12 and 60
+    assert compute_initial_speed(100.0, 8.0, 10.0) == 2.0
+    assert compute_initial_speed(54.0 + 15.0, 50.0, 10.0) == pytest.approx(6.0)  # between 54 and 84
 
 
 def test_before_its_trigger_it_paces_the_cav_and_without_pacing_it_does_not() -> None:
@@ -170,6 +170,6 @@ def test_before_its_trigger_it_paces_the_cav_and_without_pacing_it_does_not() ->
 
     paced = Film(car(True), egos=coming(6.0, x=-40), seconds=5).of("v")
     gap = math.hypot(paced[-2, 0] - (-40 + 6 * 99 / 20), 3.5) - 10.0
-    assert paced[-1, 3] == pytest.approx(paced_speed(6.0, gap + 10.0, 10.0, 10.0), abs=0.05)
+    assert paced[-1, 3] == pytest.approx(compute_paced_speed(6.0, gap + 10.0, 10.0, 10.0), abs=0.05)
     assert paced[-1, 3] < 6.0
     assert Film(car(False), egos=coming(6.0, x=-40), seconds=5).of("v")[-1, 3] == 10.0

@@ -74,7 +74,7 @@ def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: 
     assert {driver.label for driver in one.drivers.values()} == {"joint"}
     episode = drive(two, one)
     assert [ending.end for ending in episode.endings] == [End.ARRIVED, End.ARRIVED]
-    assert episode.ending("a").tick < episode.ending("b").tick
+    assert episode.find_ending("a").tick < episode.find_ending("b").tick
     assert one.usage_record()["answers"] == episode.ticks - 1  # one request a tick
 
 
@@ -103,8 +103,8 @@ def test_the_failure_of_the_program_ends_all_cavs(
 )
 def test_a_bad_control_ends_its_cav_only(tmp_path: Path, two: Scenario, mode: str, text: str) -> None:
     episode = drive(two, crew(carla_agents.plain(tmp_path, mode)))
-    assert episode.ending("b").end is End.ARRIVED
-    bad = episode.ending("a")
+    assert episode.find_ending("b").end is End.ARRIVED
+    bad = episode.find_ending("a")
     assert (bad.end, bad.failure, bad.text, bad.tick) == (End.AGENT_FAILED, FailureReason.INVALID, text, 3)
 
 

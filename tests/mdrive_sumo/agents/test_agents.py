@@ -60,13 +60,13 @@ def test_options_may_be_text() -> None:
 
 def test_stationary_stands_until_it_is_blocked() -> None:
     episode = drive("stationary", {"0": STRAIGHT})
-    assert episode.ending("0").end is End.BLOCKED
+    assert episode.find_ending("0").end is End.BLOCKED
     assert np.all(episode.x[:, 0] == episode.x[0, 0])
 
 
 def test_constant_speed_holds_its_speed_and_arrives() -> None:
     episode = drive("constant-speed", {"0": STRAIGHT})
-    speeds = episode.speed[: episode.ending("0").tick, 0]
+    speeds = episode.speed[: episode.find_ending("0").tick, 0]
     assert all_arrived(episode)
     assert speeds[100:].min() == pytest.approx(8.0, abs=0.1)
     assert speeds.max() == pytest.approx(8.0, abs=0.3)
@@ -82,7 +82,7 @@ def test_constant_speed_is_blind() -> None:
 def test_everyone_who_moves_stays_on_the_route(agent: str, turn: str) -> None:
     xy = crossing_route(turn, 0)
     episode = drive(agent, {"0": xy})
-    last = episode.ending("0").tick
+    last = episode.find_ending("0").tick
     offset = [abs(Polyline(xy).project(x, y)[1]) for x, y in zip(episode.x[:last, 0], episode.y[:last, 0], strict=True)]
     assert all_arrived(episode)
     assert max(offset) < 0.75  # half of what is free beside a 2 m car on a 3.5 m lane
@@ -92,13 +92,13 @@ def test_idm_stops_behind_a_standing_car() -> None:
     episode = drive("idm", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
     gap = (0.0 - 4.5 / 2) - (episode.x[-2, 0] + 4.9 / 2)
     assert not episode.contacts
-    assert episode.ending("0").end is End.BLOCKED
+    assert episode.find_ending("0").end is End.BLOCKED
     assert 1.0 < gap < 3.5
 
 
 def test_idm_follows_a_slow_car() -> None:
     episode = drive("idm", {"0": STRAIGHT}, [Box(-25.0, -1.75, 0.0, 3.0)])
-    late = slice(200, episode.ending("0").tick)
+    late = slice(200, episode.find_ending("0").tick)
     assert not episode.contacts
     assert np.all(np.abs(episode.speed[late, 0] - 3.0) < 0.3)
 
@@ -160,7 +160,7 @@ def test_omniscient_lets_background_traffic_pass() -> None:
 def test_omniscient_waits_for_a_car_that_stands_in_its_way() -> None:
     episode = drive("omniscient", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
     assert not episode.contacts
-    assert episode.ending("0").end is not End.ARRIVED
+    assert episode.find_ending("0").end is not End.ARRIVED
 
 
 def test_omniscient_is_called_privileged_and_publishes_long_plans() -> None:

@@ -46,7 +46,7 @@ def driven(agent: str, seed: int = 0) -> EpisodeRecord:
 @pytest.mark.parametrize("agent", ["idm", "constant-speed", "omniscient"])
 def test_a_cav_arrives_in_flowing_traffic_without_a_scratch(agent: str) -> None:
     episode = driven(agent)
-    assert episode.ending("0").end is End.ARRIVED
+    assert episode.find_ending("0").end is End.ARRIVED
     assert episode.contacts == ()
     assert set(episode.ids) == {"0", *(f"bg{i}" for i in range(8))}
     assert score_episode(episode, scenario(), ROADS, ScoreMode.MDRIVE, 0).ds == 100.0
@@ -60,7 +60,7 @@ def test_followers_wait_behind_a_cav_that_stands() -> None:
     others = boxes_corners(episode.x[:, 1:], episode.y[:, 1:], episode.yaw[:, 1:], *_size(episode, slice(1, None)))
     touching = boxes_overlap(ego, others) & episode.valid[:, 1:]
     assert not touching.any()
-    assert episode.ending("0").end is End.BLOCKED
+    assert episode.find_ending("0").end is End.BLOCKED
 
 
 def _size(episode: EpisodeRecord, column: int | slice) -> tuple[np.ndarray, np.ndarray]:

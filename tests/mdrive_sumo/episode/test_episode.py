@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control, Message, Note, Plan
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, ThinkTime, load_episode, quantised_frame, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, ThinkTime, load_episode, quantize_frame, save_episode
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 SIZES = {"0": (4.9, 2.0), "1": (4.9, 2.0)}
@@ -40,7 +40,7 @@ def recorded(ticks: int = 40, seed: int = 0) -> EpisodeRecord:
             egos["1"] = EgoState(*rng.normal(0, 50, 4))
         around = actors(("a", "b", "c")[: 1 + tick % 3], float(tick))
         contacts = (Contact("0", "a", Kind.VEHICLE),) if tick == 5 else ()
-        frame = quantised_frame(Frame(tick, egos, around, {"t": "gr"[tick // 20 % 2]}, contacts))
+        frame = quantize_frame(Frame(tick, egos, around, {"t": "gr"[tick // 20 % 2]}, contacts))
         controls = {ego: Control(0.1234, 0.0, -0.5) for ego in egos}
         plans = {"0": Plan(rng.normal(0, 50, (5, 2)), 0.2)}
         recorder.add(frame, controls, plans, {})
@@ -104,21 +104,21 @@ def test_columns_hold_what_the_frames_said() -> None:
     assert episode.control_values[0, 0].tolist() == pytest.approx([0.1234, 0.0, -0.5])
     assert [(change.tick, change.state) for change in episode.signals] == [(0, "g"), (20, "r")]
     assert episode.contacts == ((5, Contact("0", "a", Kind.VEHICLE)),)
-    assert episode.ending("1").failure is FailureReason.TIMEOUT
+    assert episode.find_ending("1").failure is FailureReason.TIMEOUT
 
 
 @given(st.floats(-1e5, 1e5), st.floats(-4, 4), st.floats(-40, 40))
 def test_quantising_twice_is_quantising_once(x: float, yaw: float, speed: float) -> None:
     frame = Frame(0, {"0": EgoState(x, -x, yaw, speed)}, Actors.empty(), {})
-    once = quantised_frame(frame)
-    assert quantised_frame(once).egos == once.egos
+    once = quantize_frame(frame)
+    assert quantize_frame(once).egos == once.egos
     assert abs(once.egos["0"].x - x) <= 0.5e-3 + 1e-9
     assert abs(once.egos["0"].yaw - yaw) <= 0.5e-4 + 1e-9
 
 
 def test_frames_hold_exactly_what_the_recording_gives_back(tmp_path: Path) -> None:
     recorder = Recorder("s", {}, SIZES)
-    frame = quantised_frame(Frame(0, {"0": EgoState(1.23456, 2.0, 3.00009, 4.0)}, actors(("a",), 0.3337), {}))
+    frame = quantize_frame(Frame(0, {"0": EgoState(1.23456, 2.0, 3.00009, 4.0)}, actors(("a",), 0.3337), {}))
     recorder.add(frame, {}, {}, {})
     save_episode(recorder.finish([]), tmp_path / "e.npz")
     episode = load_episode(tmp_path / "e.npz")
@@ -149,7 +149,7 @@ def test_the_digest_covers(what: str) -> None:
             )
             heard = {"0": (message,)}
             controls = {"0": Control(0.0001 if now and what == "control" else 0.0, 0, 0)}
-            recorder.add(quantised_frame(Frame(tick, {"0": ego}, around, signals, contacts)), controls, {}, heard)
+            recorder.add(quantize_frame(Frame(tick, {"0": ego}, around, signals, contacts)), controls, {}, heard)
         return recorder.finish([]).digests
 
     same = (run(True) == run(False)).all(axis=1)

@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
-from mdrive_sumo.scoring import ScenarioResult, void_result
+from mdrive_sumo.scoring import ScenarioResult, make_void_result
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, load_certificates
 
 
@@ -39,7 +39,7 @@ FURTHER = Pose(x=-14.5, y=-1.75, yaw=0.0)
 
 
 def result(ds: float = 100.0, rc: float = 100.0, min_ttc: float | None = 0.5) -> ScenarioResult:
-    return void_result(ours(TOWN), 0, "").model_copy(update={"ds": ds, "rc": rc, "min_ttc": min_ttc})
+    return make_void_result(ours(TOWN), 0, "").model_copy(update={"ds": ds, "rc": rc, "min_ttc": min_ttc})
 
 
 @pytest.mark.parametrize("bucket", ["InterDrive", "Interaction", "of_my_own"])

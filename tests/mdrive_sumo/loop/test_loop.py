@@ -29,7 +29,7 @@ def drive(
 def test_an_ego_drives_to_its_goal_and_leaves_one_tick_after_completion() -> None:
     agent = Says(lambda seen: go)
     episode, world = drive(straight_scenario(straight_ego("0", length=50)), {"0": agent})
-    ending = episode.ending("0")
+    ending = episode.find_ending("0")
     assert ending.end is End.ARRIVED
     s = episode.x[:, 0] - 10.0
     first = int(np.argmax(s > 0.99 * 50 + 0.5))  # the point at 50 m is passed; 49 of 50 m are 98 %
@@ -121,12 +121,12 @@ def test_a_failing_agent_ends_its_own_ego_only(
         straight_scenario(straight_ego("0", x=80), straight_ego("1", x=10)),
         {"0": bad, "1": Says(lambda seen: go)},
     )
-    ending = episode.ending("0")
+    ending = episode.find_ending("0")
     assert (ending.end, ending.failure, ending.tick) == (End.AGENT_FAILED, failure, 7)
     assert ending.text.startswith(text)
     assert episode.valid[:9, 0].tolist() == [True] * 8 + [False]
     assert world.placed[8] == ("1",)
-    assert episode.ending("1").end is End.ARRIVED
+    assert episode.find_ending("1").end is End.ARRIVED
 
 
 def test_an_agent_that_fails_before_the_first_tick_never_drives() -> None:
@@ -135,7 +135,9 @@ def test_an_agent_that_fails_before_the_first_tick_never_drives() -> None:
             raise RuntimeError("no weights")
 
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Broken(lambda seen: go)})
-    assert episode.ending("0") == Ending("0", 0, End.AGENT_FAILED, FailureReason.CRASHED, "RuntimeError: no weights")
+    assert episode.find_ending("0") == Ending(
+        "0", 0, End.AGENT_FAILED, FailureReason.CRASHED, "RuntimeError: no weights"
+    )
     assert episode.ticks == 1
 
 
@@ -148,7 +150,7 @@ def test_a_recorded_timeout_happens_again_without_waiting() -> None:
 
 def test_standing_for_more_than_thirty_seconds_blocks() -> None:
     episode, _ = drive(straight_scenario(straight_ego("0", length=100)), {"0": Says(lambda seen: stand)})
-    assert (episode.ending("0").end, episode.ending("0").tick) == (End.BLOCKED, 601)
+    assert (episode.find_ending("0").end, episode.find_ending("0").tick) == (End.BLOCKED, 601)
 
 
 def test_the_time_out_is_that_of_ego_0_for_everybody() -> None:
@@ -157,7 +159,7 @@ def test_the_time_out_is_that_of_ego_0_for_everybody() -> None:
 
     egos = (straight_ego("0", x=100, length=10), straight_ego("1", x=10, length=60))
     episode, _ = drive(straight_scenario(*egos), {"0": Says(crawl), "1": Says(crawl)})
-    assert (episode.ending("1").end, episode.ending("1").tick) == (End.TIMED_OUT, 16 * 20)
+    assert (episode.find_ending("1").end, episode.find_ending("1").tick) == (End.TIMED_OUT, 16 * 20)
 
 
 def test_cavs_collide_and_do_not_pass_through_each_other() -> None:

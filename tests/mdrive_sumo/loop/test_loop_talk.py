@@ -68,7 +68,7 @@ def test_whoever_has_ended_hears_and_says_nothing() -> None:
     speaker, listener = pair()
     scenario = straight_scenario(straight_ego("0", x=50, length=60), straight_ego("1", x=10, length=10))
     episode = drive({"0": speaker, "1": listener}, scenario)
-    end = episode.ending("1").tick
+    end = episode.find_ending("1").tick
     assert max(seen.tick for seen in listener.seen) == end - 1
     late = [sent for sent in episode.messages if sent.message.tick >= end]
     assert late
@@ -115,11 +115,11 @@ class Slow(LocalDriver):
     """An agent that takes so long for every answer that its clock shows 0.12 s."""
 
     @property
-    def thought_s(self) -> float:
+    def think_time_s(self) -> float:
         return 0.12
 
-    @thought_s.setter
-    def thought_s(self, value: float) -> None:
+    @think_time_s.setter
+    def think_time_s(self, value: float) -> None:
         pass
 
 

@@ -402,21 +402,21 @@ class TestOnTheRoad:
         roads, lane = lane_of(network, name)
         thing = beside(lane, 45.0, 0.2, kind, (4.5, 1.8) if kind == Kind.VEHICLE else (2.0, 2.0))
         episode = driven(network, name, (thing,))
-        assert episode.ending("0").end is End.ARRIVED
+        assert episode.find_ending("0").end is End.ARRIVED
         assert episode.contacts == ()
         assert off_road_m(episode, roads) < 0.05
 
     def test_nobody_swerves_on_a_free_road(self) -> None:
         _, lane = lane_of(*STREETS[0])
         episode = driven(*STREETS[0], (beside(lane, 45.0, -3.6, Kind.STATIC, (1.0, 1.0)),))
-        assert episode.ending("0").end is End.ARRIVED
+        assert episode.find_ending("0").end is End.ARRIVED
         assert np.abs(episode.y[episode.valid[:, 0], 0] + WIDTH / 2).max() < 0.1
 
     def test_a_wall_across_the_road_is_stopped_at(self) -> None:
         _, lane = lane_of(*STREETS[0])
         wall = beside(lane, 45.0, 1.75, Kind.STATIC, (1.0, 12.0))
         episode = driven(*STREETS[0], (wall,))
-        assert episode.ending("0").end is End.BLOCKED
+        assert episode.find_ending("0").end is End.BLOCKED
         assert episode.contacts == ()
         assert episode.x[:, 0].max() > wall.x - 16.0
 
@@ -426,7 +426,7 @@ class TestOnTheRoad:
         thing = beside(lane, 45.0, 0.0, Kind.STATIC, (2.0, 2.0))
         cars = tuple(Thing(Kind.VEHICLE, 110.0 + gap_m * i, WIDTH / 2, math.pi, 8.0, 4.5, 1.8) for i in range(5))
         episode = driven(*STREETS[0], (thing, *cars))
-        assert episode.ending("0").end is End.ARRIVED
+        assert episode.find_ending("0").end is End.ARRIVED
         assert episode.contacts == ()
 
     def test_one_thing_after_another_is_passed(self) -> None:
@@ -437,7 +437,7 @@ class TestOnTheRoad:
             beside(lane, 66.0, 0.3, Kind.STATIC, (1.0, 1.0)),
         )
         episode = driven(*STREETS[0], things)
-        assert episode.ending("0").end is End.ARRIVED
+        assert episode.find_ending("0").end is End.ARRIVED
         assert episode.contacts == ()
         assert off_road_m(episode, roads) < 0.05
 
@@ -449,5 +449,5 @@ class TestOnTheRoad:
             _, lane = lane_of(network, name)
             for kind in (Kind.STATIC, Kind.VEHICLE):
                 episode = driven(network, name, (beside(lane, 45.0, 0.0, kind),), agent, seed)
-                assert episode.ending("0").end is End.ARRIVED
+                assert episode.find_ending("0").end is End.ARRIVED
                 assert episode.contacts == ()

@@ -8,7 +8,7 @@ import pytest
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.report.result_tables import count_infractions, count_outcomes, format_summary
 from mdrive_sumo.report.run_report import build_run_report
-from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarise
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
 
 def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, float]) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def results() -> Results:
     )
     void = scenario("r3", "V2XPnP", "log", 0.0).model_copy(update={"status": "void", "reason": "a <b> | worker\ndied"})
     clean, hit = ego("0", "arrived"), ego("1", "arrived", "", ("collision-vehicle", 0.6), ("blocked", 1.0))
-    return summarise(
+    return summarize_run(
         info,
         (
             scenario("r1", "InterDrive", "ins_c", 100.0, clean, hit),

@@ -4,7 +4,7 @@ import pytest
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.compare import compare, comparison_table
-from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarise
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
 
 def scenario(name: str, ds: float, sr: float = 0.0, status: str = "ok") -> ScenarioResult:
@@ -37,7 +37,7 @@ def run(*scenarios: ScenarioResult, **facts: object) -> Results:
         "score_mode": "mdrive",
         "versions": {"libsumo": "1.28.0"},
     }
-    return summarise(RunInfo.model_validate(about | facts), scenarios)
+    return summarize_run(RunInfo.model_validate(about | facts), scenarios)
 
 
 def test_differences_are_b_minus_a_and_sorted_by_loss() -> None:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantize_frame, save_episode
 from mdrive_sumo.runs.verify import find_first_difference, sample_results
 from mdrive_sumo.scoring import load_results
 
@@ -34,7 +34,7 @@ def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: 
     recorder = Recorder("s", {}, {"0": (4.9, 2.0), "1": (4.9, 2.0)})
     for seen in frames:
         controls = dict.fromkeys(seen.egos, (pedals or {}).get(seen.tick, PEDAL))
-        recorder.add(quantised_frame(seen), controls, {}, {})
+        recorder.add(quantize_frame(seen), controls, {}, {})
     return recorder.finish([Ending(ego, end, End.ARRIVED) for ego in ("0", "1")])
 
 

@@ -7,28 +7,36 @@ import pytest
 from testing.score_golden import ego, scenario
 
 from mdrive_sumo.core.state import End
-from mdrive_sumo.scoring.criteria import Course, Trial, completion, course_along, observe, time_limit_ticks, verdict
+from mdrive_sumo.scoring.criteria import (
+    RouteProgress,
+    RouteReference,
+    build_reference_along,
+    compute_completion_percent,
+    compute_time_limit_ticks,
+    find_end,
+    update_progress,
+)
 
 NEVER = 10**9
 
 
-def eastward(length: int = 100, yaw: float = 0.0) -> Course:
+def eastward(length: int = 100, yaw: float = 0.0) -> RouteReference:
     x = np.arange(length + 1.0)
-    return course_along(np.column_stack((x, np.zeros_like(x))), np.full_like(x, yaw))
+    return build_reference_along(np.column_stack((x, np.zeros_like(x))), np.full_like(x, yaw))
 
 
-def after(course: Course, *places: tuple[float, float], speed: float = 10.0) -> Trial:
+def after(course: RouteReference, *places: tuple[float, float], speed: float = 10.0) -> RouteProgress:
     """The trial of a CAV that was at these places in ticks 0, 1 ..."""
-    trial = Trial()
+    trial = RouteProgress()
     for tick, (x, y) in enumerate(places):
-        trial = observe(trial, course, tick, x, y, speed)
+        trial = update_progress(trial, course, tick, x, y, speed)
     return trial
 
 
 def test_a_tick_passes_at_most_two_points() -> None:
     course = eastward()
-    assert completion(after(course, (50.0, 0.0)), course) == 2.0
-    assert completion(after(course, (50.0, 0.0), (50.0, 0.0)), course) == 4.0
+    assert compute_completion_percent(after(course, (50.0, 0.0)), course) == 2.0
+    assert compute_completion_percent(after(course, (50.0, 0.0), (50.0, 0.0)), course) == 4.0
 
 
 def test_a_point_is_passed_only_beyond_it() -> None:
@@ -51,7 +59,7 @@ def test_passing_asks_the_lane_direction_not_the_way_to_the_next_point() -> None
 def test_a_later_point_may_be_passed_before_an_earlier_one() -> None:
     yaw = np.zeros(101)
     yaw[1] = math.pi
-    course = course_along(np.column_stack((np.arange(101.0), np.zeros(101))), yaw)
+    course = build_reference_along(np.column_stack((np.arange(101.0), np.zeros(101))), yaw)
     assert after(course, (2.5, 0.0)).passed == 2
 
 
@@ -60,7 +68,7 @@ def test_completion_never_shrinks() -> None:
     assert after(course, (1.5, 0.0), (2.5, 0.0), (0.5, 0.0)).passed == 2
 
 
-def drive(course: Course, to: float, y: float = 0.0) -> Trial:
+def drive(course: RouteReference, to: float, y: float = 0.0) -> RouteProgress:
     return after(course, *((float(x), y) for x in np.arange(0.0, to + 0.01, 0.5)))
 
 
@@ -68,15 +76,15 @@ def test_completed_beyond_99_percent() -> None:
     """Of 100 m, point 99 makes exactly 99 %, which is not more than 99 %: only point 100 will do."""
     course = eastward()
     nearly, done = drive(course, 100.0), drive(course, 100.5)
-    assert (nearly.arrived_tick, completion(nearly, course)) == (None, 99.0)
-    assert (done.arrived_tick, completion(done, course)) == (201, 100.0)
+    assert (nearly.arrived_tick, compute_completion_percent(nearly, course)) == (None, 99.0)
+    assert (done.arrived_tick, compute_completion_percent(done, course)) == (201, 100.0)
 
 
 def test_a_long_route_is_completed_before_its_last_point() -> None:
     """Of 200 m, point 199 makes 99.5 %; it is passed at 199.5 m, in tick 399, and RC is set to 100."""
     course = eastward(200)
     done = drive(course, 199.5)
-    assert (done.passed, done.arrived_tick, completion(done, course)) == (199, 399, 100.0)
+    assert (done.passed, done.arrived_tick, compute_completion_percent(done, course)) == (199, 399, 100.0)
 
 
 @pytest.mark.parametrize(("aside", "arrives"), [(9.98, True), (10.0, False)])
@@ -87,8 +95,8 @@ def test_completed_within_10_m_of_the_goal(aside: float, arrives: bool) -> None:
 
 def test_arrived_one_tick_later() -> None:
     done = drive(eastward(), 100.5)
-    assert verdict(done, 201, NEVER) is None
-    assert verdict(done, 202, NEVER) is End.ARRIVED
+    assert find_end(done, 201, NEVER) is None
+    assert find_end(done, 202, NEVER) is End.ARRIVED
 
 
 @pytest.mark.parametrize(
@@ -96,25 +104,25 @@ def test_arrived_one_tick_later() -> None:
     [(50, 48), (91, 80), (52, 49)],  # 0.8 * 91 + 8 = 80.8; 0.8 * 52 + 8 = 49.6
 )
 def test_time_limit_of_ego_0(length: int, seconds: int) -> None:
-    assert time_limit_ticks(scenario(ego("0", length), ego("1", 300))) == seconds * 20
+    assert compute_time_limit_ticks(scenario(ego("0", length), ego("1", 300))) == seconds * 20
 
 
 def test_timed_out_at_the_limit() -> None:
-    trial = Trial(moving_tick=959)
-    assert verdict(trial, 959, 960) is None
-    assert verdict(trial, 960, 960) is End.TIMED_OUT
+    trial = RouteProgress(moving_tick=959)
+    assert find_end(trial, 959, 960) is None
+    assert find_end(trial, 960, 960) is End.TIMED_OUT
 
 
 def test_arrival_at_the_limit_is_an_arrival_at_once() -> None:
-    assert verdict(Trial(arrived_tick=960, moving_tick=960), 960, 960) is End.ARRIVED
+    assert find_end(RouteProgress(arrived_tick=960, moving_tick=960), 960, 960) is End.ARRIVED
 
 
 def standing(speeds: dict[int, float], ticks: int) -> list[int]:
     """Ticks in which a CAV is blocked that stands but for these speeds."""
-    course, trial, blocked = eastward(), Trial(), list[int]()
+    course, trial, blocked = eastward(), RouteProgress(), list[int]()
     for tick in range(ticks):
-        trial = observe(trial, course, tick, 0.0, 0.0, speeds.get(tick, 0.0))
-        if verdict(trial, tick, NEVER) is End.BLOCKED:
+        trial = update_progress(trial, course, tick, 0.0, 0.0, speeds.get(tick, 0.0))
+        if find_end(trial, tick, NEVER) is End.BLOCKED:
             blocked.append(tick)
     return blocked
 
@@ -131,7 +139,7 @@ def test_half_a_metre_per_second_restarts_the_clock(speed: float, first: int) ->
 @pytest.mark.parametrize(("aside", "deviates"), [(30.0, True), (29.999, False)])
 def test_deviated_30_m_away(aside: float, deviates: bool) -> None:
     trial = after(eastward(), (0.0, aside))
-    assert (verdict(trial, 0, NEVER) is End.DEVIATED) is deviates
+    assert (find_end(trial, 0, NEVER) is End.DEVIATED) is deviates
 
 
 @pytest.mark.parametrize(("metres", "deviates"), [(30, False), (31, True)])
@@ -139,7 +147,7 @@ def test_deviated_over_30_percent_of_the_route_15_m_away(metres: int, deviates: 
     """At y = 15 and x = 0, 1 ... the nearest point is that of x: `metres` of 100 m are off the route."""
     trial = after(eastward(), *((float(x), 15.0) for x in range(metres + 1)))
     assert trial.off_route_m == metres
-    assert (verdict(trial, metres, NEVER) is End.DEVIATED) is deviates
+    assert (find_end(trial, metres, NEVER) is End.DEVIATED) is deviates
 
 
 def test_under_15_m_away_is_no_deviation() -> None:
@@ -148,8 +156,8 @@ def test_under_15_m_away_is_no_deviation() -> None:
 
 def test_deviation_looks_five_points_ahead() -> None:
     """A leap to x = 40 is 35 m away from the nearest of the points 0 to 5, and one to x = 34 is 29 m away."""
-    assert after(eastward(), (0.0, 0.0), (40.0, 0.0)).deviated
-    assert not after(eastward(), (0.0, 0.0), (34.0, 0.0)).deviated
+    assert after(eastward(), (0.0, 0.0), (40.0, 0.0)).has_deviated
+    assert not after(eastward(), (0.0, 0.0), (34.0, 0.0)).has_deviated
     assert after(eastward(), (0.0, 0.0), (34.0, 0.0)).nearest == 5
 
 
@@ -158,5 +166,5 @@ def test_of_two_equally_near_points_the_later_counts() -> None:
 
 
 def test_of_two_ends_deviation_precedes_blocking_and_blocking_the_time_out() -> None:
-    assert verdict(Trial(deviated=True), 2000, 1000) is End.DEVIATED
-    assert verdict(Trial(), 2000, 1000) is End.BLOCKED
+    assert find_end(RouteProgress(has_deviated=True), 2000, 1000) is End.DEVIATED
+    assert find_end(RouteProgress(), 2000, 1000) is End.BLOCKED

@@ -30,9 +30,9 @@ from mdrive_sumo.core.geometry import Float, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
-from mdrive_sumo.scoring.metrics import EgoRecord, EpisodeMismatch, ego_records, min_ttc
-from mdrive_sumo.scoring.metrics.ego_track import track_of
-from mdrive_sumo.scoring.metrics.lane_infractions import outside_lanes, wrong_lane
+from mdrive_sumo.scoring.metrics import EgoRecord, EpisodeMismatch, build_ego_records, compute_min_ttc
+from mdrive_sumo.scoring.metrics.ego_track import build_ego_track
+from mdrive_sumo.scoring.metrics.lane_infractions import find_outside_lanes, find_wrong_lane
 
 Events = list[tuple[str, int]]
 
@@ -42,7 +42,7 @@ def record(
 ) -> EgoRecord:
     """The record of the only CAV of a scenario of 100 m; its agent fails at the end unless said otherwise."""
     about = scenario()
-    return ego_records(episode(about, {"0": rows}, {"0": end}, hits), about, on or street())[0]
+    return build_ego_records(episode(about, {"0": rows}, {"0": end}, hits), about, on or street())[0]
 
 
 def events(found: EgoRecord) -> Events:
@@ -84,7 +84,7 @@ def test_both_cavs_of_a_pair_pay() -> None:
     both = {5: [hit("0", "1"), hit("1", "0")]}
     drives = {"0": arriving(), "1": arriving(y=20.0)}
     on = roads(lane("a", (-50, 0), (150, 0)), lane("b", (-50, 20), (150, 20)))
-    found = ego_records(episode(about, drives, {"0": End.ARRIVED, "1": End.ARRIVED}, both), about, on)
+    found = build_ego_records(episode(about, drives, {"0": End.ARRIVED, "1": End.ARRIVED}, both), about, on)
     assert [(one.ip, one.infractions[0].other) for one in found] == [(0.6, "1"), (0.6, "0")]
 
 
@@ -157,7 +157,7 @@ def test_outside_beyond_half_a_lane_and_1_3_m(y: float, outside: bool) -> None:
     """3.2 / 2 + 1.3 = 2.9 m."""
     about = scenario()
     recorded = episode(about, {"0": straight(3, y=y)}, {"0": End.AGENT_FAILED})
-    assert outside_lanes(track_of(recorded, about, ONE_LANE, 0)).tolist() == [outside] * 3
+    assert find_outside_lanes(build_ego_track(recorded, about, ONE_LANE, 0)).tolist() == [outside] * 3
 
 
 def test_the_share_outside_lanes_is_what_it_costs() -> None:
@@ -187,7 +187,7 @@ def test_places_are_looked_up_for_every_tick() -> None:
     rows = [*straight(5), *straight(4, speed=0.0, begin=2.0), *straight(70, begin=2.0)]
     rows = aside(rows, 28.0, 32.0, WIDTH)
     about = scenario()
-    track = track_of(episode(about, {"0": rows}, {"0": End.AGENT_FAILED}), about, street(), 0)
+    track = build_ego_track(episode(about, {"0": rows}, {"0": End.AGENT_FAILED}), about, street(), 0)
     expected = street().nearest(track.xy)
     assert track.nearest.lane.tolist() == expected.lane.tolist()
     assert track.nearest.distance.tolist() == expected.distance.tolist()
@@ -202,7 +202,7 @@ def test_on_the_oncoming_lane_is_on_the_wrong_lane() -> None:
 def wrongs(rows: Sequence[Row], on: RoadMap) -> list[bool]:
     about = scenario()
     recorded = episode(about, {"0": rows}, {"0": End.AGENT_FAILED})
-    return wrong_lane(track_of(recorded, about, on, 0)).tolist()
+    return find_wrong_lane(build_ego_track(recorded, about, on, 0)).tolist()
 
 
 def test_who_starts_on_the_oncoming_lane_is_not_found_wrong() -> None:
@@ -339,7 +339,7 @@ def crossing(letters: dict[int, str], signals: str = "program", y: float = 0.0) 
     about = scenario(ego(lanes=("in", "out")), signals=signals)
     states = {tick: {"junction": "r" + letter} for tick, letter in letters.items()}
     recorded = episode(about, {"0": arriving(y=y)}, {"0": End.ARRIVED}, signals=states)
-    return events(ego_records(recorded, about, on)[0])
+    return events(build_ego_records(recorded, about, on)[0])
 
 
 @pytest.mark.parametrize(
@@ -416,7 +416,7 @@ def test_a_recording_that_contradicts_its_frames_is_refused(rows: list[Row], end
 def test_an_episode_of_another_scenario_is_refused() -> None:
     recorded = episode(scenario(), {"0": arriving()}, {"0": End.ARRIVED})
     with pytest.raises(InputError, match="expected scenario other"):
-        ego_records(recorded, scenario(id="other"), street())
+        build_ego_records(recorded, scenario(id="other"), street())
 
 
 # --- least time to collision: boxes of 4.9 x 2.0 m
@@ -430,7 +430,7 @@ def ttc(x: float, speed: float, other_speed: float = 0.0, y: float = 0.0, yaw: f
         {"0": End.AGENT_FAILED},
         actors=actor(x, y, yaw, other_speed),
     )
-    return min_ttc(recorded)
+    return compute_min_ttc(recorded)
 
 
 def test_time_to_the_car_ahead() -> None:
@@ -471,7 +471,7 @@ def test_the_least_of_all_ticks_and_pairs_counts() -> None:
     about = scenario(ego("0"), ego("1", y=20.0))
     drives = {"0": straight(3), "1": [(14.9 - x, y, math.pi, v) for x, y, _, v in straight(3)]}
     recorded = episode(about, drives, dict.fromkeys(drives, End.AGENT_FAILED))
-    assert min_ttc(recorded) == pytest.approx((10.0 - 2 * 1.0) / 20.0, abs=1e-3)
+    assert compute_min_ttc(recorded) == pytest.approx((10.0 - 2 * 1.0) / 20.0, abs=1e-3)
 
 
 place = st.floats(-25, 25).map(lambda value: round(value, 3))

@@ -19,21 +19,21 @@ from mdrive_sumo.scoring import (
     RunInfo,
     ScenarioResult,
     ScoreMode,
-    categories,
-    category_groups,
-    harmonic,
-    interaction_levels,
-    interdrive_groups,
+    build_results_schema,
+    compute_category_group_means,
+    compute_category_means,
+    compute_harmonic_mean,
+    compute_interdrive_means,
+    compute_level_means,
+    compute_overall,
+    compute_scenario_means,
     load_results,
-    overall,
-    results_schema,
+    make_void_result,
     save_results,
-    scenario_means,
     score_episode,
-    summarise,
-    void_result,
+    summarize_run,
 )
-from mdrive_sumo.scoring.metrics import EgoRecord, Infraction
+from mdrive_sumo.scoring.metrics import EgoRecord, InfractionEvent
 
 FACTORS = {
     "collision-pedestrian": 0.5,
@@ -46,12 +46,12 @@ FACTORS = {
 
 def record(*kinds: str, ego_id: str = "0", rc: float = 100.0) -> EgoRecord:
     """A CAV with these infractions."""
-    found = tuple(Infraction(kind, 0, 0.0, 0.0, FACTORS[kind]) for kind in kinds)
+    found = tuple(InfractionEvent(kind, 0, 0.0, 0.0, FACTORS[kind]) for kind in kinds)
     return EgoRecord(ego_id, Ending(ego_id, 9, End.ARRIVED), rc, found)
 
 
 def numbers(records: Sequence[EgoRecord], mode: str) -> tuple[float, float, float, float]:
-    found = scenario_means(records, ScoreMode(mode))
+    found = compute_scenario_means(records, ScoreMode(mode))
     return found.ds, found.sr, found.rc, found.ip
 
 
@@ -96,14 +96,14 @@ def test_success_is_over_99_95(share: float, successes: float) -> None:
         "0",
         Ending("0", 9, End.ARRIVED),
         100.0,
-        (Infraction("outside-lanes", 9, 0.0, 0.0, 1 - share),),
+        (InfractionEvent("outside-lanes", 9, 0.0, 0.0, 1 - share),),
     )
     assert numbers([off], "mdrive")[1] == successes
 
 
 def scored(scenario_id: str, bucket: str, ds: float, category: str = "c") -> ScenarioResult:
     about = scenario(id=scenario_id, bucket=bucket, category=category)
-    return void_result(about, 1, "").model_copy(
+    return make_void_result(about, 1, "").model_copy(
         update={"status": "ok", "ds": ds, "sr": ds / 2, "rc": ds / 4, "ip": ds / 100}
     )
 
@@ -118,7 +118,7 @@ MIXED = [
 
 def test_both_overall_means() -> None:
     """Buckets: One (90 + 60 + 30) / 3 = 60, Two 100; of buckets 80, of scenarios 280 / 4 = 70."""
-    found = overall(MIXED)
+    found = compute_overall(MIXED)
     assert (found.bucket_mean.ds, found.bucket_mean.sr) == (80.0, 40.0)
     assert (found.bucket_mean.rc, found.bucket_mean.ip) == (20.0, 0.8)
     assert (found.scenario_mean.ds, found.scenario_mean.sr) == (70.0, 35.0)
@@ -136,7 +136,7 @@ RUN = RunInfo(
 
 
 def test_void_scenarios_count_as_zero_and_are_reported_apart() -> None:
-    found = summarise(RUN, [*MIXED, void_result(scenario(id="e", bucket="Two"), 1, "SUMO stopped")])
+    found = summarize_run(RUN, [*MIXED, make_void_result(scenario(id="e", bucket="Two"), 1, "SUMO stopped")])
     assert found.void == 1
     assert (found.buckets["Two"].scenarios, found.buckets["Two"].ds) == (2, 50.0)
     assert (found.overall.bucket_mean.ds, found.overall.scenario_mean.ds) == (55.0, 56.0)
@@ -146,14 +146,14 @@ def test_void_scenarios_count_as_zero_and_are_reported_apart() -> None:
 
 def test_a_run_without_scenarios_has_no_mean() -> None:
     with pytest.raises(ValueError, match="at least one scenario"):
-        summarise(RUN, [])
+        summarize_run(RUN, [])
 
 
 def test_category_figure() -> None:
     """H of DS 80 and SR 40 is 2 * 3200 / 120; by category: DS (90 + 30) / 2."""
-    assert harmonic(overall(MIXED).bucket_mean) == pytest.approx(53.333333)
-    assert harmonic(scored("z", "One", 0.0)) == 0.0
-    by_category = categories([scored("a", "One", 90.0, "x"), scored("b", "Two", 30.0, "x"), MIXED[3]])
+    assert compute_harmonic_mean(compute_overall(MIXED).bucket_mean) == pytest.approx(53.333333)
+    assert compute_harmonic_mean(scored("z", "One", 0.0)) == 0.0
+    by_category = compute_category_means([scored("a", "One", 90.0, "x"), scored("b", "Two", 30.0, "x"), MIXED[3]])
     assert (by_category["x"].ds, by_category["x"].scenarios, by_category["c"].ds) == (60.0, 2, 100.0)
 
 
@@ -165,8 +165,8 @@ def test_interdrive_sub_categories() -> None:
         scored("c", "InterDrive", 30.0, "hw_c"),
         scored("d", "InterDrive", 20.0, "ins_chaos"),
     ]
-    by_name = {name: group.ds for name, group in interdrive_groups(found, ScoreMode.MDRIVE).items()}
-    asis = {name: group.ds for name, group in interdrive_groups(found, ScoreMode.INTERDRIVE_ASIS).items()}
+    by_name = {name: group.ds for name, group in compute_interdrive_means(found, ScoreMode.MDRIVE).items()}
+    asis = {name: group.ds for name, group in compute_interdrive_means(found, ScoreMode.INTERDRIVE_ASIS).items()}
     assert by_name == {"IC": 20.0, "LC": 60.0, "LM": 50.0}
     assert asis == {"IC": 20.0, "LC": 30.0, "LM": 70.0}
 
@@ -180,9 +180,9 @@ def test_interactivity_levels() -> None:
         scored("d", "Interaction", 20.0, "roundabout"),
         scored("e", "InterDrive", 10.0, "hw_c"),
     ]
-    by_level = {name: group.ds for name, group in interaction_levels(found).items()}
+    by_level = {name: group.ds for name, group in compute_level_means(found).items()}
     assert by_level == {"static-avoidance": 70.0, "dynamic-avoidance": 30.0, "dynamic-coordination": 20.0}
-    assert {"LC", "static-avoidance"} <= set(category_groups(found, ScoreMode.MDRIVE))
+    assert {"LC", "static-avoidance"} <= set(compute_category_group_means(found, ScoreMode.MDRIVE))
 
 
 # --- one episode, from recording to results
@@ -290,7 +290,7 @@ def test_the_order_of_the_egos_does_not_matter_to_mdrive(egos: list[tuple[list[s
 
 def full_results() -> Results:
     found = score_episode(pair_episode(), PAIR, ROADS, ScoreMode.MDRIVE, 1)
-    return summarise(RUN, [found, void_result(scenario(id="e"), 1, "SUMO stopped")])
+    return summarize_run(RUN, [found, make_void_result(scenario(id="e"), 1, "SUMO stopped")])
 
 
 def test_results_come_back_as_they_were_saved(tmp_path: Path) -> None:
@@ -319,10 +319,10 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
 
 
 def test_the_schema_describes_every_key_of_the_file() -> None:
-    schema = results_schema()
+    schema = build_results_schema()
     data = full_results().model_dump(mode="json")
     assert set(schema["properties"]) == set(data)
-    assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0])
+    assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {"scalars"}
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
     assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/2"
 

@@ -18,11 +18,11 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control, Message
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantised_frame
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantize_frame
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarise
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, load_results, summarize_run
 from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence_tick, rank_effects
 from mdrive_sumo.study.captured_cooperation import (
     LEAST_GAIN_DS,
@@ -86,7 +86,7 @@ def run(*scenarios: ScenarioResult, **facts: object) -> Results:
         "score_mode": "mdrive",
         "versions": {},
     }
-    return summarise(RunInfo.model_validate(about | facts), scenarios)
+    return summarize_run(RunInfo.model_validate(about | facts), scenarios)
 
 
 def row(agent: str, condition: ChannelCondition, *scenarios: ScenarioResult, reused: bool = False) -> StudyRow:
@@ -437,7 +437,7 @@ def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> EpisodeRecord
     recorder = Recorder("s", {}, dict.fromkeys(ids, (4.9, 2.0)))
     for tick, x in enumerate(xs):
         egos = {name: EgoState(x=x if name == ids[-1] else 0.0, y=0.0, yaw=0.0, speed=1.0) for name in ids}
-        recorder.add(quantised_frame(Frame(tick, egos, Actors.empty(), {})), dict.fromkeys(ids, PEDAL), {}, {})
+        recorder.add(quantize_frame(Frame(tick, egos, Actors.empty(), {})), dict.fromkeys(ids, PEDAL), {}, {})
     return recorder.finish([Ending(ego, len(xs) - 1, End.ARRIVED) for ego in ids])
 
 

@@ -14,7 +14,7 @@ from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.sumo.sumo_frames import angle_to_sumo, front_bumper, yaws_from_sumo
+from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_sumo_angles, convert_yaw_to_sumo
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +40,14 @@ def standing(roads: RoadMap, ego: EgoState, *vehicles: BackgroundVehicle, ticks:
 
 @given(st.floats(-math.pi, math.pi))
 def test_headings_round_trip(yaw: float) -> None:
-    found = float(yaws_from_sumo(np.array([angle_to_sumo(yaw)]))[0])
+    found = float(convert_sumo_angles(np.array([convert_yaw_to_sumo(yaw)]))[0])
     assert -math.pi <= found < math.pi
     assert math.isclose(wrap_angle(found - yaw), 0.0, abs_tol=1e-9)
 
 
 def test_sumo_says_ninety_degrees_for_east_and_the_nose_for_the_position() -> None:
-    assert yaws_from_sumo(np.array([90.0, 0.0])).tolist() == pytest.approx([0.0, math.pi / 2])
-    assert front_bumper(10.0, 5.0, 0.0, 4.0) == pytest.approx((12.0, 5.0))
+    assert convert_sumo_angles(np.array([90.0, 0.0])).tolist() == pytest.approx([0.0, math.pi / 2])
+    assert compute_front_bumper(10.0, 5.0, 0.0, 4.0) == pytest.approx((12.0, 5.0))
 
 
 def test_background_poses_are_box_centres(roads: RoadMap) -> None:

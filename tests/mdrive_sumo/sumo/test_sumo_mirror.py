@@ -10,7 +10,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, KindName
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.sumo.ghost_placement import Body, ghosts_of
+from mdrive_sumo.sumo.ghost_placement import SourceBox, find_ghosts
 
 AWAY = {"e": EgoState(60, 60, 0, 0)}
 ONE_LANE = ("c", "d")
@@ -97,7 +97,7 @@ def test_nothing_is_placed_where_there_is_no_traffic_to_see_it(roads: RoadMap, m
     def refused(*_: object) -> None:
         raise AssertionError("a ghost was placed")
 
-    monkeypatch.setattr("mdrive_sumo.sumo.ghost_manager.add_remote", refused)
+    monkeypatch.setattr("mdrive_sumo.sumo.ghost_manager.add_placed_vehicle", refused)
     with SumoWorld(scenario(), roads, {"e": SIZE}, seed=1) as world:
         world.start(AWAY, thing(lane_x(roads), -80.0, (4.6, 1.85)))
         for _ in range(10):
@@ -108,23 +108,23 @@ def test_a_thing_that_stands_is_placed_once(roads: RoadMap, monkeypatch: pytest.
     from mdrive_sumo.sumo import ghost_manager
 
     placed: list[str] = []
-    real = ghost_manager.place
+    real = ghost_manager.place_vehicle
 
     def counted(name: str, *rest: object) -> None:
         placed.append(name)
         real(name, *rest)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(ghost_manager, "place", counted)
+    monkeypatch.setattr(ghost_manager, "place_vehicle", counted)
     driven(roads, [thing(lane_x(roads), -80.0, (4.6, 1.85))] * 100)
     assert placed == ["ghost:scripted:thing:c_0"]
 
 
 def test_ghosts_cover_what_a_box_has_of_each_corridor(roads: RoadMap) -> None:
-    across = Body("b", -60.0, -3.2, np.pi / 2, 0.0, 4.9, 2.0)
-    found = ghosts_of([across], roads)
+    across = SourceBox("b", -60.0, -3.2, np.pi / 2, 0.0, 4.9, 2.0)
+    found = find_ghosts([across], roads)
     assert sorted(found) == ["ghost:b:a_0", "ghost:b:a_1"]
     for ghost in found.values():
         assert ghost.length == pytest.approx(2.0)
         assert ghost.lane.centre.at(ghost.front_s)[0] == pytest.approx(-59.0)
-    assert sorted(ghosts_of([Body("b", -60.0, -3.2, np.pi / 2, 0.0, 4.9, 2.0, "a_0")], roads)) == ["ghost:b:a_1"]
-    assert ghosts_of([], roads) == {}
+    assert sorted(find_ghosts([SourceBox("b", -60.0, -3.2, np.pi / 2, 0.0, 4.9, 2.0, "a_0")], roads)) == ["ghost:b:a_1"]
+    assert find_ghosts([], roads) == {}

@@ -122,13 +122,13 @@ def test_a_released_vehicle_sees_ghosts_at_once(roads: RoadMap, monkeypatch: pyt
     from mdrive_sumo.sumo import ghost_manager
 
     placed: list[str] = []
-    real = ghost_manager.add_remote
+    real = ghost_manager.add_placed_vehicle
 
     def noted(name: str, *rest: object) -> None:
         placed.append(name)
         real(name, *rest)
 
-    monkeypatch.setattr(ghost_manager, "add_remote", noted)
+    monkeypatch.setattr(ghost_manager, "add_placed_vehicle", noted)
     run(roads, "hybrid", [logged()], [*[AWAY] * 101, EgoState(-60.0, -3.2, 0.0, 0.0)])
     assert any(name.startswith("ghost:ego:e:") for name in placed)
 

@@ -15,7 +15,7 @@ from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing, Schedule
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.sumo.schedule import CRAWL, HURRY, Timetable
+from mdrive_sumo.sumo.schedule import CATCH_UP_FACTOR, MIN_CATCH_UP_SPEED, ScheduleTable
 
 AWAY = EgoState(60, 60, 0, 0)
 START_M = 20.0
@@ -135,7 +135,7 @@ def test_held_up_by_a_cav_it_stops_and_then_does_not_race(roads: RoadMap) -> Non
     held, after = frames[:240], frames[240:]
     assert place(held[-1]) < 40 - SIZE[0] / 2
     assert held[-1].speed[0] < 0.1
-    assert max(frame.speed[0] for frame in after if len(frame)) <= HURRY * 8.0 + 0.05
+    assert max(frame.speed[0] for frame in after if len(frame)) <= CATCH_UP_FACTOR * 8.0 + 0.05
     assert place(after[120]) > 60
 
 
@@ -276,6 +276,8 @@ def test_sizes_and_types_of_their_own(roads: RoadMap) -> None:
 @given(st.lists(st.floats(0.0, 15.0), min_size=3, max_size=12), st.integers(-1, 500), st.floats(-5.0, 200.0))
 def test_the_desired_speed_is_bounded_by_the_logs_at_that_place(speeds: list[float], tick: int, at: float) -> None:
     times = [2.0 * i for i in range(len(speeds))]
-    table = Timetable(Schedule(progress=profile(times, speeds)))
-    assert 0.0 <= table.desired(tick, at) <= max(HURRY * (max(speeds) + 0.1), CRAWL)
-    assert all(b >= a for a, b in pairwise(table.place(t) for t in range(-1, table.ends_tick + 5)))
+    table = ScheduleTable(Schedule(progress=profile(times, speeds)))
+    assert (
+        0.0 <= table.compute_desired_speed(tick, at) <= max(CATCH_UP_FACTOR * (max(speeds) + 0.1), MIN_CATCH_UP_SPEED)
+    )
+    assert all(b >= a for a, b in pairwise(table.find_position(t) for t in range(-1, table.ends_tick + 5)))

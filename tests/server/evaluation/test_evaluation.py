@@ -14,7 +14,7 @@ from testing.evaluation_bench import Bench, S
 from testing.evaluation_fakes import read, scored
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scoring import overall
+from mdrive_sumo.scoring import compute_overall
 from server.enums import MIN_HIDDEN_SCENARIOS, ChallengeTrack, JobState, ScenarioVerdict, SubmissionState
 from server.evaluation.archive_cache import delete_stale
 from server.evaluation.summary import summarise
@@ -211,7 +211,7 @@ def test_a_summary_is_that_of_the_library_with_intervals() -> None:
     results = [scored(f"s{i}", bucket) for i, bucket in enumerate(("A", "A", "B", "B", "B"))]
     rows = [JobRow(scenario=one.id, seed=0, result=one.model_dump(mode="json")) for one in results]
     summary = summarise(rows)
-    assert summary["overall"]["ds"] == overall(results).bucket_mean.ds == pytest.approx((10.5 + 13.0) / 2)
+    assert summary["overall"]["ds"] == compute_overall(results).bucket_mean.ds == pytest.approx((10.5 + 13.0) / 2)
     assert summary["buckets"]["B"]["ds"] == pytest.approx(13.0)
     assert summary["categories"]["deed"]["ds"] == pytest.approx(12.0)
     assert summary["overall"]["ds_low"] < summary["overall"]["ds"] < summary["overall"]["ds_high"]

@@ -17,7 +17,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import EgoResult, ScenarioResult, void_result
+from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import CommSettings
 from server import environments
 from server.archive import ArchiveLimits, check_archive
@@ -63,7 +63,7 @@ def result(**reasons: str) -> ScenarioResult:
         for name, why in reasons.items()
     )
     scenario = load_suite("interdrive").scenarios[0]
-    return void_result(scenario, 0, "x").model_copy(update={"status": "ok", "egos": egos})
+    return make_void_result(scenario, 0, "x").model_copy(update={"status": "ok", "egos": egos})
 
 
 def test_verdicts() -> None:
