@@ -12,7 +12,7 @@ from mdrive_sumo.contract import Message, Note, Observation, Plan, Reply
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.episode import ThinkTime, load_episode, save_episode
 from mdrive_sumo.episode.episode_schema import ARRAYS, DIMENSIONS, EpisodeHeader, build_episode_schema
-from mdrive_sumo.loop import EpisodeConfig, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 
 
@@ -32,7 +32,7 @@ def recording(tmp_path: Path) -> Path:
         straight_road(),
         seed=0,
         about={"agent": "test"},
-        clock=Clock("measured"),
+        options=EpisodeOptions(clock=Clock("measured")),
         think_times=(ThinkTime("2", 2, 3),),
     )
     agents = {
