@@ -7,7 +7,7 @@ from mdrive_sumo.api.run import Run, load_run
 from mdrive_sumo.runs.compare import RunComparison
 from mdrive_sumo.runs.compare import compare as compare_results
 from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.scoring.score_mode import mean
+from mdrive_sumo.scoring.score_mode import compute_mean
 
 
 def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
@@ -34,5 +34,5 @@ def _average(results: list[ScenarioResult]) -> ScenarioResult:
     if void := next((result for result in results if result.status == "void"), None):
         return void
     return results[0].model_copy(
-        update={name: mean(getattr(result, name) for result in results) for name in ("ds", "sr", "rc", "ip")}
+        update={name: compute_mean(getattr(result, name) for result in results) for name in ("ds", "sr", "rc", "ip")}
     )

@@ -16,7 +16,7 @@ from mdrive_sumo.runs.rescore import rescore_run
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.runs.verify import VerificationResult, sample_results, verify
 from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, load_results
-from mdrive_sumo.scoring.summary import means
+from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,9 +44,9 @@ class Scores(Sequence[ScenarioResult]):
         return Scores(self.results[index]) if isinstance(index, slice) else self.results[index]
 
     @property
-    def mean(self) -> Means:
+    def compute_mean(self) -> Means:
         """Mean DS, SR, RC and IP, every scenario with the same weight. Void scenarios count as DS 0."""
-        return means(self.results)
+        return compute_means(self.results)
 
     def to_frame(self) -> "pd.DataFrame":
         """Return one row per scenario and seed, with the number of infractions that cost something. Needs pandas."""
