@@ -11,35 +11,35 @@ FIGURES: dict[str, tuple[str, str, int]] = {
     "jerk_p95": ("jerk, 95th percentile", "m/s³", 1),
     "acceleration_max": ("highest acceleration", "m/s²", 1),
     "speed_max": ("highest speed", "m/s", 1),
-    "yaw_step_max_deg": ("turned within one frame", "°", 0),
-    "yaw_second_max_deg": ("turned within a second", "°", 0),
-    "curvature_spread": ("unsteady curvature (spread of its change)", "1/m", 3),
+    "yaw_step_max_deg": ("yaw change within one frame", "°", 0),
+    "yaw_second_max_deg": ("yaw change within one second", "°", 0),
+    "curvature_spread": ("spread of the curvature change", "1/m", 3),
     "backward_max": ("moved against its heading in one frame", "m", 2),
     "error_median": ("median distance to the log", "m", 2),
     "error_p95": ("distance to the log, 95th percentile", "m", 2),
-    "lateral_shift_max": ("moved sideways from the log", "m", 2),
+    "lateral_shift_max": ("lateral shift from the log", "m", 2),
     "dtw_mean": ("mean distance to the log, time warped", "m", 2),
-    "turn_change_deg": ("turns by another angle than in the log", "°", 0),
+    "turn_change_deg": ("difference of the turning angle to the log", "°", 0),
     "lateral_mean": ("mean distance to the centre line", "m", 2),
     "off_route_frames": ("frames over 3 m from any lane", "", 0),
     "wrong_way_frames": ("frames against the direction of the lane", "", 0),
 }
 """Label, unit and decimals of every figure that a check uses."""
 
-CLEANED: dict[ChangeReason, str] = {
-    ChangeReason.DUPLICATE: "one thing under several names, fused",
-    ChangeReason.ID_FLIP: "a name that went over to another thing, set right",
-    ChangeReason.TELEPORT: "positions that no motion explains, left out or spread",
-    ChangeReason.EGO_GHOST: "a CAV listed as somebody else, join_markup with it",
-    ChangeReason.HEADING: "headings turned round, or taken from motion",
+CLEANING_ACTIONS: dict[ChangeReason, str] = {
+    ChangeReason.DUPLICATE: "one object under several ids, merged",
+    ChangeReason.ID_FLIP: "an id that switched to another object, corrected",
+    ChangeReason.TELEPORT: "positions that no motion explains, removed or interpolated",
+    ChangeReason.EGO_GHOST: "a second track of a CAV, merged with it",
+    ChangeReason.HEADING: "headings reversed, or derived from motion",
     ChangeReason.GAP: "missing frames, filled",
     ChangeReason.LONG_GAP: "gaps too long to fill, left open",
-    ChangeReason.SIZE: "sizes that differ or are unknown, settled",
-    ChangeReason.LABEL: "classes that contradict each other or the motion, settled",
-    ChangeReason.STATIC: "things that never move, laid to rest",
-    ChangeReason.OVERLAP: "things that appear inside others: they begin later, or are taken smaller",
-    ChangeReason.INSIDE: "things inside others for most of their life, left out",
-    ChangeReason.TOO_SHORT: "tracks too short to tell anything, left out",
+    ChangeReason.SIZE: "inconsistent or unknown sizes, made consistent",
+    ChangeReason.LABEL: "categories that contradict each other or the motion, corrected",
+    ChangeReason.STATIC: "objects that never move, fixed at one position",
+    ChangeReason.OVERLAP: "objects that appear inside others: they begin later or become smaller",
+    ChangeReason.INSIDE: "objects that overlap others most of the time, removed",
+    ChangeReason.TOO_SHORT: "tracks too short to be used, removed",
 }
 """What each reason of cleaning means and what was done."""
 
@@ -67,13 +67,13 @@ def describe_figure(figure: str) -> tuple[str, str, int]:
 def describe_failures(actor: ActorQuality) -> list[str]:
     """Return a phrase for each failed check with its figure and limit."""
     limits = {check.figure: check.limit for check in CHECKS}
-    return [_failure(name, getattr(actor, name, None), limits.get(name)) for name in actor.failed]
+    return [_describe_failure(name, getattr(actor, name, None), limits.get(name)) for name in actor.failed]
 
 
-def _failure(name: str, value: float | None, limit: float | None) -> str:
+def _describe_failure(name: str, value: float | None, limit: float | None) -> str:
     words, unit, decimals = describe_figure(name)
     while decimals < 4 and limit is not None and value is not None and round(value, decimals) <= limit < value:
-        decimals += 1  # a figure just over its limit must not read as if it were met
+        decimals += 1  # rounding must not show a figure just above its limit as equal to it
     allowed = "" if limit is None else f" (at most {limit:g}{'' if unit in ('', '°') else ' '}{unit})"
     return f"{words}: {format_figure(value, unit, decimals)}{allowed}"
 

@@ -49,7 +49,7 @@ def render_page(title: str, *content: MarkupValue) -> str:
 def link_entry(id_: str, number_by_id: Mapping[str, int]) -> Markup:
     """Return a link to the entry of an actor by its number, or the actor's id if it has no entry."""
     number = number_by_id.get(id_)
-    return tag("a", f"No. {number}", href=f"#thing-{number}") if number else tag("code", id_, class_="id")
+    return tag("a", f"No. {number}", href=f"#actor-{number}") if number else tag("code", id_, class_="id")
 
 
 def render_list(items: Iterable[MarkupValue], class_: str | None = None) -> Markup:

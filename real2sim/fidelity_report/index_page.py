@@ -52,7 +52,7 @@ class IndexRow:
 def build_index_row(findings: ConversionFindings) -> IndexRow:
     """Return the row of one scenario."""
     quality, closeness = findings.quality, findings.closeness
-    things = build_entries(findings)
+    entries = build_entries(findings)
     return IndexRow(
         findings.id,
         findings.recording.source,
@@ -65,7 +65,7 @@ def build_index_row(findings: ConversionFindings) -> IndexRow:
         quality.jerk_p95,
         closeness.median_at_5s if closeness else None,
         closeness.order_share if closeness else None,
-        draw_thumbnail(fit_map_frame(things), findings.roads, things),
+        draw_thumbnail(fit_map_frame(entries), findings.roads, entries),
     )
 
 
@@ -92,16 +92,20 @@ def render_index(name: str, lines: Sequence[IndexRow]) -> str:
         tag("header", tag("h1", title), tag("p", tag("strong", words), class_=f"verdict {state}")),
         tag(
             "main",
-            tag("section", render_table(HEAD, map(_row, ordered), "Scenarios", text_columns=4), aria_label="Scenarios"),
+            tag(
+                "section",
+                render_table(HEAD, map(_table_row, ordered), "Scenarios", text_columns=4),
+                aria_label="Scenarios",
+            ),
         ),
     )
 
 
-def _row(line: IndexRow) -> tuple[Markup | str | None, ...]:
+def _table_row(line: IndexRow) -> tuple[Markup | str | None, ...]:
     return (
         line.picture,
         tag("a", line.id, href=f"{quote(line.id, safe='')}/{PAGE}"),
-        _verdict(line),
+        _render_verdict(line),
         line.source,
         f"{line.passed} of {line.moving}",
         f"{line.by_sumo} of {line.moving}",
@@ -113,7 +117,7 @@ def _row(line: IndexRow) -> tuple[Markup | str | None, ...]:
     )
 
 
-def _verdict(line: IndexRow) -> Markup:
+def _render_verdict(line: IndexRow) -> Markup:
     if not line.misses:
         return tag("span", "faithful", class_="badge pass")
     badge = tag("span", f"misses {len(line.misses)}", class_="badge fail")

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
 from real2sim.fidelity_report.html import Markup, join_markup, tag
-from real2sim.fidelity_report.svg import picture
+from real2sim.fidelity_report.svg import render_picture
 from real2sim.tracks.kinematics import find_runs
 
 WIDTH, HEIGHT = 3600, 1700
@@ -45,24 +45,27 @@ class LineChart:
 def draw_chart(chart: LineChart) -> Markup:
     """Return the chart as SVG."""
     top = max(chart.top, 1e-6)
-    x_ticks, y_ticks = _ticks(*chart.x_range), _ticks(0.0, top)
+    x_ticks, y_ticks = _choose_ticks(*chart.x_range), _choose_ticks(0.0, top)
     grid = "".join(f"M{LEFT} {_y(y, top)}H{RIGHT}" for y in y_ticks)
     limits = "".join(f"M{LEFT} {_y(y, top)}H{RIGHT}" for y in chart.limits if y <= top)
-    words = [_word(LEFT - 50, _y(y, top) + 40, f"{y:g}", "end") for y in y_ticks]
-    words += [_word(_x(x, chart.x_range), LOW + 140, f"{x:g}", "middle") for x in x_ticks]
-    words += [_word(LEFT, 120, chart.title, "start", "title"), _word(RIGHT, LOW + 270, chart.x_title, "end")]
-    return picture(
+    words = [_render_text(LEFT - 50, _y(y, top) + 40, f"{y:g}", "end") for y in y_ticks]
+    words += [_render_text(_x(x, chart.x_range), LOW + 140, f"{x:g}", "middle") for x in x_ticks]
+    words += [
+        _render_text(LEFT, 120, chart.title, "start", "title"),
+        _render_text(RIGHT, LOW + 270, chart.x_title, "end"),
+    ]
+    return render_picture(
         chart.label,
         f"0 0 {WIDTH} {HEIGHT}",
         tag("path", d=grid, class_="grid"),
-        join_markup(_drawn(series, chart.x_range, top) for series in chart.series),
+        join_markup(_draw_series(series, chart.x_range, top) for series in chart.series),
         tag("path", d=limits, class_="limit") if limits else None,
         tag("g", *words),
         class_="chart",
     )
 
 
-def _drawn(series: ChartSeries, x_range: tuple[float, float], top: float) -> Markup:
+def _draw_series(series: ChartSeries, x_range: tuple[float, float], top: float) -> Markup:
     upper = series.upper
     known = np.isfinite(series.x) & np.isfinite(series.y)
     if upper is not None:
@@ -72,35 +75,35 @@ def _drawn(series: ChartSeries, x_range: tuple[float, float], top: float) -> Mar
         x, y = series.x[run], series.y[run]
         if upper is not None:
             x, y = np.concatenate((x, x[::-1])), np.concatenate((y, upper[run][::-1]))
-        d += _stroke(_points(x, y, x_range, top)) + ("z" if upper is not None else "")
+        d += _relative_path(_to_pixels(x, y, x_range, top)) + ("z" if upper is not None else "")
     return tag("path", d=d, class_=series.class_) if d else Markup("")
 
 
-def _points(x: Float, y: Float, x_range: tuple[float, float], top: float) -> Int:
+def _to_pixels(x: Float, y: Float, x_range: tuple[float, float], top: float) -> Int:
     first, last = x_range
     across = LEFT + (x - first) / max(last - first, 1e-9) * (RIGHT - LEFT)
     down = LOW - np.clip(y / top, 0.0, 1.03) * (LOW - TOP)
     return np.rint(np.column_stack((across, down))).astype(np.int64)
 
 
-def _stroke(points: Int) -> str:
+def _relative_path(points: Int) -> str:
     steps = " ".join(f"{x} {y}" if y >= 0 else f"{x}{y}" for x, y in np.diff(points, axis=0))
     return f"M{points[0, 0]} {points[0, 1]}" + (f"l{steps}" if steps else "h0")
 
 
 def _x(x: float, x_range: tuple[float, float]) -> int:
-    return int(_points(np.array([x]), np.zeros(1), x_range, 1.0)[0, 0])
+    return int(_to_pixels(np.array([x]), np.zeros(1), x_range, 1.0)[0, 0])
 
 
 def _y(y: float, top: float) -> int:
     return round(LOW - y / top * (LOW - TOP))
 
 
-def _word(x: int, y: int, text: str, anchor: str, class_: str | None = None) -> Markup:
+def _render_text(x: int, y: int, text: str, anchor: str, class_: str | None = None) -> Markup:
     return tag("text", text, x=x, y=y, text_anchor=anchor, class_=class_)
 
 
-def _ticks(first: float, last: float) -> list[float]:
+def _choose_ticks(first: float, last: float) -> list[float]:
     """Return round values in the interval."""
     rough = max(last - first, 1e-6) / TICKS
     power = 10.0 ** np.floor(np.log10(rough))

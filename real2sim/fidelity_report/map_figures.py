@@ -10,7 +10,16 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import RoadMap
 from real2sim.fidelity_report.html import Markup, MarkupValue, join_markup, tag
 from real2sim.fidelity_report.report_entry import ReportEntry
-from real2sim.fidelity_report.svg import CM, SvgFrame, ViewBox, fit_view_box, path, picture, scale_bar, use
+from real2sim.fidelity_report.svg import (
+    CM,
+    SvgFrame,
+    ViewBox,
+    fit_view_box,
+    render_path,
+    render_picture,
+    render_scale_bar,
+    render_use,
+)
 from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
 
 MARGIN_M = 12.0
@@ -27,181 +36,196 @@ THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
 class MapFrame:
     """The overview's view and its position on the page."""
 
-    canvas: SvgFrame
+    svg_frame: SvgFrame
     view: ViewBox
 
 
-def fit_map_frame(things: Sequence[ReportEntry]) -> MapFrame:
+def fit_map_frame(entries: Sequence[ReportEntry]) -> MapFrame:
     """Return a view of everything that the log shows."""
-    places = [thing.xy for thing in things]
+    places = [entry.xy for entry in entries]
     view = fit_view_box(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M)
     return MapFrame(SvgFrame(view.left, view.high), view)
 
 
-def draw_definitions(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Markup:
+def draw_definitions(map_frame: MapFrame, roads: RoadMap, entries: Sequence[ReportEntry]) -> Markup:
     """Return roads and tracks as invisible definitions for all pictures of the page."""
-    drawn = join_markup((_tracks_of(plan.canvas, thing) for thing in things), "\n")
-    return tag("svg", tag("defs", _roads(plan, roads), "\n", drawn), class_="definitions", aria_hidden="true")
+    drawn = join_markup((_draw_tracks(map_frame.svg_frame, entry) for entry in entries), "\n")
+    return tag("svg", tag("defs", _draw_roads(map_frame, roads), "\n", drawn), class_="definitions", aria_hidden="true")
 
 
-def _roads(plan: MapFrame, roads: RoadMap) -> Markup:
-    canvas, view = plan.canvas, plan.view
+def _draw_roads(map_frame: MapFrame, roads: RoadMap) -> Markup:
+    svg, view = map_frame.svg_frame, map_frame.view
     widths: dict[int, list[str]] = {}
     middles: list[str] = []
     arrows: list[str] = []
     for lane in roads.driving:
-        if view.near(lane.centre.xy, AROUND_M):
-            line = canvas.line(lane.centre.xy)
+        if view.is_near(lane.centre.xy, AROUND_M):
+            line = svg.line_path(lane.centre.xy)
             widths.setdefault(round(lane.width / WIDTH_STEP_M), []).append(line)
             if not lane.junction:
                 middles.append(line)
-                arrows.append(_arrows(canvas, lane.centre))
-    areas = "".join(canvas.area(outline) for outline in roads.junctions if view.near(outline, AROUND_M))
-    walks = "".join(canvas.area(outline) for outline in roads.pavements if view.near(outline, AROUND_M))
-    crossings = [(line, width) for line, width in roads.crossings if view.near(line, AROUND_M)]
+                arrows.append(_arrow_path(svg, lane.centre))
+    areas = "".join(svg.area_path(outline) for outline in roads.junctions if view.is_near(outline, AROUND_M))
+    walks = "".join(svg.area_path(outline) for outline in roads.pavements if view.is_near(outline, AROUND_M))
+    crossings = [(line, width) for line, width in roads.crossings if view.is_near(line, AROUND_M)]
     return tag(
         "g",
         tag("path", d=walks, class_="walkway") if walks else None,
-        *(tag("path", d=canvas.line(line), class_="crossing", stroke_width=f"{w * CM:.0f}") for line, w in crossings),
+        *(tag("path", d=svg.line_path(line), class_="crossing", stroke_width=f"{w * CM:.0f}") for line, w in crossings),
         tag("path", d=areas, class_="asphalt-area") if areas else None,
-        *(_asphalt("".join(lines), steps * WIDTH_STEP_M) for steps, lines in sorted(widths.items())),
-        path("".join(middles), class_="middle"),
-        path("".join(arrows), class_="arrows"),
+        *(_draw_asphalt("".join(lines), steps * WIDTH_STEP_M) for steps, lines in sorted(widths.items())),
+        render_path("".join(middles), class_="middle"),
+        render_path("".join(arrows), class_="arrows"),
         id="roads",
     )
 
 
-def _arrows(canvas: SvgFrame, line: Polyline) -> str:
+def _arrow_path(svg: SvgFrame, line: Polyline) -> str:
     """Return the path of small chevrons along a lane."""
     found = ""
     for s in np.arange(ARROWS_M / 2, line.length, ARROWS_M):
         yaw = line.yaw_at(float(s))
         ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
         tip = np.array(line.at(float(s)))
-        found += canvas.line(tip + np.array((left - 1.4 * ahead, 0 * ahead, -left - 1.4 * ahead)) * ARROW_M)
+        found += svg.line_path(tip + np.array((left - 1.4 * ahead, 0 * ahead, -left - 1.4 * ahead)) * ARROW_M)
     return found
 
 
-def _asphalt(d: str, width: float) -> Markup:
+def _draw_asphalt(d: str, width: float) -> Markup:
     return tag("path", d=d, class_="asphalt", stroke_width=f"{width * CM:.0f}")
 
 
-def _tracks_of(canvas: SvgFrame, thing: ReportEntry) -> Markup:
-    raw, track, known = thing.raw, thing.track, thing.known
+def _draw_tracks(svg: SvgFrame, entry: ReportEntry) -> Markup:
+    raw, track, known = entry.raw, entry.reconstructed, entry.best_track
     return join_markup(
         (
-            path(canvas.dots(raw.xy), id=f"raw-{thing.number}") if raw else None,
-            path(canvas.line(track.xy, track.valid), id=f"way-{thing.number}") if track and track.valid.any() else None,
-            _box(canvas, known, thing.number) if known and known.valid.any() else None,
+            render_path(svg.dots_path(raw.xy), id=f"raw-{entry.number}") if raw else None,
+            render_path(svg.line_path(track.xy, track.valid), id=f"way-{entry.number}")
+            if track and track.valid.any()
+            else None,
+            _draw_box(svg, known, entry.number) if known and known.valid.any() else None,
         )
     )
 
 
-def _box(canvas: SvgFrame, track: RecordedTrack, number: int) -> Markup:
+def _draw_box(svg: SvgFrame, track: RecordedTrack, number: int) -> Markup:
     """Return the box where the object is last seen."""
     last = int(track.valid_frames[-1])
-    length, width = _size(track, last)
+    length, width = _size_at(track, last)
     yaw = float(np.nan_to_num(track.yaw[last]))
     pose = (float(track.x[last]), float(track.y[last]), yaw)
-    return path(canvas.vehicle(pose, length, width), id=f"box-{number}")
+    return render_path(svg.vehicle_path(pose, length, width), id=f"box-{number}")
 
 
-def _size(track: RecordedTrack, frame: int) -> tuple[float, float]:
+def _size_at(track: RecordedTrack, frame: int) -> tuple[float, float]:
     usual = DEFAULT_SIZE_M[track.category]
     length, width = float(track.length[frame]), float(track.width[frame])
     return (length if length > 0 else usual[0], width if width > 0 else usual[1])
 
 
-def draw_overview(plan: MapFrame, things: Sequence[ReportEntry]) -> Markup:
+def draw_overview(map_frame: MapFrame, entries: Sequence[ReportEntry]) -> Markup:
     """Return the overview: static objects below, failing actors on top, CAVs marked."""
-    moving = sorted((thing for thing in reversed(things) if thing.look != "rest"), key=lambda thing: thing.cav)
-    still = [thing for thing in things if thing.look == "rest"]
-    size = 0.013 * max(plan.view.size) * CM
-    return picture(
-        f"Map of the log with {len(moving)} tracks and {len(still)} things that stand still",
-        plan.canvas.box(plan.view),
-        use("roads", "roads"),
-        _layer("rest", (_shown(thing, boxes=True) for thing in still)),
-        _layer("raw", (use(f"raw-{thing.number}", "raw") for thing in moving if thing.raw)),
-        _layer("way", (_shown(thing, boxes=False) for thing in moving)),
-        _layer("boxes", (_shown(thing, boxes=True) for thing in moving)),
-        _layer("names", (_name(plan.canvas, thing, size) for thing in moving if thing.cav or thing.look == "fail")),
-        scale_bar(plan.canvas, plan.view),
+    moving = sorted(
+        (entry for entry in reversed(entries) if entry.verdict_class != "rest"), key=lambda entry: entry.is_cav
+    )
+    still = [entry for entry in entries if entry.verdict_class == "rest"]
+    size = 0.013 * max(map_frame.view.size) * CM
+    return render_picture(
+        f"Map of the log with {len(moving)} tracks and {len(still)} static objects",
+        map_frame.svg_frame.view_box_attribute(map_frame.view),
+        render_use("roads", "roads"),
+        _render_layer("rest", (_draw_reference(entry, boxes=True) for entry in still)),
+        _render_layer("raw", (render_use(f"raw-{entry.number}", "raw") for entry in moving if entry.raw)),
+        _render_layer("way", (_draw_reference(entry, boxes=False) for entry in moving)),
+        _render_layer("boxes", (_draw_reference(entry, boxes=True) for entry in moving)),
+        _render_layer(
+            "names",
+            (
+                _draw_number(map_frame.svg_frame, entry, size)
+                for entry in moving
+                if entry.is_cav or entry.verdict_class == "fail"
+            ),
+        ),
+        render_scale_bar(map_frame.svg_frame, map_frame.view),
         class_="map",
     )
 
 
-def _layer(name: str, content: Iterable[MarkupValue]) -> Markup:
+def _render_layer(name: str, content: Iterable[MarkupValue]) -> Markup:
     return tag("g", *content, class_=f"layer-{name}")
 
 
-def _shown(thing: ReportEntry, boxes: bool) -> Markup | None:
+def _draw_reference(entry: ReportEntry, boxes: bool) -> Markup | None:
     """Return the path or the box, which links to the actor's entry. Only the mouse uses this link; the table has links
     for all."""
-    there = thing.known is not None and thing.known.valid.any() if boxes else thing.track is not None
+    there = entry.best_track is not None and entry.best_track.valid.any() if boxes else entry.reconstructed is not None
     if not there:
         return None
-    cav = " cav" if thing.cav else ""
-    shape = use(f"{'box' if boxes else 'way'}-{thing.number}", f"{'box' if boxes else 'way'} {thing.look}{cav}")
-    verdict = "fails" if thing.actor.failed else "passes"
-    words = tag("title", f"No. {thing.number}: {thing.actor.category}, {verdict} ({thing.actor.id})")
-    return tag("a", words, shape, href=f"#thing-{thing.number}", tabindex="-1")
+    cav = " cav" if entry.is_cav else ""
+    shape = render_use(
+        f"{'box' if boxes else 'way'}-{entry.number}", f"{'box' if boxes else 'way'} {entry.verdict_class}{cav}"
+    )
+    verdict = "fails" if entry.actor.failed else "passes"
+    words = tag("title", f"No. {entry.number}: {entry.actor.category}, {verdict} ({entry.actor.id})")
+    return tag("a", words, shape, href=f"#actor-{entry.number}", tabindex="-1")
 
 
-def _name(canvas: SvgFrame, thing: ReportEntry, size: float) -> Markup | None:
-    known = thing.known
+def _draw_number(svg: SvgFrame, entry: ReportEntry, size: float) -> Markup | None:
+    known = entry.best_track
     if known is None or not known.valid.any():
         return None
     last = int(known.valid_frames[-1])
-    x, y = canvas.at(np.array([[known.x[last], known.y[last]]]))[0]
-    name = f"CAV {thing.number}" if thing.cav else f"{thing.number}"
-    look = "cav" if thing.cav else "fail"
+    x, y = svg.to_cm(np.array([[known.x[last], known.y[last]]]))[0]
+    name = f"CAV {entry.number}" if entry.is_cav else f"{entry.number}"
+    look = "cav" if entry.is_cav else "fail"
     return tag("text", name, x=f"{x + size:.0f}", y=f"{y - size:.0f}", font_size=f"{size:.0f}", class_=f"name {look}")
 
 
-def draw_actor_map(plan: MapFrame, thing: ReportEntry) -> Markup | None:
+def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:
     """Return the raw and reconstructed path of one actor with the roads around it."""
-    if not len(thing.xy):
+    if not len(entry.xy):
         return None
-    view = fit_view_box(thing.xy, 4.0, LEAST_THING_M, 0.7)
-    n = thing.number
-    return picture(
+    view = fit_view_box(entry.xy, 4.0, LEAST_THING_M, 0.7)
+    n = entry.number
+    return render_picture(
         f"Path of No. {n}: dots are the log, the line is reconstructed",
-        plan.canvas.box(view),
-        use("roads", "roads"),
-        use(f"box-{n}", f"box {thing.look}{' cav' if thing.cav else ''}") if thing.known else None,
-        use(f"way-{n}", f"way {thing.look}") if thing.track else None,
-        use(f"raw-{n}", "raw") if thing.raw else None,
-        scale_bar(plan.canvas, view, words=0.035),
+        map_frame.svg_frame.view_box_attribute(view),
+        render_use("roads", "roads"),
+        render_use(f"box-{n}", f"box {entry.verdict_class}{' cav' if entry.is_cav else ''}")
+        if entry.best_track
+        else None,
+        render_use(f"way-{n}", f"way {entry.verdict_class}") if entry.reconstructed else None,
+        render_use(f"raw-{n}", "raw") if entry.raw else None,
+        render_scale_bar(map_frame.svg_frame, view, words=0.035),
         class_="map small",
     )
 
 
-def draw_thumbnail(plan: MapFrame, roads: RoadMap, things: Sequence[ReportEntry]) -> Markup:
+def draw_thumbnail(map_frame: MapFrame, roads: RoadMap, entries: Sequence[ReportEntry]) -> Markup:
     """Return a simplified, self-contained overview."""
-    lanes = (lane.centre.xy for lane in roads.driving if plan.view.near(lane.centre.xy))
+    lanes = (lane.centre.xy for lane in roads.driving if map_frame.view.is_near(lane.centre.xy))
     ways: dict[str, str] = {}
-    for thing in things:
-        if thing.track is not None and thing.actor.moving:
-            look = "cav" if thing.cav and thing.look != "fail" else thing.look
-            xy = thing.track.xy[thing.track.valid]
-            ways[look] = ways.get(look, "") + plan.canvas.line(_thinned(xy))
-    return picture(
-        f"Map with {sum(thing.actor.moving for thing in things)} tracks",
-        plan.canvas.box(plan.view),
-        _asphalt("".join(plan.canvas.line(_thinned(xy)) for xy in lanes), THUMBNAIL_LANE_M),
-        *(path(ways[look], class_=f"way {look}") for look in ("walk", "pass", "cav", "fail") if look in ways),
+    for entry in entries:
+        if entry.reconstructed is not None and entry.actor.moving:
+            look = "cav" if entry.is_cav and entry.verdict_class != "fail" else entry.verdict_class
+            xy = entry.reconstructed.xy[entry.reconstructed.valid]
+            ways[look] = ways.get(look, "") + map_frame.svg_frame.line_path(_simplify(xy))
+    return render_picture(
+        f"Map with {sum(entry.actor.moving for entry in entries)} tracks",
+        map_frame.svg_frame.view_box_attribute(map_frame.view),
+        _draw_asphalt("".join(map_frame.svg_frame.line_path(_simplify(xy)) for xy in lanes), THUMBNAIL_LANE_M),
+        *(render_path(ways[look], class_=f"way {look}") for look in ("walk", "pass", "cav", "fail") if look in ways),
         class_="thumbnail",
     )
 
 
-def _thinned(xy: Float) -> Float:
+def _simplify(xy: Float) -> Float:
     """Return a line (N, 2) with fewer points; a single point stays."""
     if len(xy) < 2:
         return xy
     return shapely.get_coordinates(shapely.simplify(shapely.LineString(xy), THUMBNAIL_STEP_M))
 
 
-def draw_far_points(canvas: SvgFrame, xy: Float) -> Markup:
+def draw_far_points(svg: SvgFrame, xy: Float) -> Markup:
     """Return marks where the network deviates from its source."""
-    return path(canvas.dots(xy), class_="far")
+    return render_path(svg.dots_path(xy), class_="far")

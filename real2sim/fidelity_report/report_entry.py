@@ -20,14 +20,14 @@ class ReportEntry:
     actor: ActorQuality
     raw: RecordedTrack | None
     """Cleaned track of the log."""
-    track: RecordedTrack | None
+    reconstructed: RecordedTrack | None
     """Reconstructed."""
     role: TrackRole | None
-    cav: bool
+    is_cav: bool
 
     @property
-    def look(self) -> str:
-        """Class of its verdict in the style."""
+    def verdict_class(self) -> str:
+        """CSS class of the verdict."""
         if self.actor.failed:
             return "fail"
         if not self.actor.moving:
@@ -35,14 +35,14 @@ class ReportEntry:
         return "walk" if self.actor.category in (ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE) else "pass"
 
     @property
-    def known(self) -> RecordedTrack | None:
-        """The reconstructed track, or else the raw one."""
-        return self.track or self.raw
+    def best_track(self) -> RecordedTrack | None:
+        """The reconstructed track, else the raw one."""
+        return self.reconstructed or self.raw
 
     @property
     def xy(self) -> Float:
         """Positions (N, 2) of both tracks where they are valid."""
-        both = [track.xy[track.valid] for track in (self.raw, self.track) if track is not None]
+        both = [track.xy[track.valid] for track in (self.raw, self.reconstructed) if track is not None]
         return np.concatenate(both) if both else np.zeros((0, 2))
 
 
@@ -63,6 +63,6 @@ def build_entries(findings: ConversionFindings) -> tuple[ReportEntry, ...]:
     )
 
 
-def number_by_id(things: tuple[ReportEntry, ...]) -> dict[str, int]:
+def number_by_id(entries: tuple[ReportEntry, ...]) -> dict[str, int]:
     """Return the number on the page by actor id."""
-    return {thing.actor.id: thing.number for thing in things}
+    return {entry.actor.id: entry.number for entry in entries}

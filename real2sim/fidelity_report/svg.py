@@ -28,8 +28,8 @@ class ViewBox:
         """Width and height [m]."""
         return self.right - self.left, self.high - self.low
 
-    def near(self, xy: Float, margin: float = 0.0) -> bool:
-        """Whether the bounding box of a line (N, 2) reaches the view."""
+    def is_near(self, xy: Float, margin: float = 0.0) -> bool:
+        """Return whether the bounding box of a line (N, 2) reaches the view."""
         (x0, y0), (x1, y1) = xy.min(0) - margin, xy.max(0) + margin
         return bool(x1 >= self.left and x0 <= self.right and y1 >= self.low and y0 <= self.high)
 
@@ -53,76 +53,80 @@ class SvgFrame:
     left: float
     high: float
 
-    def at(self, xy: Float) -> Int:
-        """Whole centimetres (N, 2) of points (N, 2)."""
+    def to_cm(self, xy: Float) -> Int:
+        """Return points (N, 2) in whole centimetres (N, 2)."""
         return np.rint((xy - (self.left, self.high)) * (CM, -CM)).astype(np.int64)
 
-    def line(self, xy: Float, valid: Bool | None = None) -> str:
-        """Path of a line (N, 2), broken where rows are not valid."""
+    def line_path(self, xy: Float, valid: Bool | None = None) -> str:
+        """Return the path of a line (N, 2), interrupted at invalid rows."""
         there = np.asarray(np.isfinite(xy).all(axis=1)) if valid is None else valid
-        return "".join(_stroke(self.at(xy[run])) for run in find_runs(there))
+        return "".join(_relative_path(self.to_cm(xy[run])) for run in find_runs(there))
 
-    def dots(self, xy: Float) -> str:
-        """Path of points (N, 2): strokes of no length, which round caps make dots."""
-        points = self.at(xy[np.isfinite(xy).all(axis=1)])
+    def dots_path(self, xy: Float) -> str:
+        """Return the path of points (N, 2): strokes of zero length, which round caps turn into dots."""
+        points = self.to_cm(xy[np.isfinite(xy).all(axis=1)])
         if not len(points):
             return ""
         points = points[np.append(True, (np.diff(points, axis=0) != 0).any(1))]
-        return f"M{_pair(points[0])}h0" + "".join(f"m{_pair(step)}h0" for step in np.diff(points, axis=0))
+        return f"M{_format_point(points[0])}h0" + "".join(
+            f"m{_format_point(step)}h0" for step in np.diff(points, axis=0)
+        )
 
-    def area(self, xy: Float) -> str:
-        """Path around an area (N, 2)."""
-        return _stroke(self.at(xy)) + "z"
+    def area_path(self, xy: Float) -> str:
+        """Return the path around an area (N, 2)."""
+        return _relative_path(self.to_cm(xy)) + "z"
 
-    def vehicle(self, pose: Sequence[float], length: float, width: float) -> str:
-        """Path of a box that shows where its front is; pose is x, y, yaw of its centre."""
+    def vehicle_path(self, pose: Sequence[float], length: float, width: float) -> str:
+        """Return the path of a box with a pointed front; pose is x, y, yaw of its centre."""
         x, y, yaw = pose
         nose = min(NOSE * width, length / 2)
         ahead = np.array((length / 2 - nose, -length / 2, -length / 2, length / 2 - nose, length / 2))
         left = np.array((width, width, -width, -width, 0.0)) / 2
         cos, sin = np.cos(yaw), np.sin(yaw)
-        return self.area(np.column_stack((x + ahead * cos - left * sin, y + ahead * sin + left * cos)))
+        return self.area_path(np.column_stack((x + ahead * cos - left * sin, y + ahead * sin + left * cos)))
 
-    def box(self, view: ViewBox) -> str:
-        """viewBox of a view."""
-        x, y = self.at(np.array([[view.left, view.high]]))[0]
+    def view_box_attribute(self, view: ViewBox) -> str:
+        """Return the viewBox attribute of a view."""
+        x, y = self.to_cm(np.array([[view.left, view.high]]))[0]
         width, height = view.size
         return f"{x} {y} {width * CM:.0f} {height * CM:.0f}"
 
 
-def _stroke(points: Int) -> str:
+def _relative_path(points: Int) -> str:
     steps = np.diff(points, axis=0)
     steps = steps[(steps != 0).any(1)]
-    return f"M{_pair(points[0])}" + ("l" + " ".join(_pair(step) for step in steps) if len(steps) else "h0")
+    return f"M{_format_point(points[0])}" + (
+        "l" + " ".join(_format_point(step) for step in steps) if len(steps) else "h0"
+    )
 
 
-def _pair(point: Iterable[int]) -> str:
+def _format_point(point: Iterable[int]) -> str:
     x, y = point
     return f"{x}{y}" if y < 0 else f"{x} {y}"
 
 
-def path(d: str, **attributes: MarkupValue) -> Markup:
+def render_path(d: str, **attributes: MarkupValue) -> Markup:
     """Return a path whose stroke has the same width at every zoom level."""
     return tag("path", d=d, **attributes, **{"vector-effect": "non-scaling-stroke"})
 
 
-def use(of: str, class_: str) -> Markup:
+def render_use(of: str, class_: str) -> Markup:
     """Return a reference to a shape defined elsewhere on the page, in another style."""
     return tag("use", href=f"#{of}", class_=class_)
 
 
-def picture(label: str, box: str, *content: MarkupValue, class_: str) -> Markup:
+def render_picture(label: str, box: str, *content: MarkupValue, class_: str) -> Markup:
     """Return an SVG that screen readers announce as one image."""
     return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
 
 
-def scale_bar(canvas: SvgFrame, view: ViewBox, words: float = 0.017) -> Markup:
+def render_scale_bar(svg: SvgFrame, view: ViewBox, words: float = 0.017) -> Markup:
     """Return a bar of round length at the lower right; `words` is its font size as a share of the picture."""
     width, height = view.size
     length = next((m for m in (100.0, 50.0, 20.0, 10.0, 5.0) if m <= width / 5), 2.0)
     right, low = view.right - 0.025 * width, view.low + 0.03 * height
     bar = np.array([[right - length, low], [right, low]])
-    x, y = canvas.at(bar.mean(0)[None])[0]
+    x, y = svg.to_cm(bar.mean(0)[None])[0]
     size = words * max(width, height) * CM
     word = tag("text", f"{length:.0f} m", x=f"{x}", y=f"{y - 0.5 * size:.0f}", font_size=f"{size:.0f}", class_="scale")
-    return tag("g", path(canvas.line(bar), class_="bar"), word, aria_hidden="true")
+    return tag("g", render_path(svg.line_path(bar), class_="bar"), word, aria_hidden="true")

@@ -15,7 +15,9 @@ SHARES = ("moving vehicles passing all checks", "order kept at conflicts")
 
 def find_missed_targets(findings: ConversionFindings) -> tuple[str, ...]:
     """Return one sentence for each missed target."""
-    return findings.misses or tuple(target.format_sentence() for target in _targets(findings) if target.met is False)
+    return findings.misses or tuple(
+        target.format_sentence() for target in _all_targets(findings) if target.met is False
+    )
 
 
 def render_tiles(findings: ConversionFindings) -> Markup:
@@ -24,28 +26,30 @@ def render_tiles(findings: ConversionFindings) -> Markup:
     passed = f"{quality.moving_passed} of {quality.moving_vehicles}"
     kept = f"{closeness.order_kept} of {closeness.order_pairs}" if closeness else ""
     counts = {SHARES[0]: passed, SHARES[1]: kept}
-    tiles = [_tile(target, _value(target, counts)) for target in _targets(findings)]
+    tiles = [_render_tile(target, _format_value(target, counts)) for target in _all_targets(findings)]
     return tag("ul", join_markup(tiles, "\n"), class_="tiles", aria_label="Key figures")
 
 
-def _targets(findings: ConversionFindings) -> tuple[FidelityTarget, ...]:
+def _all_targets(findings: ConversionFindings) -> tuple[FidelityTarget, ...]:
     traffic = build_traffic_targets(findings.closeness) if findings.closeness else ()
     return findings.targets or (*build_reconstruction_targets(findings.quality), *traffic)
 
 
-def _tile(target: FidelityTarget, value: str) -> Markup:
+def _render_tile(target: FidelityTarget, value: str) -> Markup:
     state, word = STATES[target.met]
-    limit = f"{100 * target.limit:g} %" if target.unit == "share" else f"{target.limit:g} {_unit(target)}".strip()
+    limit = (
+        f"{100 * target.limit:g} %" if target.unit == "share" else f"{target.limit:g} {_format_unit(target)}".strip()
+    )
     asked = f"at {'least' if target.at_least else 'most'} {limit} · "
     return tag("li", tag("strong", value), tag("span", target.name), tag("small", asked, tag("b", word)), class_=state)
 
 
-def _value(target: FidelityTarget, counts: Mapping[str, str]) -> str:
+def _format_value(target: FidelityTarget, counts: Mapping[str, str]) -> str:
     """Return the figure; shares as counts, because 95 % of 8 is a matter of one."""
     if target.value is not None and target.name in counts:
         return counts[target.name]
-    return format_figure(target.value, _unit(target), 2 if target.unit else 0)
+    return format_figure(target.value, _format_unit(target), 2 if target.unit else 0)
 
 
-def _unit(target: FidelityTarget) -> str:
+def _format_unit(target: FidelityTarget) -> str:
     return target.unit.replace("m/s3", "m/s³")

@@ -13,17 +13,17 @@ from real2sim.fidelity_report.report_entry import ReportEntry, number_by_id
 from real2sim.traffic_fidelity import MEDIAN_5S_M, PositionErrors, TrafficFidelity
 
 HEAD = ("after departure [s]", "vehicles", "lower quartile [m]", "median [m]", "upper quartile [m]", "worst [m]")
-CAPTION = "Measured at the times of the table, over the vehicles that the log still has then."
-SHOWN_M = 20.0
+CAPTION = "Measured at the times of the table, over the vehicles that the log still contains."
+MAX_SHOWN_M = 20.0
 """[m] Upper limit of the chart: an absent vehicle counts 100 m, which would flatten all other curves."""
 
 
-def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEntry, ...]) -> Markup:
+def render_traffic_section(findings: ConversionFindings, entries: tuple[ReportEntry, ...]) -> Markup:
     """Return text, chart, table and lists; a scenario uses other ids than the tracks of its log."""
     closeness = findings.closeness
     if closeness is None:
         return tag("p", "Not measured.", class_="none")
-    by_id = number_by_id(things)
+    by_id = number_by_id(entries)
     numbers = by_id | {name: by_id[id_] for id_, name in findings.names.items() if id_ in by_id}
 
     def pair(a: str, b: str, more: str = "") -> Markup:
@@ -31,24 +31,25 @@ def render_traffic_section(findings: ConversionFindings, things: tuple[ReportEnt
 
     return join_markup(
         (
-            tag("p", _words(closeness)),
-            tag("figure", _drift_chart(closeness.errors), tag("figcaption", CAPTION), class_="drift"),
-            _table(closeness.errors),
+            tag("p", _describe_fidelity(closeness)),
+            tag("figure", _draw_drift_chart(closeness.errors), tag("figcaption", CAPTION), class_="drift"),
+            _render_error_table(closeness.errors),
             render_collapsible_list(
-                "Pass in another order than in the log", [pair(a, b) for a, b in closeness.order_changed]
+                "Passing order different from the log", [pair(a, b) for a, b in closeness.order_changed]
             ),
             render_collapsible_list("Could not depart", [link_entry(name, numbers) for name in closeness.not_departed]),
             render_collapsible_list(
-                "Left before the log's vehicle", [link_entry(name, numbers) for name in closeness.left_early]
+                "Left before the vehicle of the log", [link_entry(name, numbers) for name in closeness.left_early]
             ),
             render_collapsible_list(
-                "Touch, but not in the log", [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts]
+                "Contacts that are not in the log",
+                [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts],
             ),
         )
     )
 
 
-def _words(closeness: TrafficFidelity) -> str:
+def _describe_fidelity(closeness: TrafficFidelity) -> str:
     drift = format_figure(closeness.median_at_5s, "m")
     order = (
         f"{closeness.order_kept} of {closeness.order_pairs} pairs ({format_share(closeness.order_share)}) pass their"
@@ -58,18 +59,18 @@ def _words(closeness: TrafficFidelity) -> str:
     )
     return (
         f"The {closeness.vehicles} background vehicles drive in SUMO ({closeness.mode}) while the CAVs and the scripted"
-        f" actors do what they did in the log. After 5 s half of them are within {drift} of the log"
+        f" actors repeat the log. After 5 s half of the background vehicles are within {drift} of the log"
         f" (at most {MEDIAN_5S_M:g} m). {order}"
     )
 
 
-def _drift_chart(errors: Sequence[PositionErrors]) -> Markup:
+def _draw_drift_chart(errors: Sequence[PositionErrors]) -> Markup:
     lower, median, upper = (_values(errors, name) for name in ("lower", "median", "upper"))
     times = np.array([error.after_s for error in errors], dtype=np.float64)
     known = times[np.isfinite(median)]
     span = (float(known[0]), float(known[-1])) if len(known) > 1 else (0.0, 1.0)
     most = float(np.nanmax(upper, initial=0.0, where=np.isfinite(upper)))
-    top = float(np.clip(1.15 * most, 1.2 * MEDIAN_5S_M, SHOWN_M))
+    top = float(np.clip(1.15 * most, 1.2 * MEDIAN_5S_M, MAX_SHOWN_M))
     series = (ChartSeries("band", times, lower, upper), ChartSeries("line", times, median))
     label = "Distance between simulated and logged vehicles over time since departure: median, and quartiles as a band"
     title = "distance to the log [m]: median and quartiles"
@@ -81,7 +82,7 @@ def _values(errors: Sequence[PositionErrors], name: str) -> Float:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _table(errors: Sequence[PositionErrors]) -> Markup:
+def _render_error_table(errors: Sequence[PositionErrors]) -> Markup:
     rows = [
         (
             f"{e.after_s:g}",

@@ -69,7 +69,7 @@ def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Route
     if match.is_off_road:
         return match.reason
     if match.break_frames or match.reason:
-        return match.reason or "no way joins all lanes that it drove on"
+        return match.reason or "no route connects all lanes that it drove on"
     on = np.array([frame for frame in track.valid_frames.tolist() if match.lanes[frame]], dtype=np.intp)
     if why := _explain_off_road(track, match, on, roads):
         return why

@@ -66,7 +66,7 @@ def _compute_driven_m(track: RecordedTrack) -> float:
 def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
     """Return why a track cannot be a CAV; "" if it can."""
     if track.category.kind is not Kind.VEHICLE:
-        return f"a {track.category.value} is no vehicle"
+        return f"a {track.category.value} is not a vehicle"
     if not track.valid[0]:
         return (
             f"it appears only in frame {int(track.valid_frames[0])}" if len(track.valid_frames) else "it is never seen"

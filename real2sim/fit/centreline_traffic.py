@@ -47,16 +47,16 @@ def place_on_centrelines(drivers: Sequence[RoutedTrack], roads: RoadMap) -> Cent
     return CentrelineTraffic(drivers, poses)
 
 
-def find_abreast(all_of_them: CentrelineTraffic, dt_s: float) -> dict[str, str]:
+def find_abreast(traffic: CentrelineTraffic, dt_s: float) -> dict[str, str]:
     """Return, by track id, why a vehicle cannot be in a lane: another one is beside it, nearer to the centre line."""
     found: dict[str, str] = {}
-    drivers = all_of_them.drivers
+    drivers = traffic.drivers
     for k, one in enumerate(drivers):
         for n in range(k):
             other = drivers[n]
             if one.track.id in found or other.track.id in found:
                 continue
-            frames = _find_overlap_frames(all_of_them, k, n)
+            frames = _find_overlap_frames(traffic, k, n)
             if len(frames) * dt_s < LEAST_S:
                 continue
             off = [float(np.mean(np.abs(driver.match.offset[frames]))) for driver in (one, other)]
@@ -65,28 +65,28 @@ def find_abreast(all_of_them: CentrelineTraffic, dt_s: float) -> dict[str, str]:
     return found
 
 
-def _find_overlap_frames(all_of_them: CentrelineTraffic, k: int, n: int) -> np.ndarray:
-    one, other = (all_of_them.drivers[i].match.lanes for i in (k, n))
+def _find_overlap_frames(traffic: CentrelineTraffic, k: int, n: int) -> np.ndarray:
+    one, other = (traffic.drivers[i].match.lanes for i in (k, n))
     same = np.array([a == b != "" for a, b in zip(one, other, strict=True)], dtype=np.bool_)
-    frames = _find_near_frames(all_of_them, k, same, all_of_them.poses[n, :, :2])
+    frames = _find_near_frames(traffic, k, same, traffic.poses[n, :, :2])
     if not len(frames):
         return frames
-    boxes = (all_of_them.corners(i, frames, -DEEP_M) for i in (k, n))
+    boxes = (traffic.corners(i, frames, -DEEP_M) for i in (k, n))
     return frames[boxes_overlap(*boxes)]
 
 
-def find_vehicles_through(all_of_them: CentrelineTraffic, there: Bool, corners: Float) -> list[str]:
+def find_vehicles_through(traffic: CentrelineTraffic, there: Bool, corners: Float) -> list[str]:
     """Return the track ids of vehicles that pass through the boxes of an object with corners (T, 4, 2), in frames when
     it is `there`."""
     found: list[str] = []
-    for k, one in enumerate(all_of_them.drivers):
-        frames = _find_near_frames(all_of_them, k, there, corners.mean(axis=1))
-        if len(frames) and boxes_overlap(all_of_them.corners(k, frames, MARGIN_M), corners[frames]).any():
+    for k, one in enumerate(traffic.drivers):
+        frames = _find_near_frames(traffic, k, there, corners.mean(axis=1))
+        if len(frames) and boxes_overlap(traffic.corners(k, frames, MARGIN_M), corners[frames]).any():
             found.append(one.track.id)
     return found
 
 
-def _find_near_frames(all_of_them: CentrelineTraffic, k: int, rows: Bool, xy: Float) -> np.ndarray:
+def _find_near_frames(traffic: CentrelineTraffic, k: int, rows: Bool, xy: Float) -> np.ndarray:
     """Return the frames among `rows` (T,) in which a vehicle is near points (T, 2) [m]."""
-    apart = np.hypot(*(all_of_them.poses[k, :, :2] - xy).T)
+    apart = np.hypot(*(traffic.poses[k, :, :2] - xy).T)
     return np.flatnonzero(rows & (np.nan_to_num(apart, nan=np.inf) < NEAR_M))

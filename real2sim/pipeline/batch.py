@@ -48,7 +48,7 @@ class BatchResult:
         return tuple(outcome for outcome in self.outcomes if outcome.misses)
 
 
-def _silent(_done: int, _total: int, _text: str) -> None:
+def _ignore_progress(_done: int, _total: int, _text: str) -> None:
     """Report nothing."""
 
 
@@ -61,25 +61,25 @@ class BatchOptions:
     every_s: float | None = None
     """[s] Splits every log into scenarios of this length."""
     workers: int = 1
-    progress: Callable[[int, int, str], None] = _silent
+    progress: Callable[[int, int, str], None] = _ignore_progress
     """Called with the number of finished logs, the number of logs, and the result of the last one."""
 
 
-def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, order: BatchOptions) -> BatchResult:
+def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options: BatchOptions) -> BatchResult:
     """Write the suite of all logs that can be converted; raises InputError if there is none or `out` cannot be written.
 
     `out`, which must be new or empty, appears only at the end, complete.
     """
     with atomic_folder(out) as draft:
         parts = draft / PARTS
-        tasks, refused = _tasks(logs, parts, order)
-        with ProcessPool(_converted, min(order.workers, max(len(tasks), 1)), LIMIT_S) as pool:
-            answers = dict(_answers(pool.run(tasks), len(tasks), order))
+        tasks, refused = _plan_tasks(logs, parts, options)
+        with ProcessPool(_convert_task, min(options.workers, max(len(tasks), 1)), LIMIT_S) as pool:
+            answers = dict(_report_answers(pool.run(tasks), len(tasks), options))
         outcomes: list[ConvertedScenario] = []
         for task in tasks:
             answer = answers[task.number]
             if isinstance(answer, ConvertedScenario):
-                answer = _taken(answer, task, draft, outcomes)
+                answer = _move_into_suite(answer, task, draft, outcomes)
             if isinstance(answer, ConvertedScenario):
                 outcomes.append(answer)
             else:
@@ -88,27 +88,27 @@ def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, order: 
             raise InputError("\n".join(refused) or "expected at least one log, found none")
         shutil.rmtree(parts)
         save_suite(Suite(about, draft, ()))
-        if order.report:
+        if options.report:
             write_index(draft, about.name, [outcome.index_row for outcome in outcomes if outcome.index_row])
     return BatchResult(tuple(outcomes), tuple(refused))
 
 
-def _tasks(logs: Sequence[LogSource], parts: Path, order: BatchOptions) -> tuple[list[ConversionTask], list[str]]:
+def _plan_tasks(logs: Sequence[LogSource], parts: Path, options: BatchOptions) -> tuple[list[ConversionTask], list[str]]:
     """Return a task for every log, or for every window of every log, and a sentence for each log that cannot be
     split."""
-    once, refused = _once(logs)
-    tasks = [ConversionTask(i, log, order.conversion, order.report, parts / str(i)) for i, log in enumerate(once)]
-    if order.every_s is None:
+    once, refused = _reject_repeated(logs)
+    tasks = [ConversionTask(i, log, options.conversion, options.report, parts / str(i)) for i, log in enumerate(once)]
+    if options.every_s is None:
         return tasks, refused
-    whole = [replace(task, every_s=order.every_s) for task in tasks]
-    with ProcessPool(_windows, min(order.workers, max(len(whole), 1)), LIMIT_S) as pool:
-        found = {task.number: _checked(answer) for task, answer in pool.run(whole)}
-    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _of(found[i])]
+    whole = [replace(task, every_s=options.every_s) for task in tasks]
+    with ProcessPool(_split_task, min(options.workers, max(len(whole), 1)), LIMIT_S) as pool:
+        found = {task.number: _describe_if_failed(answer) for task, answer in pool.run(whole)}
+    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _windows_or_none(found[i])]
     refused += [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]
-    return _tasks(cut, parts, replace(order, every_s=None))[0], refused
+    return _plan_tasks(cut, parts, replace(options, every_s=None))[0], refused
 
 
-def _once(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
+def _reject_repeated(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
     """Return the logs without repetitions, and a sentence for each repetition."""
     once: dict[tuple[Path, TimeWindow | None], LogSource] = {}
     refused: list[str] = []
@@ -118,41 +118,41 @@ def _once(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
     return list(once.values()), refused
 
 
-def _of(windows: Windows | str) -> Windows:
+def _windows_or_none(windows: Windows | str) -> Windows:
     return () if isinstance(windows, str) else windows
 
 
-def _checked(
+def _describe_if_failed(
     answer: Windows | str | WorkerFailure,
 ) -> Windows | str:
-    return _failed(answer) if isinstance(answer, WorkerFailure) else answer
+    return _describe_failure(answer) if isinstance(answer, WorkerFailure) else answer
 
 
-def _failed(failure: WorkerFailure) -> str:
+def _describe_failure(failure: WorkerFailure) -> str:
     """Describe the failure of one log; raises InputError for a failure that concerns all logs, such as a full disk."""
     if failure.kind is FailureKind.INPUT:
         raise InputError(failure.reason)
     return f"conversion failed: {failure.reason}"
 
 
-def _answers(
-    done: Iterable[tuple[ConversionTask, ConvertedScenario | str | WorkerFailure]], total: int, order: BatchOptions
+def _report_answers(
+    done: Iterable[tuple[ConversionTask, ConvertedScenario | str | WorkerFailure]], total: int, options: BatchOptions
 ) -> Iterator[tuple[int, ConvertedScenario | str]]:
     ids: set[str] = set()
     for i, (task, answer) in enumerate(done, 1):
         if isinstance(answer, WorkerFailure):
-            answer = prefix_with_log(task.log, _failed(answer))
-        order.progress(i, total, f"{_title(task.log)}: {_verdict(answer, ids)}")
+            answer = prefix_with_log(task.log, _describe_failure(answer))
+        options.progress(i, total, f"{_format_title(task.log)}: {_format_verdict(answer, ids)}")
         ids |= {answer.id} if isinstance(answer, ConvertedScenario) else set()
         yield task.number, answer
 
 
-def _title(log: LogSource) -> str:
+def _format_title(log: LogSource) -> str:
     """Return the name of the log's file and its window, for progress lines."""
     return f"{log.path.name}, {describe_window(log)}" if log.window else log.path.name
 
 
-def _verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:
+def _format_verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:
     """Describe the result; `before` are the scenario ids of earlier logs, each of which may occur once in a suite."""
     if isinstance(answer, str):
         return "unusable"
@@ -162,7 +162,7 @@ def _verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:
     return f"misses {count} target{'' if count == 1 else 's'}" if count else "passed"
 
 
-def _taken(
+def _move_into_suite(
     outcome: ConvertedScenario, task: ConversionTask, draft: Path, before: Sequence[ConvertedScenario]
 ) -> ConvertedScenario | str:
     """Move a finished scenario and its network into the suite; return a sentence if its id is taken."""
@@ -174,18 +174,18 @@ def _taken(
     return outcome
 
 
-def _converted(task: ConversionTask) -> ConvertedScenario | str:
+def _convert_task(task: ConversionTask) -> ConvertedScenario | str:
     """Worker process: return the scenario, or why there is none."""
-    _quiet()
+    _redirect_stdout()
     try:
         return convert_log(task.log, task.folder, task.options, task.report)
     except InputError as error:
         return str(error)
 
 
-def _windows(task: ConversionTask) -> Windows | str:
+def _split_task(task: ConversionTask) -> Windows | str:
     """Worker process: return the windows of a log, or why there are none."""
-    _quiet()
+    _redirect_stdout()
     assert task.every_s is not None
     try:
         return split_into_windows(task.log, task.every_s)
@@ -193,6 +193,6 @@ def _windows(task: ConversionTask) -> Windows | str:
         return str(error)
 
 
-def _quiet() -> None:
+def _redirect_stdout() -> None:
     """Redirect standard output to standard error: SUMO and pyarrow print warnings where our results go."""
     os.dup2(2, 1)

@@ -23,7 +23,7 @@ OFF_MAP_SHARE = 0.5
 
 def check_on_map(recording: Recording) -> None:
     """Raise InputError if most of the log lies off its map."""
-    gaps = _gaps(recording.map, _points(recording))
+    gaps = _distances_to_lanes(recording.map, _sample_vehicle_points(recording))
     if not len(gaps):
         return
     share = float((gaps > OFF_MAP_M).mean())
@@ -34,14 +34,14 @@ def check_on_map(recording: Recording) -> None:
         )
 
 
-def _points(recording: Recording) -> Float:
+def _sample_vehicle_points(recording: Recording) -> Float:
     """Return positions of vehicles (N, 2) [m], at most ten per vehicle."""
     tracks = [track for view in recording.views for track in view.tracks if track.category.kind is Kind.VEHICLE]
     seen = [track.xy[track.valid_frames[:: max(len(track.valid_frames) // 10, 1)]] for track in tracks]
     return np.concatenate(seen) if seen else np.zeros((0, 2))
 
 
-def _gaps(map_: HdMap, xy: Float) -> Float:
+def _distances_to_lanes(map_: HdMap, xy: Float) -> Float:
     """Return distances (N,) [m] to the nearest driving lane; empty without a lane: `build_network` refuses such a
     map."""
     lanes = [lane for lane in map_.lanes.values() if lane.kind is LaneKind.DRIVING and len(lane.centre) > 1]
@@ -68,10 +68,10 @@ def select_cav_tracks(
     """
     if not names:
         return choose_cavs(tuple(cleaned.cavs.values()), tracks, matches)
-    return tuple(dict.fromkeys(_track_of(name, cleaned, tracks, matches) for name in names))
+    return tuple(dict.fromkeys(_find_track(name, cleaned, tracks, matches) for name in names))
 
 
-def _track_of(
+def _find_track(
     name: str, cleaned: CleanedRecording, tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> str:
     """Return the id of the track of that name; raises InputError that lists the usable vehicles."""
@@ -104,7 +104,7 @@ def describe_unused_cavs(
     others = ", ".join(shown[id_] for id_ in chosen)
     over = explain_unused_cavs(tuple(cleaned.cavs.values()), chosen, tracks, matches)
     return tuple(
-        f"{id_}, a CAV of the source, is none here: {why}; driven instead: {others}" for id_, why in over.items()
+        f"{id_}, a CAV of the source, is not a CAV here: {why}; driven instead: {others}" for id_, why in over.items()
     )
 
 

@@ -48,7 +48,9 @@ class ConversionResults:
     @property
     def targets(self) -> tuple[FidelityTarget, ...]:
         """All figures with a target."""
-        broken = [track.id for track in self.tracks if not track.parked and _broken(self.matches.get(track.id))]
+        broken = [
+            track.id for track in self.tracks if not track.parked and _is_route_broken(self.matches.get(track.id))
+        ]
         return (
             *build_reconstruction_targets(self.quality),
             *build_network_targets(self.network, broken),
@@ -62,7 +64,7 @@ class ConversionResults:
         return tuple(target.format_sentence() for target in self.targets if target.met is False)
 
 
-def _broken(match: LaneMatch | None) -> bool:
+def _is_route_broken(match: LaneMatch | None) -> bool:
     return match is not None and not match.is_off_road and bool(match.break_frames)
 
 
@@ -75,11 +77,11 @@ def build_quality_file(steps: ConversionResults) -> QualityFile:
         window_s=steps.window_s,
         mode=steps.fitted.background.mode,
         dt_s=steps.recording.dt_s,
-        cleaning=_cleaning(steps.cleaned.report),
-        network=_network(steps.network),
+        cleaning=_cleaning_figures(steps.cleaned.report),
+        network=_network_figures(steps.network),
         fidelity=steps.quality,
         by_sumo=count_sumo_driven(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
-        fit=_fit(steps.fitted),
+        fit=_role_entries(steps.fitted),
         closeness=steps.closeness,
         targets=steps.targets,
         misses=steps.misses,
@@ -109,7 +111,7 @@ def build_findings(steps: ConversionResults) -> ConversionFindings:
     )
 
 
-def _cleaning(report: CleaningReport) -> CleaningFigures:
+def _cleaning_figures(report: CleaningReport) -> CleaningFigures:
     changes = (
         CleaningChange(reason=change.reason, track=change.track, frames=change.frames, detail=change.detail)
         for change in report.changes
@@ -117,7 +119,7 @@ def _cleaning(report: CleaningReport) -> CleaningFigures:
     return CleaningFigures(counts=report.count_by_reason(), changes=tuple(changes))
 
 
-def _network(report: NetworkReport) -> NetworkFigures:
+def _network_figures(report: NetworkReport) -> NetworkFigures:
     fit = report.deviation
     return NetworkFigures(
         name=report.name,
@@ -141,7 +143,7 @@ def _network(report: NetworkReport) -> NetworkFigures:
     )
 
 
-def _fit(fitted: FittedTraffic) -> tuple[TrackRoleEntry, ...]:
-    plain = TrackRole(Disposition.LEFT_OUT, "the fit says nothing about it")
+def _role_entries(fitted: FittedTraffic) -> tuple[TrackRoleEntry, ...]:
+    plain = TrackRole(Disposition.LEFT_OUT, "no reason was recorded")
     roles = ((track, name, fitted.roles.get(track, plain)) for track, name in fitted.names.items())
     return tuple(TrackRoleEntry(track=t, name=n, became=role.disposition, reason=role.reason) for t, n, role in roles)

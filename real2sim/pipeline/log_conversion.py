@@ -19,12 +19,12 @@ from real2sim.source_scene import SourceScene
 
 BUCKETS = {"v2xpnp": "V2XPnP"}
 CATEGORY = "real2sim"
-LONGEST_S = 60.0
+MAX_LOG_S = 60.0
 """[s] Longer logs need a window: an episode lasts seconds."""
-LEAST_S = 2.0
+MIN_LOG_S = 2.0
 """[s] Shorter logs would pass almost unchecked: turns are measured within one second, traffic against the log after one
 and two seconds."""
-PROPOSED_S = 20.0
+PROPOSED_WINDOW_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool
     try:
         recording = crop_recording(str(log.path), read_log(log), log.window)
         _check_length(recording)
-        built = build_scenario(_scene(recording, log.window), draft, replace(wish, window_s=log.window))
+        built = build_scenario(_build_scene(recording, log.window), draft, replace(wish, window_s=log.window))
     except InputError as error:
         raise InputError(prefix_with_log(log, str(error))) from None
     folder = draft / built.scenario.id
@@ -62,24 +62,24 @@ def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]
     first = log.window[0] if log.window else 0.0
     end = first + (recording.frame_count - 1) * recording.dt_s
     starts = [first + k * every_s for k in range(math.ceil((end - first) / every_s - 1e-6))]
-    if len(starts) > 1 and end - starts[-1] < max(every_s / 2, LEAST_S) - recording.dt_s / 2:
+    if len(starts) > 1 and end - starts[-1] < max(every_s / 2, MIN_LOG_S) - recording.dt_s / 2:
         starts.pop()
     return tuple((round(start, 3), round(min(start + every_s, end), 3)) for start in starts)
 
 
 def _check_length(recording: Recording) -> None:
     length_s = (recording.frame_count - 1) * recording.dt_s
-    least_s = max(LEAST_S, (MIN_FRAMES - 1) * recording.dt_s)
+    least_s = max(MIN_LOG_S, (MIN_FRAMES - 1) * recording.dt_s)
     if length_s < least_s - recording.dt_s / 2:
         raise InputError(f"expected at least {least_s:g} s, found {length_s:g} s: too short for the checks to say much")
-    if length_s > LONGEST_S:
+    if length_s > MAX_LOG_S:
         raise InputError(
-            f"expected at most {LONGEST_S:g} s, found a log of {length_s:g} s: choose a part with"
-            f" --window 0,{PROPOSED_S:g}, or cut it into scenarios with --every {PROPOSED_S:g}"
+            f"expected at most {MAX_LOG_S:g} s, found a log of {length_s:g} s: choose a part with"
+            f" --window 0,{PROPOSED_WINDOW_S:g}, or cut it into scenarios with --every {PROPOSED_WINDOW_S:g}"
         )
 
 
-def _scene(recording: Recording, window: TimeWindow | None) -> SourceScene:
+def _build_scene(recording: Recording, window: TimeWindow | None) -> SourceScene:
     part = f", {window[0]:g} s to {window[1]:g} s" if window else ""
     return SourceScene(
         id=make_scenario_id(recording.id, window),

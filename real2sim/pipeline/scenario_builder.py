@@ -81,7 +81,7 @@ def build_scenario(
     except ValidationError as error:
         raise InputError(describe_first_error(error)) from None
     notes = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
-    scenario = _scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
+    scenario = _assemble_scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
     check_scenario(scenario, roads)
     steps = ConversionResults(
         id=scene.id,
@@ -92,15 +92,15 @@ def build_scenario(
         network=network,
         roads=roads,
         matches=matches,
-        quality=_assessed(recording, cleaned, tracks, roads),
+        quality=_assess(recording, cleaned, tracks, roads),
         fitted=fitted,
         notes=notes,
-        closeness=measure_traffic_fidelity(_reactive(scenario), roads, tracks, fitted.names, dt_s),
+        closeness=measure_traffic_fidelity(_with_reactive_traffic(scenario), roads, tracks, fitted.names, dt_s),
     )
     return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps))
 
 
-def _assessed(
+def _assess(
     recording: Recording, cleaned: CleanedRecording, tracks: tuple[RecordedTrack, ...], roads: RoadMap
 ) -> ReconstructionQuality:
     lanes = LaneSegmentIndex.from_centre_lines(
@@ -112,13 +112,13 @@ def _assessed(
     )
 
 
-def _reactive(scenario: Scenario) -> Scenario:
+def _with_reactive_traffic(scenario: Scenario) -> Scenario:
     """Return the scenario with reactive traffic whatever the mode: replayed poses are always close to the log."""
     background = scenario.background.model_copy(update={"mode": "reactive"})
     return scenario.model_copy(update={"background": background})
 
 
-def _scenario(scene: SourceScene, recording: Recording, fitted: FittedTraffic, network: str) -> Scenario:
+def _assemble_scenario(scene: SourceScene, recording: Recording, fitted: FittedTraffic, network: str) -> Scenario:
     try:
         return Scenario(
             id=scene.id,

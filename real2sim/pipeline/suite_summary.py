@@ -63,16 +63,16 @@ class FidelitySummary(BaseModel):
 
 def summarize_suite(qualities: Sequence[QualityFile]) -> FidelitySummary:
     """Aggregate at least one quality.json."""
-    lines = tuple(map(_line, qualities))
+    lines = tuple(map(_build_row, qualities))
     misses: dict[str, dict[str, str]] = {}
     for quality in qualities:
         for target in quality.targets:
             if target.met is False:
                 misses.setdefault(target.name, {})[quality.scenario] = target.format_sentence()
-    return FidelitySummary(scenarios=lines, all=_all(lines), misses=misses)
+    return FidelitySummary(scenarios=lines, all=_aggregate(lines), misses=misses)
 
 
-def _line(quality: QualityFile) -> FidelityRow:
+def _build_row(quality: QualityFile) -> FidelityRow:
     fidelity, close = quality.fidelity, quality.closeness
     return FidelityRow(
         scenario=quality.scenario,
@@ -96,7 +96,7 @@ def _line(quality: QualityFile) -> FidelityRow:
     )
 
 
-def _all(lines: Sequence[FidelityRow]) -> FidelityRow:
+def _aggregate(lines: Sequence[FidelityRow]) -> FidelityRow:
     def known(name: str, of: Callable[[Sequence[float]], float]) -> float | None:
         values = [value for line in lines if (value := getattr(line, name)) is not None]
         return of(values) if values else None
@@ -128,26 +128,26 @@ def _all(lines: Sequence[FidelityRow]) -> FidelityRow:
 
 def format_summary(found: FidelitySummary) -> str:
     """For a terminal: a line for each scenario, all together, then what misses its target."""
-    rows = [HEAD, *map(_cells, (*found.scenarios, found.all))]
+    rows = [HEAD, *map(_format_cells, (*found.scenarios, found.all))]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
     lines = [
-        "  ".join(_padded(cell, width, i) for i, (cell, width) in enumerate(zip(row, widths, strict=True))).rstrip()
+        "  ".join(_pad(cell, width, i) for i, (cell, width) in enumerate(zip(row, widths, strict=True))).rstrip()
         for row in rows
     ]
-    return "\n".join((*lines, "", LEGEND, "", *_missed(found)))
+    return "\n".join((*lines, "", LEGEND, "", *_format_misses(found)))
 
 
-def _padded(cell: str, width: int, column: int) -> str:
+def _pad(cell: str, width: int, column: int) -> str:
     return cell.ljust(width) if column in (0, len(HEAD) - 1) else cell.rjust(width)
 
 
-def _missed(found: FidelitySummary) -> list[str]:
+def _format_misses(found: FidelitySummary) -> list[str]:
     if not found.misses:
         return ["Every figure meets its target."]
     return [f"{scenario}: {sentence}" for missed in found.misses.values() for scenario, sentence in missed.items()]
 
 
-def _cells(line: FidelityRow) -> tuple[str, ...]:
+def _format_cells(line: FidelityRow) -> tuple[str, ...]:
     return (
         line.scenario,
         f"{line.moving_passed}/{line.moving_vehicles}",

@@ -27,7 +27,7 @@ class SimulatedTraffic:
 
 
 @dataclass(frozen=True)
-class _Rail:
+class _TimedPath:
     """Timed poses of an object that repeats the log: times (N,) [s], x, y, yaw, speed (N, 4)."""
 
     times: Float
@@ -48,29 +48,29 @@ def simulate_log(
 ) -> SimulatedTraffic:
     """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
     frames = len(next(iter(tracks.values())).valid)
-    cavs = {ego.id: _rail_of(tracks[ego.id], dt_s) for ego in scenario.egos}
-    actors = [(actor, _rail(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
+    cavs = {ego.id: _path_of_track(tracks[ego.id], dt_s) for ego in scenario.egos}
+    actors = [(actor, _path_of_actor(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
     sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
     with SumoWorld(scenario, roads, sizes, seed) as world:
         for tick in range(round((frames - 1) * dt_s / DT) + 1):
             time = tick * DT
-            egos, scripted = _egos(cavs, time), _scripted(actors, time)
+            egos, scripted = _ego_states(cavs, time), _scripted_actors(actors, time)
             around = world.advance(egos, scripted, ()) if tick else world.start(egos, scripted)
             now = around.actors
             for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
                 seen.setdefault(name, []).append((time, x, y, yaw))
-    return SimulatedTraffic({name: _in_frames(np.array(rows), frames, dt_s) for name, rows in seen.items()})
+    return SimulatedTraffic({name: _resample(np.array(rows), frames, dt_s) for name, rows in seen.items()})
 
 
-def _rail_of(track: RecordedTrack, dt_s: float) -> _Rail:
+def _path_of_track(track: RecordedTrack, dt_s: float) -> _TimedPath:
     rows = track.valid_frames
     xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
     times = rows.astype(np.float64) * dt_s
-    return _Rail(times, np.column_stack((xy, yaw, _speed(xy, times))))
+    return _TimedPath(times, np.column_stack((xy, yaw, _compute_speeds(xy, times))))
 
 
-def _speed(xy: Float, times: Float) -> Float:
+def _compute_speeds(xy: Float, times: Float) -> Float:
     """[m/s] (N,)"""
     if len(times) < 2:
         return np.zeros(len(times))
@@ -78,21 +78,21 @@ def _speed(xy: Float, times: Float) -> Float:
     return np.hypot(x, y)
 
 
-def _rail(actor: Actor) -> _Rail:
+def _path_of_actor(actor: Actor) -> _TimedPath:
     if not isinstance(actor.motion, ReplayMotion):
         start = actor.start
-        return _Rail(np.zeros(1), np.array([[start.x, start.y, start.yaw, 0.0]]), stays=True)
+        return _TimedPath(np.zeros(1), np.array([[start.x, start.y, start.yaw, 0.0]]), stays=True)
     timed = np.array(actor.motion.poses)
-    speed = _speed(timed[:, 1:3], timed[:, 0])
-    return _Rail(timed[:, 0], np.column_stack((timed[:, 1:], speed)), actor.motion.stays)
+    speed = _compute_speeds(timed[:, 1:3], timed[:, 0])
+    return _TimedPath(timed[:, 0], np.column_stack((timed[:, 1:], speed)), actor.motion.stays)
 
 
-def _egos(cavs: Mapping[str, _Rail], time: float) -> dict[str, EgoState]:
+def _ego_states(cavs: Mapping[str, _TimedPath], time: float) -> dict[str, EgoState]:
     now = ((name, rail.at(time)) for name, rail in cavs.items())
     return {name: EgoState(*(float(value) for value in state)) for name, state in now if state is not None}
 
 
-def _scripted(actors: list[tuple[Actor, _Rail]], time: float) -> Actors:
+def _scripted_actors(actors: list[tuple[Actor, _TimedPath]], time: float) -> Actors:
     now = [(actor, state) for actor, rail in actors if (state := rail.at(time)) is not None]
     if not now:
         return Actors.empty()
@@ -109,7 +109,7 @@ def _scripted(actors: list[tuple[Actor, _Rail]], time: float) -> Actors:
     )
 
 
-def _in_frames(rows: Float, frames: int, dt_s: float) -> Float:
+def _resample(rows: Float, frames: int, dt_s: float) -> Float:
     """Resample times, x, y, yaw (N, 4) of a vehicle to x, y, yaw (T, 3) in the log's frames."""
     times = np.arange(frames) * dt_s
     there = (times > rows[0, 0] - 1e-6) & (times < rows[-1, 0] + 1e-6)

@@ -14,7 +14,7 @@ NEAR_M = 1.5
 APART_M = 3.0
 """[m] A path that is near the other within its first metres begins there: the vehicle follows, it does not merge."""
 SPACING_M = 0.5
-SHORTEST_M = 2.0
+MIN_PATH_M = 2.0
 """[m] A vehicle that drives less has no path."""
 
 
@@ -29,7 +29,7 @@ class ConflictPoint:
 
 
 @dataclass(frozen=True)
-class _Path:
+class _DrivenPath:
     """The path of a vehicle: points (N, 2) [m] every `SPACING_M`, and the time [frames] at each."""
 
     xy: Float
@@ -40,10 +40,10 @@ class _Path:
 def find_conflict_points(tracks: Mapping[str, Float]) -> tuple[ConflictPoint, ...]:
     """Return the conflict points of all pairs of vehicles; positions (T, 2) [m] by name, NaN where a vehicle is
     absent."""
-    paths = {name: path for name, xy in sorted(tracks.items()) if (path := _path(xy)) is not None}
+    paths = {name: path for name, xy in sorted(tracks.items()) if (path := _sample_path(xy)) is not None}
     found: list[ConflictPoint] = []
     for a, b in combinations(paths, 2):
-        at = _meeting(paths[a], paths[b])
+        at = _find_meeting_point(paths[a], paths[b])
         if at is None:
             continue
         i, j = at
@@ -52,24 +52,26 @@ def find_conflict_points(tracks: Mapping[str, Float]) -> tuple[ConflictPoint, ..
     return tuple(found)
 
 
-def _xy(path: _Path, k: int) -> tuple[float, float]:
+def _xy(path: _DrivenPath, k: int) -> tuple[float, float]:
     return float(path.xy[k, 0]), float(path.xy[k, 1])
 
 
-def _path(xy: Float) -> _Path | None:
+def _sample_path(xy: Float) -> _DrivenPath | None:
     rows = np.flatnonzero(np.isfinite(xy[:, 0]))
     if len(rows) < 2:
         return None
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy[rows], axis=0).T))))
-    if driven[-1] < SHORTEST_M:
+    if driven[-1] < MIN_PATH_M:
         return None
     stations = np.arange(0.0, driven[-1], SPACING_M)
     points = np.column_stack([np.interp(stations, driven, xy[rows, axis]) for axis in (0, 1)])
     first_there = np.concatenate(((True,), np.diff(driven) > 1e-6))
-    return _Path(points, np.interp(stations, driven[first_there], rows[first_there].astype(np.float64)), KDTree(points))
+    return _DrivenPath(
+        points, np.interp(stations, driven[first_there], rows[first_there].astype(np.float64)), KDTree(points)
+    )
 
 
-def _meeting(one: _Path, other: _Path) -> tuple[int, int] | None:
+def _find_meeting_point(one: _DrivenPath, other: _DrivenPath) -> tuple[int, int] | None:
     """Return the indices of the points at which two paths first come near each other after a stretch apart."""
     gap, _ = one.tree.query(other.xy, distance_upper_bound=NEAR_M)
     back, _ = other.tree.query(one.xy, distance_upper_bound=NEAR_M)
@@ -83,12 +85,12 @@ def _meeting(one: _Path, other: _Path) -> tuple[int, int] | None:
 
 def is_order_kept(conflict: ConflictPoint, log: Mapping[str, Float], simulated: Mapping[str, Float]) -> bool:
     """Return whether `first` passes the point before `second` in the simulation too; False if neither passes."""
-    first = _passed(log[conflict.first], simulated[conflict.first], conflict.first_at)
-    second = _passed(log[conflict.second], simulated[conflict.second], conflict.second_at)
+    first = _find_passing_frame(log[conflict.first], simulated[conflict.first], conflict.first_at)
+    second = _find_passing_frame(log[conflict.second], simulated[conflict.second], conflict.second_at)
     return first < second or (first == second and np.isfinite(first))
 
 
-def _passed(log: Float, simulated: Float, point: tuple[float, float]) -> float:
+def _find_passing_frame(log: Float, simulated: Float, point: tuple[float, float]) -> float:
     """Return the frame in which a vehicle passes the point on its path of the log; infinite if it never does."""
     path = build_polyline(log[np.isfinite(log[:, 0])])
     goal = path.project(*point)[0]

@@ -70,7 +70,7 @@ class TrafficFidelity(BaseModel):
 
 
 @dataclass(frozen=True)
-class _Vehicle:
+class _VehicleTracks:
     """A background vehicle in log and simulation: positions (T, 2) [m] in the log's frames, NaN where it is absent."""
 
     name: str
@@ -93,13 +93,13 @@ def measure_traffic_fidelity(
     """
     by_name = {names[track.id]: track for track in tracks}
     run = simulate_log(scenario, roads, by_name, dt_s, seed)
-    vehicles = [_vehicle(by_name[one.id], one, run, dt_s) for one in scenario.background.vehicles]
+    vehicles = [_pair_tracks(by_name[one.id], one, run, dt_s) for one in scenario.background.vehicles]
     moving = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.log for one in vehicles}
     placed = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.simulated for one in vehicles}
     background = {one.name for one in vehicles}
     pairs = [one for one in find_conflict_points(moving) if background & {one.first, one.second}]
     changed = tuple((one.first, one.second) for one in pairs if not is_order_kept(one, moving, placed))
-    errors = tuple(_error_at(vehicles, after, dt_s) for after in AFTER_S)
+    errors = tuple(_summarize_errors(vehicles, after, dt_s) for after in AFTER_S)
     there = [one for one in vehicles if np.isfinite(one.simulated[:, 0]).any()]
     return TrafficFidelity(
         mode=scenario.background.mode,
@@ -111,28 +111,30 @@ def measure_traffic_fidelity(
         order_share=1 - len(changed) / len(pairs) if pairs else None,
         order_changed=changed,
         not_departed=tuple(one.name for one in vehicles if one not in there),
-        left_early=tuple(one.name for one in there if _left_early(one, dt_s)),
-        contacts=_contacts(vehicles, by_name, run),
+        left_early=tuple(one.name for one in there if _has_left_early(one, dt_s)),
+        contacts=_find_new_contacts(vehicles, by_name, run),
     )
 
 
-def _vehicle(track: RecordedTrack, vehicle: BackgroundVehicle, run: SimulatedTraffic, dt_s: float) -> _Vehicle:
+def _pair_tracks(
+    track: RecordedTrack, vehicle: BackgroundVehicle, run: SimulatedTraffic, dt_s: float
+) -> _VehicleTracks:
     """Pair log and simulation of one vehicle in the frames of its schedule; outside them the track is off the map."""
     times = np.arange(len(track.valid)) * dt_s
     ends = vehicle.schedule.progress[-1][0] if vehicle.schedule else times[-1]
     there = (times > vehicle.depart_s - dt_s / 2) & (times < ends + dt_s / 2)
-    return _Vehicle(vehicle.id, np.where(there[:, None], track.xy, np.nan), run.xy(vehicle.id, len(times)))
+    return _VehicleTracks(vehicle.id, np.where(there[:, None], track.xy, np.nan), run.xy(vehicle.id, len(times)))
 
 
-def _error_at(vehicles: Sequence[_Vehicle], after_s: float, dt_s: float) -> PositionErrors:
-    found = [error for one in vehicles if (error := _error(one, after_s, dt_s)) is not None]
+def _summarize_errors(vehicles: Sequence[_VehicleTracks], after_s: float, dt_s: float) -> PositionErrors:
+    found = [error for one in vehicles if (error := _compute_error(one, after_s, dt_s)) is not None]
     if not found:
         return PositionErrors(after_s=after_s, vehicles=0, median=None, lower=None, upper=None, worst=None)
     lower, median, upper, worst = (round(float(q), 3) for q in np.percentile(found, (25, 50, 75, 100)))
     return PositionErrors(after_s=after_s, vehicles=len(found), median=median, lower=lower, upper=upper, worst=worst)
 
 
-def _error(one: _Vehicle, after_s: float, dt_s: float) -> float | None:
+def _compute_error(one: _VehicleTracks, after_s: float, dt_s: float) -> float | None:
     """Return the distance [m] between log and simulation `after_s` after the vehicle's first frame; None if the log has
     ended."""
     frame = int(np.flatnonzero(np.isfinite(one.log[:, 0]))[0]) + round(after_s / dt_s)
@@ -142,17 +144,17 @@ def _error(one: _Vehicle, after_s: float, dt_s: float) -> float | None:
     return apart if np.isfinite(apart) else GONE_M
 
 
-def _left_early(one: _Vehicle, dt_s: float) -> bool:
+def _has_left_early(one: _VehicleTracks, dt_s: float) -> bool:
     """Return whether the vehicle disappears more than half a second before it leaves the log."""
     last_seen, last_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[-1]) for xy in (one.log, one.simulated))
     return last_there < last_seen - round(0.5 / dt_s)
 
 
-def _contacts(
-    vehicles: Sequence[_Vehicle], tracks: Mapping[str, RecordedTrack], run: SimulatedTraffic
+def _find_new_contacts(
+    vehicles: Sequence[_VehicleTracks], tracks: Mapping[str, RecordedTrack], run: SimulatedTraffic
 ) -> tuple[tuple[str, str, int], ...]:
     logged = [tracks[one.name] for one in vehicles]
-    placed = [_placed(tracks[one.name], run.poses[one.name]) for one in vehicles if one.name in run.poses]
+    placed = [_with_poses(tracks[one.name], run.poses[one.name]) for one in vehicles if one.name in run.poses]
     if len(placed) < 2:
         return ()
     known = {frozenset((logged[i].id, logged[j].id)) for i, j, _ in find_contacts(logged, SLACK_M).collisions}
@@ -161,7 +163,7 @@ def _contacts(
     return tuple((names[a], names[b], frames) for a, b, frames in found if frozenset((a, b)) not in known)
 
 
-def _placed(track: RecordedTrack, poses: Float) -> RecordedTrack:
+def _with_poses(track: RecordedTrack, poses: Float) -> RecordedTrack:
     """Return the track with the poses of the simulation."""
     valid = np.isfinite(poses[:, 0])
     length, width = median_size(track)

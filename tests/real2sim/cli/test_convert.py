@@ -212,7 +212,7 @@ def test_a_cav_of_the_source_that_will_not_do_is_told(tmp_path: Path) -> None:
     write_vector_map(road(), tmp_path / "map.pkl")
     done = run("v2xpnp", tmp_path / "log", "--map", tmp_path / "map.pkl", "--out", tmp_path / "out", "--report")
     assert done.exit_code in (0, 1), done.output
-    sentence = "cav_1, a CAV of the source, is none here: it never moves; driven instead: cav_2"
+    sentence = "cav_1, a CAV of the source, is not a CAV here: it never moves; driven instead: cav_2"
     scenario = only(tmp_path / "out")
     assert [ego.id for ego in scenario.egos] == ["cav_2"]
     folder = tmp_path / "out" / scenario.id

@@ -18,7 +18,7 @@ from testing.small_log import road, write_small_log
 
 from mdrive_sumo.cli import main
 from real2sim.hd_map import HdMap
-from real2sim.pipeline.log_conversion import LONGEST_S
+from real2sim.pipeline.log_conversion import MAX_LOG_S
 
 COMMAND = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()", "convert")
 
@@ -178,7 +178,7 @@ def test_an_unsupported_commonroad_version(tmp_path: Path) -> None:
 
 def test_a_long_log_proposes_a_window(tmp_path: Path) -> None:
     names = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy,psi_rad,length,width"
-    rows = [f"1,{k + 1},{100 * (k + 1)},car,{k / 20:.2f},0,0.5,0,0,4.5,1.8" for k in range(10 * round(LONGEST_S) + 2)]
+    rows = [f"1,{k + 1},{100 * (k + 1)},car,{k / 20:.2f},0,0.5,0,0,4.5,1.8" for k in range(10 * round(MAX_LOG_S) + 2)]
     (tmp_path / "vehicle_tracks_000.csv").write_text("\n".join((names, *rows)) + "\n")
     (tmp_path / "map.osm").write_text(lanelet())
     sentence = refused(tmp_path, "interaction", tmp_path)

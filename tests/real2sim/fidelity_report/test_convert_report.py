@@ -15,7 +15,7 @@ from testing.report_findings import DT, HOSTILE, findings_of, log_of, small_find
 
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.conversion_findings import ConversionFindings
-from real2sim.fidelity_report.formatting import CLEANED, FIGURES, describe_failures, describe_figure
+from real2sim.fidelity_report.formatting import CLEANING_ACTIONS, FIGURES, describe_failures, describe_figure
 from real2sim.fidelity_report.index_page import build_index_row, render_index, write_index
 from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.network_section import compute_deviation
@@ -87,7 +87,7 @@ def test_every_thing_has_a_row_and_a_card_and_failures_come_first_and_open(html:
     assert ["open" in one for one in cards] == [True, False, False, False, False]
     assert card(html, "fast") in html
     assert "No. 1</b>" in card(html, "fast")
-    assert [one["href"] for one in page.all("a") if one.get("href", "").startswith("#thing-")].count("#thing-5") >= 2  # type: ignore[union-attr]
+    assert [one["href"] for one in page.all("a") if one.get("href", "").startswith("#actor-")].count("#actor-5") >= 2  # type: ignore[union-attr]
 
 
 def test_a_failure_says_its_figure_and_its_limit(html: str) -> None:
@@ -138,7 +138,7 @@ def test_traffic_is_told_by_number_whatever_the_scenario_calls_it(found: Convers
     section = html.split('id="traffic"')[1].split("<section")[0]
     number = re.search(r"No\. (\d)</b>", card(html, "&lt;script"))
     assert number is not None
-    assert f'href="#thing-{number[1]}"' in section
+    assert f'href="#actor-{number[1]}"' in section
     assert "plain-name" not in section
     assert "Not measured." in render_report(replace(found, closeness=None))
 
@@ -151,7 +151,7 @@ def test_a_scenario_without_anything_has_a_page(found: ConversionFindings) -> No
 
 def test_every_check_and_every_reason_has_words() -> None:
     assert {check.figure for check in CHECKS} <= set(FIGURES)
-    assert set(CLEANED) == set(ChangeReason)
+    assert set(CLEANING_ACTIONS) == set(ChangeReason)
     assert set(FIGURES) <= set(ActorQuality.model_fields)
 
 

@@ -70,10 +70,10 @@ def test_the_index_fits_a_small_screen(tab: Any, found: ConversionFindings, tmp_
 
 
 def test_a_link_opens_the_card_it_leads_to(page: Any) -> None:
-    closed = "!document.getElementById('thing-5').closest('details.card').open"
+    closed = "!document.getElementById('actor-5').closest('details.card').open"
     assert page.evaluate(closed)
-    page.click('table a[href="#thing-5"]')
-    page.locator("#thing-5").wait_for(state="visible")  # the group of what stands opened for it
+    page.click('table a[href="#actor-5"]')
+    page.locator("#actor-5").wait_for(state="visible")  # the group of what stands opened for it
 
 
 @pytest.mark.parametrize("layer", ["raw", "way", "rest", "names"])
