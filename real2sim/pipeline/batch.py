@@ -93,7 +93,9 @@ def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options
     return BatchResult(tuple(outcomes), tuple(refused))
 
 
-def _plan_tasks(logs: Sequence[LogSource], parts: Path, options: BatchOptions) -> tuple[list[ConversionTask], list[str]]:
+def _plan_tasks(
+    logs: Sequence[LogSource], parts: Path, options: BatchOptions
+) -> tuple[list[ConversionTask], list[str]]:
     """Return a task for every log, or for every window of every log, and a sentence for each log that cannot be
     split."""
     once, refused = _reject_repeated(logs)
