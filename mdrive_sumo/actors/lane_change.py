@@ -47,7 +47,7 @@ def _choose_direction(action: LaneChange, path: MotionPath, frame: Frame) -> str
 
 
 def _find_lane(at: tuple[float, float, float], roads: RoadMap) -> Lane | None:
-    nearest = roads.nearest(np.array([at[:2]]))
+    nearest = roads.find_nearest_lanes(np.array([at[:2]]))
     alignment = math.cos(wrap_angle(at[2] - float(nearest.yaw[0])))
     if nearest.distance[0] > ON_LANE_M or alignment < math.cos(math.pi / 4):
         return None

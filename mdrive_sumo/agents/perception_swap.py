@@ -79,7 +79,7 @@ class PerceptionSwapAgent:
         if has_hazard(seen.own, self._fusion.fuse(seen.tick, seen.own, seen.objects)):
             self._hold_until_tick = seen.tick + PERCEPTION_SWAP.hold_ticks
         halts = seen.tick < self._hold_until_tick or self._is_at_red_light(lights, seen)
-        return Reply(plan=self._build_plan(path, halts), messages=self._awareness.messages(seen), notes=notes)
+        return Reply(plan=self._build_plan(path, halts), messages=self._awareness.compose_messages(seen), notes=notes)
 
     def _build_route(self, own: OwnState) -> tuple[ReferencePath, StopLines]:
         """Return the path, and the traffic lights on it: BasicAgent obeys no stop signs."""

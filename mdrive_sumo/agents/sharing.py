@@ -37,4 +37,4 @@ class SharingAgent:
             objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
             self._ego_planner.update_plan(seen, objects)
         plan = self._ego_planner.planner.build_plan(seen.tick)
-        return Reply(plan=plan, messages=self._awareness.messages(seen), notes=notes)
+        return Reply(plan=plan, messages=self._awareness.compose_messages(seen), notes=notes)

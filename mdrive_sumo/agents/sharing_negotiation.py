@@ -30,5 +30,5 @@ class SharingNegotiationAgent(SharingAgent):
             self._ego_planner.update_plan(seen, exclude_objects(objects, names), motions)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
-        messages = self._awareness.messages(seen) + step.messages
+        messages = self._awareness.compose_messages(seen) + step.messages
         return Reply(plan=plan, messages=messages, notes=notes + step.notes)

@@ -94,7 +94,7 @@ class Episode:
     def _list_deliveries(self) -> Iterator[dict[str, Any]]:
         for sent in self.record.messages:
             message = sent.message
-            for receiver, (status, tick) in sent.fates.items():
+            for receiver, (status, tick) in sent.deliveries.items():
                 yield {
                     "tick": message.tick,
                     "sender": message.sender,

@@ -113,7 +113,7 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
             f"suite {suite.name}: expected scenarios as they are in {suite.folder}, found another {changed[0]!r};"
             " save_suite() writes it"
         )
-    chosen = suite.matching(scenario)
+    chosen = suite.select(scenario)
     return name, scenario if len(suite) == len(stored) else ",".join(one.id for one in chosen)
 
 

@@ -17,7 +17,7 @@ def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) ->
     if suite is not None:
         owner = load_suite(suite) if isinstance(suite, str) else suite
         found = scenario if isinstance(scenario, Scenario) else _find_in(owner, scenario)
-        return found, load_road_map(find_network_folder(found.network, owner.home(found.id)))
+        return found, load_road_map(find_network_folder(found.network, owner.find_folder(found.id)))
     scenario_id = scenario.id if isinstance(scenario, Scenario) else scenario
     folder = _find_packaged_suite(scenario_id)
     if isinstance(scenario, Scenario):

@@ -7,7 +7,7 @@ from mdrive_sumo.scenario.suite import Suite
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
     """The only scenario whose id (or category) fits a glob; raises InputError if none or several do."""
-    found = suite.matching(pattern)
+    found = suite.select(pattern)
     if len(found) == 1:
         return found[0]
     raise InputError(

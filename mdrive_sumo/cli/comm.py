@@ -84,7 +84,7 @@ def _with(comm: CommSettings, option: str, text: str) -> CommSettings:
     for name, values in _by_type(text).items():
         fields = read(values)
         if name:
-            comm = replace(comm, by_type={**comm.by_type, name: replace(comm.link_of(name), **fields)})
+            comm = replace(comm, by_type={**comm.by_type, name: replace(comm.find_link(name), **fields)})
         else:
             links = {other: replace(link, **fields) for other, link in comm.by_type.items()}
             comm = replace(comm, link=replace(comm.link, **fields), by_type=links)

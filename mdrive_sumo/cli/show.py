@@ -70,7 +70,7 @@ def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     path = out or Path(f"{chosen.id}.png")
     try:
         save_scenario_plot(
-            chosen, load_road_map(find_network_folder(chosen.network, beside=loaded.home(chosen.id))), path
+            chosen, load_road_map(find_network_folder(chosen.network, beside=loaded.find_folder(chosen.id))), path
         )
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
         raise InputError(f"{path}: cannot be written: {error}") from None

@@ -55,5 +55,5 @@ def _page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording_path(run.folder, scenario.id))
-    roads = load_road_map(find_network_folder(scenario.network, run.suite.home(scenario.id)))
+    roads = load_road_map(find_network_folder(scenario.network, run.suite.find_folder(scenario.id)))
     return render_replay(episode, scenario, roads, find_marks(episode, result))

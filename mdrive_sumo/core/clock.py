@@ -26,12 +26,12 @@ class Clock:
         """As a user writes it."""
         return f"fixed:{self.ticks * TICK_MS}" if self.kind == "fixed" else self.kind
 
-    def delay(self, thought_s: float) -> int:
+    def delay_ticks(self, think_time_s: float) -> int:
         """Ticks from a question until its answer counts, after so many seconds of thinking.
 
         Measured time is rounded down to whole ticks, as in the original: an answer within a tick costs nothing.
         """
-        return math.floor(thought_s * TICKS_PER_SECOND) if self.kind == "measured" else self.ticks
+        return math.floor(think_time_s * TICKS_PER_SECOND) if self.kind == "measured" else self.ticks
 
 
 IDEAL = Clock()

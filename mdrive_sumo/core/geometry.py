@@ -155,7 +155,7 @@ class Polyline:
             whole = whole[:-1]
         return np.append(whole, self.length)
 
-    def resampled(self, spacing: float) -> "Polyline":
+    def resample(self, spacing: float) -> "Polyline":
         """Points every `spacing` metres, as `stations` has them."""
         stations = self.stations(spacing)
         return Polyline(np.column_stack([np.interp(stations, self.s, self.xy[:, axis]) for axis in (0, 1)]))

@@ -110,7 +110,7 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
 
 
 def _receivers(messages: Sequence[SentMessage]) -> list[str]:
-    return sorted({receiver for sent in messages for receiver in sent.fates})
+    return sorted({receiver for sent in messages for receiver in sent.deliveries})
 
 
 def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
@@ -119,7 +119,7 @@ def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
     rows = [
         (i, column[receiver], _FATES.index(fate), tick)
         for i, sent in enumerate(messages)
-        for receiver, (fate, tick) in sent.fates.items()
+        for receiver, (fate, tick) in sent.deliveries.items()
     ]
     return np.array(rows, dtype=np.int32).reshape(-1, 4)
 

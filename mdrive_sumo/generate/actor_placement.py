@@ -107,7 +107,7 @@ def _spot(actor: ProposedActor) -> tuple[str, str]:
 
 def _station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> float:
     """Where on the CAV's route [m] the actor, and what stands behind it for `depth` metres, belongs."""
-    inside = [k for k, (x, y) in enumerate(ego.xy) if any(lane.junction for lane in roads.lanes_near(x, y, 0.3))]
+    inside = [k for k, (x, y) in enumerate(ego.xy) if any(lane.junction for lane in roads.find_lanes_near(x, y, 0.3))]
     length = len(ego.route) - 1.0
     if not inside:
         return min(AHEAD_M, length * 0.6)
@@ -188,7 +188,7 @@ def _beside(ego: Ego, roads: RoadMap, station: float) -> tuple[bool, bool]:
 
 def _all_beside(poses: Sequence[tuple[float, float, float]], roads: RoadMap, offset: float) -> bool:
     points = np.array([(x - offset * math.sin(yaw), y + offset * math.cos(yaw)) for x, y, yaw in poses])
-    near = roads.nearest(points)
+    near = roads.find_nearest_lanes(points)
     turned = np.cos(near.yaw - np.array([yaw for _, _, yaw in poses]))
     outside = ~roads.in_junction[near.lane]
     return bool(((near.distance < LANE_M / 3) & (turned > 0))[outside].all()) and bool(outside.any())

@@ -57,7 +57,7 @@ class AgentScheduler:
         if self._clock.kind == "measured" and self._recorded_ticks is not None:
             ticks = self._recorded_ticks.get((ego, tick), 0)
         else:
-            ticks = self._clock.delay(self._drivers[ego].think_time_s)
+            ticks = self._clock.delay_ticks(self._drivers[ego].think_time_s)
         if self._clock.kind == "measured" and ticks:
             self.think_times.append(ThinkTime(ego, tick, ticks))
         return ticks

@@ -89,4 +89,4 @@ class EpisodeConfig:
     @property
     def road_grip(self) -> float:
         """Share of the friction of a dry road, in (0, 1]."""
-        return self.options.friction.grip(self.scenario.weather)
+        return self.options.friction.grip_in(self.scenario.weather)

@@ -55,7 +55,7 @@ class EpisodeSimulation:
         }
         self._vehicle = replace(VEHICLE, grip=config.road_grip)
         self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
-        self._walls = contact.walls(building.outline for building in config.roads.buildings)
+        self._walls = contact.build_walls(building.outline for building in config.roads.buildings)
         self._scripted = ScriptedActors(scenario, config.roads, config.options.actor_mode)
         self._controllers: dict[tuple[str, str], control.Controller] = {}
         self._controls: dict[str, Control] = dict.fromkeys(self._vehicle_states, STANDSTILL)
@@ -133,7 +133,7 @@ class EpisodeSimulation:
         if not self.is_done:
             raise RuntimeError("episode: expected every CAV to have ended before finish()")
         endings = [self._endings[ego.id] for ego in self._config.scenario.egos]
-        return self._recorder.finish(endings, self._channel.log(), think_times)
+        return self._recorder.finish(endings, self._channel.sent_messages(), think_times)
 
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
@@ -153,11 +153,11 @@ class EpisodeSimulation:
         for ego, messages in self._received.items():
             self._pending_messages[ego] += messages
         observers = tuple(ego for ego in self.active_egos if ego not in busy)
-        is_scene_needed = self._roadside.speaks(frame.tick) or self._senses.needed(observers)
+        is_scene_needed = self._roadside.is_due(frame.tick) or self._senses.needs_frame(observers)
         self._scene = build_sensing_frame(frame, self._dimensions) if is_scene_needed else None
         messages_by_observer = {ego: self._pending_messages[ego] for ego in observers}
         self._pending_messages |= dict.fromkeys(observers, ())
-        observations = self._senses.observe(frame, self._scene, self._plans, messages_by_observer)
+        observations = self._senses.build_observations(frame, self._scene, self._plans, messages_by_observer)
         if not self.active_egos:
             self._end_tick({})
         return observations
@@ -190,12 +190,12 @@ class EpisodeSimulation:
         messages = {ego: reply.messages for ego, reply in replies.items() if reply.messages}
         for ego, reply in replies.items():
             self._recorder.note(frame.tick, ego, reply.notes)
-        if self._scene is not None and self._roadside.speaks(frame.tick):
-            messages |= self._roadside.said(self._scene)
+        if self._scene is not None and self._roadside.is_due(frame.tick):
+            messages |= self._roadside.compose_messages(self._scene)
         if messages:
             egos = self.active_egos
-            positions = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in egos} | self._roadside.places
-            self._channel.post(frame.tick, messages, positions, receivers=egos)
+            positions = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in egos} | self._roadside.positions
+            self._channel.send(frame.tick, messages, positions, receivers=egos)
 
     def _update_plans(self, replies: Mapping[str, Reply]) -> None:
         for ego, reply in replies.items():
@@ -226,7 +226,7 @@ class EpisodeSimulation:
         scripted = self._scripted.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
         around = self._world.advance(_ego_states(after), scripted, struck)
         actors = around.actors.merge(scripted)
-        obstacles = contact.obstacles(frame.actors, actors)
+        obstacles = contact.build_obstacle_motion(frame.actors, actors)
         settled, contacts = contact.resolve_contacts(before, after, self._vehicles, obstacles, self._walls)
         self._vehicle_states |= after if self._config.pass_through else settled
         states = _ego_states({ego: self._vehicle_states[ego] for ego in after})

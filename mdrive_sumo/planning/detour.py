@@ -195,6 +195,6 @@ def _apply_shift(path: ReferencePath, shift: _LateralShift, vehicle: VehicleFact
     old_stations = np.arange(len(shifted.s)) * SPACING_M
     begin, end = shift.hold[0] - shift.ramps[0], shift.hold[1] + shift.ramps[1]
     goal_s, first_s, last_s = np.interp((path.goal_s, begin, end), old_stations, shifted.s).tolist()
-    xy = shifted.resampled(SPACING_M).xy[:-1]
+    xy = shifted.resample(SPACING_M).xy[:-1]
     start_yaw = float(path.body_yaw[0])
     return Detour(build_path_through_points(xy, vehicle.rear_to_centre, start_yaw, goal_s), first_s, last_s)

@@ -83,11 +83,11 @@ def build_path(
         route = _blend_into_heading(route, start_yaw, parameters.join_m)
     smoothing_m = parameters.smoothing_m
     ends = [route.at(-smoothing_m), *route.xy, route.at(route.length + parameters.run_out_m + smoothing_m)]
-    fine = build_polyline(ends).resampled(SPACING_M).xy
+    fine = build_polyline(ends).resample(SPACING_M).xy
     half = round(smoothing_m / SPACING_M)
     window = np.full(2 * half + 1, 1 / (2 * half + 1))
     smooth = np.column_stack([np.convolve(fine[:, axis], window, mode="valid") for axis in (0, 1)])
-    xy = build_polyline(smooth).resampled(SPACING_M).xy[:-1]
+    xy = build_polyline(smooth).resample(SPACING_M).xy[:-1]
     goal_s = build_polyline(xy).project(*route.xy[-1].tolist())[0]
     return build_path_through_points(xy, rear_to_centre, start_yaw, goal_s)
 

@@ -59,7 +59,7 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
     fates = [
         (i, column[receiver], FATES.index(fate), tick)
         for i, one in enumerate(sent)
-        for receiver, (fate, tick) in one.fates.items()
+        for receiver, (fate, tick) in one.deliveries.items()
         if receiver in column
     ]
     objects, tracks = _objects(rows, origin)

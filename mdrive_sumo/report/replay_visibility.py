@@ -7,7 +7,7 @@ from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
-from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 SIGHT_EVERY_TICKS = 4
 SIGHT_RANGE_M = 100.0
@@ -27,7 +27,7 @@ def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
             boxes = scene.boxes
             eye = SensorPose(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
             sight[ego, present, column] = (
-                compute_visible_fractions(eye, scene, buildings, SIGHT_RANGE_M) >= LEAST_VISIBLE
+                SightView(eye, scene, buildings, SIGHT_RANGE_M).visible_fractions() >= LEAST_VISIBLE
             )
     return sight
 

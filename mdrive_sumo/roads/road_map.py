@@ -106,7 +106,7 @@ class RoadMap:
     def _tree(self) -> shapely.STRtree:
         return shapely.STRtree(self._lines)
 
-    def nearest(self, xy: Float) -> NearestLanes:
+    def find_nearest_lanes(self, xy: Float) -> NearestLanes:
         """Nearest driving lane to each of the points xy (M, 2) [m]; of equally near ones the first of `driving`."""
         points = shapely.points(xy)
         lane, distance = self._nearest_lanes(points)
@@ -127,7 +127,7 @@ class RoadMap:
         first = order[np.unique(point[order], return_index=True)[1]]
         return lane[first].astype(np.int64), distance[first]
 
-    def lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
+    def find_lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
         """Lanes whose centre line passes within `radius` [m] of the point, in the order of `driving`."""
         found = self._tree.query(shapely.Point(x, y), predicate="dwithin", distance=radius)
         return [self.driving[i] for i in sorted(found)]

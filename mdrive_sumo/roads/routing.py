@@ -132,4 +132,4 @@ def join_route_pieces(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Floa
     yaw = np.unwrap(np.concatenate([directions for _, directions in pieces]))
     keep = np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-6))
     line = Polyline(xy[keep])
-    return Route(lanes, line.resampled(HOP_M).xy, np.interp(line.stations(HOP_M), line.s, yaw[keep]))
+    return Route(lanes, line.resample(HOP_M).xy, np.interp(line.stations(HOP_M), line.s, yaw[keep]))

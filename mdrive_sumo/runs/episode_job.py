@@ -91,7 +91,7 @@ def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
     scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
     if scenario is None:
         raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
-    return scenario, load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
+    return scenario, load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
 
 
 @lru_cache(maxsize=2)

@@ -44,6 +44,6 @@ def compute_code_checksum() -> str:
 def _compute_networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
     """Return the checksum of the networks in use, with the files beside their roads."""
     digest = hashlib.sha256()
-    for name, home in sorted({(scenario.network, suite.home(scenario.id)) for scenario in scenarios}):
+    for name, home in sorted({(scenario.network, suite.find_folder(scenario.id)) for scenario in scenarios}):
         digest.update(read_network_file(find_network_folder(name, home)).model_dump_json().encode())
     return "sha256:" + digest.hexdigest()

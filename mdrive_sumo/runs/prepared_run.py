@@ -71,9 +71,9 @@ class PreparedRun:
 def prepare(config: RunConfig) -> PreparedRun:
     """Load the suite and create the agent once. Raises InputError for whatever the user has to mend."""
     suite = load_suite(config.suite)
-    scenarios = suite.matching(config.scenario)
+    scenarios = suite.select(config.scenario)
     for scenario in scenarios:
-        check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite.home(scenario.id))))
+        check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id))))
     folder = config.out or config.default_folder(suite.name)
     info = make_run_info(config, suite, _read_labels(config.agent))
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))

@@ -154,7 +154,7 @@ def _arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
     return [
         f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
         for sent in episode.messages
-        for receiver, fate in sent.fates.items()
+        for receiver, fate in sent.deliveries.items()
         if fate == (DeliveryStatus.DELIVERED, tick)
     ]
 

@@ -98,7 +98,7 @@ class Scenario(ScenarioPart):
     def _known_vehicles(self) -> "Scenario":
         cavs = [ego.id for ego in self.egos]
         for actor in self.actors:
-            for name in actor.vehicles:
+            for name in actor.referenced_cav_ids:
                 if name not in cavs:
                     raise ValueError(f"actor {actor.id}: expected one of the CAVs {', '.join(cavs)}, found {name!r}")
         return self

@@ -165,7 +165,7 @@ class Actor(ScenarioPart):
         return self
 
     @property
-    def vehicles(self) -> tuple[str, ...]:
+    def referenced_cav_ids(self) -> tuple[str, ...]:
         """Ids of the CAVs that its trigger and action name."""
         named = (
             getattr(self.trigger, "vehicle", None),

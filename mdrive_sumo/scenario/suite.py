@@ -83,7 +83,7 @@ class Suite:
         if isinstance(key, slice):
             return replace(self, scenarios=self.scenarios[key])
         exact = next((scenario for scenario in self.scenarios if scenario.id == key), None)
-        return exact or replace(self, scenarios=self.matching(key))
+        return exact or replace(self, scenarios=self.select(key))
 
     def to_frame(self) -> "pd.DataFrame":
         """Return one row per scenario, indexed by scenario id. Needs pandas (`mdrive-sumo[notebook]`)."""
@@ -94,7 +94,7 @@ class Suite:
         """Short name, as users type it."""
         return self.about.name
 
-    def home(self, scenario: str) -> Path:
+    def find_folder(self, scenario: str) -> Path:
         """Folder of the suite in which a scenario lies, and beside which its network may lie."""
         return next((part.folder for part in self.parts if any(s.id == scenario for s in part.scenarios)), self.folder)
 
@@ -110,7 +110,7 @@ class Suite:
     def _folders(self) -> tuple[Path, ...]:
         return (self.folder, *(part.folder for part in self.parts))
 
-    def matching(self, pattern: str) -> tuple[Scenario, ...]:
+    def select(self, pattern: str) -> tuple[Scenario, ...]:
         """Scenarios whose id or category matches a glob, or one of several globs separated by commas.
 
         Raises InputError if none does.

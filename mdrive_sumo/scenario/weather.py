@@ -42,6 +42,6 @@ class FrictionMode(StrEnum):
     WEATHER = "weather"
     """As the scenario's weather makes them."""
 
-    def grip(self, weather: WeatherName) -> float:
+    def grip_in(self, weather: WeatherName) -> float:
         """Share of the friction of a dry road, in (0, 1]."""
         return WEATHERS[weather].grip if self is FrictionMode.WEATHER else 1.0

@@ -77,7 +77,7 @@ class LidarMount:
     pitch: float
     yaw: float
 
-    def place(self, eye: SensorPose) -> LidarPose:
+    def to_world(self, eye: SensorPose) -> LidarPose:
         """In the world, for a carrier there."""
         cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
         x, y = eye.x + cos * self.x - sin * self.y, eye.y + sin * self.x + cos * self.y
@@ -108,8 +108,8 @@ class LidarSensor:
         """The scan of this tick, None in ticks without one."""
         if scene.tick % self._profile.every_ticks:
             return None
-        place, boxes = self._mount.place(eye), scene.boxes
-        around = select_boxes(boxes, eye.row, place, self._range)
+        place, boxes = self._mount.to_world(eye), scene.boxes
+        around = select_boxes(boxes, eye.carrier_row, place, self._range)
         behind = select_walls(load_building_outlines(self._fitting.roads), place, self._range, 1 + len(boxes.ids))
         return self._cloud(scene, *unpack_keys(cast_rays(self._rays, around, behind, place.z, self._empty)))
 

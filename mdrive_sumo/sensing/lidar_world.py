@@ -34,7 +34,7 @@ class LidarPose:
     z: float
     yaw: float
 
-    def seen(self, xy: Float) -> Float:
+    def to_local(self, xy: Float) -> Float:
         """World points (..., 2) from the level sensor."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return (xy - (self.x, self.y)) @ np.array(((cos, -sin), (sin, cos)))
@@ -74,7 +74,7 @@ def load_building_outlines(roads: RoadMap) -> BuildingOutlines:
 
 def select_boxes(boxes: Objects, without: int | None, place: LidarPose, reach: float) -> LidarBoxes:
     """Boxes whose centre is within `reach` [m] beside their size; owners are 1 + row."""
-    xy = place.seen(np.stack((boxes.x, boxes.y), axis=-1))
+    xy = place.to_local(np.stack((boxes.x, boxes.y), axis=-1))
     close = np.hypot(xy[:, 0], xy[:, 1]) < reach + boxes.length + boxes.width
     if without is not None:
         close[without] = False
@@ -87,7 +87,7 @@ def select_boxes(boxes: Objects, without: int | None, place: LidarPose, reach: f
 
 def select_walls(of: BuildingOutlines, place: LidarPose, reach: float, first_owner: int) -> LidarWalls:
     """Walls that come within `reach` [m] of the place."""
-    start, end = place.seen(of.start), place.seen(of.end)
+    start, end = place.to_local(of.start), place.to_local(of.end)
     along = end - start
     foot = np.clip(-(start * along).sum(1) / np.maximum((along**2).sum(1), 1e-12), 0, 1)[:, None]
     close = ((start + foot * along) ** 2).sum(1) <= reach**2

@@ -56,11 +56,11 @@ class ObjectsSensor:
         seen = truth if self._exact else self._flawed(view, truth)
         near = seen.take(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
-        return replace(near, ids=names, free_m=view.free(self._sectors) if self._sectors else np.zeros(0))
+        return replace(near, ids=names, free_m=view.free_sight(self._sectors) if self._sectors else np.zeros(0))
 
     def _detected(self, view: SightView) -> npt.NDArray[np.intp]:
         """Rows of what is detected, but for false positives."""
-        fractions = view.fractions()
+        fractions = view.visible_fractions()
         boxes, eye = view.scene.boxes, view.eye
         shown = (fractions >= self._min_visible) & (fractions > 0.0) & self._in_field(boxes.x, boxes.y, eye)
         rows = np.flatnonzero(shown)
@@ -84,7 +84,7 @@ class ObjectsSensor:
         at = np.array((eye.x, eye.y))
         ghosts = draw_false_positives(self._profile, self._seed, tick, at, self._range_m)
         if ghosts.ids:
-            free = view.free(SECTORS)
+            free = view.free_sight(SECTORS)
             sector = (np.arctan2(ghosts.y - eye.y, ghosts.x - eye.x) - eye.yaw) % TAU / TAU * SECTORS
             between = sector.astype(int) % SECTORS
             sight = np.minimum(free[between], free[(between + 1) % SECTORS])

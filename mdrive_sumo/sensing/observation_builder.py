@@ -44,11 +44,11 @@ class ObservationBuilder:
         self._briefings = briefings
         self._carriers = {ego: _Carrier(specs, briefings[ego], common) for ego, specs in sensors.items()}
 
-    def needed(self, egos: tuple[str, ...]) -> bool:
+    def needs_frame(self, egos: tuple[str, ...]) -> bool:
         """Whether any of these CAVs looks at anything."""
         return any(self._carriers[ego].looks for ego in egos)
 
-    def observe(
+    def build_observations(
         self,
         frame: Frame,
         scene: SensingFrame | None,

@@ -87,7 +87,7 @@ def _whole(spec: SensorSpec, name: str, default: int) -> int:
 
 def _own_box(scene: SensingFrame, eye: SensorPose) -> Float:
     boxes = scene.boxes
-    return box_corners(eye.x, eye.y, eye.yaw, float(boxes.length[eye.row]), float(boxes.width[eye.row]))
+    return box_corners(eye.x, eye.y, eye.yaw, float(boxes.length[eye.carrier_row]), float(boxes.width[eye.carrier_row]))
 
 
 def _in_pixels(xy: Float, eye: SensorPose, size: int, metres: float) -> Float:

@@ -26,15 +26,15 @@ class RoadsideUnits:
         self._sensors = [_sensor(unit, common) for unit in units]
 
     @property
-    def places(self) -> dict[str, tuple[float, float]]:
+    def positions(self) -> dict[str, tuple[float, float]]:
         """Where the units stand [m]."""
         return {unit.id: (unit.x, unit.y) for unit in self._units}
 
-    def speaks(self, tick: int) -> bool:
+    def is_due(self, tick: int) -> bool:
         """Whether anything is said in this tick."""
         return bool(self._units) and tick % EVERY_TICKS == 0
 
-    def said(self, scene: SensingFrame) -> dict[str, tuple[Message, ...]]:
+    def compose_messages(self, scene: SensingFrame) -> dict[str, tuple[Message, ...]]:
         """The CPM of every unit."""
         return {unit.id: (_told(unit, sensor, scene),) for unit, sensor in zip(self._units, self._sensors, strict=True)}
 

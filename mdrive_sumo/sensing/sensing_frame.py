@@ -35,7 +35,7 @@ class SensorPose:
     x: float
     y: float
     yaw: float
-    row: int | None
+    carrier_row: int | None
     """The carrier's row in `SensingFrame.boxes`, which it neither sees nor is hidden by; None for a road-side unit."""
 
 

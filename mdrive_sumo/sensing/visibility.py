@@ -44,7 +44,7 @@ class BuildingEdges:
         )
         self._building = np.repeat(np.arange(len(rings)), sizes)
 
-    def near(self, eye: SensorPose, reach_m: float) -> tuple[Float, Float]:
+    def find_near(self, eye: SensorPose, reach_m: float) -> tuple[Float, Float]:
         """Starts and ends (V, 2) [m] of the walls of buildings that are not wholly farther than reach_m."""
         if not len(self._radii):
             return self.starts, self.ends
@@ -108,24 +108,24 @@ class SightView:
     range_m: float
 
     @cached_property
-    def gaps(self) -> Float:
+    def distances(self) -> Float:
         """(N,) distance from the eye to the nearest point of each box [m]; infinite for the carrier's own."""
         b = self.scene.boxes
         x, y, cos, sin = b.x - self.eye.x, b.y - self.eye.y, np.cos(b.yaw), np.sin(b.yaw)
         ahead = np.maximum(np.abs(cos * x + sin * y) - b.length / 2, 0.0)
         aside = np.maximum(np.abs(cos * y - sin * x) - b.width / 2, 0.0)
         gaps = np.hypot(ahead, aside)
-        if self.eye.row is not None:
-            gaps[self.eye.row] = np.inf
+        if self.eye.carrier_row is not None:
+            gaps[self.eye.carrier_row] = np.inf
         return gaps
 
     @cached_property
     def _edges(self) -> _Edges:
         b, eye = self.scene.boxes, self.eye
-        rows = np.flatnonzero(self.gaps <= self.range_m)
+        rows = np.flatnonzero(self.distances <= self.range_m)
         corners = self.scene.corners[rows]
         # What lies wholly out of range is left out: it can hide only what is out of range too.
-        starts, ends = self.buildings.near(eye, self.range_m)
+        starts, ends = self.buildings.find_near(eye, self.range_m)
         p = np.concatenate((corners.reshape(-1, 2), starts)) - (eye.x, eye.y)
         q = np.concatenate((corners[:, (1, 2, 3, 0)].reshape(-1, 2), ends)) - (eye.x, eye.y)
         owner = np.concatenate((np.repeat(rows, 4), np.full(len(starts), -1)))
@@ -138,14 +138,14 @@ class SightView:
         side = (q - p) / double_area[:, None]
         return _Edges(right, left, side[:, 1], -side[:, 0], owner, opaque[owner])
 
-    def fractions(self) -> Float:
+    def visible_fractions(self) -> Float:
         """(N,) share in [0, 1] of each box's angular width that nothing hides; 0 for the carrier and out of range."""
         edges = self._edges
         of_box = edges.owner >= 0
-        count = len(self.gaps)
+        count = len(self.distances)
         extent = np.bincount(edges.owner[of_box], edges.extent[of_box], count)
         seen = np.bincount(edges.owner[of_box], self._seen_of_edges()[of_box], count)
-        around = (self.gaps <= self.range_m) & (extent == 0.0)  # no edge faces an eye inside
+        around = (self.distances <= self.range_m) & (extent == 0.0)  # no edge faces an eye inside
         return np.where(around, 1.0, np.clip(seen / np.where(extent > 0.0, extent, 1.0), 0.0, 1.0))
 
     def _seen_of_edges(self) -> Float:
@@ -186,7 +186,7 @@ class SightView:
         until = np.where(last & ~first, change, width).min(initial=width)
         return max(0.0, float(until - since))
 
-    def free(self, sectors: int) -> Float:
+    def free_sight(self, sectors: int) -> Float:
         """(sectors,) distance [m] to the first building, vehicle or static box on the ray at the beginning of each
         equal sector, counter-clockwise from the eye's yaw; at most range_m."""
         edges, step = self._edges, TAU / sectors
@@ -203,29 +203,7 @@ class SightView:
         np.maximum.at(near, sector, found)
         return 1.0 / near
 
-
-def compute_visible_fractions(eye: SensorPose, scene: SensingFrame, buildings: BuildingEdges, range_m: float) -> Float:
-    """(N,) share in [0, 1] of each box's angular width, seen from the eye's point, that nothing hides.
-
-    The carrier's own box neither hides nor is seen; what has no point within range_m is not seen.
-    """
-    return SightView(eye, scene, buildings, range_m).fractions()
-
-
-def compute_free_sight(
-    eye: SensorPose, scene: SensingFrame, buildings: BuildingEdges, range_m: float, sectors: int
-) -> Float:
-    """(sectors,) how far sight is free [m], at most range_m, on the ray at the beginning of each equal sector.
-
-    Sectors are counted counter-clockwise from the eye's yaw. Buildings, vehicles and high static boxes end
-    sight.
-    """
-    return SightView(eye, scene, buildings, range_m).free(sectors)
-
-
-def find_visible_rows(
-    eye: SensorPose, scene: SensingFrame, buildings: BuildingEdges, range_m: float, least: float = 0.0
-) -> Bool:
-    """(N,) whether more than nothing and at least the share `least` of each box is in sight."""
-    fractions = compute_visible_fractions(eye, scene, buildings, range_m)
-    return (fractions > 0.0) & (fractions >= least)
+    def visible_rows(self, min_share: float) -> Bool:
+        """Return an (N,) mask of the boxes of which more than nothing and at least `min_share` is visible."""
+        fractions = self.visible_fractions()
+        return (fractions > 0.0) & (fractions >= min_share)

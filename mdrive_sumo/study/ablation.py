@@ -66,7 +66,7 @@ def list_message_patterns(messages: Sequence[SentMessage], kind: str) -> tuple[s
 
 
 def _reached(sent: SentMessage) -> bool:
-    return any(fate is DeliveryStatus.DELIVERED for fate, _ in sent.fates.values())
+    return any(fate is DeliveryStatus.DELIVERED for fate, _ in sent.deliveries.values())
 
 
 def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], workers: int) -> Iterator[MuteEffect]:
@@ -96,10 +96,10 @@ def ablate_episode(ablation: AblationJob) -> MuteEffect:
     again = reexecute(_mute(make_reexecution(job, recorded), ablation.mute))
     scenario, roads = load_job_scenario(job)
     difference = find_first_difference(recorded, again)
-    muted = CommSettings(mute=ablation.mute).muted
+    muted = CommSettings(mute=ablation.mute).mute_filter
     return MuteEffect(
         mute=ablation.mute,
-        messages=sum(muted.has(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
+        messages=sum(muted.matches(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
         result=score_episode(again, scenario, roads, job.score_mode, job.seed),
         parted=find_divergence_tick(recorded, again),
         difference=f"tick {difference.tick}: {difference.text}" if difference else "",
@@ -165,8 +165,8 @@ def choose_mutes(
     if not messages:
         raise InputError("ablate: expected an episode in which something is said, found no message in it")
     for pattern in given:
-        muted = CommSettings(mute=(pattern,)).muted
-        if not any(muted.has(s.message.sender, s.message.type, s.message.tick) for s in messages):
+        muted = CommSettings(mute=(pattern,)).mute_filter
+        if not any(muted.matches(s.message.sender, s.message.type, s.message.tick) for s in messages):
             raise InputError(f"ablate: --mute: expected a pattern that fits a message, found {pattern!r}")
     found = (*dict.fromkeys(given), *(list_message_patterns(messages, each) if each else ()))
     if each and len(found) == len(set(given)):

@@ -23,7 +23,7 @@ from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
 from mdrive_sumo.sensing.sensing_frame import SensorPose
-from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 CERTIFICATE_FILE = "occlusion.json"
 EVERY_TICKS = 4
@@ -176,7 +176,7 @@ class _Sights:
             columns = np.flatnonzero(self.episode.valid[tick])
             scene = build_sensing_frame(_frame(self.episode, tick, columns), self._sizes)
             for name, eye in self._eyes(tick, columns):
-                views[name][k, columns] = compute_visible_fractions(eye, scene, buildings, RANGE_M) >= LEAST_VISIBLE
+                views[name][k, columns] = SightView(eye, scene, buildings, RANGE_M).visible_fractions() >= LEAST_VISIBLE
         return views
 
     @property

@@ -127,7 +127,7 @@ def find_takeover_point(
     """Return the insertion point at the logged pose of a tick; None off its route."""
     x, y = compute_front_bumper(pose.x, pose.y, pose.yaw, vehicle.length)
     route_lane_ids = find_route_lanes(vehicle.edges, roads)
-    near = [lane for lane in roads.lanes_near(x, y, MAX_LANE_DISTANCE_M) if lane.id in route_lane_ids]
+    near = [lane for lane in roads.find_lanes_near(x, y, MAX_LANE_DISTANCE_M) if lane.id in route_lane_ids]
     if not near:
         return None
     lane = min(near, key=lambda one: abs(_compute_lane_misfit(one, x, y, pose.yaw)))

@@ -169,7 +169,7 @@ class SumoWorld:
         return [*self._build_moving_boxes(egos), *(build_moving_box(some, int(i)) for some, i in chain(rolling, late))]
 
     def _find_edge(self, ego: EgoState) -> str:
-        return self._roads.driving[int(self._roads.nearest(np.array([[ego.x, ego.y]])).lane[0])].edge
+        return self._roads.driving[int(self._roads.find_nearest_lanes(np.array([[ego.x, ego.y]])).lane[0])].edge
 
     def _build_moving_boxes(self, egos: Mapping[str, EgoState]) -> list[MovingBox]:
         return [MovingBox(one.x, one.y, one.yaw, one.speed, *self._dimensions[name]) for name, one in egos.items()]

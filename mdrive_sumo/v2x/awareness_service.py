@@ -18,7 +18,7 @@ class AwarenessService:
         self._vehicle, self._range, self._latency = briefing.vehicle, range_m, latency_ticks
         self._due_tick = 0
 
-    def messages(self, seen: Observation) -> tuple[Message, ...]:
+    def compose_messages(self, seen: Observation) -> tuple[Message, ...]:
         """What is to be sent in this tick; who was not asked in the very tick sends in the next one."""
         if seen.tick < self._due_tick or seen.objects is None:
             return ()

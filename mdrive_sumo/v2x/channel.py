@@ -36,7 +36,7 @@ class SentMessage:
     """A message as it was sent, and what became of it."""
 
     message: Message
-    fates: Mapping[str, tuple[DeliveryStatus, int]]
+    deliveries: Mapping[str, tuple[DeliveryStatus, int]]
     """Receiver -> (fate, tick of arrival or of the loss)."""
 
 
@@ -48,7 +48,7 @@ class _Flight:
     n: int
     """Its place among what the sender said in that tick."""
     receivers: list[str]
-    fates: dict[str, tuple[DeliveryStatus, int]]
+    deliveries: dict[str, tuple[DeliveryStatus, int]]
 
 
 class Channel:
@@ -56,14 +56,14 @@ class Channel:
 
     def __init__(self, comm: CommSettings, seed: int) -> None:
         self._comm, self._seed = comm, seed
-        self._muted = comm.muted
+        self._muted = comm.mute_filter
         self._drawn: dict[tuple[str, str, int], tuple[int, tuple[float, ...]]] = {}
         """(sender, receiver, n) -> the latest block of ticks and its numbers: a cache, nothing depends on it."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
         self._log: list[tuple[Message, dict[str, tuple[DeliveryStatus, int]]]] = []
 
-    def post(
+    def send(
         self,
         tick: int,
         said: Mapping[str, tuple[Message, ...]],
@@ -80,13 +80,13 @@ class Channel:
             others = {one: math.dist(places[sender], places[one]) for one in hearing if one != sender}
             for n, unsigned in enumerate(said[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
-                fates: dict[str, tuple[DeliveryStatus, int]] = {}
-                self._log.append((message, fates))
+                deliveries: dict[str, tuple[DeliveryStatus, int]] = {}
+                self._log.append((message, deliveries))
                 stopped = self._stopped(message)
                 if stopped is not None:
-                    fates.update(dict.fromkeys(others, (stopped, tick)))
+                    deliveries.update(dict.fromkeys(others, (stopped, tick)))
                 else:
-                    self._start(message, n, others, fates)
+                    self._start(message, n, others, deliveries)
 
     def _stopped(self, message: Message) -> DeliveryStatus | None:
         """Why a message reaches nobody; None if it goes on its way."""
@@ -95,7 +95,7 @@ class Channel:
             return DeliveryStatus.OFF
         if find_problem(message) is not None:
             return DeliveryStatus.MALFORMED
-        if self._muted and self._muted.has(message.sender, message.type, message.tick):
+        if self._muted and self._muted.matches(message.sender, message.type, message.tick):
             return DeliveryStatus.MUTED
         if math.isinf(comm.budget_bytes_s):
             return None
@@ -104,21 +104,21 @@ class Channel:
         return None if fits else DeliveryStatus.OVER_BUDGET
 
     def _start(
-        self, message: Message, n: int, others: Mapping[str, float], fates: dict[str, tuple[DeliveryStatus, int]]
+        self, message: Message, n: int, others: Mapping[str, float], deliveries: dict[str, tuple[DeliveryStatus, int]]
     ) -> None:
         """Sends a message, the n-th of its sender in this tick, to the others, who are so far away [m]."""
-        link = self._comm.link_of(message.type)
+        link = self._comm.find_link(message.type)
         reached = list(others)
         if link.loss or not math.isinf(link.range_m):
             lost, beyond = (DeliveryStatus.LOST, message.tick), (DeliveryStatus.OUT_OF_RANGE, message.tick)
             for receiver, distance in others.items():
                 if distance > link.range_m:
-                    fates[receiver] = beyond
+                    deliveries[receiver] = beyond
                 elif link.loss and self._luck(message, n, receiver) < link.loss:
-                    fates[receiver] = lost
-            reached = [receiver for receiver in others if receiver not in fates]
+                    deliveries[receiver] = lost
+            reached = [receiver for receiver in others if receiver not in deliveries]
         if reached:
-            flight = _Flight(message, n, reached, fates)
+            flight = _Flight(message, n, reached, deliveries)
             self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)
 
     def _luck(self, message: Message, n: int, receiver: str) -> float:
@@ -138,13 +138,13 @@ class Channel:
         boxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
         arrived, gone = (DeliveryStatus.DELIVERED, tick), (DeliveryStatus.GONE, tick)
         for flight in self._flights.pop(tick, ()):  # in the order of sending, for that is how they were put there
-            link = self._comm.link_of(flight.message.type)
+            link = self._comm.find_link(flight.message.type)
             wrong = link.pose_error_m or link.pose_error_deg
             for receiver in flight.receivers:
                 if receiver not in boxes:
-                    flight.fates[receiver] = gone
+                    flight.deliveries[receiver] = gone
                     continue
-                flight.fates[receiver] = arrived
+                flight.deliveries[receiver] = arrived
                 boxes[receiver].append(self._misplaced(link, flight, receiver) if wrong else flight.message)
         return {receiver: tuple(box) for receiver, box in boxes.items()}
 
@@ -157,9 +157,9 @@ class Channel:
             message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg)
         )
 
-    def log(self) -> tuple[SentMessage, ...]:
+    def sent_messages(self) -> tuple[SentMessage, ...]:
         """Everything that was sent, in order; messages still in flight have no fate for those receivers yet."""
-        return tuple(SentMessage(message, dict(fates)) for message, fates in self._log)
+        return tuple(SentMessage(message, dict(deliveries)) for message, deliveries in self._log)
 
 
 class _Budget:
@@ -187,6 +187,6 @@ def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
     sent = tuple(messages)
     if not sent:
         return {}
-    fates = Counter(fate for one in sent for fate, _ in one.fates.values())
+    deliveries = Counter(fate for one in sent for fate, _ in one.deliveries.values())
     size = sum(len(one.message.payload) for one in sent)
-    return {"sent": len(sent), "bytes": size} | {fate.value: fates[fate] for fate in DeliveryStatus}
+    return {"sent": len(sent), "bytes": size} | {fate.value: deliveries[fate] for fate in DeliveryStatus}

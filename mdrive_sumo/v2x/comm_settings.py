@@ -56,7 +56,7 @@ class MuteFilter:
     def __bool__(self) -> bool:
         return bool(self.patterns)
 
-    def has(self, sender: str, message_type: str, tick: int) -> bool:
+    def matches(self, sender: str, message_type: str, tick: int) -> bool:
         """Whether that message is muted."""
         at = str(tick)
         return any(
@@ -104,12 +104,12 @@ class CommSettings:
                     f"V2X channel: mute: expected SENDER/TYPE or SENDER/TYPE@TICK, each may be *, found {pattern!r:.80}"
                 )
 
-    def link_of(self, message_type: str) -> LinkSettings:
+    def find_link(self, message_type: str) -> LinkSettings:
         """The link of that type of message."""
         return self.by_type.get(message_type, self.link)
 
     @property
-    def muted(self) -> MuteFilter:
+    def mute_filter(self) -> MuteFilter:
         """What `mute` says, ready to be asked."""
         found = (_MUTE.fullmatch(pattern) for pattern in self.mute)
         return MuteFilter(frozenset((m[1], m[2], str(int(t)) if (t := m[3] or "*") != "*" else t) for m in found if m))

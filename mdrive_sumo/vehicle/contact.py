@@ -44,7 +44,7 @@ class BuildingWalls:
     """(2, M) half its size [m]."""
 
 
-def obstacles(before: Actors, after: Actors) -> ObstacleMotion:
+def build_obstacle_motion(before: Actors, after: Actors) -> ObstacleMotion:
     """The actors of two successive ticks; one that is new in this tick stands where it appeared."""
     if before.ids is after.ids or before.ids == after.ids:
         return ObstacleMotion(before, after)
@@ -56,7 +56,7 @@ def obstacles(before: Actors, after: Actors) -> ObstacleMotion:
     return ObstacleMotion(replace(after, x=x, y=y, yaw=yaw), after)
 
 
-def walls(rings: Iterable[Float]) -> BuildingWalls:
+def build_walls(rings: Iterable[Float]) -> BuildingWalls:
     """Walls around buildings whose outlines (N, 2) [m] are given; concave ones are cut into triangles."""
     pieces = [piece for ring in rings for piece in _convex_pieces(ring)]
     low = np.array([np.min(piece, axis=0) for piece in pieces]).reshape(-1, 2).T

@@ -103,13 +103,8 @@ class VehicleState:
     """Mean change of vx in the last tick [m/s2]."""
 
 
-def at_rest(x: float, y: float, yaw: float) -> VehicleState:
-    """A car that stands at that pose [m, m, rad], pedals released, wheels straight."""
-    return initial_state(x, y, yaw, 0.0)
-
-
-def initial_state(x: float, y: float, yaw: float, speed: float) -> VehicleState:
-    """A car that goes straight ahead at that pose [m, m, rad] with that speed [m/s], pedals released."""
+def initial_state(x: float, y: float, yaw: float, speed: float = 0.0) -> VehicleState:
+    """Return a car at that pose [m, m, rad] that rolls straight ahead at `speed` [m/s], with pedals released."""
     return VehicleState(x, y, wrap_angle(yaw), vx=speed)
 
 

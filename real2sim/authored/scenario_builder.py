@@ -122,7 +122,7 @@ def _find_dropped(cav: _MatchedCav, roads: RoadMap) -> Iterator[DroppedWaypoint]
 
 
 def _find_nearest_lane(cav: _MatchedCav, waypoint: int, roads: RoadMap) -> tuple[str, float]:
-    found = roads.nearest(cav.xy[waypoint : waypoint + 1])
+    found = roads.find_nearest_lanes(cav.xy[waypoint : waypoint + 1])
     return roads.driving[found.lane[0]].id, float(found.distance[0])
 
 

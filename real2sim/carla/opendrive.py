@@ -115,7 +115,7 @@ def measure_offset_error(middles: Float, roads: RoadMap, offset: tuple[float, fl
     """
     if not len(middles):
         return math.nan
-    near = roads.nearest(middles + np.array(offset))
+    near = roads.find_nearest_lanes(middles + np.array(offset))
     return float(np.median(np.abs(near.distance - roads.lane_width[near.lane] / 2)))
 
 
@@ -133,7 +133,7 @@ def place_stop_signs(signs: Sequence[OpenDriveSign], roads: RoadMap, offset: tup
     unplaced: list[str] = []
     for sign in signs:
         x, y = sign.x + offset[0], sign.y + offset[1]
-        approach = [lane for lane in roads.lanes_near(x, y, APPROACH_M) if _leads_to_sign(sign, lane, x, y)]
+        approach = [lane for lane in roads.find_lanes_near(x, y, APPROACH_M) if _leads_to_sign(sign, lane, x, y)]
         if not approach:
             unplaced.append(sign.id)
             continue

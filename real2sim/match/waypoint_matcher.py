@@ -81,7 +81,7 @@ def match_waypoints(roads: RoadMap, xy: Float) -> WaypointMatch:
 
 
 def _find_candidates(roads: RoadMap, waypoint: int, x: float, y: float) -> list[WaypointProjection]:
-    near = roads.lanes_near(x, y, REACH_M)
+    near = roads.find_lanes_near(x, y, REACH_M)
     return [WaypointProjection(waypoint, lane.id, *lane.centre.project(x, y)) for lane in near]
 
 

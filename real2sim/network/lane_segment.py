@@ -99,7 +99,7 @@ def measure_boundary_width(lane: MapLane) -> float:
     """Return the median distance [m] between the boundaries along the centre line; NaN if one is unknown."""
     if len(lane.left) < 2 or len(lane.right) < 2:
         return float("nan")
-    middle = shapely.points(build_polyline(lane.centre).resampled(2.0).xy)
+    middle = shapely.points(build_polyline(lane.centre).resample(2.0).xy)
     return float(
         np.median(
             shapely.distance(middle, shapely.LineString(lane.left))

@@ -16,7 +16,7 @@ from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
-from mdrive_sumo.sensing.visibility import BuildingEdges, find_visible_rows
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory, ObserverView, RecordedTrack, Recording
 
 
@@ -143,7 +143,9 @@ def _compute_visibility(scene: ObserverView, pose: Float, noise: ObservationNois
         ids = [scene.tracks[i].id for i in rows]
         eye = SensorPose(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
         boxes = _build_objects([scene.tracks[i] for i in rows], t)
-        seen[rows, t] = find_visible_rows(eye, SensingFrame(t, boxes, {}), buildings, range_m, noise.min_visible_share)
+        seen[rows, t] = SightView(eye, SensingFrame(t, boxes, {}), buildings, range_m).visible_rows(
+            noise.min_visible_share
+        )
     return {track.id: row for track, row in zip(scene.tracks, seen, strict=True)}
 
 

@@ -34,7 +34,7 @@ def write_replay_page(order: ReplayRequest) -> None:
     suite = load_suite(order.suite)
     scenario = next(scenario for scenario in suite.scenarios if scenario.id == order.scenario)
     episode = load_episode(order.recording)
-    roads = load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
+    roads = load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
     marks = find_marks(episode, ScenarioResult.model_validate(order.result))
     part = order.page.with_suffix(".part")
     part.write_text(render_replay(episode, scenario, roads, marks), encoding="utf-8")

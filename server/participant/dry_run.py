@@ -107,7 +107,7 @@ def run_jobs(
 ) -> Generator[tuple[EpisodeJob, ScenarioResult | RejectedJob | WorkerFailure]]:
     """Every scenario with its outcome, as they finish. Raises InputError."""
     suite = load_suite(course.suite)
-    scenarios = suite.matching(course.scenario)
+    scenarios = suite.select(course.scenario)
     logs, recordings = course.out / "logs", course.out / "episodes"
     try:
         for folder in (logs, recordings):

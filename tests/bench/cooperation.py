@@ -19,7 +19,7 @@ from mdrive_sumo.sensing.lidar_sensor import LidarSensor
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.raster_sensor import RasterSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
-from mdrive_sumo.sensing.visibility import BuildingEdges, compute_visible_fractions
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.v2x.comm_settings import PRESETS
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode, format_track_name
@@ -85,7 +85,7 @@ def sensor_rows() -> Iterator[Row]:
     lidar = LidarSensor(SensorSpec("lidar"), fitting)
     yield "LiDAR scan, default profile, 100 boxes", median_ms(lambda: lidar.sense(scene, eye)), "ms", "<= 1.5"
     buildings = BuildingEdges(houses)
-    visibility = median_ms(lambda: compute_visible_fractions(eye, scene, buildings, 100.0))
+    visibility = median_ms(lambda: SightView(eye, scene, buildings, 100.0).visible_fractions())
     yield "visibility of 100 actors, an observer", visibility, "ms", "<= 0.5"
     objects = ObjectsSensor(SensorSpec("objects", range_m=100.0, options={"free_space": True}), fitting)
     yield "objects sensor with free sight, 100 actors", median_ms(lambda: objects.sense(scene, eye)), "ms", ""
@@ -105,7 +105,7 @@ def channel_row() -> Iterator[Row]:
     def tick() -> None:
         now = next(ticks)
         channel.deliver(now, tuple(said))
-        channel.post(now, said, places)
+        channel.send(now, said, places)
 
     yield "channel, 8 CAVs with CAM, CPM, MCM at 20 Hz, a tick", median_ms(tick), "ms", "< 0.2"
 

@@ -66,7 +66,7 @@ def recorded(name: str, sensors: tuple[SensorSpec, ...]) -> Probe:
     """The first CAV of a scenario, and what it saw."""
     suite = load_suite("interdrive")
     scenario = next(one for one in suite.scenarios if one.id.startswith(name))
-    roads = load_road_map(find_network_folder(scenario.network, suite.home(scenario.id)))
+    roads = load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
     probes = {ego.id: Probe(sensors if ego is scenario.egos[0] else ()) for ego in scenario.egos}
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, 0) as world:

@@ -85,7 +85,7 @@ def test_example_of_a_scripted_road_user_is_one() -> None:
     assert found is not None
     actor = Actor.model_validate_json(found.group(1))
     assert isinstance(actor.motion, PathMotion)
-    assert actor.vehicles == ("0",)
+    assert actor.referenced_cav_ids == ("0",)
 
 
 @pytest.fixture

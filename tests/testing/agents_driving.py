@@ -31,7 +31,7 @@ def crossing_route(turn: str, arm: int, run_up_m: float = 30.0) -> Float:
     }
     angle = arm * math.pi / 2
     turned = np.array(((math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))))
-    return build_polyline(np.array([(-h - run_up_m, y), (-h, y), *ends[turn]]) @ turned).resampled(1.0).xy
+    return build_polyline(np.array([(-h - run_up_m, y), (-h, y), *ends[turn]]) @ turned).resample(1.0).xy
 
 
 def _arc(centre: tuple[float, float], radius: float, start_deg: float, end_deg: float) -> list[tuple[float, float]]:

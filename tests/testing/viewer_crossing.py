@@ -65,7 +65,7 @@ def crossing() -> RoadMap:
 
 def scenario(egos: int) -> Scenario:
     def ego(i: int) -> Ego:
-        line = Polyline(straight(i % 4, i // 4 % 2, -100.0, 80.0)).resampled(1.0)
+        line = Polyline(straight(i % 4, i // 4 % 2, -100.0, 80.0)).resample(1.0)
         route = tuple((float(x), float(y), i % 4 * math.pi / 2) for x, y in line.xy)
         start = Pose(x=route[0][0], y=route[0][1], yaw=route[0][2])
         return Ego(id=f"cav_{i}", start=start, lanes=("in",), route=route)

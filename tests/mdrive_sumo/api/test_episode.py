@@ -58,7 +58,7 @@ def test_the_frame_has_a_row_per_tick_and_road_user(episode: md.Episode) -> None
 
 def test_the_frame_of_messages_has_a_row_per_receiver(episode: md.Episode) -> None:
     frame = episode.messages_to_frame()
-    assert len(frame) == sum(len(sent.fates) for sent in episode.record.messages) > 100
+    assert len(frame) == sum(len(sent.deliveries) for sent in episode.record.messages) > 100
     assert {"delivered", "lost"} <= set(frame.delivery) and set(frame.type) == {"cam", "cpm"}
 
 

@@ -89,7 +89,7 @@ def test_a_projection_can_be_kept_to_one_branch_of_a_path_that_crosses_itself() 
 
 @given(st.floats(0.3, 40.0))
 def test_resampling_keeps_ends_and_spacing(length: float) -> None:
-    dense = Polyline(np.array([(0.0, 0.0), (length, 0.0)])).resampled(1.0)
+    dense = Polyline(np.array([(0.0, 0.0), (length, 0.0)])).resample(1.0)
     assert np.allclose(dense.xy[-1], (length, 0))
     hops = np.diff(dense.xy[:, 0])
     assert np.allclose(hops[:-1], 1.0)

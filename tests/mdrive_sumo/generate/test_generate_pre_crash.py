@@ -148,7 +148,7 @@ def test_lead_brakes_ahead_of_the_queue() -> None:
 def test_waiting_van_stands_in_the_junction() -> None:
     scenario = first_made(27)
     van = actor(scenario, "van").start
-    lanes = load_road_map(find_network_folder(scenario.network)).lanes_near(van.x, van.y, 2.0)
+    lanes = load_road_map(find_network_folder(scenario.network)).find_lanes_near(van.x, van.y, 2.0)
     assert any(lane.junction for lane in lanes)
 
 

@@ -60,7 +60,7 @@ def test_what_arrives_is_part_of_the_digest() -> None:
 def test_the_recording_tells_what_was_said_and_what_became_of_it() -> None:
     episode = drive(dict(zip("01", pair(), strict=True)))
     assert {sent.message.sender for sent in episode.messages} == {"0"}
-    assert episode.messages[0].fates == {"1": (DeliveryStatus.DELIVERED, 1)}
+    assert episode.messages[0].deliveries == {"1": (DeliveryStatus.DELIVERED, 1)}
     assert [sent.message.tick for sent in episode.messages] == list(range(len(episode.messages)))
 
 
@@ -72,7 +72,7 @@ def test_whoever_has_ended_hears_and_says_nothing() -> None:
     assert max(seen.tick for seen in listener.seen) == end - 1
     late = [sent for sent in episode.messages if sent.message.tick >= end]
     assert late
-    assert all(DeliveryStatus.DELIVERED not in {fate for fate, _ in sent.fates.values()} for sent in late)
+    assert all(DeliveryStatus.DELIVERED not in {fate for fate, _ in sent.deliveries.values()} for sent in late)
 
 
 def test_a_road_side_unit_tells_what_it_sees() -> None:

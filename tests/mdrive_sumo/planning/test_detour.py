@@ -375,7 +375,7 @@ def beside(lane: Lane, s: float, aside: float, kind: Kind, size: tuple[float, fl
 def driven(network: str, lane: str, things: tuple[Thing, ...], agent: str = "single", seed: int = 0) -> EpisodeRecord:
     """One CAV along a lane of a packaged network."""
     roads, way = lane_of(network, lane)
-    one = ego("0", way.centre.resampled(1.0).xy[5:-15]).model_copy(update={"lanes": (lane,)})
+    one = ego("0", way.centre.resample(1.0).xy[5:-15]).model_copy(update={"lanes": (lane,)})
     scenario = Scenario(id="detour", bucket="Test", category="test", network=network, egos=(one,))
     return run_episode(
         EpisodeConfig(scenario, roads, seed=seed), ThingWorld(things), {"0": LocalDriver(AGENTS[agent]({}))}

@@ -42,7 +42,7 @@ def test_every_message_and_every_fate_is_carried(talk: EpisodeRecord) -> None:
     heads = {(said["types"][t], names[s], tick, size) for t, s, tick, size in tables["messages"].T.tolist()}
     assert heads == {(m.type, m.sender, m.tick, len(m.payload)) for m in (one.message for one in talk.messages)}
     fates = [(names[to], said["fates"][fate], tick) for _, to, fate, tick in tables["fates"].T.tolist()]
-    truth = [(to, str(fate), tick) for one in talk.messages for to, (fate, tick) in one.fates.items()]
+    truth = [(to, str(fate), tick) for one in talk.messages for to, (fate, tick) in one.deliveries.items()]
     assert sorted(fates) == sorted(truth)
 
 

@@ -75,7 +75,7 @@ def test_comments_go_and_nothing_else() -> None:
 
 def test_turns_are_drivable(roads: RoadMap) -> None:
     for lane in (lane for lane in roads.driving if lane.junction and lane.centre.length > 4):
-        yaws = np.unwrap(lane.centre.resampled(1.0).yaws)
+        yaws = np.unwrap(lane.centre.resample(1.0).yaws)
         bend = np.abs(yaws[3:] - yaws[:-3]).max() / 3
         assert bend < 1 / LEAST_RADIUS_M, lane.id
 

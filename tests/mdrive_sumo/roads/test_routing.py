@@ -40,7 +40,7 @@ def test_lanes_lead_into_each_other(name: str) -> None:
 
 def test_nearest_agrees_with_shapely(crossing: RoadMap) -> None:
     points = np.random.default_rng(0).uniform(-60, 60, (200, 2))
-    found = crossing.nearest(points)
+    found = crossing.find_nearest_lanes(points)
     lines = [shapely.LineString(lane.centre.xy) for lane in crossing.driving]
     for point, index, distance, yaw in zip(points, found.lane, found.distance, found.yaw, strict=True):
         gaps = [line.distance(shapely.Point(point)) for line in lines]

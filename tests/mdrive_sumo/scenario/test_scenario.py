@@ -111,9 +111,9 @@ def test_a_saved_suite_is_loaded_in_the_order_of_its_numbers(tmp_path: Path) -> 
     assert loaded == made
     assert [scenario.id for scenario in loaded.scenarios] == ["r1_x", "r2_x", "r10_x"]
     assert loaded.checksum() == made.checksum()
-    assert [scenario.id for scenario in loaded.matching("r1*")] == ["r1_x", "r10_x"]
+    assert [scenario.id for scenario in loaded.select("r1*")] == ["r1_x", "r10_x"]
     with pytest.raises(InputError, match="expected a scenario id or category like 'z', found none"):
-        loaded.matching("z")
+        loaded.select("z")
 
 
 def test_the_checksum_covers_every_scenario(tmp_path: Path) -> None:

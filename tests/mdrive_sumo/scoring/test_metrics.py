@@ -188,7 +188,7 @@ def test_places_are_looked_up_for_every_tick() -> None:
     rows = aside(rows, 28.0, 32.0, WIDTH)
     about = scenario()
     track = build_ego_track(episode(about, {"0": rows}, {"0": End.AGENT_FAILED}), about, street(), 0)
-    expected = street().nearest(track.xy)
+    expected = street().find_nearest_lanes(track.xy)
     assert track.nearest.lane.tolist() == expected.lane.tolist()
     assert track.nearest.distance.tolist() == expected.distance.tolist()
     assert track.nearest.yaw.tolist() == expected.yaw.tolist()

@@ -309,7 +309,7 @@ def test_the_observation_carries_the_scans_of_the_ticks_that_have_one() -> None:
     senses = ObservationBuilder({"a": specs}, {"a": told()}, SensorContext(town(), WEATHERS["default"], 0))
     for tick, names in ((0, {"top", "slow"}), (1, {"top"})):
         frame = Frame(tick, {"a": EgoState(5.0, 0.0, 0.0, 0.0)}, Actors.empty(), {})
-        seen = senses.observe(frame, build_sensing_frame(frame, {"a": (4.9, 2.1)}), {}, {"a": ()})["a"].lidar
+        seen = senses.build_observations(frame, build_sensing_frame(frame, {"a": (4.9, 2.1)}), {}, {"a": ()})["a"].lidar
         assert set(seen) == names
         assert len(seen["top"].points) > 10_000
 

@@ -18,9 +18,7 @@ from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import (
     BuildingEdges,
-    compute_free_sight,
-    compute_visible_fractions,
-    find_visible_rows,
+    SightView,
 )
 
 Box = tuple[Kind, float, float, float, float, float]
@@ -50,7 +48,7 @@ def house(x: float, y: float, yaw: float = 0.0, length: float = 10.0, width: flo
 def shares(
     *boxes: Box, houses: tuple[list[tuple[float, float]], ...] = (), eye: SensorPose = HERE, reach: float = 100.0
 ) -> Float:
-    return compute_visible_fractions(eye, scene(*boxes), BuildingEdges(town(*houses)), reach)
+    return SightView(eye, scene(*boxes), BuildingEdges(town(*houses)), reach).visible_fractions()
 
 
 def first_hits(shape: shapely.Geometry, eye: SensorPose, angles: Float) -> Float:
@@ -75,7 +73,7 @@ def share_by_rays(view: SensingFrame, roads: RoadMap, eye: SensorPose, row: int)
     angles = angles[0] + (angles - angles[0] + math.pi) % TAU - math.pi
     rays = angles.min() + (np.arange(RAYS) + 0.5) / RAYS * np.ptp(angles)
     hit = first_hits(shapes[row], eye, rays)
-    opaque = [i for i in range(len(shapes)) if hides(view, i) and i not in (row, eye.row)]
+    opaque = [i for i in range(len(shapes)) if hides(view, i) and i not in (row, eye.carrier_row)]
     for shape in [*(shapes[i] for i in opaque), *roads.building_shapes]:
         hit = np.where(first_hits(shape, eye, rays) < hit - 1e-9, np.nan, hit)
     return float(np.isfinite(hit).mean())
@@ -112,7 +110,7 @@ class TestAgainstRays:
     def test_any_scene(self, boxes: list[Box], houses: list[list[tuple[float, float]]], clockwise: bool) -> None:
         roads = town(*(h[::-1] if clockwise else h for h in houses))
         view = scene(*boxes)
-        shares = compute_visible_fractions(HERE, view, BuildingEdges(roads), 200.0)
+        shares = SightView(HERE, view, BuildingEdges(roads), 200.0).visible_fractions()
         brute = [share_by_rays(view, roads, HERE, row) for row in range(len(boxes))]
         assert shares == pytest.approx(np.array(brute), abs=6.1 / RAYS)
 
@@ -127,7 +125,7 @@ class TestAgainstRays:
                 brute = np.minimum(brute, first_hits(shapely.Polygon(shape), eye, angles))
         for shape in roads.building_shapes:
             brute = np.minimum(brute, first_hits(shape, eye, angles))
-        assert compute_free_sight(eye, view, BuildingEdges(roads), 35.0, 24) == pytest.approx(brute, abs=1e-6)
+        assert SightView(eye, view, BuildingEdges(roads), 35.0).free_sight(24) == pytest.approx(brute, abs=1e-6)
 
     def test_house_with_a_courtyard_entrance(self) -> None:
         """A wall that goes around three sides hides what is behind it, not what stands in the opening."""
@@ -200,7 +198,7 @@ class TestByHand:
         around, other = (Kind.VEHICLE, 0.5, 0.0, 0.3, 5.0, 2.0), (Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0)
         assert shares(around, other, houses=(house(0.0, 0.0),)).tolist() == [1.0, 1.0]
         assert (
-            compute_free_sight(HERE, scene(around), BuildingEdges(town(house(0.0, 0.0))), 50.0, 8).tolist()
+            SightView(HERE, scene(around), BuildingEdges(town(house(0.0, 0.0))), 50.0).free_sight(8).tolist()
             == [50.0] * 8
         )
 
@@ -211,21 +209,21 @@ class TestByHand:
 
     def test_nobody_there(self) -> None:
         assert shares().tolist() == []
-        assert compute_free_sight(HERE, scene(), BuildingEdges(town()), 50.0, 4).tolist() == [50.0] * 4
+        assert SightView(HERE, scene(), BuildingEdges(town()), 50.0).free_sight(4).tolist() == [50.0] * 4
 
     def test_free_sight_counts_counter_clockwise_from_straight_ahead(self) -> None:
         eye = SensorPose(0.0, 0.0, math.pi / 2, None)
         left = (Kind.VEHICLE, -20.0, 0.0, 0.0, 4.0, 2.0)
-        assert compute_free_sight(eye, scene(left), BuildingEdges(town(house(0.0, 30.0))), 50.0, 4) == pytest.approx(
+        assert SightView(eye, scene(left), BuildingEdges(town(house(0.0, 30.0))), 50.0).free_sight(4) == pytest.approx(
             [25.0, 18.0, 50.0, 50.0]
         )
 
     def test_seen_rows(self) -> None:
         boxes = scene((Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0), (Kind.STATIC, 10.0, 5.0, 0.0, 1.0, 10.0))
         walls = BuildingEdges(town(house(-20.0, 0.0)))
-        assert find_visible_rows(HERE, boxes, walls, 100.0, 0.6).tolist() == [False, True]
-        assert find_visible_rows(HERE, boxes, walls, 100.0, 0.4).tolist() == [True, True]
-        assert find_visible_rows(HERE, boxes, walls, 15.0).tolist() == [False, True]
+        assert SightView(HERE, boxes, walls, 100.0).visible_rows(0.6).tolist() == [False, True]
+        assert SightView(HERE, boxes, walls, 100.0).visible_rows(0.4).tolist() == [True, True]
+        assert SightView(HERE, boxes, walls, 15.0).visible_rows(0.0).tolist() == [False, True]
 
 
 class TestProperties:

@@ -10,7 +10,9 @@ from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, REACH_M, Cam, Cpm, d
 
 
 def sent(tick: int, objects: Objects, station: AwarenessService | None = None) -> tuple[Message, ...]:
-    return (station or AwarenessService(briefing(), 80.0)).messages(seen(tick, own(1.0, 2.0, 0.5, 6.0), objects))
+    return (station or AwarenessService(briefing(), 80.0)).compose_messages(
+        seen(tick, own(1.0, 2.0, 0.5, 6.0), objects)
+    )
 
 
 def told(objects: Objects) -> Cpm:

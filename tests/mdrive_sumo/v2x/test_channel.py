@@ -37,12 +37,12 @@ def run(
     channel, boxes = Channel(comm, seed), []
     for tick in range(ticks):
         boxes.append(channel.deliver(tick, tuple(places)))
-        channel.post(tick, said.get(tick, {}), places)
+        channel.send(tick, said.get(tick, {}), places)
     return boxes, channel
 
 
 def fates(sent: Iterable[SentMessage]) -> list[dict[str, DeliveryStatus]]:
-    return [{receiver: fate for receiver, (fate, _) in one.fates.items()} for one in sent]
+    return [{receiver: fate for receiver, (fate, _) in one.deliveries.items()} for one in sent]
 
 
 @pytest.mark.parametrize(("latency", "arrival"), [(0, 1), (1, 1), (2, 2), (6, 6)])
@@ -51,7 +51,7 @@ def test_a_message_arrives_after_its_latency_and_never_in_its_own_tick(latency: 
     expected = Message("text", b"hi", "a", 3)
     assert [tick for tick, box in enumerate(boxes) if box["b"]] == [3 + arrival]
     assert boxes[3 + arrival] == {"a": (), "b": (expected,), "c": (expected,)}
-    assert channel.log() == (
+    assert channel.sent_messages() == (
         SentMessage(
             expected, {"b": (DeliveryStatus.DELIVERED, 3 + arrival), "c": (DeliveryStatus.DELIVERED, 3 + arrival)}
         ),
@@ -82,49 +82,49 @@ def test_without_loss_everything_arrives_once_and_in_order(what: list[tuple[str,
     boxes, channel = run(CommSettings(link=LinkSettings(latency_ticks=latency)), said, 16)
     for receiver in NEAR:
         heard = [message for box in boxes for message in box[receiver]]
-        posted = [one.message for one in channel.log() if one.message.sender != receiver]
+        posted = [one.message for one in channel.sent_messages() if one.message.sender != receiver]
         assert heard == posted  # the log is in order of ticks, senders, messages
 
 
 def test_who_is_out_of_range_hears_nothing() -> None:
     boxes, channel = run(CommSettings(link=LinkSettings(range_m=50.0)), {0: {"a": (text("x"),)}}, 2)
     assert (len(boxes[1]["b"]), len(boxes[1]["c"])) == (1, 0)  # b is at exactly 50 m
-    assert fates(channel.log()) == [{"c": DeliveryStatus.OUT_OF_RANGE, "b": DeliveryStatus.DELIVERED}]
+    assert fates(channel.sent_messages()) == [{"c": DeliveryStatus.OUT_OF_RANGE, "b": DeliveryStatus.DELIVERED}]
 
 
 def test_range_is_that_of_the_moment_of_sending() -> None:
     channel = Channel(CommSettings(link=LinkSettings(range_m=100.0, latency_ticks=2)), 1)
-    channel.post(0, {"a": (text("x"),)}, {"a": (0.0, 0.0), "b": (99.0, 0.0)})
+    channel.send(0, {"a": (text("x"),)}, {"a": (0.0, 0.0), "b": (99.0, 0.0)})
     assert channel.deliver(1, ("a", "b"))["b"] == ()
-    channel.post(1, {}, {"a": (0.0, 0.0), "b": (999.0, 0.0)})
+    channel.send(1, {}, {"a": (0.0, 0.0), "b": (999.0, 0.0)})
     assert len(channel.deliver(2, ("a", "b"))["b"]) == 1
 
 
 def test_road_side_units_send_but_do_not_hear() -> None:
     places = {**NEAR, "rsu": (0.0, 10.0)}
     channel = Channel(CommSettings(), 1)
-    channel.post(0, {"rsu": (text("from the side"),), "a": (text("x"),)}, places, receivers=tuple(NEAR))
+    channel.send(0, {"rsu": (text("from the side"),), "a": (text("x"),)}, places, receivers=tuple(NEAR))
     assert {name: len(box) for name, box in channel.deliver(1, tuple(NEAR)).items()} == {"a": 1, "b": 2, "c": 2}
-    assert all("rsu" not in one.fates for one in channel.log())
+    assert all("rsu" not in one.deliveries for one in channel.sent_messages())
 
 
 def test_who_has_ended_gets_nothing() -> None:
     channel = Channel(CommSettings(link=LinkSettings(latency_ticks=2)), 1)
-    channel.post(0, {"a": (text("x"),)}, NEAR)
+    channel.send(0, {"a": (text("x"),)}, NEAR)
     channel.deliver(1, ("a", "b", "c"))
     assert set(channel.deliver(2, ("a", "b"))) == {"a", "b"}
-    assert channel.log()[0].fates == {"b": (DeliveryStatus.DELIVERED, 2), "c": (DeliveryStatus.GONE, 2)}
+    assert channel.sent_messages()[0].deliveries == {"b": (DeliveryStatus.DELIVERED, 2), "c": (DeliveryStatus.GONE, 2)}
 
 
 def test_messages_in_flight_have_no_fate_yet() -> None:
     _, channel = run(CommSettings(link=LinkSettings(latency_ticks=9)), {0: {"a": (text("x"),)}}, 5)
-    assert fates(channel.log()) == [{}]
+    assert fates(channel.sent_messages()) == [{}]
 
 
 def test_a_channel_that_is_off_delivers_nothing() -> None:
     boxes, channel = run(CommSettings(on=False), {0: {"a": (text("x"),)}}, 5)
     assert not any(any(box.values()) for box in boxes)
-    assert fates(channel.log()) == [{"b": DeliveryStatus.OFF, "c": DeliveryStatus.OFF}]
+    assert fates(channel.sent_messages()) == [{"b": DeliveryStatus.OFF, "c": DeliveryStatus.OFF}]
 
 
 def test_malformed_messages_reach_nobody() -> None:
@@ -134,7 +134,7 @@ def test_malformed_messages_reach_nobody() -> None:
         {"b": DeliveryStatus.MALFORMED, "c": DeliveryStatus.MALFORMED},
         {"b": DeliveryStatus.DELIVERED, "c": DeliveryStatus.DELIVERED},
     )
-    assert fates(channel.log()) == [bad, bad, good, good]
+    assert fates(channel.sent_messages()) == [bad, bad, good, good]
 
 
 @pytest.mark.parametrize(
@@ -153,13 +153,13 @@ def test_muted_messages_reach_nobody(pattern: str, muted: set[str]) -> None:
     _, channel = run(CommSettings(mute=(pattern,)), said, 3)
     silent = {
         f"{one.message.sender} {one.message.type} {one.message.tick}"
-        for one in channel.log()
-        if {fate for fate, _ in one.fates.values()} == {DeliveryStatus.MUTED}
+        for one in channel.sent_messages()
+        if {fate for fate, _ in one.deliveries.values()} == {DeliveryStatus.MUTED}
     }
     assert silent == muted
     assert all(
         fate in (DeliveryStatus.MUTED, DeliveryStatus.DELIVERED)
-        for one in fates(channel.log())
+        for one in fates(channel.sent_messages())
         for fate in one.values()
     )
 
@@ -168,13 +168,13 @@ def test_the_budget_is_for_any_second() -> None:
     comm = CommSettings(budget_bytes_s=250, header_bytes=20)
     said = {tick: {"a": (text("x" * 80),)} for tick in (0, 5, 10, 19, 20, 24, 25)}  # 100 bytes each
     _, channel = run(comm, said, 40)
-    sent = [one.message.tick for one in channel.log() if one.fates["b"][0] is DeliveryStatus.DELIVERED]
+    sent = [one.message.tick for one in channel.sent_messages() if one.deliveries["b"][0] is DeliveryStatus.DELIVERED]
     assert sent == [0, 5, 20, 25]  # 10 and 19 are beyond it; at 20 that of 0 is a second ago
 
 
 def test_small_messages_still_fit_where_large_ones_do_not() -> None:
     _, channel = run(CommSettings(budget_bytes_s=100), {0: {"a": (text("x" * 80), text("x" * 21), text("x" * 20))}}, 3)
-    assert [one.fates["b"][0] for one in channel.log()] == [
+    assert [one.deliveries["b"][0] for one in channel.sent_messages()] == [
         DeliveryStatus.DELIVERED,
         DeliveryStatus.OVER_BUDGET,
         DeliveryStatus.DELIVERED,
@@ -184,7 +184,7 @@ def test_small_messages_still_fit_where_large_ones_do_not() -> None:
 def test_every_station_has_a_budget_of_its_own_and_muted_messages_cost_nothing() -> None:
     said = {0: {"a": (cam(), text("x" * 90)), "b": (text("x" * 90),)}}
     _, channel = run(CommSettings(budget_bytes_s=100, mute=("*/cam",)), said, 3)
-    assert [one.fates["c"][0] for one in channel.log()] == [
+    assert [one.deliveries["c"][0] for one in channel.sent_messages()] == [
         DeliveryStatus.MUTED,
         DeliveryStatus.DELIVERED,
         DeliveryStatus.DELIVERED,
@@ -197,8 +197,8 @@ CHATTER = {tick: {"a": (text("x"), text("y")), "b": (text("z"),)} for tick in ra
 
 def lost(channel: Channel, sender: str, receiver: str, payload: bytes) -> list[bool]:
     """By tick; what is still in flight is not lost."""
-    log = [one for one in channel.log() if (one.message.sender, one.message.payload) == (sender, payload)]
-    return [receiver in one.fates and one.fates[receiver][0] is DeliveryStatus.LOST for one in log]
+    log = [one for one in channel.sent_messages() if (one.message.sender, one.message.payload) == (sender, payload)]
+    return [receiver in one.deliveries and one.deliveries[receiver][0] is DeliveryStatus.LOST for one in log]
 
 
 def test_loss_has_the_given_probability_and_is_independent() -> None:
@@ -271,12 +271,17 @@ def test_a_pose_error_moves_what_is_told_but_no_text_and_not_the_log() -> None:
     assert np.allclose(read.planned, planned + shift, atol=0.011)
     assert spoken.payload == b"I am at (10, 20)"
     assert others[0].payload != moved.payload  # another receiver, another error
-    assert channel.log()[0].message.payload == plan.payload
+    assert channel.sent_messages()[0].message.payload == plan.payload
 
 
 def test_what_is_counted() -> None:
     said = {0: {"a": (text("four"), Message("cam", b"")), "b": (text("xx"),)}}
     _, channel = run(CommSettings(link=LinkSettings(range_m=100.0)), said, 2)
     everything = {"sent": 3, "bytes": 6, "delivered": 2, "lost": 0, "out-of-range": 2, "gone": 0}
-    assert count_deliveries(channel.log()) == everything | {"muted": 0, "over-budget": 0, "malformed": 2, "off": 0}
+    assert count_deliveries(channel.sent_messages()) == everything | {
+        "muted": 0,
+        "over-budget": 0,
+        "malformed": 2,
+        "off": 0,
+    }
     assert count_deliveries(()) == {}

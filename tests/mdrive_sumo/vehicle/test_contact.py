@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import DT, Actors, Contact, Kind
-from mdrive_sumo.vehicle.contact import obstacles, resolve_contacts, walls
+from mdrive_sumo.vehicle.contact import build_obstacle_motion, build_walls, resolve_contacts
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleState, step
 
-NOBODY = obstacles(Actors.empty(), Actors.empty())
-NOTHING = walls([])
+NOBODY = build_obstacle_motion(Actors.empty(), Actors.empty())
+NOTHING = build_walls([])
 LIGHT = VehicleParameters(mass=1000.0, yaw_inertia=2000.0)
 
 
@@ -115,7 +115,9 @@ def test_a_cav_never_enters_an_actor(ego: VehicleState, x: float, y: float, yaw:
     if not apart(outline(ego), shapes[0]):
         return
     proposed = coasted(ego)
-    settled, met = resolve_contacts({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, obstacles(start, end), NOTHING)
+    settled, met = resolve_contacts(
+        {"e": ego}, {"e": proposed}, {"e": MKZ_2017}, build_obstacle_motion(start, end), NOTHING
+    )
     assert depth(outline(settled["e"]), shapes[1]) < 0.01
     if depth(outline(proposed), shapes[1]) > 0.005:
         assert met == (Contact("e", "v", Kind.VEHICLE),)
@@ -166,13 +168,13 @@ def test_an_eccentric_crash_keeps_angular_momentum_and_spins_both() -> None:
 
 
 def test_an_immovable_actor_stops_or_carries_the_car() -> None:
-    parked = obstacles(actors(("v", 5.0, 0, 0)), actors(("v", 5.0, 0, 0)))
+    parked = build_obstacle_motion(actors(("v", 5.0, 0, 0)), actors(("v", 5.0, 0, 0)))
     body = VehicleState(0, 0, 0, vx=20.0)
     settled, met = resolve_contacts({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
     assert settled["e"].vx == pytest.approx(0.0, abs=1e-9)
     assert settled["e"].x == pytest.approx(5.0 - 4.5 / 2 - 4.9 / 2)
     assert met == (Contact("e", "v", Kind.VEHICLE),)
-    body, moving = VehicleState(0, 0, 0), obstacles(actors(("v", -4.8, 0, 0)), actors(("v", -4.3, 0, 0)))
+    body, moving = VehicleState(0, 0, 0), build_obstacle_motion(actors(("v", -4.8, 0, 0)), actors(("v", -4.3, 0, 0)))
     settled, met = resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, moving, NOTHING)
     assert settled["e"].vx == pytest.approx(0.5 / DT)
     assert met == (Contact("e", "v", Kind.VEHICLE),)
@@ -180,7 +182,7 @@ def test_an_immovable_actor_stops_or_carries_the_car() -> None:
 
 def test_resting_against_something_is_contact_on_every_tick() -> None:
     for gap, touching in ((0.0, True), (0.009, True), (0.011, False)):
-        parked = obstacles(actors(("v", 4.7 + gap, 0, 0)), actors(("v", 4.7 + gap, 0, 0)))
+        parked = build_obstacle_motion(actors(("v", 4.7 + gap, 0, 0)), actors(("v", 4.7 + gap, 0, 0)))
         body = VehicleState(0, 0, 0)
         settled, met = resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, parked, NOTHING)
         assert settled == {"e": body}
@@ -189,7 +191,7 @@ def test_resting_against_something_is_contact_on_every_tick() -> None:
 
 def test_sliding_along_does_not_snag() -> None:
     """A car that brushes past a parked one keeps going: the neighbour's corner is no obstacle."""
-    parked = obstacles(actors(("v", 12.0, 1.9, 0)), actors(("v", 12.0, 1.9, 0)))
+    parked = build_obstacle_motion(actors(("v", 12.0, 1.9, 0)), actors(("v", 12.0, 1.9, 0)))
     body = VehicleState(0, 0.0, 0, vx=10.0)  # the sides touch: 1.0 + 0.9 m
     for _ in range(60):
         settled, _ = resolve_contacts({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, parked, NOTHING)
@@ -198,7 +200,7 @@ def test_sliding_along_does_not_snag() -> None:
 
 
 def test_friction_slows_what_scrapes_along() -> None:
-    wall = walls([np.array(((-50, 1.2), (50, 1.2), (50, 2), (-50, 2)))])
+    wall = build_walls([np.array(((-50, 1.2), (50, 1.2), (50, 2), (-50, 2)))])
     body = VehicleState(0, 0, 0.0, vx=10.0, vy=8.0)
     settled, met = resolve_contacts({"e": body}, {"e": coasted(body)}, {"e": MKZ_2017}, NOBODY, wall)
     assert met == (Contact("e", "", Kind.STATIC),)
@@ -210,7 +212,7 @@ L_SHAPE = np.array(((0.0, 0.0), (20.0, 0.0), (20.0, 8.0), (8.0, 8.0), (8.0, 20.0
 
 
 def test_walls_cover_exactly_the_building() -> None:
-    pieces = walls([L_SHAPE, L_SHAPE[:4] + 50.0])
+    pieces = build_walls([L_SHAPE, L_SHAPE[:4] + 50.0])
     whole = shapely.union_all([shapely.Polygon(piece) for piece in pieces.pieces])
     expected = shapely.union_all([shapely.Polygon(L_SHAPE), shapely.Polygon(L_SHAPE[:4] + 50.0)])
     assert whole.symmetric_difference(expected).area == pytest.approx(0.0, abs=1e-9)
@@ -229,7 +231,7 @@ def test_a_cav_never_enters_a_building(ego: VehicleState) -> None:
     if outline(ego).intersects(building):
         return
     proposed = coasted(ego)
-    settled, met = resolve_contacts({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, NOBODY, walls([L_SHAPE]))
+    settled, met = resolve_contacts({"e": ego}, {"e": proposed}, {"e": MKZ_2017}, NOBODY, build_walls([L_SHAPE]))
     assert outline(settled["e"]).intersection(building).area < 0.01
     if outline(proposed).intersection(building).area > 0.01:
         assert met == (Contact("e", "", Kind.STATIC),)
@@ -238,13 +240,13 @@ def test_a_cav_never_enters_a_building(ego: VehicleState) -> None:
 def test_actors_are_matched_by_id_and_newcomers_do_not_sweep() -> None:
     before = actors(("a", 0, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
     after = actors(("b", 11, 0, 0), ("far", 90, 50, 0), ("new", 5, 5, 0))
-    moved = obstacles(before, after)
+    moved = build_obstacle_motion(before, after)
     assert moved.before.x.tolist() == [10.0, 0.0, 5.0]  # b moved, new stands
     assert moved.after.x.tolist() == [11.0, 90.0, 5.0]
     body = VehicleState(45.0, 50.0, 0.0)  # far was put there: it did not sweep what lies between
     assert resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, moved, NOTHING) == ({"e": body}, ())
     same = actors(("a", 1, 0, 0), ("b", 10, 0, 0), ("far", 0, 50, 0))
-    assert obstacles(before, same).before is before
+    assert build_obstacle_motion(before, same).before is before
 
 
 def test_order_of_egos_does_not_matter() -> None:
@@ -270,7 +272,7 @@ ARENA = [
 def test_bumper_cars_stay_in_the_arena(seed: int) -> None:
     """Four cars with random pedals for 30 s: they never overlap each other or a wall, nor leave."""
     rng = np.random.default_rng(seed)
-    arena = walls(ARENA)
+    arena = build_walls(ARENA)
     bodies = {
         f"e{i}": VehicleState(10 * math.cos(i * 1.57), 10 * math.sin(i * 1.57), rng.uniform(-3, 3)) for i in range(4)
     }

@@ -18,7 +18,7 @@ from mdrive_sumo.vehicle.dynamics import (
     MKZ_2017,
     VehicleParameters,
     VehicleState,
-    at_rest,
+    initial_state,
     step,
     to_ego_state,
     to_vehicle_facts,
@@ -103,7 +103,7 @@ def test_mirrored_input_gives_the_mirrored_path(body: VehicleState, orders: list
 
 @given(st.floats(-1, 1), st.floats(0, 1), st.floats(-math.pi, math.pi))
 def test_a_standing_car_stays_exactly_where_it_is(steer: float, brake: float, yaw: float) -> None:
-    body = at_rest(12.3, -4.5, yaw)
+    body = initial_state(12.3, -4.5, yaw)
     for moved in driven(body, Control(0.0, brake, steer), 2.0):
         assert (moved.x, moved.y, moved.yaw, moved.vx) == (body.x, body.y, body.yaw, 0.0)
 
@@ -157,7 +157,7 @@ def test_at_walking_pace_the_car_turns_round_its_rear_axle_line() -> None:
 
 
 def test_engine_force_and_power_are_limited() -> None:
-    for body, after in zip(track := driven(at_rest(0, 0, 0), Control(1, 0, 0), 120.0), track[1:], strict=False):
+    for body, after in zip(track := driven(initial_state(0, 0, 0), Control(1, 0, 0), 120.0), track[1:], strict=False):
         gained = (energy(after, MKZ_2017) - energy(body, MKZ_2017)) / DT
         assert gained <= MKZ_2017.max_power
         assert after.acceleration <= MKZ_2017.max_acceleration
@@ -187,7 +187,7 @@ def test_actuators_lag() -> None:
 
 def test_sub_steps_are_fine_enough() -> None:
     """8 s of hard driving against 200 sub-steps: measured 0.047 m of 71 m and 0.001 rad."""
-    few = many = at_rest(0, 0, 0)
+    few = many = initial_state(0, 0, 0)
     for tick in range(160):
         control = Control(0.6, 0.0, 0.3 * math.sin(2 * tick * DT))
         few, many = step(few, control, MKZ_2017), step(many, control, MKZ_2017, sub_steps=200)

@@ -129,10 +129,10 @@ def test_an_unknown_friction_is_refused() -> None:
 
 
 def test_only_rain_makes_roads_slippery_and_only_if_asked() -> None:
-    assert {name: FrictionMode.WEATHER.grip(name) for name in WEATHERS} == {
+    assert {name: FrictionMode.WEATHER.grip_in(name) for name in WEATHERS} == {
         "default": 1.0, "cloudy": 1.0, "night": 1.0, "rain": WET
     }  # fmt: skip
-    assert {FrictionMode.DRY.grip(name) for name in WEATHERS} == {1.0}
+    assert {FrictionMode.DRY.grip_in(name) for name in WEATHERS} == {1.0}
     assert 0.5 / 0.8 <= WET <= 0.7 / 0.8  # the range of the table in docs/sensors.md
 
 

@@ -258,7 +258,7 @@ def test_the_real_directories_lie_on_their_towns(real: Suite) -> None:
     roads = load_road_map(real.folder / "networks" / "Town02")
     (npc,) = scenarios["precrash_L"].actors
     assert isinstance(npc.motion, PathMotion)
-    found = roads.nearest(np.array(npc.motion.points))
+    found = roads.find_nearest_lanes(np.array(npc.motion.points))
     assert float(found.distance.max()) < 0.2, "the NPC drives on a lane"
 
 

@@ -39,7 +39,7 @@ def undirected(hd_map: HdMap) -> HdMap:
 
 
 def on_lane(roads: RoadMap, x: float, y: float) -> str:
-    near = roads.nearest(np.array([[x, y]]))
+    near = roads.find_nearest_lanes(np.array([[x, y]]))
     assert near.distance[0] < 0.1
     return roads.driving[int(near.lane[0])].id
 
@@ -56,7 +56,7 @@ def test_a_network_made_a_map_and_built_again_is_the_same(name: str, tmp_path: P
     assert (report.links_dropped, report.directions.inverted) == ((), ())
     assert bool(report.links_added) == bool(tiny)
     ours = shapely.MultiLineString([one.centre.xy for one in roads.driving])
-    points = np.concatenate([one.centre.resampled(1.0).xy for one in source.driving])
+    points = np.concatenate([one.centre.resample(1.0).xy for one in source.driving])
     assert shapely.distance(shapely.points(points), ours).max() < 0.02
     assert max(report.deviation.max, report.deviation.back_max) < (0.1 if tiny else 0.05)
     assert report.left_hand is False
@@ -213,7 +213,7 @@ def test_oncoming_lanes_are_no_neighbours(tmp_path: Path) -> None:
 def test_lanes_drawn_through_a_crossing_get_a_junction(tmp_path: Path) -> None:
     north = np.column_stack((np.full(21, 50.0), np.arange(-50.0, 51.0, 5.0)))
     report, roads = built(tmp_path, lanes_map(lane("east", EAST), lane("north", north)))
-    middle = [roads.driving[i] for i in roads.nearest(np.array([(45.0, 0.0), (50.0, 5.0)])).lane]
+    middle = [roads.driving[i] for i in roads.find_nearest_lanes(np.array([(45.0, 0.0), (50.0, 5.0)])).lane]
     assert [one.junction for one in middle] == [True, True]
     assert report.connections == 2
     assert report.deviation.max < 0.01

@@ -334,7 +334,7 @@ def test_the_real_directories_are_read_whole() -> None:
     assert isinstance(npc.motion, PathMotion)
     assert npc.motion.speed == 1.0
     walkers = scenes["Pedestrian_Crosswalk_8"].actors
-    assert [actor.vehicles for actor in walkers] == [("0",), ("1",), ("2",)]
+    assert [actor.referenced_cav_ids for actor in walkers] == [("0",), ("1",), ("2",)]
     assert all(actor.action == StartMotion() for actor in walkers)
     sizes = {actor.id: (actor.kind, actor.length, actor.width) for actor in scenes["Construction_Zone_10"].actors}
     assert sizes["entity_1_1"] == ("static", 0.45, 0.45)

@@ -133,7 +133,7 @@ def same_roads(before: RoadMap, after: RoadMap) -> None:
     for lane in before.driving:
         steps = np.linspace(0.0, lane.centre.length, 9)[1:-1]
         points = np.array([lane.centre.at(s) for s in steps.tolist()])
-        found = after.nearest(points)
+        found = after.find_nearest_lanes(points)
         assert found.distance.max() < 0.2, lane.id
         assert np.cos(found.yaw - lane.centre.yaws_at(steps)).min() > 0.9, lane.id
 
@@ -195,6 +195,6 @@ def test_the_network_of_a_real_log_comes_back(name: str, shared_data: Path, tmp_
     lengths = np.array([lane.centre.length for lane in before.driving])
     middles = np.array([lane.centre.at(lane.centre.length / 2) for lane in before.driving])
     yaws = np.array([lane.centre.yaw_at(lane.centre.length / 2) for lane in before.driving])
-    found = after.nearest(middles)
+    found = after.find_nearest_lanes(middles)
     same = (found.distance < 0.2) & (np.cos(found.yaw - yaws) > 0.9)
     assert lengths[same].sum() >= 0.95 * lengths.sum()

@@ -160,7 +160,7 @@ def test_a_track_decides_what_arrives(tmp_path: Path, track: ChallengeTrack, arr
     assert outcome.verdict is ScenarioVerdict.OK, outcome.result
     fates: Counter[tuple[str, bool]] = Counter()
     for sent in load_episode(wanted.stage / f"{SCENARIO}.npz").messages:
-        fates.update((sent.message.type, fate == DeliveryStatus.DELIVERED) for fate, _ in sent.fates.values())
+        fates.update((sent.message.type, fate == DeliveryStatus.DELIVERED) for fate, _ in sent.deliveries.values())
     assert {kind for kind, _ in fates} == {"cam", "text", "own"}
     assert {kind for kind, delivered in fates if delivered} == arrives
 
