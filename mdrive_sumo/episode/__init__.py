@@ -1,4 +1,4 @@
-"""The recorded episode: what happened, at the one resolution in which it is scored, stored and compared."""
+"""The recorded episode, at the resolution in which it is scored, stored and compared."""
 
 from mdrive_sumo.episode.episode import (
     Ending,

@@ -1,4 +1,4 @@
-"""Episode: the finished, read-only record of one run of one scenario."""
+"""The finished, read-only record of one run of one scenario."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import SentMessage
 
 ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
-"""What reached each CAV in a tick."""
+"""The messages that each CAV receives in a tick."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How one ego ended, and in which tick it was judged so. `failure` and `text` belong to `End.AGENT_FAILED`."""
+    """The end of one CAV and its tick. `failure` and `text` belong to `End.AGENT_FAILED`."""
 
     ego: str
     tick: int
@@ -50,7 +50,7 @@ class SignalChange:
 
 @dataclass(frozen=True, slots=True)
 class ThinkTime:
-    """An agent that was asked in `tick` answered so many ticks later (measured clock only)."""
+    """The reply to the observation of `tick` took effect `ticks` later (measured clock only)."""
 
     ego: str
     tick: int
@@ -59,7 +59,7 @@ class ThinkTime:
 
 @dataclass(frozen=True, slots=True)
 class NoteRecord:
-    """What an agent wanted to be kept."""
+    """A note that an agent left in a tick."""
 
     tick: int
     ego: str
@@ -88,7 +88,7 @@ class EpisodeRecord:
     valid: Bool
     """(T, N): whether the road user is in the world."""
     quanta: Quanta
-    """(T, N, 4): x, y, yaw, speed as whole multiples of `quantise.STEP`; 0 where not valid."""
+    """(T, N, 4): x, y, yaw, speed as whole multiples of `quantization.RESOLUTION`; 0 where not valid."""
     controls: npt.NDArray[np.int16]
     """(T, egos, 3): throttle, brake, steer applied after each tick, in multiples of `contract.CONTROL_STEP`."""
     plans: tuple[PlanRecord, ...]
@@ -99,7 +99,7 @@ class EpisodeRecord:
     digests: npt.NDArray[np.uint8]
     """(T, 8): the chained digest after each tick."""
     messages: tuple[SentMessage, ...] = ()
-    """Everything that was said over the channel, in the order of sending, and what became of it."""
+    """All messages sent over the channel, in the order of sending, with their delivery."""
     notes: tuple[NoteRecord, ...] = ()
     thinking: tuple[ThinkTime, ...] = ()
 
@@ -148,5 +148,5 @@ class EpisodeRecord:
         return self.controls.astype(np.float64) * CONTROL_STEP
 
     def find_ending(self, ego: str) -> Ending:
-        """How that ego ended."""
+        """Return the end of a CAV."""
         return next(ending for ending in self.endings if ending.ego == ego)

@@ -1,4 +1,4 @@
-"""Episode files: one .npz without pickles, a JSON header and integer arrays that compress well."""
+"""Load and save recordings: one .npz without pickles, with a JSON header and integer arrays (see `episode_schema`)."""
 
 import json
 import zipfile
@@ -27,7 +27,7 @@ Ints = npt.NDArray[np.signedinteger[Any]]
 
 
 def save_episode(episode: EpisodeRecord, path: Path) -> None:
-    """Writes the file whole or not at all (a temporary file is renamed)."""
+    """Write the file atomically (a temporary file is renamed)."""
     header = {
         "format": FORMAT,
         "scenario": episode.scenario,
@@ -39,7 +39,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "endings": [asdict(ending) for ending in episode.endings],
         "plans": [(p.tick, p.ego, p.interval_s, len(p.points)) for p in episode.plans],
         "messages": [(m.sender, m.tick, m.type, len(m.payload)) for m in (sent.message for sent in episode.messages)],
-        "receivers": _receivers(episode.messages),
+        "receivers": _list_receivers(episode.messages),
         "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
         "thinking": [astuple(thinking) for thinking in episode.thinking],
     }
@@ -50,11 +50,13 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "length": episode.length,
         "width": episode.width,
         "valid": np.packbits(episode.valid, axis=0),
-        "quanta": _second_differences(episode.quanta, episode.valid),
-        "controls": _narrowest(np.diff(episode.controls, axis=0, prepend=np.int16(0)).astype(np.int32)),
-        "plan_points": _narrowest(np.concatenate([_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])),
+        "quanta": _compute_second_differences(episode.quanta, episode.valid),
+        "controls": _to_narrowest(np.diff(episode.controls, axis=0, prepend=np.int16(0)).astype(np.int32)),
+        "plan_points": _to_narrowest(
+            np.concatenate([_compute_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])
+        ),
         "payloads": np.frombuffer(b"".join(sent.message.payload for sent in episode.messages), dtype=np.uint8),
-        "fates": _differences(_fates(episode.messages)),
+        "fates": _compute_differences(_fates(episode.messages)),
         "digests": episode.digests,
     }
     temporary = path.with_suffix(".tmp")
@@ -64,20 +66,20 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
 
 
 def load_episode(path: Path) -> EpisodeRecord:
-    """Reads an episode file; raises InputError for one that is missing, corrupt or of another version."""
+    """Load an episode file. Raises InputError for one that is missing, corrupt or of another version."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             header = json.loads(bytes(data["header"]))
             if header["format"] != FORMAT:
                 raise InputError(f"{path}: expected the format {FORMAT}, found {header['format']!r}")
-            return _episode(header, {name: data[name] for name in data.files})
+            return _build_record(header, {name: data[name] for name in data.files})
     except FileNotFoundError:
         raise InputError(f"{path}: expected a recording, found no file") from None
     except _CORRUPT as error:
         raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({error})") from None
 
 
-def _episode(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
+def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
     ticks = len(data["quanta"])
     valid = np.unpackbits(data["valid"], axis=0, count=ticks).astype(np.bool_)
     if valid.shape != data["quanta"].shape[:2] or len(header["ids"]) != valid.shape[1] or len(data["digests"]) != ticks:
@@ -96,26 +98,26 @@ def _episode(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
         length=data["length"],
         width=data["width"],
         valid=valid,
-        quanta=_undo_second_differences(data["quanta"], valid),
+        quanta=_integrate_twice(data["quanta"], valid),
         controls=np.cumsum(data["controls"], axis=0, dtype=np.int32).astype(np.int16),
         plans=tuple(plans),
         contacts=tuple((tick, Contact(ego, other, Kind(kind))) for tick, ego, other, kind in header["contacts"]),
         signals=tuple(SignalChange(*change) for change in header["signals"]),
-        endings=tuple(_ending(**ending) for ending in header["endings"]),
+        endings=tuple(_build_ending(**ending) for ending in header["endings"]),
         digests=data["digests"],
-        messages=_messages(header, data),
+        messages=_build_messages(header, data),
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
         thinking=tuple(ThinkTime(*thinking) for thinking in header["thinking"]),
     )
 
 
-def _receivers(messages: Sequence[SentMessage]) -> list[str]:
+def _list_receivers(messages: Sequence[SentMessage]) -> list[str]:
     return sorted({receiver for sent in messages for receiver in sent.deliveries})
 
 
 def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
     """(F, 4): index of the message, index of the receiver, index of the fate, tick."""
-    column = {name: i for i, name in enumerate(_receivers(messages))}
+    column = {name: i for i, name in enumerate(_list_receivers(messages))}
     rows = [
         (i, column[receiver], _FATES.index(fate), tick)
         for i, sent in enumerate(messages)
@@ -124,7 +126,7 @@ def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(-1, 4)
 
 
-def _messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentMessage, ...]:
+def _build_messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentMessage, ...]:
     fates: list[dict[str, tuple[DeliveryStatus, int]]] = [{} for _ in header["messages"]]
     for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
         fates[i][header["receivers"][receiver]] = (_FATES[fate], tick)
@@ -135,29 +137,29 @@ def _messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentMessage
     return tuple(messages)
 
 
-def _ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:
+def _build_ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:
     return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text)
 
 
-def _differences(values: Ints) -> Ints:
-    """First row as it is, then steps (T, ...)."""
+def _compute_differences(values: Ints) -> Ints:
+    """Return the first row, then the differences of successive rows (T, ...)."""
     return np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
 
 
-def _second_differences(quanta: Ints, valid: npt.NDArray[np.bool_]) -> Ints:
-    """(T, N, 4): steps of steps, small for anything that moves smoothly; absent road users stand still."""
+def _compute_second_differences(quanta: Ints, valid: npt.NDArray[np.bool_]) -> Ints:
+    """Return second differences (T, N, 4), small for smooth motion; absent road users hold their last value."""
     held = quanta.copy()
     for tick in range(1, len(held)):
         held[tick] = np.where(valid[tick][:, None], held[tick], held[tick - 1])
-    return _narrowest(_differences(_differences(held)))
+    return _to_narrowest(_compute_differences(_compute_differences(held)))
 
 
-def _undo_second_differences(stored: Ints, valid: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+def _integrate_twice(stored: Ints, valid: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
     held = np.cumsum(np.cumsum(stored, axis=0, dtype=np.int64), axis=0)
     return np.where(valid[..., None], held, 0).astype(np.int32)
 
 
-def _narrowest(values: Ints) -> Ints:
-    """The same integers in the smallest signed type that holds them."""
+def _to_narrowest(values: Ints) -> Ints:
+    """Return the integers in the smallest signed type that holds them."""
     peak = int(np.abs(values).max(initial=0))
     return values.astype(np.int8 if peak < 2**7 else np.int16 if peak < 2**15 else np.int32)

@@ -1,4 +1,4 @@
-"""Recorder: takes quantised frames and applied controls tick by tick, and makes the Episode."""
+"""Collects quantized frames and applied controls tick by tick, and builds the `EpisodeRecord`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
@@ -22,18 +22,18 @@ from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import SentMessage
 
 PLAN_EVERY_TICKS = 4
-"""Plans are kept at 5 Hz: they are for looking at; what re-executes an episode is the log of controls."""
+"""Plans are recorded at 5 Hz: they are for display; re-execution uses the log of controls."""
 DIGEST_BYTES = 8
 
 
 class Recorder:
-    """The only writer of an Episode. `sizes` are (length, width) [m] of the CAVs, in the order of the scenario."""
+    """Builds an `EpisodeRecord`. `dimensions`: (length, width) [m] of the CAVs, in the order of the scenario file."""
 
-    def __init__(self, scenario: str, about: Mapping[str, Any], sizes: Mapping[str, tuple[float, float]]) -> None:
+    def __init__(self, scenario: str, about: Mapping[str, Any], dimensions: Mapping[str, tuple[float, float]]) -> None:
         self._scenario, self._about = scenario, about
-        self._egos = tuple(sizes)
+        self._egos = tuple(dimensions)
         self._columns = {ego: i for i, ego in enumerate(self._egos)}
-        self._facts: list[tuple[int, float, float]] = [(int(Kind.VEHICLE), *size) for size in sizes.values()]
+        self._constants: list[tuple[int, float, float]] = [(int(Kind.VEHICLE), *size) for size in dimensions.values()]
         self._present: tuple[str, ...] | None = None
         self._present_columns: npt.NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         self._rows: list[tuple[npt.NDArray[np.intp], Quanta]] = []
@@ -42,20 +42,20 @@ class Recorder:
         self._contacts: list[tuple[int, Contact]] = []
         self._signals: list[SignalChange] = []
         self._notes: list[NoteRecord] = []
-        self._shown: dict[str, str] = {}
+        self._last_signals: dict[str, str] = {}
         self._digests: list[bytes] = []
         self._chain = blake2b(digest_size=DIGEST_BYTES)
-        self._names = b""
+        self._names_digest_input = b""
 
     def note(self, tick: int, ego: str, notes: Sequence[Note]) -> None:
-        """What an agent wants to be kept; no part of the digest, for nobody's driving depends on it."""
+        """Record notes of an agent. They are no part of the digest, because no behaviour depends on them."""
         self._notes += [NoteRecord(tick, ego, note) for note in notes]
 
     def add(
-        self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], heard: ReceivedMessages
+        self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], received: ReceivedMessages
     ) -> None:
-        """One tick: a frame at recording resolution, what reached the CAVs in it, and the controls applied after it."""
-        quanta = to_quanta(self._table(frame))
+        """Add one tick: a frame at recording resolution, received messages, and the controls applied after it."""
+        quanta = to_quanta(self._build_table(frame))
         applied = np.zeros((len(self._egos), 3), dtype=np.int16)
         for ego, control in controls.items():
             applied[self._columns[ego]] = (
@@ -63,27 +63,27 @@ class Recorder:
                 round(control.brake / CONTROL_STEP),
                 round(control.steer / CONTROL_STEP),
             )
-        self._rows.append((self._columns_of(frame), quanta))
+        self._rows.append((self._find_columns(frame), quanta))
         self._controls.append(applied)
         if frame.tick % PLAN_EVERY_TICKS == 0:
             self._plans += [
                 PlanRecord(frame.tick, ego, p.interval_s, np.round(p.points, 2)) for ego, p in plans.items()
             ]
         self._contacts += [(frame.tick, contact) for contact in frame.contacts]
-        self._note_signals(frame)
-        self._note_digest(frame, quanta, applied, heard)
+        self._add_signals(frame)
+        self._add_digest(frame, quanta, applied, received)
 
     @staticmethod
-    def _table(frame: Frame) -> npt.NDArray[np.float64]:
+    def _build_table(frame: Frame) -> npt.NDArray[np.float64]:
         actors = frame.actors
         table = np.empty((len(frame.egos) + len(actors), 4))
         for i, ego in enumerate(frame.egos.values()):
-            table[i] = _row(ego)
+            table[i] = _build_row(ego)
         rest = table[len(frame.egos) :]
         rest[:, 0], rest[:, 1], rest[:, 2], rest[:, 3] = actors.x, actors.y, actors.yaw, actors.speed
         return table
 
-    def _columns_of(self, frame: Frame) -> npt.NDArray[np.intp]:
+    def _find_columns(self, frame: Frame) -> npt.NDArray[np.intp]:
         present = (*frame.egos, *frame.actors.ids)
         if present == self._present:
             return self._present_columns
@@ -91,37 +91,47 @@ class Recorder:
         for i, actor in enumerate(actors.ids):
             if actor not in self._columns:
                 self._columns[actor] = len(self._columns)
-                self._facts.append((int(actors.kind[i]), float(actors.length[i]), float(actors.width[i])))
+                self._constants.append((int(actors.kind[i]), float(actors.length[i]), float(actors.width[i])))
         self._present = present
         self._present_columns = np.array([self._columns[i] for i in present], dtype=np.intp)
-        self._names = "\n".join(present).encode()
+        self._names_digest_input = "\n".join(present).encode()
         return self._present_columns
 
-    def _note_signals(self, frame: Frame) -> None:
+    def _add_signals(self, frame: Frame) -> None:
         for light, state in frame.signals.items():
-            if self._shown.get(light) != state:
-                self._shown[light] = state
+            if self._last_signals.get(light) != state:
+                self._last_signals[light] = state
                 self._signals.append(SignalChange(frame.tick, light, state))
 
-    def _note_digest(
-        self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], heard: ReceivedMessages
+    def _add_digest(
+        self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], received: ReceivedMessages
     ) -> None:
         facts = repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode()
         states, controls = quanta.astype("<i4", copy=False), applied.astype("<i2", copy=False)
-        self._chain.update(b"".join((self._names, states.tobytes(), controls.tobytes(), facts, *_bytes(heard))))
+        self._chain.update(
+            b"".join(
+                (
+                    self._names_digest_input,
+                    states.tobytes(),
+                    controls.tobytes(),
+                    facts,
+                    *_iterate_message_bytes(received),
+                )
+            )
+        )
         self._digests.append(self._chain.digest())
 
     def finish(
         self, endings: Sequence[Ending], sent: Sequence[SentMessage] = (), thinking: Sequence[ThinkTime] = ()
     ) -> EpisodeRecord:
-        """The read-only Episode of all that was added."""
+        """Return the record of all added ticks."""
         shape = (len(self._rows), len(self._columns))
         valid = np.zeros(shape, dtype=np.bool_)
         quanta = np.zeros((*shape, 4), dtype=np.int32)
         for tick, (columns, row) in enumerate(self._rows):
             valid[tick, columns] = True
             quanta[tick, columns] = row
-        kind, length, width = zip(*self._facts, strict=True)
+        kind, length, width = zip(*self._constants, strict=True)
         return EpisodeRecord(
             scenario=self._scenario,
             about=self._about,
@@ -144,13 +154,13 @@ class Recorder:
         )
 
 
-def _bytes(heard: ReceivedMessages) -> Iterator[bytes]:
-    """Delivered messages as the digest takes them, as each receiver got them."""
-    for receiver, messages in heard.items():
+def _iterate_message_bytes(received: ReceivedMessages) -> Iterator[bytes]:
+    """Yield the delivered messages in the form of the digest, as each receiver got them."""
+    for receiver, messages in received.items():
         for m in messages:
             yield repr((receiver, m.sender, m.tick, m.type, len(m.payload))).encode()
             yield m.payload
 
 
-def _row(ego: EgoState) -> tuple[float, float, float, float]:
+def _build_row(ego: EgoState) -> tuple[float, float, float, float]:
     return ego.x, ego.y, ego.yaw, ego.speed

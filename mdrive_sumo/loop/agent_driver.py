@@ -1,4 +1,4 @@
-"""Driver: how the loop talks to an agent, wherever it lives. The one place where a participant's failure is caught."""
+"""The interface between the loop and an agent, in this process or another; failures of agents are caught here."""
 
 import time
 from typing import Protocol
@@ -12,7 +12,7 @@ CONTROLLER_NAMES = frozenset(CONTROLLERS)
 
 
 class AgentFailure(MdriveError):
-    """A participant's code failed. It ends that CAV with `End.AGENT_FAILED`, and is scored."""
+    """An agent failed. It ends its CAV with `End.AGENT_FAILED`, and the CAV is scored."""
 
     def __init__(self, failure: FailureReason, text: str) -> None:
         super().__init__(text)
@@ -20,45 +20,45 @@ class AgentFailure(MdriveError):
 
 
 class AgentDriver(Protocol):
-    """One CAV's agent. `ask` and `answer` are apart so that agents in other processes think at the same time."""
+    """The agent of one CAV. `ask` and `answer` are separate, so that agents in other processes run in parallel."""
 
     @property
     def label(self) -> str:
-        """What the agent calls itself: one of `contract.LABELS`."""
+        """The kind of agent: one of `contract.LABELS`."""
         ...
 
     @property
     def think_time_s(self) -> float:
-        """How long the agent took for its last answer, wall clock; only a measured agent clock asks."""
+        """Wall-clock time [s] of the last reply, for a measured agent clock."""
         ...
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """What the agent declared; raises AgentFailure, as all methods here."""
+        """Return the declared sensors. Raises AgentFailure, as all methods but `close` do."""
         ...
 
     def start(self, briefing: Briefing) -> None:
-        """Briefs the agent."""
+        """Brief the agent."""
         ...
 
-    def ask(self, seen: Observation) -> None:
-        """Hands over an observation."""
+    def ask(self, observation: Observation) -> None:
+        """Send an observation."""
         ...
 
     def answer(self) -> Reply:
-        """The checked reply to the last observation."""
+        """Return the validated reply to the last observation."""
         ...
 
     def close(self) -> None:
-        """Ends the agent; never raises."""
+        """End the agent; never raises."""
         ...
 
 
 class LocalDriver:
-    """A built-in agent in this process: trusted not to hang, but caught and checked like everybody else."""
+    """An agent in this process: it is trusted not to hang; its failures and replies are handled as all others."""
 
     def __init__(self, agent: Agent) -> None:
         self._agent = agent
-        self._seen: Observation | None = None
+        self._observation: Observation | None = None
         self.label = getattr(agent, "label", "single")
         self.think_time_s = 0.0
 
@@ -73,16 +73,16 @@ class LocalDriver:
         except Exception as error:
             raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
 
-    def ask(self, seen: Observation) -> None:
+    def ask(self, observation: Observation) -> None:
         """See Driver."""
-        self._seen = seen
+        self._observation = observation
 
     def answer(self) -> Reply:
         """See Driver."""
-        assert self._seen is not None
+        assert self._observation is not None
         since = time.perf_counter()
         try:
-            reply = self._agent.act(self._seen)
+            reply = self._agent.act(self._observation)
         except Exception as error:
             raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
         self.think_time_s = time.perf_counter() - since
@@ -93,7 +93,7 @@ class LocalDriver:
 
 
 def validate_reply(reply: object) -> Reply:
-    """The reply, if it keeps the contract; AgentFailure `invalid` if not."""
+    """Return the reply. Raises AgentFailure (invalid) if it violates the contract."""
     try:
         return check_reply(reply, CONTROLLER_NAMES)
     except ReplyError as error:
@@ -101,11 +101,11 @@ def validate_reply(reply: object) -> Reply:
 
 
 def describe_error(error: BaseException) -> str:
-    """An exception as one short line."""
+    """Return an exception as one short line."""
     return shorten(f"{type(error).__name__}: {error}")
 
 
-def shorten(text: str, most: int = 200) -> str:
-    """A text as one short printable line: it may be a participant's, and goes into logs, terminals and pages."""
-    line = "".join(c if c.isprintable() else "?" for c in " ".join(text[: 4 * most].split()))
-    return line if len(line) <= most else line[: most - 3] + "..."
+def shorten(text: str, max_length: int = 200) -> str:
+    """Return a text as one short printable line: a participant's text goes to logs, terminals and pages."""
+    line = "".join(c if c.isprintable() else "?" for c in " ".join(text[: 4 * max_length].split()))
+    return line if len(line) <= max_length else line[: max_length - 3] + "..."

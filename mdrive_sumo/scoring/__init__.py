@@ -1,4 +1,4 @@
-"""Scores: episode -> scenario -> bucket -> overall (protocol 8)."""
+"""Scores of episodes, scenarios, buckets and runs (protocol 8)."""
 
 from mdrive_sumo.scoring.category_groups import (
     compute_category_group_means,

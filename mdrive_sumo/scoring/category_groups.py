@@ -26,21 +26,20 @@ GROUPS: Mapping[str, str] = MappingProxyType(
 
 
 def compute_category_group_means(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
-    """Means over the scenarios of each group, other scenarios left out."""
+    """Return the means over the scenarios of each InterDrive group and Interaction level."""
     return compute_interdrive_means(scenarios, mode) | compute_level_means(scenarios)
 
 
 def compute_level_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
-    """Means over the scenarios of each interactivity level, other scenarios left out."""
+    """Return the means over the scenarios of each interactivity level; other scenarios are left out."""
     known = [scenario for scenario in scenarios if scenario.category in set(LEVELS)]
     return compute_group_means(known, lambda scenario: LEVELS[Category(scenario.category)])
 
 
 def compute_interdrive_means(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:
-    """Means over the scenarios of each sub-category, other scenarios left out.
+    """Return the means over the scenarios of each InterDrive group; other scenarios are left out.
 
-    The original compares name parts in an order in which crosschange falls into LM; so do the InterDrive
-    modes.
+    The original's order of name comparisons assigns crosschange to LM; so do the InterDrive modes.
     """
     groups = GROUPS if mode is ScoreMode.MDRIVE else {**GROUPS, "ins_crosschange": "LM"}
     return compute_group_means([s for s in scenarios if s.category in groups], lambda s: groups[s.category])

@@ -1,6 +1,6 @@
-"""What live judge and offline metrics share: the running state of one CAV on its route (protocol 5 to 7).
+"""End criteria of a CAV on its route, for the running episode and for metrics (protocol 5 to 7).
 
-Scalar Python, because the judge asks once per CAV and tick. All functions are pure and read recorded values.
+Scalar Python, because they are evaluated once per CAV and tick. All functions are pure and read recorded values.
 """
 
 import math
@@ -14,17 +14,22 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 
 COMPLETION_WINDOW = 2
-"""Route points ahead that one tick may pass (protocol 6)."""
+"""Number of route points ahead that one tick may pass (protocol 6)."""
 COMPLETE_PERCENT = 99.0
+"""A route counts as completed above this share [%], near its end (protocol 6)."""
 GOAL_RADIUS_M = 10.0
+"""... and within this distance [m] of its last point (protocol 6)."""
 DEVIATION_WINDOW = 5
-"""Route points ahead among which the nearest one is looked for (protocol 7.4)."""
+"""Number of route points ahead in which the nearest one is searched (protocol 7.4)."""
 DEVIATION_MAX_M = 30.0
+"""A CAV this far [m] from its route has deviated (protocol 7.4)."""
 DEVIATION_MIN_M = 15.0
 DEVIATION_SHARE = 0.30
+"""A CAV has deviated after this share of the route at `DEVIATION_MIN_M` or more from it (protocol 7.4)."""
 BLOCKED_SPEED = 0.5
 """[m/s] (protocol 7.5)"""
 BLOCKED_TICKS = 30 * TICKS_PER_SECOND
+"""A CAV slower than `BLOCKED_SPEED` for longer than this is blocked (protocol 7.5)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +49,12 @@ class RouteReference:
 
 
 class RouteProgress(NamedTuple):
-    """How far one CAV has come. A named tuple, the cheapest fact to make, for every tick makes a new one."""
+    """Progress of one CAV on its route. A named tuple, because every tick creates one and it is the cheapest type."""
 
     passed: int = 0
     """Index of the last route point that counts as passed (protocol 6)."""
     arrived_tick: int | None = None
-    """Tick in which the route was completed; the CAV lives one tick longer."""
+    """Tick in which the route was completed; the CAV ends one tick later."""
     nearest: int = 0
     """Index of the nearest route point, as the deviation rule counts it (protocol 7.4)."""
     off_route_m: float = 0.0
@@ -60,98 +65,97 @@ class RouteProgress(NamedTuple):
 
 
 def build_route_reference(ego: Ego) -> RouteReference:
-    """The course of a CAV of a scenario file."""
+    """Return the route reference of a CAV of a scenario file."""
     return build_reference_along(ego.xy, ego.yaw)
 
 
 def build_reference_along(xy: Float, yaw: Float) -> RouteReference:
-    """The course through points xy (N, 2) [m] whose assigned lanes point to yaw (N,) [rad]."""
+    """Return the reference through points xy (N, 2) [m] whose assigned lanes have directions yaw (N,) [rad]."""
     s = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T))))
     columns = (xy[:, 0], xy[:, 1], np.cos(yaw), np.sin(yaw), s)
     return RouteReference(*(tuple(column.tolist()) for column in columns))
 
 
 def compute_time_limit_ticks(scenario: Scenario) -> int:
-    """The route time-out: int(0.8 s/m * L0 + 8 s), L0 being ego 0's route length for every ego (7.6, K3)."""
+    """Return the time limit: int(0.8 s/m * L0 + 8 s) in ticks, with ego 0's route length L0 for every ego (7.6, K3)."""
     return int(0.8 * build_route_reference(scenario.egos[0]).length + 8.0) * TICKS_PER_SECOND
 
 
-def advance_index(course: RouteReference, index: int, window: int, x: float, y: float) -> int:
-    """Index of the last of the next `window` route points that (x, y) [m] has passed; `index` if none.
+def advance_index(reference: RouteReference, index: int, window: int, x: float, y: float) -> int:
+    """Return the index of the last of the next `window` route points that (x, y) [m] has passed; `index` if none.
 
-    A point is passed when the direction of its lane and the way from it to (x, y) make less than 90 degrees.
-    No lateral distance is asked for; a later point may be passed before an earlier one (protocol 6, 7.3c).
+    A point is passed when its lane direction and the vector from it to (x, y) form less than 90 degrees. The lateral
+    distance does not matter; a later point may be passed before an earlier one (protocol 6, 7.3c).
     """
-    for i in range(index + 1, min(index + window + 1, len(course.x))):
-        if (x - course.x[i]) * course.cos[i] + (y - course.y[i]) * course.sin[i] > 0.0:
+    for i in range(index + 1, min(index + window + 1, len(reference.x))):
+        if (x - reference.x[i]) * reference.cos[i] + (y - reference.y[i]) * reference.sin[i] > 0.0:
             index = i
     return index
 
 
 def update_progress(
-    trial: RouteProgress, course: RouteReference, tick: int, x: float, y: float, speed: float
+    progress: RouteProgress, reference: RouteReference, tick: int, x: float, y: float, speed: float
 ) -> RouteProgress:
-    """The trial after the frame of `tick`: box centre at (x, y) [m], signed speed along yaw [m/s].
+    """Return the progress after the frame of `tick`: box centre at (x, y) [m], signed speed along yaw [m/s].
 
-    To be called for every tick from 0 on. The original's speed is the length of the velocity: it has no sign.
+    Call it for every tick from 0 on. The original uses the unsigned speed, the length of the velocity.
     """
-    passed, arrived_tick, nearest, off_route_m, deviated, moving_tick = trial
+    passed, arrived_tick, nearest, off_route_m, deviated, moving_tick = progress
     if arrived_tick is None:
-        passed = advance_index(course, passed, COMPLETION_WINDOW, x, y)
-        if _is_complete(course, passed, x, y):
+        passed = advance_index(reference, passed, COMPLETION_WINDOW, x, y)
+        if _is_complete(reference, passed, x, y):
             arrived_tick = tick
-    step, square = _find_nearest(course, nearest, x, y)
+    step, square = _find_nearest(reference, nearest, x, y)
     if DEVIATION_MIN_M**2 <= square < DEVIATION_MAX_M**2 and step > nearest:
-        off_route_m += course.s[step] - course.s[nearest]
-        deviated = deviated or off_route_m > DEVIATION_SHARE * course.length
+        off_route_m += reference.s[step] - reference.s[nearest]
+        deviated = deviated or off_route_m > DEVIATION_SHARE * reference.length
     deviated = deviated or square >= DEVIATION_MAX_M**2
     if abs(speed) >= BLOCKED_SPEED:
         moving_tick = tick
     return RouteProgress(passed, arrived_tick, step, off_route_m, deviated, moving_tick)
 
 
-def find_end(trial: RouteProgress, tick: int, limit_ticks: int) -> End | None:
-    """Whether and how a CAV ends in `tick`, after `observe` of the same tick; it then leaves the world.
+def find_end(progress: RouteProgress, tick: int, limit_ticks: int) -> End | None:
+    """Return how a CAV ends in `tick`, after `update_progress` of the same tick; None if it does not.
 
-    Completing the route ends a CAV one tick later, and until then its collisions count. A CAV that has
-    completed its route counts as arrived whatever else befalls it. Of two other ends in one tick deviation
-    precedes blocking and blocking the time-out, which the original names only where it has nothing else to
-    name.
+    Completing the route ends a CAV one tick later; until then its collisions count. A CAV that has completed its route
+    counts as arrived in any case. Of several other ends in one tick, deviation precedes blocking, and blocking precedes
+    the time-out, which the original reports only without another reason.
     """
-    end = _find_failure(trial, tick, limit_ticks)
-    if trial.arrived_tick is None:
+    end = _find_failure(progress, tick, limit_ticks)
+    if progress.arrived_tick is None:
         return end
-    return End.ARRIVED if end is not None or tick > trial.arrived_tick else None
+    return End.ARRIVED if end is not None or tick > progress.arrived_tick else None
 
 
-def compute_completion_percent(trial: RouteProgress, course: RouteReference) -> float:
-    """Route completion RC [%], 0 to 100."""
-    return 100.0 if trial.arrived_tick is not None else _compute_percent(course, trial.passed)
+def compute_completion_percent(progress: RouteProgress, reference: RouteReference) -> float:
+    """Return the route completion RC [%], 0 to 100."""
+    return 100.0 if progress.arrived_tick is not None else _compute_percent(reference, progress.passed)
 
 
-def _find_failure(trial: RouteProgress, tick: int, limit_ticks: int) -> End | None:
-    if trial.has_deviated:
+def _find_failure(progress: RouteProgress, tick: int, limit_ticks: int) -> End | None:
+    if progress.has_deviated:
         return End.DEVIATED
-    if tick - trial.moving_tick > BLOCKED_TICKS:
+    if tick - progress.moving_tick > BLOCKED_TICKS:
         return End.BLOCKED
     return End.TIMED_OUT if tick >= limit_ticks else None
 
 
-def _compute_percent(course: RouteReference, passed: int) -> float:
-    return 100.0 * course.s[passed] / course.s[-1]
+def _compute_percent(reference: RouteReference, passed: int) -> float:
+    return 100.0 * reference.s[passed] / reference.s[-1]
 
 
-def _is_complete(course: RouteReference, passed: int, x: float, y: float) -> bool:
-    if _compute_percent(course, passed) <= COMPLETE_PERCENT:
+def _is_complete(reference: RouteReference, passed: int, x: float, y: float) -> bool:
+    if _compute_percent(reference, passed) <= COMPLETE_PERCENT:
         return False
-    return math.hypot(x - course.x[-1], y - course.y[-1]) < GOAL_RADIUS_M
+    return math.hypot(x - reference.x[-1], y - reference.y[-1]) < GOAL_RADIUS_M
 
 
-def _find_nearest(course: RouteReference, index: int, x: float, y: float) -> tuple[int, float]:
-    """Index and squared distance [m2] of the nearest route point within the window; of equals the last."""
+def _find_nearest(reference: RouteReference, index: int, x: float, y: float) -> tuple[int, float]:
+    """Return index and squared distance [m2] of the nearest route point in the window; of equal ones the last."""
     best, least = index, math.inf
-    for i in range(index, min(index + DEVIATION_WINDOW + 1, len(course.x))):
-        dx, dy = x - course.x[i], y - course.y[i]
+    for i in range(index, min(index + DEVIATION_WINDOW + 1, len(reference.x))):
+        dx, dy = x - reference.x[i], y - reference.y[i]
         square = dx * dx + dy * dy
         if square <= least:
             best, least = i, square

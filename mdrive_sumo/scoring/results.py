@@ -1,4 +1,4 @@
-"""`results.json`: what one run scored. DS, RC and SR in percent, IP in [0, 1], all to 6 decimals."""
+"""The format of `results.json`: DS, RC and SR in percent, IP in [0, 1], all with 6 decimals."""
 
 from typing import Annotated, Literal
 

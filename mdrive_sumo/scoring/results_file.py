@@ -1,4 +1,4 @@
-"""Reading, writing and publishing the form of `results.json`."""
+"""Load, save and describe `results.json`."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from mdrive_sumo.scoring.results import FORMAT, Results
 
 
 def load_results(path: Path) -> Results:
-    """Reads a results file; raises InputError for one that is missing, corrupt or of another version."""
+    """Load a results file. Raises InputError for one that is missing, corrupt or of another version."""
     try:
         data: Any = json.loads(path.read_bytes())
         if isinstance(data, dict) and data.get("format") != FORMAT:
@@ -27,12 +27,12 @@ def load_results(path: Path) -> Results:
 
 
 def save_results(results: Results, path: Path) -> None:
-    """Writes the file whole or not at all (a temporary file is renamed); equal results make equal bytes."""
+    """Write the file atomically (a temporary file is renamed); equal results give equal bytes."""
     temporary = path.with_suffix(".tmp")
     temporary.write_text(results.model_dump_json(indent=1) + "\n", encoding="utf-8")
     temporary.replace(path)
 
 
 def build_results_schema() -> dict[str, Any]:
-    """JSON Schema of `results.json` (`mdrive-sumo schema results`)."""
+    """Return the JSON Schema of `results.json` (`mdrive-sumo schema results`)."""
     return Results.model_json_schema(mode="serialization")

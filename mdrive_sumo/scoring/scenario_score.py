@@ -1,4 +1,4 @@
-"""The score of one scenario: a pure function of its recorded episode."""
+"""Score of one scenario, a pure function of its recorded episode."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""From scenarios to buckets, both overall means, and the paper's category figure (protocol 8.4, 8.5)."""
+"""Means over buckets, categories and the run, and the paper's category figure (protocol 8.4, 8.5)."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -7,7 +7,7 @@ from mdrive_sumo.scoring.score_mode import compute_mean
 
 
 def summarize_run(run: RunInfo, scenarios: Sequence[ScenarioResult]) -> Results:
-    """The whole result of a run; raises ValueError without any scenario: a mean of nothing is no number."""
+    """Return the results of a run. Raises ValueError without scenarios."""
     return Results(
         run=run,
         overall=compute_overall(scenarios),
@@ -18,14 +18,14 @@ def summarize_run(run: RunInfo, scenarios: Sequence[ScenarioResult]) -> Results:
 
 
 def compute_overall(scenarios: Sequence[ScenarioResult]) -> Overall:
-    """Both means: over the buckets, as the paper's numbers are made, and over the scenarios (K2)."""
+    """Return both means: over the buckets, as in the paper's tables, and over the scenarios (K2)."""
     return Overall(
         bucket_mean=compute_means(compute_bucket_means(scenarios).values()), scenario_mean=compute_means(scenarios)
     )
 
 
 def compute_bucket_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
-    """Means over the scenarios of each bucket, void ones as DS 0; buckets in the order of their names."""
+    """Return means over the scenarios of each bucket, sorted by name; void scenarios count as DS 0."""
     return compute_group_means(scenarios, lambda scenario: scenario.bucket)
 
 
@@ -35,7 +35,7 @@ def compute_category_means(scenarios: Sequence[ScenarioResult]) -> dict[str, Buc
 
 
 def compute_means(scored: Iterable[Means]) -> Means:
-    """Unweighted mean of each number; raises ValueError if there is nothing to take it of."""
+    """Return the unweighted mean of each number. Raises ValueError for an empty input."""
     rows = tuple(scored)
     if not rows:
         raise ValueError("expected at least one scenario to take a mean of, found none")
@@ -48,14 +48,14 @@ def compute_means(scored: Iterable[Means]) -> Means:
 
 
 def compute_harmonic_mean(scored: Means) -> float:
-    """The category figure H = 2 DS SR / (DS + SR) [%], of means; 0 if both are 0 (paper, fig. 5)."""
+    """Return the category figure H = 2 DS SR / (DS + SR) [%] of means; 0 if both are 0 (paper, fig. 5)."""
     return 2 * scored.ds * scored.sr / (scored.ds + scored.sr) if scored.ds + scored.sr else 0.0
 
 
 def compute_group_means(
     scenarios: Sequence[ScenarioResult], group_of: Callable[[ScenarioResult], str]
 ) -> dict[str, BucketResult]:
-    """Means over the scenarios of each group, in the order of the groups' names."""
+    """Return means over the scenarios of each group, sorted by name."""
     groups: dict[str, list[ScenarioResult]] = {}
     for scenario in scenarios:
         groups.setdefault(group_of(scenario), []).append(scenario)

@@ -1,4 +1,4 @@
-"""Recorded episodes as logs: every second tick of everybody, with names, sizes and the map."""
+"""Recorded episodes as logs: every second tick of all road users, with ids, dimensions and the map."""
 
 import math
 from types import MappingProxyType

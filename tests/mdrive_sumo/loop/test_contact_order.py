@@ -1,4 +1,4 @@
-"""The order of moving and touching in one tick (docs/decisions/022): what the world gets, and what the frame shows."""
+"""The order of motion and contact in one tick (docs/decisions/022): the poses that the world gets and the frame has."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What agents say to each other in the loop, and what their thinking costs."""
+"""Messages between agents in the loop, and the cost of think time."""
 
 from collections.abc import Callable
 from dataclasses import replace

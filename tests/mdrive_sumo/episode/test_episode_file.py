@@ -1,4 +1,4 @@
-"""The recording: one quantisation, exact storage, chained digests, corrupt files."""
+"""Recordings: resolution, exact storage, chained digests, corrupt files."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""SUMO's traffic takes notice of scripted road users, and of what there is no other sign of."""
+"""SUMO's traffic reacts to scripted actors and to everything else that has only ghosts."""
 
 import numpy as np
 import pytest

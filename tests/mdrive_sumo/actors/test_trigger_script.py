@@ -1,4 +1,4 @@
-"""What triggers set off: start_motion, hard_brake, lane_change, and pacing before them (protocol 3.4)."""
+"""Actions of triggers: start_motion, hard_brake, lane_change, and pacing before them (protocol 3.4)."""
 
 import math
 

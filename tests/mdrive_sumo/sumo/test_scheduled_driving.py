@@ -1,4 +1,4 @@
-"""Traffic from a log: it departs when the log says, keeps to its schedule, and does not race when it could not."""
+"""Vehicles with a schedule: departure at the logged time, schedule keeping, and no racing when late."""
 
 import math
 from itertools import pairwise

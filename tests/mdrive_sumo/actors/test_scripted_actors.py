@@ -1,4 +1,4 @@
-"""Scripted road users: how they go along their ways, and that they stop for what is in them."""
+"""Scripted actors: motion along their paths, and stopping for obstacles."""
 
 import math
 

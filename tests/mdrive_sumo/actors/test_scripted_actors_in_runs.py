@@ -1,4 +1,4 @@
-"""Scripted road users in whole episodes: through SUMO, scores, recordings, `verify` and `rescore`."""
+"""Scripted actors in complete runs: SUMO, scores, recordings, `verify` and `rescore`."""
 
 import json
 from pathlib import Path

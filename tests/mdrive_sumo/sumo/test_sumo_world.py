@@ -1,4 +1,4 @@
-"""Contract with SUMO: where egos are, that background traffic reacts to them, and that nobody vanishes."""
+"""Contract with SUMO: ego poses, reactions of the background traffic, and that no vehicle vanishes."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Modes of traffic from a log: `replay` never reacts, `hybrid` until a CAV changes the situation."""
+"""Traffic modes with logs: `replay` never reacts, `hybrid` reacts once a CAV disturbs it."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The tick: who is asked when, who leaves when, and that whatever an agent does ends only its own CAV."""
+"""Episodes with agents: order of observation and control, endings, and failures that end one CAV only."""
 
 from collections.abc import Callable
 

@@ -1,0 +1,73 @@
+"""Endings and route completion (protocol 5.2 and 6)."""
+
+import pytest
+from testing.score_golden import (
+    Row,
+    arriving,
+    episode,
+    scenario,
+    straight,
+    street,
+)
+from testing.scored_records import record
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import End
+from mdrive_sumo.scoring.metrics import EpisodeMismatch, build_ego_records
+
+
+def test_a_clean_drive_completes_with_nothing() -> None:
+    found = record(arriving(), End.ARRIVED)
+    assert (found.rc, found.ip, found.infractions) == (100.0, 1.0, ())
+
+
+def test_completion_of_who_did_not_arrive() -> None:
+    """41 ticks: x = 20 at last, and point 19 is the last one passed."""
+    assert record(straight(41)).rc == 19.0
+
+
+def test_the_end_is_marked_without_a_cost() -> None:
+    found = record(straight(602, speed=0.0), End.BLOCKED)
+    assert [(i.kind, i.tick, i.factor) for i in found.infractions] == [("blocked", 601, 1.0)]
+    assert (found.rc, found.ip, found.ending.end) == (0.0, 1.0, End.BLOCKED)
+
+
+def test_a_time_out_keeps_the_way_made() -> None:
+    """T = 0.8 * 100 + 8 = 88 s; at 1 m/s the CAV is at x = 88 then, and point 87 is the last one passed."""
+    found = record(straight(1761, speed=1.0), End.TIMED_OUT)
+    assert [(i.kind, i.tick) for i in found.infractions] == [("timed-out", 1760)]
+    assert (found.rc, found.ip) == (87.0, 1.0)
+
+
+def test_a_deviation_ends() -> None:
+    rows = [(0.0, 0.0, 0.0, 9.0), (0.0, -30.0, 0.0, 9.0)]
+    found = record(rows, End.DEVIATED)
+    assert [(i.kind, i.tick) for i in found.infractions] == [("route-deviation", 1)]
+
+
+def test_an_agents_failure_is_taken_from_the_recording() -> None:
+    found = record(straight(5))
+    assert [(i.kind, i.tick) for i in found.infractions] == [("agent-failed", 4)]
+    assert found.ending.text == "ValueError: no"
+
+
+@pytest.mark.parametrize(
+    ("rows", "end"),
+    [
+        (straight(5), End.ARRIVED),
+        (straight(602, speed=0.0), End.TIMED_OUT),
+        (straight(601, speed=0.0), End.BLOCKED),
+        (straight(603, speed=0.0), End.BLOCKED),
+        (arriving(), End.AGENT_FAILED),
+        (arriving()[:-1], End.ARRIVED),
+    ],
+)
+def test_a_recording_that_contradicts_its_frames_is_refused(rows: list[Row], end: End) -> None:
+    with pytest.raises(EpisodeMismatch, match="CAV 0"):
+        record(rows, end)
+
+
+def test_an_episode_of_another_scenario_is_refused() -> None:
+    recorded = episode(scenario(), {"0": arriving()}, {"0": End.ARRIVED})
+    with pytest.raises(InputError, match="expected scenario other"):
+        build_ego_records(recorded, scenario(id="other"), street())

@@ -1,0 +1,92 @@
+"""The results file: form, schema, and refusal of unusable files."""
+
+import json
+from pathlib import Path
+
+import pytest
+from testing.score_golden import scenario
+from testing.scored_pair import PAIR, ROADS, RUN, pair_episode
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import (
+    Results,
+    ScoreMode,
+    build_results_schema,
+    load_results,
+    make_void_result,
+    save_results,
+    score_episode,
+    summarize_run,
+)
+
+
+def full_results() -> Results:
+    found = score_episode(pair_episode(), PAIR, ROADS, ScoreMode.MDRIVE, 1)
+    return summarize_run(RUN, [found, make_void_result(scenario(id="e"), 1, "SUMO stopped")])
+
+
+def test_results_come_back_as_they_were_saved(tmp_path: Path) -> None:
+    saved = full_results()
+    save_results(saved, tmp_path / "results.json")
+    first = (tmp_path / "results.json").read_bytes()
+    assert load_results(tmp_path / "results.json") == saved
+    save_results(load_results(tmp_path / "results.json"), tmp_path / "results.json")
+    assert (tmp_path / "results.json").read_bytes() == first
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_the_file_has_the_published_form(tmp_path: Path) -> None:
+    save_results(full_results(), tmp_path / "results.json")
+    data = json.loads((tmp_path / "results.json").read_text())
+    assert list(data) == ["format", "run", "overall", "buckets", "void", "scenarios"]
+    assert data["format"] == "mdrive-sumo/results/2"
+    assert set(data["overall"]) == {"bucket_mean", "scenario_mean"}
+    one = data["scenarios"][0]
+    assert set(one) == {
+        *("id", "bucket", "category", "seed", "status", "reason", "ds", "sr", "rc", "ip"),
+        *("min_ttc", "digest", "ticks", "egos", "comm", "notes"),
+    }
+    assert set(one["egos"][0]) == {"id", "outcome", "reason", "ds", "rc", "ip", "infractions"}
+    assert set(one["egos"][0]["infractions"][0]) == {"kind", "tick", "x", "y", "factor", "other"}
+
+
+def test_the_schema_describes_every_key_of_the_file() -> None:
+    schema = build_results_schema()
+    data = full_results().model_dump(mode="json")
+    assert set(schema["properties"]) == set(data)
+    assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {"scalars"}
+    assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
+    assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/2"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "cannot be read"),
+        ("{", "expected JSON"),
+        ("[1]", "results.json: "),
+        ("\xff", "expected JSON"),
+        (
+            '{"format": "mdrive-sumo/results/9"}',
+            "expected 'mdrive-sumo/results/2', found 'mdrive-sumo/results/9'",
+        ),
+        ("{}", "format: expected 'mdrive-sumo/results/2', found None"),
+        ('{"format": "mdrive-sumo/results/2"}', "run: Field required"),
+    ],
+)
+def test_an_unusable_file_is_refused_in_one_sentence(tmp_path: Path, text: str | None, says: str) -> None:
+    path = tmp_path / "results.json"
+    if text is not None:
+        path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(InputError) as caught:
+        load_results(path)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_keys_and_nan_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    for change in ({"more": 1}, {"void": float("nan")}):
+        path.write_text(json.dumps({**full_results().model_dump(mode="json"), **change}))
+        with pytest.raises(InputError):
+            load_results(path)
