@@ -16,7 +16,7 @@ from testing.score_golden import (
     street,
     turned,
 )
-from testing.scored_records import record
+from testing.scored_records import move_aside, record
 
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import RoadMap
