@@ -49,7 +49,7 @@ class AgentConnection:
     def __init__(self, child: AgentProcess, frames: FrameFolder, limits: AgentLimits) -> None:
         """Owns both."""
         self._child, self._frames, self.limits = child, frames, limits
-        self._call, self._tick, self._asked_at, self._spent_s, self._told_bytes = "", 0, 0.0, 0.0, 0
+        self._call, self._tick, self._requested_at, self._used_s, self._received_bytes = "", 0, 0.0, 0.0, 0
         self._open = True
         self.failure = ""
         """Why it ended, if the agent failed."""
@@ -60,23 +60,23 @@ class AgentConnection:
     def send(self, call: str, tick: int, value: object) -> None:
         """Makes a request. An answer that is there already answers nothing."""
         self._call, self._tick = call, tick
-        if self._received(1, socket.MSG_PEEK):
+        if self._receive_available(1, socket.MSG_PEEK):
             self._fail(FailureReason.INVALID, "expected no answer before the request, found one")
         self._frames.begin()
         limit_s = self.limits.tick_s if tick >= 0 else self.limits.start_s
         self._write(
             wire_protocol.encode_frame({"call": call, "tick": tick, "value": value}, self._frames.store), limit_s
         )
-        self._asked_at = time.monotonic()
+        self._requested_at = time.monotonic()
 
     def receive(self, read: Callable[[Any], T]) -> T:
         """The answer to the last request, as `read` (of `replies`) makes it of plain values."""
         if self._tick < 0:
-            return self._answer(time.monotonic() + self.limits.start_s, read)
-        left_s = self.limits.episode_s - self._spent_s
-        answer = self._answer(self._asked_at + min(self.limits.tick_s, left_s), read)
-        self.think_times_s.append(time.monotonic() - self._asked_at)
-        self._spent_s += self.think_times_s[-1]
+            return self._read_answer(time.monotonic() + self.limits.start_s, read)
+        left_s = self.limits.episode_s - self._used_s
+        answer = self._read_answer(self._requested_at + min(self.limits.tick_s, left_s), read)
+        self.think_times_s.append(time.monotonic() - self._requested_at)
+        self._used_s += self.think_times_s[-1]
         return answer
 
     def fail(self, failure: FailureReason, text: str) -> NoReturn:
@@ -94,10 +94,10 @@ class AgentConnection:
             finally:
                 self._frames.close()
 
-    def _answer(self, deadline: float, read: Callable[[Any], T]) -> T:
+    def _read_answer(self, deadline: float, read: Callable[[Any], T]) -> T:
         data = self._read(deadline)
-        self._told_bytes += len(data)
-        if self._told_bytes > (most := self.limits.episode_bytes):
+        self._received_bytes += len(data)
+        if self._received_bytes > (most := self.limits.episode_bytes):
             self._fail(FailureReason.INVALID, f"expected answers of at most {most} bytes in an episode, found more")
         try:
             return read(decode_answer(data, self._tick))
@@ -114,7 +114,7 @@ class AgentConnection:
         while not size or len(data) < wire_protocol.LENGTH.size + size:
             if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
                 self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
-            data += self._received(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
+            data += self._receive_available(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
             if not size and len(data) >= wire_protocol.LENGTH.size:
                 size = wire_protocol.LENGTH.unpack_from(data)[0]
                 if not 0 < size <= most:
@@ -123,7 +123,7 @@ class AgentConnection:
             self._fail(FailureReason.INVALID, "expected one answer, found more")
         return data[wire_protocol.LENGTH.size :]
 
-    def _received(self, size: int, flags: int = 0) -> bytes:
+    def _receive_available(self, size: int, flags: int = 0) -> bytes:
         """What is there, b"" if nothing is yet. `recv` drops descriptors that were passed along."""
         try:
             data = self._child.socket.recv(size, flags)
@@ -131,7 +131,7 @@ class AgentConnection:
             return b""
         except ConnectionResetError:
             data = b""
-        return data or self._gone()
+        return data or self._fail_process_ended()
 
     def _write(self, data: bytes, limit_s: float) -> None:
         """Never waits longer than the agent may think: it may have stopped reading."""
@@ -142,7 +142,7 @@ class AgentConnection:
             except BlockingIOError:
                 self._wait_for_room(deadline)
             except (BrokenPipeError, ConnectionResetError):
-                self._gone()
+                self._fail_process_ended()
 
     def _wait_for_room(self, deadline: float) -> None:
         while not select.select([], [self._child.socket], [], 0.01)[1]:
@@ -150,7 +150,7 @@ class AgentConnection:
                 self._fail(FailureReason.TIMEOUT, "the agent does not read within the time limit")
             self._child.wait_readable(0.0)  # what it prints must flow, or it waits for us
 
-    def _gone(self) -> NoReturn:
+    def _fail_process_ended(self) -> NoReturn:
         how = self._child.describe_exit() if self._open else "it was ended"
         self._fail(FailureReason.CRASHED, f"the agent's process ended ({how})")
 
@@ -169,12 +169,12 @@ class AgentConnection:
                 "p99": thought_ms[min(count - 1, count * 99 // 100)] if count else None,
                 "max": thought_ms[-1] if count else None,
                 "sum": round(sum(thought_ms), 3),
-                "counts": [after - before for before, after in pairwise((0, *_up_to(thought_ms), count))],
+                "counts": [after - before for before, after in pairwise((0, *_count_up_to(thought_ms), count))],
             },
             **self._child.usage_record(),
         }
 
 
-def _up_to(thought_ms: list[float]) -> list[int]:
+def _count_up_to(thought_ms: list[float]) -> list[int]:
     """How many of the sorted times are below each end of a class."""
     return [bisect.bisect_right(thought_ms, end) for end in HISTOGRAM_MS]

@@ -36,14 +36,14 @@ def split_locator(locator: str) -> tuple[str, str]:
 def load_agent_class(locator: str) -> Callable[[Config], Agent]:
     """Imports the class that `module:Class` or `path.py:Class` names; raises InputError. Runs the user's code."""
     place, name = split_locator(locator)
-    module = load_module_from_file(Path(place)) if place.endswith(".py") else _from_name(place)
+    module = load_module_from_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = getattr(module, name, None)
     if not callable(found):
         raise InputError(f"agent {locator!r}: expected a class {name} in {place}, found none")
     return cast("Callable[[Config], Agent]", found)
 
 
-def _from_name(name: str) -> Any:
+def _import_module(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.agent_process.agent_lookup import load_module_from_file
-from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation, Transform, install, set_up
+from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation, Transform, call_setup, install_stubs
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, wrap_angles
@@ -50,30 +50,30 @@ class CarlaAgentAdapter:
 
     def __init__(self, path: str, config: Mapping[str, Any], cavs: Sequence[str]) -> None:
         """config: `config` is the file that `setup` is told. Raises InputError, and whatever the agent raises."""
-        install()
+        install_stubs()
         module = load_module_from_file(Path(path))
         entry: Any = getattr(module, "get_entry_point", None)
         cls: Any = getattr(module, str(entry()), None) if callable(entry) else None
         if not callable(cls):
             raise InputError(f"agent {path}: expected get_entry_point() to name a class of the module, found none")
         self._cavs = tuple(cavs)
-        self._agent = _made(cls, str(config.get("config", "")), len(cavs))
+        self._agent = _create_agent(cls, str(config.get("config", "")), len(cavs))
         self._sensors: tuple[CarlaSensor, ...] = ()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """What it declares, in our terms; kinds that do not exist here keep their name and are refused by it."""
         declared: list[Mapping[str, Any]] = list(self._agent.sensors())
         slow = getattr(self._agent, "agent_name", "") in SLOW_LIDAR
-        self._sensors = tuple(_sensor(row) for row in declared)
+        self._sensors = tuple(_read_sensor(row) for row in declared)
         specs: dict[tuple[str, str], SensorSpec] = {}
         for row, sensor in zip(declared, self._sensors, strict=True):
-            spec = _lidar(row, sensor, slow) if sensor.kind == "lidar" else SensorSpec(sensor.kind)
+            spec = _make_lidar_spec(row, sensor, slow) if sensor.kind == "lidar" else SensorSpec(sensor.kind)
             specs[spec.kind, spec.id] = spec
         return tuple(specs.values())
 
     def start(self, briefings: Mapping[str, Briefing], gps: Mapping[str, Float]) -> None:
         """Hands over the routes. gps: (N, 3) latitude, longitude [degrees], altitude [m] of their points."""
-        told = [options(briefings[cav]) for cav in self._cavs]
+        told = [find_road_options(briefings[cav]) for cav in self._cavs]
         on_globe = [
             [
                 ({"lat": lat, "lon": lon, "z": z}, option)
@@ -82,7 +82,8 @@ class CarlaAgentAdapter:
             for cav, row in zip(self._cavs, told, strict=True)
         ]
         in_world = [
-            list(zip(transforms(briefings[cav]), row, strict=True)) for cav, row in zip(self._cavs, told, strict=True)
+            list(zip(make_transforms(briefings[cav]), row, strict=True))
+            for cav, row in zip(self._cavs, told, strict=True)
         ]
         self._agent.set_global_plan(on_globe, in_world)
 
@@ -92,7 +93,7 @@ class CarlaAgentAdapter:
         data: dict[str, tuple[int, Any]] = {}
         for number, cav in enumerate(self._cavs):
             if cav in seen:
-                data |= _read(self._sensors, number, seen[cav])
+                data |= _convert_reading(self._sensors, number, seen[cav])
         controls = self._agent.run_step(data, tick * DT)
         if len(self._cavs) == 1 and not isinstance(controls, list | tuple):
             controls = [controls]
@@ -100,46 +101,52 @@ class CarlaAgentAdapter:
             raise TypeError(
                 f"run_step(): expected a list of {len(self._cavs)} controls, found {type(controls).__name__}"
             )
-        return {cav: _reply(control) for cav, control in zip(self._cavs, controls, strict=True) if cav in seen}
+        return {cav: _make_reply(control) for cav, control in zip(self._cavs, controls, strict=True) if cav in seen}
 
 
-def _made(cls: Any, config: str, vehicles: int) -> Any:
+def _create_agent(cls: Any, config: str, vehicles: int) -> Any:
     """The base class of the leaderboard calls `setup` when it is made; a class without a constructor does not."""
     if cls.__init__ is object.__init__:
         agent = cls()
-        set_up(agent, config, vehicles)
+        call_setup(agent, config, vehicles)
         return agent
     return cls(config, vehicles)
 
 
-def _sensor(row: Mapping[str, Any]) -> CarlaSensor:
+def _read_sensor(row: Mapping[str, Any]) -> CarlaSensor:
     name, kind = row.get("id"), str(row.get("type"))
     if not isinstance(name, str):
         raise InputError(f"sensors(): expected an id for every sensor, found {name!r} for {kind!r}")
     kind = "lidar" if kind == LIDAR else KINDS.get(kind, kind)
-    return CarlaSensor(name, kind, (_metres(row, "x"), -_metres(row, "y"), _metres(row, "z")))
+    return CarlaSensor(name, kind, (_read_metres(row, "x"), -_read_metres(row, "y"), _read_metres(row, "z")))
 
 
-def _metres(row: Mapping[str, Any], name: str) -> float:
+def _read_metres(row: Mapping[str, Any], name: str) -> float:
     return float(row.get(name, 0.0))
 
 
-def _lidar(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> SensorSpec:
+def _make_lidar_spec(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> SensorSpec:
     """Only its pose is honoured, as in the original. Mirrored: y, yaw and pitch change their sign."""
     x, y, z = sensor.at
-    turns = {"roll_deg": _metres(row, "roll"), "pitch_deg": -_metres(row, "pitch"), "yaw_deg": -_metres(row, "yaw")}
+    turns = {
+        "roll_deg": _read_metres(row, "roll"),
+        "pitch_deg": -_read_metres(row, "pitch"),
+        "yaw_deg": -_read_metres(row, "yaw"),
+    }
     return SensorSpec(
-        "lidar", sensor.id, options={"x": x, "y": y, "z": z, **turns, "profile": "lmdrive" if slow else "default"}
+        "lidar",
+        sensor.id,
+        options={"x": x, "y": y, "z": z, **turns, "profile": "lmdrive" if slow else "default"},
     )
 
 
-def _read(sensors: Sequence[CarlaSensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
+def _convert_reading(sensors: Sequence[CarlaSensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
     """What one CAV's sensors read: (tick, data) by the sensor's id with the CAV's number behind it."""
     read = {f"{sensor.id}_{number}": READERS[sensor.kind](sensor, seen) for sensor in sensors}
     return {name: (seen.tick, data) for name, data in read.items() if data is not None}
 
 
-def _points(sensor: CarlaSensor, seen: Observation) -> Any:
+def _convert_points(sensor: CarlaSensor, seen: Observation) -> Any:
     """(N, 4) float32: x ahead, y to the right, z up [m], intensity; None between two scans."""
     if sensor.id not in seen.lidar:
         return None
@@ -148,7 +155,7 @@ def _points(sensor: CarlaSensor, seen: Observation) -> Any:
     return points
 
 
-def _gnss(sensor: CarlaSensor, seen: Observation) -> Any:
+def _convert_gnss(sensor: CarlaSensor, seen: Observation) -> Any:
     """Latitude, longitude [degrees], altitude [m] of the receiver where it was put: ours is at the box centre."""
     assert seen.gnss is not None
     ahead, left, up = sensor.at
@@ -164,31 +171,31 @@ def _gnss(sensor: CarlaSensor, seen: Observation) -> Any:
     )
 
 
-def _imu(_: CarlaSensor, seen: Observation) -> Any:
+def _convert_imu(_: CarlaSensor, seen: Observation) -> Any:
     """Acceleration [m/s2], angular rate [rad/s], compass [rad]. Mirrored: a polar and an axial vector."""
     assert seen.imu is not None
     (ax, ay, az), (gx, gy, gz) = seen.imu.acceleration, seen.imu.angular_rate
     return np.array((ax, -ay, az, -gx, gy, -gz, seen.imu.compass))
 
 
-def _speed(_: CarlaSensor, seen: Observation) -> dict[str, float]:
+def _convert_speed(_: CarlaSensor, seen: Observation) -> dict[str, float]:
     """[m/s]"""
     assert seen.speedometer is not None
     return {"speed": seen.speedometer}
 
 
 READERS: Mapping[str, Callable[[CarlaSensor, Observation], Any]] = {
-    "lidar": _points, "gnss": _gnss, "imu": _imu, "speedometer": _speed
+    "lidar": _convert_points, "gnss": _convert_gnss, "imu": _convert_imu, "speedometer": _convert_speed
 }  # fmt: skip
 
 
-def transforms(briefing: Briefing) -> list[Transform]:
+def make_transforms(briefing: Briefing) -> list[Transform]:
     """The route's points."""
     poses = zip(briefing.route_xy.tolist(), np.degrees(briefing.route_yaw).tolist(), strict=True)
     return [Transform(Location(x, -y, 0.0), Rotation(yaw=-yaw)) for (x, y), yaw in poses]
 
 
-def options(briefing: Briefing) -> list[RoadOption]:
+def find_road_options(briefing: Briefing) -> list[RoadOption]:
     """What the route does at each of its points. A surrogate: a briefing knows no junctions.
 
     Bends that turn by more than `TURN_RAD` are turns, LEFT and RIGHT; where the route leaves the direction of its lane
@@ -211,15 +218,15 @@ def options(briefing: Briefing) -> list[RoadOption]:
     return found
 
 
-def _reply(control: Any) -> Reply | None:
+def _make_reply(control: Any) -> Reply | None:
     """A VehicleControl; cut to its range as CARLA does. There is no reverse gear here: its throttle does nothing."""
     if control is None:
         return None
-    throttle = 0.0 if getattr(control, "reverse", False) else _cut(control.throttle, 0.0)
-    brake = 1.0 if getattr(control, "hand_brake", False) else _cut(control.brake, 0.0)
-    return Reply(control=Control(throttle, brake, -_cut(control.steer, -1.0)))
+    throttle = 0.0 if getattr(control, "reverse", False) else _split_route_options(control.throttle, 0.0)
+    brake = 1.0 if getattr(control, "hand_brake", False) else _split_route_options(control.brake, 0.0)
+    return Reply(control=Control(throttle, brake, -_split_route_options(control.steer, -1.0)))
 
 
-def _cut(value: Any, low: float) -> float:
+def _split_route_options(value: Any, low: float) -> float:
     number = float(value)
     return number if math.isnan(number) else min(max(number, low), 1.0)

@@ -116,7 +116,7 @@ class AutonomousAgent:
         self.track = Track.SENSORS
         self._global_plan: Any = None
         self._global_plan_world_coord: Any = None
-        set_up(self, path_to_conf_file, ego_vehicles_num)
+        call_setup(self, path_to_conf_file, ego_vehicles_num)
 
     def setup(self, path_to_conf_file: str, ego_vehicles_num: int = 1) -> None:
         """The agent's own."""
@@ -129,7 +129,7 @@ class AutonomousAgent:
         """Keeps the routes of all vehicles, whole and thinned out."""
         self._global_plan_all = list(global_plan_gps)
         self._global_plan_world_coord_all = list(global_plan_world_coord)
-        kept = [kept_points(route, _spacing(self)) for route in global_plan_world_coord]
+        kept = [select_kept_points(route, _compute_spacing(self)) for route in global_plan_world_coord]
         pairs = zip(kept, global_plan_gps, global_plan_world_coord, strict=True)
         self._global_plan, self._global_plan_world_coord = [], []
         for rows, gps, world in pairs:
@@ -140,13 +140,13 @@ class AutonomousAgent:
         """The agent's own; never called: the process ends."""
 
 
-def set_up(agent: Any, config: str, vehicles: int) -> None:
+def call_setup(agent: Any, config: str, vehicles: int) -> None:
     """Calls `setup`, which in single-vehicle agents takes the configuration only."""
     takes_two = len(signature(agent.setup).parameters) > 1
     agent.setup(*((config, vehicles) if takes_two else (config,)))
 
 
-def kept_points(route: Sequence[tuple[Transform, RoadOption]], spacing_m: float) -> list[int]:
+def select_kept_points(route: Sequence[tuple[Transform, RoadOption]], spacing_m: float) -> list[int]:
     """Rows of the points to keep: changes of the option, lane changes, one every so many metres, the last."""
     kept: list[int] = []
     since, before = 0.0, None
@@ -160,7 +160,7 @@ def kept_points(route: Sequence[tuple[Transform, RoadOption]], spacing_m: float)
     return kept
 
 
-def _spacing(agent: Any) -> float:
+def _compute_spacing(agent: Any) -> float:
     """[m] The option target_point_distance of the agent's `config`, if it is a mapping that has it."""
     config = getattr(agent, "config", None)
     if not isinstance(config, dict):
@@ -182,7 +182,7 @@ MODULES: dict[str, tuple[type, ...]] = {
 }
 
 
-def install() -> None:
+def install_stubs() -> None:
     """Makes these names importable in this process, unless there is a real CARLA."""
     found = importlib.util.find_spec("carla")
     if found is not None and found.origin is not None:  # a mere folder of that name has none

@@ -129,10 +129,10 @@ class BoxedAgentProcess:
 
     def __init__(self, program: AgentProgram, frames: Path, box: AgentBox) -> None:
         """Raises InputError if there is no such box here, and BoxError."""
-        interpreter, shown = _interpreter(box)
+        interpreter, shown = _locate_interpreter(box)
         spec = sandbox.BoxSpec(
-            command=(interpreter, *_options(box), *program.arguments(AGENT_FD, FRAMES)),
-            readonly={box.folder: "/agent", frames: FRAMES} | shown | _kit(box.backend),
+            command=(interpreter, *_interpreter_options(box), *program.arguments(AGENT_FD, FRAMES)),
+            readonly={box.folder: "/agent", frames: FRAMES} | shown | _list_library_mounts(box.backend),
             # A fixed hash seed: what an agent does with sets and dictionaries shall not differ from run to run.
             env={"PYTHONPATH": f"{KIT}:{SITE}" if box.site else KIT, "PYTHONHASHSEED": "0"},
             limits=box.limits,
@@ -180,12 +180,12 @@ class BoxedAgentProcess:
         return {"backend": self._backend, **asdict(self._report)}
 
 
-def _options(box: AgentBox) -> tuple[str, ...]:
+def _interpreter_options(box: AgentBox) -> tuple[str, ...]:
     """No packages but those of the environment, if it has some: what else a host has would change results."""
     return ("-s", "-S") if box.site else ("-s",)
 
 
-def _interpreter(box: AgentBox) -> tuple[str, dict[Path, str]]:
+def _locate_interpreter(box: AgentBox) -> tuple[str, dict[Path, str]]:
     """The interpreter's path in the box, and what must be shown for it."""
     shown = {box.site: SITE} if box.site else {}
     path = Path(box.python)
@@ -195,7 +195,7 @@ def _interpreter(box: AgentBox) -> tuple[str, dict[Path, str]]:
     return f"{PYTHON}/bin/{path.name}", shown | {path.parents[1]: PYTHON}
 
 
-def _kit(backend: str) -> dict[Path, str]:
+def _list_library_mounts(backend: str) -> dict[Path, str]:
     """Our own code, without the scenarios that agents are tried on. Without a box nothing can be hidden."""
     if backend == "none":
         return {PACKAGE.parent: KIT}

@@ -32,11 +32,13 @@ class FrameFolder:
     def __init__(self, place: Path | None = None) -> None:
         """place: where to make it; None: in memory if there is such a place. Raises OSError."""
         place = place or (MEMORY if os.access(MEMORY, os.W_OK) else Path(tempfile.gettempdir()))
-        _sweep(place)
+        _remove_abandoned_folders(place)
         self.path = Path(tempfile.mkdtemp(prefix=".new-", dir=place))
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         self._files = [os.open(self.path / name, flags, 0o644) for name in NAMES]
-        fcntl.flock(self._files[0], fcntl.LOCK_EX | fcntl.LOCK_NB)  # who is alive holds it, see `_sweep`
+        fcntl.flock(
+            self._files[0], fcntl.LOCK_EX | fcntl.LOCK_NB
+        )  # who is alive holds it, see `_remove_abandoned_folders`
         if os.getuid() == 0:
             self.path.chmod(0o755)  # a boxed agent has a user id of its own
         self.path = self.path.rename(place / (PREFIX + self.path.name.removeprefix(".new-")))  # locked: may be swept
@@ -52,7 +54,7 @@ class FrameFolder:
         offset, end = self._end, self._end + array.nbytes
         if end > len(self._maps[self._turn]):
             self._grow(end)
-        self._maps[self._turn][offset:end] = _bytes_of(array)
+        self._maps[self._turn][offset:end] = _view_bytes(array)
         self._end = -(-end // ALIGNMENT) * ALIGNMENT
         return offset * len(NAMES) + self._turn
 
@@ -84,7 +86,7 @@ class FrameReader:
         end = offset + array.nbytes
         if end > len(self._maps[turn]):
             self._map(turn, end)
-        _bytes_of(array)[:] = self._maps[turn][offset:end]
+        _view_bytes(array)[:] = self._maps[turn][offset:end]
 
     def _map(self, turn: int, end: int) -> None:
         size = os.fstat(self._files[turn]).st_size
@@ -93,11 +95,11 @@ class FrameReader:
         self._maps[turn] = np.frombuffer(mmap.mmap(self._files[turn], size, prot=mmap.PROT_READ), np.uint8)
 
 
-def _bytes_of(array: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+def _view_bytes(array: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     return array.reshape(-1).view(np.uint8)
 
 
-def _sweep(place: Path) -> None:
+def _remove_abandoned_folders(place: Path) -> None:
     """Removes what killed processes left: nobody holds the lock of their first file any more."""
     for folder in place.glob(f"{PREFIX}*"):
         with suppress(OSError):  # somebody else's, in use, just being made, or removed meanwhile

@@ -33,22 +33,22 @@ def main() -> None:
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
         libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # never outlive a killed worker
-        _keep_memory(libc)
+        _keep_freed_memory(libc)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # what the agent prints survives its end
     os.set_inheritable(int(fd), False)
     line, reader = socket.socket(fileno=int(fd)), FrameReader(Path(frames))
     handle = _handle_carla_agent(locator) if style == "carla" else _handle_agent(locator, style)
     sys.argv = sys.argv[:1]
-    while (size := _read(line, wire_protocol.LENGTH.size)) is not None:
-        data = _read(line, wire_protocol.LENGTH.unpack(size)[0])
+    while (size := _read_exactly(line, wire_protocol.LENGTH.size)) is not None:
+        data = _read_exactly(line, wire_protocol.LENGTH.unpack(size)[0])
         if data is None:
             return
         request = wire_protocol.decode(data, reader.load)
-        line.sendall(_answered(handle, request))
+        line.sendall(_answer_request(handle, request))
 
 
-def _keep_memory(libc: ctypes.CDLL) -> None:
+def _keep_freed_memory(libc: ctypes.CDLL) -> None:
     """Has freed memory kept for the next observation.
 
     By default glibc gives the arrays of one back to the kernel and asks for them anew with the next, page by page:
@@ -59,7 +59,7 @@ def _keep_memory(libc: ctypes.CDLL) -> None:
         libc.mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
-def _read(line: socket.socket, size: int) -> bytearray | None:
+def _read_exactly(line: socket.socket, size: int) -> bytearray | None:
     """So many bytes; None at the end of the stream."""
     data = bytearray(size)
     view = memoryview(data)
@@ -71,7 +71,7 @@ def _read(line: socket.socket, size: int) -> bytearray | None:
     return data
 
 
-def _answered(handle: Handler, request: Mapping[str, Any]) -> bytes:
+def _answer_request(handle: Handler, request: Mapping[str, Any]) -> bytes:
     tick = request["tick"]
     try:
         answer = handle(request["call"], request["value"])

@@ -39,7 +39,7 @@ class JointAgentSession:
         self._answers: dict[str, object] = {}
         self.think_time_s = 0.0
         self.drivers = {ego: JointDriver(self, ego) for ego in self._egos}
-        with _Kept(self):
+        with _FailureKeeper(self):
             line.send("create", CREATE_TICK, {"config": dict(config), "cavs": self._egos})
 
     def fail(self, error: AgentFailure) -> None:
@@ -50,7 +50,7 @@ class JointAgentSession:
         """What every CAV shall have."""
         self._check()
         if self._declared is None:
-            with _Kept(self):
+            with _FailureKeeper(self):
                 self._declared = self._line.receive(reply_decoding.read_declaration)
         self._check()
         assert self._declared is not None
@@ -63,8 +63,8 @@ class JointAgentSession:
         self._check()
         self._briefings[briefing.ego_id] = briefing
         if len(self._briefings) == len(self._egos):
-            gps = {ego: _on_globe(briefing) for ego, briefing in self._briefings.items()}
-            with _Kept(self):
+            gps = {ego: _to_gnss_points(briefing) for ego, briefing in self._briefings.items()}
+            with _FailureKeeper(self):
                 self._line.send("start", START_TICK, {"briefings": self._briefings, "gps": gps})
                 self._line.receive(reply_decoding.read_none)
             self._check()
@@ -77,7 +77,7 @@ class JointAgentSession:
     def answer(self, ego: str) -> Reply:
         """That CAV's part of the answer."""
         if self._asked:
-            self._think()
+            self._request_replies()
         self._check()
         try:
             return reply_decoding.read_reply(self._answers.pop(ego))
@@ -92,11 +92,11 @@ class JointAgentSession:
         """Of a closed crew, see `Line.record`."""
         return self._line.usage_record()
 
-    def _think(self) -> None:
+    def _request_replies(self) -> None:
         self._check()
         asked, self._asked = self._asked, {}
         tick = next(iter(asked.values())).tick
-        with _Kept(self):
+        with _FailureKeeper(self):
             self._line.send("act", tick, asked)
             egos = tuple(asked)
             self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, egos)))
@@ -107,18 +107,18 @@ class JointAgentSession:
             raise AgentFailure(self._failure.failure, self._failure.text)
 
 
-class _Kept:
+class _FailureKeeper:
     """Keeps a failure of the program for all CAVs instead of raising it for one."""
 
-    def __init__(self, crew: JointAgentSession) -> None:
-        self._crew = crew
+    def __init__(self, session: JointAgentSession) -> None:
+        self._session = session
 
     def __enter__(self) -> None:
         return None
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
         if isinstance(error, AgentFailure):
-            self._crew.fail(error)
+            self._session.fail(error)
             return True
         return False
 
@@ -128,36 +128,36 @@ class JointDriver:
 
     label = LABEL
 
-    def __init__(self, crew: JointAgentSession, ego: str) -> None:
-        self._crew, self._ego = crew, ego
+    def __init__(self, session: JointAgentSession, ego: str) -> None:
+        self._session, self._ego = session, ego
 
     @property
     def think_time_s(self) -> float:
         """See Driver: the whole program's time."""
-        return self._crew.think_time_s
+        return self._session.think_time_s
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See Driver."""
-        return self._crew.sensors()
+        return self._session.sensors()
 
     def start(self, briefing: Briefing) -> None:
         """See Driver."""
-        self._crew.brief(briefing)
+        self._session.brief(briefing)
 
     def ask(self, seen: Observation) -> None:
         """See Driver."""
-        self._crew.ask(self._ego, seen)
+        self._session.ask(self._ego, seen)
 
     def answer(self) -> Reply:
         """See Driver."""
-        return self._crew.answer(self._ego)
+        return self._session.answer(self._ego)
 
     def close(self) -> None:
         """See Driver: the first CAV's end is that of all, for the loop closes them only after the last tick."""
-        self._crew.close()
+        self._session.close()
 
 
-def _on_globe(briefing: Briefing) -> Any:
+def _to_gnss_points(briefing: Briefing) -> Any:
     """The route (N, 3): latitude and longitude [degrees], altitude [m]."""
     points = [to_gnss(x, y) for x, y in briefing.route_xy.tolist()]
     return np.array([(point.latitude_deg, point.longitude_deg, point.altitude_m) for point in points])

@@ -62,7 +62,7 @@ def decode(data: bytes | bytearray, load: Callable[[Array, int], None] | None = 
     load: fills an array with what was stored at an offset.
     """
     try:
-        return _value(msgpack.unpackb(data, raw=False, use_list=False), load)
+        return _from_plain(msgpack.unpackb(data, raw=False, use_list=False), load)
     except (ValueError, TypeError, KeyError, OSError, msgpack.UnpackException) as error:
         raise WireError(f"not a message of {contract.CONTRACT}: {error}") from None
 
@@ -78,7 +78,7 @@ def to_plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
     if isinstance(value, list | tuple):
         return [to_plain(item, store) for item in value]
     if isinstance(value, np.ndarray):
-        return _plain_array(value, store)
+        return _array_to_plain(value, store)
     if isinstance(value, Mapping):
         return {"": "map", "items": [(key, to_plain(item, store)) for key, item in value.items()]}
     if is_dataclass(value) and not isinstance(value, type):
@@ -94,7 +94,7 @@ def _field_names(cls: Any) -> tuple[str, ...]:
     return tuple(field.name for field in fields(cls))
 
 
-def _plain_array(value: Array, store: Callable[[Array], int] | None) -> Any:
+def _array_to_plain(value: Array, store: Callable[[Array], int] | None) -> Any:
     if value.ndim == 0:
         return value.item()
     array = np.ascontiguousarray(value)
@@ -104,22 +104,22 @@ def _plain_array(value: Array, store: Callable[[Array], int] | None) -> Any:
     return about | {"data": array.tobytes()}
 
 
-def _value(found: Any, load: Callable[[Array, int], None] | None) -> Any:
+def _from_plain(found: Any, load: Callable[[Array, int], None] | None) -> Any:
     if isinstance(found, tuple):
-        return tuple(_value(item, load) for item in found)
+        return tuple(_from_plain(item, load) for item in found)
     if not isinstance(found, dict):
         return found
     kind = found.pop("", None)
     if kind is None:
-        return {key: _value(item, load) for key, item in found.items()}
+        return {key: _from_plain(item, load) for key, item in found.items()}
     if kind == "array":
-        return _array(found, load)
+        return _array_from_plain(found, load)
     if kind == "map":
-        return {key: _value(item, load) for key, item in found["items"]}
-    return _CLASSES[kind](**{name: _value(item, load) for name, item in found.items()})
+        return {key: _from_plain(item, load) for key, item in found["items"]}
+    return _CLASSES[kind](**{name: _from_plain(item, load) for name, item in found.items()})
 
 
-def _array(found: dict[str, Any], load: Callable[[Array, int], None] | None) -> Array:
+def _array_from_plain(found: dict[str, Any], load: Callable[[Array, int], None] | None) -> Array:
     if found["dtype"] not in DTYPES:
         raise WireError(f"expected an array of one of {DTYPES}, found {found['dtype']!r}")
     if "data" in found:

@@ -54,18 +54,18 @@ def command(
     run, results = stored.run, stored.results
     if changed := stored.describe_version_changes():
         click.echo(f"warning: the run was made with another {changed}", err=True)
-    recorded = _recorded(run, results, scenario)
+    recorded = _find_recorded(run, results, scenario)
     messages = load_episode(recording_path(run.folder, recorded.id)).messages
     mutes = choose_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
     effects = ablate(run, recorded, mutes, choice["workers"])
     if differing := next(effects).difference:
         click.echo(f"{recorded.id}: the recording itself comes out differently: {differing}", err=True)
         ctx.exit(1)
-    found = rank_effects(recorded, _watched(effects, len(mutes)))
-    click.echo(ablation_json(found) if as_json else ablation_table(found))
+    found = rank_effects(recorded, _collect_effects(effects, len(mutes)))
+    click.echo(format_ablation_json(found) if as_json else format_ablation_table(found))
 
 
-def _recorded(run: PreparedRun, results: Results, pattern: str) -> ScenarioResult:
+def _find_recorded(run: PreparedRun, results: Results, pattern: str) -> ScenarioResult:
     chosen = find_one_scenario(replace(run.suite, scenarios=run.scenarios), pattern)
     result = next(result for result in results.scenarios if result.id == chosen.id)
     if result.status == "void" or not recording_path(run.folder, result.id).is_file():
@@ -73,7 +73,7 @@ def _recorded(run: PreparedRun, results: Results, pattern: str) -> ScenarioResul
     return result
 
 
-def _watched(effects: Iterator[MuteEffect], total: int) -> list[MuteEffect]:
+def _collect_effects(effects: Iterator[MuteEffect], total: int) -> list[MuteEffect]:
     """All effects; a line on stderr as each comes."""
     found: list[MuteEffect] = []
     for effect in effects:
@@ -82,15 +82,15 @@ def _watched(effects: Iterator[MuteEffect], total: int) -> list[MuteEffect]:
     return found
 
 
-def ablation_table(found: AblationResult) -> str:
+def format_ablation_table(found: AblationResult) -> str:
     """For the terminal: what was, then what would have been."""
     was = found.recorded
-    rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _seconds(was.min_ttc), "", "")]
-    rows += [_cells(was, effect) for effect in found.effects]
+    rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _format_seconds(was.min_ttc), "", "")]
+    rows += [_format_cells(was, effect) for effect in found.effects]
     return f"{was.id}: {was.ticks} ticks\n\n" + format_text_table(HEADER, rows)
 
 
-def _cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, str, str, str, str, str, str, str]:
+def _format_cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, str, str, str, str, str, str, str]:
     now, change = effect.result, compute_ttc_change(was, effect.result)
     return (
         " ".join(effect.mute),
@@ -98,17 +98,17 @@ def _cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, str, str, str,
         f"{now.ds:.2f}",
         f"{now.ds - was.ds:+.2f}",
         f"{now.sr:.2f}",
-        _seconds(now.min_ttc),
+        _format_seconds(now.min_ttc),
         "" if change is None else f"{change:+.2f}",
         "never" if effect.parted is None else f"{effect.parted} ({effect.parted * DT:.2f} s)",
     )
 
 
-def _seconds(value: float | None) -> str:
+def _format_seconds(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-def ablation_json(found: AblationResult) -> str:
+def format_ablation_json(found: AblationResult) -> str:
     """All of it, for programs."""
     was = found.recorded
     page = {
@@ -116,12 +116,12 @@ def ablation_json(found: AblationResult) -> str:
         "scenario": was.id,
         "seed": was.seed,
         "recorded": {"ds": was.ds, "sr": was.sr, "min_ttc": was.min_ttc, "ticks": was.ticks, "digest": was.digest},
-        "effects": [_effect_values(was, effect) for effect in found.effects],
+        "effects": [_effect_to_dict(was, effect) for effect in found.effects],
     }
     return json.dumps(page, indent=1, allow_nan=False)
 
 
-def _effect_values(was: ScenarioResult, effect: MuteEffect) -> dict[str, object]:
+def _effect_to_dict(was: ScenarioResult, effect: MuteEffect) -> dict[str, object]:
     now, change = effect.result, compute_ttc_change(was, effect.result)
     return {
         "mute": effect.mute,

@@ -57,7 +57,9 @@ def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
     """Return the options of an episode and take them out of the dict. Raises InputError naming the option."""
     names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
     comm = parse_comm_options(**{name: options.pop(name) for name in names})
-    choices = {name: kind(options.pop(key)) for key, (name, kind, _) in EpisodeOptions.list_choices().items()}
+    choices: dict[str, Any] = {
+        name: kind(options.pop(key)) for key, (name, kind, _) in EpisodeOptions.list_choices().items()
+    }
     return EpisodeOptions(comm, parse_clock(options.pop("agent_clock")), **choices)
 
 
@@ -65,24 +67,24 @@ def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **g
     """The channel of a preset, except for options that are given (as typed; None: not given). Raises InputError."""
     if comm not in PRESETS:
         raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
-    made = PRESETS[comm]
+    comm_settings = PRESETS[comm]
     for name, text in given.items():
         if text is None:
             continue
         try:
-            made = _with(made, name, text)
+            comm_settings = _set_option(comm_settings, name, text)
         except (ValueError, InputError) as error:
             why = str(error).removeprefix("V2X channel: ")
             raise InputError(f"--{name.replace('_', '-')} {text}: {why}") from None
-    return replace(made, mute=(*made.mute, *comm_mute))
+    return replace(comm_settings, mute=(*comm_settings.mute, *comm_mute))
 
 
-def _with(comm: CommSettings, option: str, text: str) -> CommSettings:
+def _set_option(comm: CommSettings, option: str, text: str) -> CommSettings:
     if option == "comm_budget":
-        return replace(comm, budget_bytes_s=_number(text))
-    read = _READERS[option]
-    for name, values in _by_type(text).items():
-        fields = read(values)
+        return replace(comm, budget_bytes_s=_parse_number(text))
+    parse = _PARSERS[option]
+    for name, values in _split_by_type(text).items():
+        fields = parse(values)
         if name:
             comm = replace(comm, by_type={**comm.by_type, name: replace(comm.find_link(name), **fields)})
         else:
@@ -91,7 +93,7 @@ def _with(comm: CommSettings, option: str, text: str) -> CommSettings:
     return comm
 
 
-def _by_type(text: str) -> dict[str, list[str]]:
+def _split_by_type(text: str) -> dict[str, list[str]]:
     """Values by type of message, "" for all types, which come first: "0.6,0.6,cam=0,0" -> {"": [...], "cam": [...]}."""
     found: dict[str, list[str]] = {"": []}
     name = ""
@@ -105,38 +107,38 @@ def _by_type(text: str) -> dict[str, list[str]]:
     return {name: values for name, values in found.items() if values}
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
         raise ValueError(f"expected a number, found {text!r:.40}") from None
 
 
-def _latency(values: list[str]) -> dict[str, Any]:
+def _parse_latency(values: list[str]) -> dict[str, Any]:
     if len(values) != 1 or not (values[0].isascii() and values[0].isdecimal()):
         raise ValueError(f"expected a whole number of ticks, found {','.join(values)!r:.40}")
     return {"latency_ticks": int(values[0])}
 
 
-def _one(field: str) -> Callable[[list[str]], dict[str, Any]]:
-    def read(values: list[str]) -> dict[str, Any]:
+def _make_number_parser(field: str) -> Callable[[list[str]], dict[str, Any]]:
+    def parse(values: list[str]) -> dict[str, Any]:
         if len(values) != 1:
             raise ValueError(f"expected one number, found {','.join(values)!r:.40}")
-        return {field: _number(values[0])}
+        return {field: _parse_number(values[0])}
 
-    return read
+    return parse
 
 
-def _pose_error(values: list[str]) -> dict[str, Any]:
+def _parse_pose_error(values: list[str]) -> dict[str, Any]:
     per = values[2] if len(values) == 3 else PER[0]
     if len(values) not in (2, 3) or per not in PER:
         raise ValueError(f"expected POS_M,ROT_DEG or POS_M,ROT_DEG,episode, found {','.join(values)!r:.40}")
-    return {"pose_error_m": _number(values[0]), "pose_error_deg": _number(values[1]), "pose_error_per": per}
+    return {"pose_error_m": _parse_number(values[0]), "pose_error_deg": _parse_number(values[1]), "pose_error_per": per}
 
 
-_READERS: Mapping[str, Callable[[list[str]], dict[str, Any]]] = {
-    "comm_latency": _latency,
-    "comm_loss": _one("loss"),
-    "comm_range": _one("range_m"),
-    "pose_error": _pose_error,
+_PARSERS: Mapping[str, Callable[[list[str]], dict[str, Any]]] = {
+    "comm_latency": _parse_latency,
+    "comm_loss": _make_number_parser("loss"),
+    "comm_range": _make_number_parser("range_m"),
+    "pose_error": _parse_pose_error,
 }

@@ -90,12 +90,12 @@ def command(
         **options,
     )
     run = prepare(config)
-    whole = evaluated(ctx, run)
+    whole = evaluate_with_display(ctx, run)
     shares = with_references(ctx, whole, config) if captured else None
     with report_write_errors(run.folder / REPORT_FILE):
         (run.folder / REPORT_FILE).write_text(build_run_report(whole, shares))
     click.echo(format_summary(whole, shares))
-    click.echo("\n" + _written(run))
+    click.echo("\n" + _list_written_files(run))
     ctx.exit(1 if whole.void else 0)
 
 
@@ -106,12 +106,12 @@ def with_references(ctx: click.Context, results: Results, config: RunConfig) -> 
         click.echo(
             f"reference {run.config.agent.name}, --comm {run.config.options.comm.preset}: {run.folder}", err=True
         )
-        return evaluated(ctx, run)
+        return evaluate_with_display(ctx, run)
 
     return evaluate_captured_cooperation(results, config, evaluate_reference)
 
 
-def evaluated(ctx: click.Context, run: PreparedRun) -> Results:
+def evaluate_with_display(ctx: click.Context, run: PreparedRun) -> Results:
     """Drives a run under the eyes of the user; Ctrl-C ends in exit code 130."""
     progress = ProgressDisplay(sys.stderr)
     try:
@@ -126,7 +126,7 @@ def evaluated(ctx: click.Context, run: PreparedRun) -> Results:
         progress.close()
 
 
-def _written(run: PreparedRun) -> str:
+def _list_written_files(run: PreparedRun) -> str:
     files = {RESULTS_FILE: "all numbers", REPORT_FILE: "to read", JOURNAL_FILE: "what was done"}
     if run.config.record:
         files[f"{EPISODES_FOLDER}/"] = "one recording a scenario, for view, verify and rescore"

@@ -72,14 +72,16 @@ def command(ctx: click.Context, rebuild: str | None, category: str | None, out: 
     Exit codes: 0 done, 1 fewer scenarios than asked for (or a rebuilt one differs), 2 unusable input.
     """
     if rebuild is not None:
-        ctx.exit(_rebuild(rebuild, out))
+        ctx.exit(_rebuild_suite(rebuild, out))
     if category is None or out is None:
         raise click.UsageError("expected --category and --out (or --rebuild), found none")
-    order = GenerationRequest(Category(category), options["count"], options["seed"], options["split"], _secret(options))
-    ctx.exit(_generate(order, _proposer(options), out, options["explain"]))
+    order = GenerationRequest(
+        Category(category), options["count"], options["seed"], options["split"], _read_secret(options)
+    )
+    ctx.exit(_generate(order, _choose_proposer(options), out, options["explain"]))
 
 
-def _secret(options: dict[str, Any]) -> str:
+def _read_secret(options: dict[str, Any]) -> str:
     if (options["split"] == "hidden") != (options["seed_file"] is not None):
         raise click.UsageError("expected --seed-file together with --split hidden, found one without the other")
     if options["seed_file"] is None:
@@ -96,7 +98,7 @@ def _secret(options: dict[str, Any]) -> str:
     return secret
 
 
-def _proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
+def _choose_proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
     if options["proposer"] == "template":
         return propose_from_template, "template"
     settings = llm_proposer.LlmSettings(
@@ -106,10 +108,10 @@ def _proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
     def propose(category: Category, seed: str):
         return llm_proposer.propose(category, seed, settings)
 
-    return propose, f"llm:{_recorded_model(settings.replay) if settings.replay else settings.model}"
+    return propose, f"llm:{_read_recorded_model(settings.replay) if settings.replay else settings.model}"
 
 
-def _recorded_model(folder: Path) -> str:
+def _read_recorded_model(folder: Path) -> str:
     """Name of the model whose exchanges a folder keeps."""
     try:
         with sorted(folder.glob("*.jsonl"))[0].open(encoding="utf-8") as lines:
@@ -118,7 +120,7 @@ def _recorded_model(folder: Path) -> str:
         raise InputError(f"--replay {folder}: expected transcripts of an earlier run, found none") from None
 
 
-def _about(order: GenerationRequest, proposer: str, out: Path) -> SuiteFile:
+def _describe_suite(order: GenerationRequest, proposer: str, out: Path) -> SuiteFile:
     title = f"{CATEGORIES[order.category].title}, generated"
     about = f"{order.split} split, {proposer}, seed {order.seed}"
     try:
@@ -131,12 +133,12 @@ def _about(order: GenerationRequest, proposer: str, out: Path) -> SuiteFile:
 
 def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Path, explain: bool) -> int:
     check_output_folder(out)
-    about = _about(order, proposer[1], out)
+    about = _describe_suite(order, proposer[1], out)
     attempts: list[GenerationAttempt] = []
-    for attempt in search_scenarios(order, proposer[0], _known(order), proposer[1]):
+    for attempt in search_scenarios(order, proposer[0], _list_known(order), proposer[1]):
         attempts.append(attempt)
         if explain:
-            click.echo(_explained(attempt))
+            click.echo(_format_attempt(attempt))
     made = [(one.recipe, one.scenario) for one in attempts if one.recipe and one.scenario]
     refused = Counter(one.rejection[0] for one in attempts if one.rejection)
     summary = ", ".join(f"{count} at {stage}" for stage, count in refused.most_common())
@@ -153,13 +155,13 @@ def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Pat
     return 0 if len(made) == order.count else 1
 
 
-def _known(order: GenerationRequest) -> list[Scenario]:
+def _list_known(order: GenerationRequest) -> list[Scenario]:
     """Public scenarios: what is generated shall not be like them."""
     known = [scenario for scenario in load_packaged_generated() if scenario.category == order.category]
     return known + list(build_public_counterparts(order)) if order.split == "hidden" else known
 
 
-def _explained(attempt: GenerationAttempt) -> str:
+def _format_attempt(attempt: GenerationAttempt) -> str:
     if attempt.scenario is not None and attempt.screening is not None:
         ttc = attempt.screening.blind_ttc_s
         return f"proposal {attempt.number}: {attempt.scenario.id} on {attempt.scenario.network}, blind TTC {ttc:.2f} s"
@@ -167,7 +169,7 @@ def _explained(attempt: GenerationAttempt) -> str:
     return f"proposal {attempt.number}: refused at {stage}: {reason}"
 
 
-def _rebuild(name: str, out: Path | None) -> int:
+def _rebuild_suite(name: str, out: Path | None) -> int:
     recipes = load_recipes(name)
     if out is not None:
         write_generated_suite(

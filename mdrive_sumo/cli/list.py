@@ -18,38 +18,38 @@ from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionC
 STATISTICS_HEADER: TableRow = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
 
-def _suites(_: str) -> str:
-    return "\n\n".join(_about_suite(load_suite(name)) for name in list_packaged_suites()) or "no suites"
+def _list_suites(_: str) -> str:
+    return "\n\n".join(_format_suite(load_suite(name)) for name in list_packaged_suites()) or "no suites"
 
 
-def _about_suite(suite: Suite) -> str:
-    rows = [(suite.name, *_statistics_cells(compute_suite_statistics(suite.scenarios)))]
+def _format_suite(suite: Suite) -> str:
+    rows = [(suite.name, *_format_statistics(compute_suite_statistics(suite.scenarios)))]
     if suite.name in PAPER:
-        rows.append(("in the paper", *_statistics_cells(PAPER[suite.name])))
+        rows.append(("in the paper", *_format_statistics(PAPER[suite.name])))
     tables = format_text_table(("suite", *STATISTICS_HEADER), rows)
     parts = [suite.about.title, "", tables, ""]
     if suite.about.parts:
         return "\n".join((*parts, f"parts: {', '.join(suite.about.parts)}"))
-    return "\n".join((*parts, _categories(suite)))
+    return "\n".join((*parts, _format_categories(suite)))
 
 
-def _categories(suite: Suite) -> str:
+def _format_categories(suite: Suite) -> str:
     """Means of every category, and the paper's where it has a table of them."""
     rows: list[TableRow] = []
     for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
         found = compute_suite_statistics([scenario for scenario in suite.scenarios if scenario.category == name])
-        rows.append((name, *_statistics_cells(found)))
+        rows.append((name, *_format_statistics(found)))
         if name in set(Category) and (paper := FIGURES.get(Category(name))) is not None:
             rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in paper.means)))
     return format_text_table(("category", *STATISTICS_HEADER), rows)
 
 
-def _statistics_cells(found: SuiteStatistics) -> TableRow:
+def _format_statistics(found: SuiteStatistics) -> TableRow:
     means = (found.mean_cavs, found.mean_route_m, found.mean_heading_change_deg, found.mean_actors)
     return (str(found.scenarios), str(found.cavs), *(f"{mean:.2f}" for mean in means))
 
 
-def _scenarios(suite: str, occluded: bool | None = None) -> str:
+def _list_scenarios(suite: str, occluded: bool | None = None) -> str:
     loaded = load_suite(suite)
     certificates = load_certificates(loaded)
     unknown = [part.name for part in loaded.parts or (loaded,) if part.scenarios[0].id not in certificates]
@@ -72,16 +72,16 @@ def _scenarios(suite: str, occluded: bool | None = None) -> str:
         "hidden [s]",
         "known to",
     )
-    rows = [(*_scenario_row(scenario), *_hidden_cells(certificates.get(scenario.id))) for scenario in chosen]
-    return format_text_table(header, rows) + f"\n\n{HIDDEN_LEGEND if certificates else NO_CERTIFICATES}"
+    rows = [(*_make_scenario_row(scenario), *_format_occlusion(certificates.get(scenario.id))) for scenario in chosen]
+    return format_text_table(header, rows) + f"\n\n{OCCLUSION_LEGEND if certificates else NO_CERTIFICATES}"
 
 
-def _scenario_row(scenario: Scenario) -> TableRow:
-    _, cavs, _, *rest = _statistics_cells(compute_suite_statistics((scenario,)))
+def _make_scenario_row(scenario: Scenario) -> TableRow:
+    _, cavs, _, *rest = _format_statistics(compute_suite_statistics((scenario,)))
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
 
 
-def _hidden_cells(certificate: OcclusionCertificate | None) -> TableRow:
+def _format_occlusion(certificate: OcclusionCertificate | None) -> TableRow:
     if certificate is None:
         return ("?", "?")
     if not certificate.occluded:
@@ -89,23 +89,23 @@ def _hidden_cells(certificate: OcclusionCertificate | None) -> TableRow:
     return (f"{certificate.longest_s:.1f}", "others" if certificate.by_third else "itself")
 
 
-HIDDEN_LEGEND = (
+OCCLUSION_LEGEND = (
     "hidden: longest time before a conflict in which the other one is hidden from a CAV but known to other CAVs or\n"
     "RSUs, or only to itself, who can tell by CAM; along the constant-speed and the omniscient drive"
 )
 NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examines it"
 
 
-def _agents(_: str) -> str:
+def _list_agents(_: str) -> str:
     rows = [(name, (factory.__doc__ or "").strip().split("\n")[0]) for name, factory in AGENTS.items()]
     return format_text_table(("agent", "what it does"), rows)
 
 
-def _networks(_: str) -> str:
-    return format_text_table(("network", "lanes", "buildings", "stop signs", "description"), _network_rows())
+def _list_networks(_: str) -> str:
+    return format_text_table(("network", "lanes", "buildings", "stop signs", "description"), _make_network_rows())
 
 
-def _network_rows() -> Iterator[TableRow]:
+def _make_network_rows() -> Iterator[TableRow]:
     for name, folder in list_packaged_networks().items():
         roads, about = load_road_map(folder), read_network_file(folder)
         signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))
@@ -113,10 +113,10 @@ def _network_rows() -> Iterator[TableRow]:
 
 
 LISTS: Mapping[str, Callable[[str], str]] = {
-    "suites": _suites,
-    "scenarios": _scenarios,
-    "agents": _agents,
-    "networks": _networks,
+    "suites": _list_suites,
+    "scenarios": _list_scenarios,
+    "agents": _list_agents,
+    "networks": _list_networks,
 }
 
 
@@ -128,4 +128,4 @@ LISTS: Mapping[str, Callable[[str], str]] = {
 )
 def command(what: str, suite: str, occluded: bool | None) -> None:
     """List suites (with the paper's statistics), scenarios, agents or networks."""
-    click.echo(_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))
+    click.echo(_list_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))

@@ -98,30 +98,36 @@ def comm_command(ctx: click.Context, **options: object) -> None:
 
     Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
     """
-    asked = _Asked(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
-    varied = asked.varied()
-    found = make_conditions(asked.base(), varied, asked.grid)
-    study = asked.study(found)
-    rows = _driven(ctx, study)
+    options_given = _StudyOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+    varied = options_given.varied()
+    found = make_conditions(options_given.base(), varied, options_given.grid)
+    study = options_given.study(found)
+    rows = _drive(ctx, study)
     told = summarise_rows(rows)
     about = StudyDescription(
         suite=rows[0].results[0].run.suite,
-        scenario=asked.scenario,
-        grid=asked.grid,
+        scenario=options_given.scenario,
+        grid=options_given.grid,
         factors=varied,
         seeds=study.seeds,
         command=("mdrive-sumo", *sys.argv[1:]),
     )
-    pictures = _drawn(told, varied, found[0], asked.out)
-    _write(asked.out / "study.json", study_json(about, told))
-    _write(asked.out / "study.md", study_markdown(about, told, [path for path in pictures if path.suffix == ".png"]))
+    pictures = _draw(told, varied, found[0], options_given.out)
+    _write(options_given.out / "study.json", study_json(about, told))
+    _write(
+        options_given.out / "study.md",
+        study_markdown(about, told, [path for path in pictures if path.suffix == ".png"]),
+    )
     click.echo(format_text_table(*table_of(told, brief=True)))
-    click.echo("\n" + "\n".join(str(path) for path in (asked.out / "study.json", asked.out / "study.md", *pictures)))
+    click.echo(
+        "\n"
+        + "\n".join(str(path) for path in (options_given.out / "study.json", options_given.out / "study.md", *pictures))
+    )
     ctx.exit(1 if any(line.void for line in told) else 0)
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _StudyOptions:
     """The options of `study comm`, as typed."""
 
     suite: str
@@ -170,13 +176,13 @@ class _Asked:
             raise InputError(
                 f"study: --agents: expected different agents with commas between them, found {self.agents!r}"
             )
-        configs = self._configs(names)
-        agents = {name: self._prepared(name, configs.get(name)) for name in names}
-        best = agents.get(BEST) or self._prepared(BEST, None) if self.captured else None
+        configs = self._parse_agent_configs(names)
+        agents = {name: self._prepare_agent(name, configs.get(name)) for name in names}
+        best = agents.get(BEST) or self._prepare_agent(BEST, None) if self.captured else None
         seeds = tuple(range(self.seed, self.seed + self.seeds))
         return Study(agents, best, found, make_off_condition() if self.captured else None, seeds, self.out)
 
-    def _configs(self, names: Sequence[str]) -> dict[str, Path]:
+    def _parse_agent_configs(self, names: Sequence[str]) -> dict[str, Path]:
         found: dict[str, Path] = {}
         for text in self.agent_config:
             name, _, path = text.partition("=")
@@ -185,7 +191,7 @@ class _Asked:
             found[name] = Path(path)
         return found
 
-    def _prepared(self, agent: str, config: Path | None) -> PreparedRun:
+    def _prepare_agent(self, agent: str, config: Path | None) -> PreparedRun:
         return prepare(
             RunConfig(
                 suite=self.suite,
@@ -202,7 +208,7 @@ class _Asked:
         )
 
 
-def _driven(ctx: click.Context, study: Study) -> list[StudyRow]:
+def _drive(ctx: click.Context, study: Study) -> list[StudyRow]:
     progress = StudyDisplay(sys.stderr, study.episodes())
     try:
         return list(study.rows(progress))
@@ -214,7 +220,7 @@ def _driven(ctx: click.Context, study: Study) -> list[StudyRow]:
         progress.close()
 
 
-def _drawn(
+def _draw(
     told: Sequence[StudyLine], varied: Mapping[str, Sequence[Level]], base: ChannelCondition, out: Path
 ) -> list[Path]:
     first = told[0].row.results

@@ -49,10 +49,10 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
     found: list[ScenarioValidation] = []
     for one in validate_scenarios(loaded, sample_scenarios(loaded, sample), workers):
         found.append(one)
-        click.echo(_line(one))
+        click.echo(_format_validation(one))
     if write:
         for part in loaded.parts or (loaded,):
-            _write(part, found)
+            _write_certificates(part, found)
     whole = find_suite_problems(loaded, found)
     for sentence in (*whole, *describe_suite(loaded)):
         click.echo(sentence)
@@ -62,12 +62,12 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
     ctx.exit(1 if failed or whole else 0)
 
 
-def _line(one: ScenarioValidation) -> str:
+def _format_validation(one: ScenarioValidation) -> str:
     said = "; ".join(one.problems) or ("ok" if one.is_difficult else "ok, blind driving has no near miss")
     return f"{one.scenario}: {said}{', hidden until late' if one.is_occluded else ''}"
 
 
-def _write(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
+def _write_certificates(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
     """Certificates in the order of the suite, of all its scenarios that could be driven."""
     by_name = {one.scenario: one.certificate for one in found}
     kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)

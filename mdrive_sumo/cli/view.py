@@ -33,7 +33,7 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
     run, results = stored.run, stored.results
     chosen = find_one_scenario(run.suite, scenario) if scenario else run.scenarios[0]
     path = export or run_folder / "view" / f"{chosen.id}.html"
-    page = _page(run, chosen, _result(results, chosen))
+    page = _build_page(run, chosen, _find_result(results, chosen))
     with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
@@ -42,7 +42,7 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
         click.echo("no browser found here: open the file above in one", err=True)
 
 
-def _result(results: Results, scenario: Scenario) -> ScenarioResult:
+def _find_result(results: Results, scenario: Scenario) -> ScenarioResult:
     found = next((result for result in results.scenarios if result.id == scenario.id), None)
     if found is None:
         raise InputError(f"scenario {scenario.id}: expected one of this run's scenarios, found it was not driven")
@@ -51,7 +51,7 @@ def _result(results: Results, scenario: Scenario) -> ScenarioResult:
     return found
 
 
-def _page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
+def _build_page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording_path(run.folder, scenario.id))

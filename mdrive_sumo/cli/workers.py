@@ -3,7 +3,7 @@
 import click
 
 
-def worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
+def parse_worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
     """The option --workers: a positive number, or every core that this process may use."""
     if value == "auto":
         from mdrive_sumo.runs.process_pool import (
@@ -21,6 +21,6 @@ workers_option = click.option(
     default="auto",
     show_default=True,
     metavar="N|auto",
-    callback=worker_count,
+    callback=parse_worker_count,
     help="Worker processes; auto: one a core.",
 )

@@ -81,10 +81,10 @@ def compare(a: Results, b: Results) -> RunComparison:
             " `mdrive-sumo rescore` brings them together"
         )
     first, second = ({s.id: s for s in results.scenarios} for results in (a, b))
-    common = [name for name in first if name in second and _scored(first[name], second[name])]
+    common = [name for name in first if name in second and _has_scores(first[name], second[name])]
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
-    pairs = [_pair(first[name], second[name]) for name in common]
+    pairs = [_make_pair(first[name], second[name]) for name in common]
     return RunComparison(
         names=(a.run.agent, b.run.agent),
         pairs=tuple(sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario))),
@@ -95,19 +95,19 @@ def compare(a: Results, b: Results) -> RunComparison:
             *(f"{name}: only in B" for name in second if name not in first),
             *(f"{name}: void" for name in first if name in second and name not in common),
         ),
-        warnings=tuple(_warnings(a, b)),
+        warnings=tuple(_find_warnings(a, b)),
     )
 
 
-def _scored(a: ScenarioResult, b: ScenarioResult) -> bool:
+def _has_scores(a: ScenarioResult, b: ScenarioResult) -> bool:
     return "void" not in (a.status, b.status)
 
 
-def _pair(a: ScenarioResult, b: ScenarioResult) -> ScenarioPair:
+def _make_pair(a: ScenarioResult, b: ScenarioResult) -> ScenarioPair:
     return ScenarioPair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr))
 
 
-def _warnings(a: Results, b: Results) -> list[str]:
+def _find_warnings(a: Results, b: Results) -> list[str]:
     compared = {
         "suite": (a.run.suite, b.run.suite),
         "suite checksum": (a.run.suite_checksum, b.run.suite_checksum),
@@ -122,7 +122,7 @@ def comparison_table(comparison: RunComparison) -> str:
     wins, ties, losses = comparison.count_wins_ties_losses()
     means = format_text_table(
         ("B - A", "mean", "95 % from", "to"),
-        [_interval_row("DS", comparison.ds), _interval_row("SR", comparison.sr)],
+        [_format_interval("DS", comparison.ds), _format_interval("SR", comparison.sr)],
     )
     rows = [
         (p.scenario, p.category, *(f"{v:.2f}" for v in (*p.ds, *p.sr)), f"{p.ds_difference:+.2f}")
@@ -138,14 +138,14 @@ def comparison_table(comparison: RunComparison) -> str:
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
             "",
             format_text_table(header, rows),
-            *_left_out_lines(comparison.left_out),
+            *_format_left_out(comparison.left_out),
         )
     )
 
 
-def _interval_row(name: str, interval: ConfidenceInterval) -> Sequence[str]:
+def _format_interval(name: str, interval: ConfidenceInterval) -> Sequence[str]:
     return (name, f"{interval.mean:+.2f}", f"{interval.low:+.2f}", f"{interval.high:+.2f}")
 
 
-def _left_out_lines(left_out: Sequence[str]) -> tuple[str, ...]:
+def _format_left_out(left_out: Sequence[str]) -> tuple[str, ...]:
     return ("", "left out:", *(f"  {line}" for line in left_out)) if left_out else ()

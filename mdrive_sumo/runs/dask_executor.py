@@ -27,9 +27,9 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 CONNECT_S = 15.0
-LOOK_S = 1.0
+CHECK_INTERVAL_S = 1.0
 """How often the scheduler is asked how many workers there are, and whether it is there at all."""
-WORKERLESS_S = 60.0
+MAX_WORKERLESS_S = 60.0
 """So long a run waits for workers to come back."""
 
 
@@ -49,9 +49,9 @@ class DaskExecutor(Generic[J, R]):
             raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers there ({error})") from None
         self._prefix = f"mdrive-{os.urandom(4).hex()}-"  # Dask takes equal keys for equal results
         self._running: dict[Key, Future[Any]] = {}
-        self._over: queue.SimpleQueue[tuple[Key, Any]] = queue.SimpleQueue()
+        self._outcomes: queue.SimpleQueue[tuple[Key, Any]] = queue.SimpleQueue()
         self._reading, self._writing = os.pipe()
-        self._threads, self._looked, self._peopled = 0, -LOOK_S, time.monotonic()
+        self._threads, self._checked_at, self._workers_seen_at = 0, -CHECK_INTERVAL_S, time.monotonic()
 
     def __enter__(self) -> "DaskExecutor[J, R]":
         return self
@@ -67,17 +67,17 @@ class DaskExecutor(Generic[J, R]):
     @property
     def free_slots(self) -> int:
         """See Executor."""
-        self._look()
+        self._check_scheduler()
         return max(self._threads - len(self._running), 0)
 
     def submit(self, key: Key, job: J) -> None:
         """See Executor."""
         name = self._prefix + key
         task = self._client.submit(
-            run_in_child_process, name, self._function, job, self._limit_s, _state_of_code(), key=name, pure=False
+            run_in_child_process, name, self._function, job, self._limit_s, _read_code_state(), key=name, pure=False
         )
         self._running[key] = task
-        task.add_done_callback(partial(self._arrived, key))
+        task.add_done_callback(partial(self._take_over_outcome, key))
 
     def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
@@ -85,12 +85,12 @@ class DaskExecutor(Generic[J, R]):
         """See Executor. Raises ExecutorLostError, also if there have been no workers for a while."""
         end = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
-            left_s = LOOK_S if end is None else min(LOOK_S, max(0.0, end - time.monotonic()))
+            left_s = CHECK_INTERVAL_S if end is None else min(CHECK_INTERVAL_S, max(0.0, end - time.monotonic()))
             readable = wait([self._reading, *also], timeout=left_s)
-            found = self._collected()
+            found = self._collect()
             if found or set(readable) - {self._reading} or (end is not None and time.monotonic() >= end):
                 return found
-            self._look()
+            self._check_scheduler()
             if not self._running and end is None:
                 return []
 
@@ -103,50 +103,50 @@ class DaskExecutor(Generic[J, R]):
             future.cancel(force=True)
             self._client.run(end_task, self._prefix + key, on_error="ignore")
 
-    def _look(self) -> None:
+    def _check_scheduler(self) -> None:
         now = time.monotonic()
-        if now - self._looked < LOOK_S:
+        if now - self._checked_at < CHECK_INTERVAL_S:
             return
-        self._looked = now
+        self._checked_at = now
         try:
             if self._client.status != "running":
                 raise OSError("connection closed")
             self._threads = sum(cast(dict[str, int], self._client.nthreads()).values())
         except OSError as error:
-            raise self._lost(str(error)) from None
+            raise self._make_lost_error(str(error)) from None
         if self._threads:
-            self._peopled = now
-        elif now - self._peopled > WORKERLESS_S:
-            raise self._lost(f"it has had no workers for {WORKERLESS_S:g} s")
+            self._workers_seen_at = now
+        elif now - self._workers_seen_at > MAX_WORKERLESS_S:
+            raise self._make_lost_error(f"it has had no workers for {MAX_WORKERLESS_S:g} s")
 
-    def _lost(self, why: str) -> ExecutorLostError:
+    def _make_lost_error(self, why: str) -> ExecutorLostError:
         self._running.clear()
         return ExecutorLostError(f"the Dask scheduler at {self._address} is lost: {why}")
 
-    def _arrived(self, key: Key, future: Future[Any]) -> None:
+    def _take_over_outcome(self, key: Key, future: Future[Any]) -> None:
         """In a thread of Dask's: takes the outcome over at once, for with its worker it would be lost."""
         try:
-            outcome = future.result(timeout=CONNECT_S) if future.status == "finished" else _failure(future)
+            outcome = future.result(timeout=CONNECT_S) if future.status == "finished" else _describe_failure(future)
         except Exception as error:  # noqa: BLE001 - whatever Dask raises, the job has no result
             outcome = WorkerFailure(FailureKind.DIED, f"Dask: {type(error).__name__}: {error}")
-        self._over.put((key, outcome))
+        self._outcomes.put((key, outcome))
         with suppress(OSError):  # closed in the meantime
             os.write(self._writing, b".")
 
-    def _collected(self) -> list[tuple[Key, R | WorkerFailure]]:
+    def _collect(self) -> list[tuple[Key, R | WorkerFailure]]:
         found: list[tuple[Key, R | WorkerFailure]] = []
-        while not self._over.empty():
+        while not self._outcomes.empty():
             os.read(self._reading, 1)
-            key, outcome = self._over.get()
+            key, outcome = self._outcomes.get()
             if self._running.pop(key, None) is None:
                 continue  # ended
             if outcome is None:
-                raise self._lost("its connection broke")
+                raise self._make_lost_error("its connection broke")
             found.append((key, outcome))
         return found
 
 
-def _failure(future: Future[Any]) -> WorkerFailure | None:
+def _describe_failure(future: Future[Any]) -> WorkerFailure | None:
     """None where the job was not at fault: nobody but a lost scheduler cancels what is still wanted."""
     if future.status != "error":
         return None
@@ -154,11 +154,11 @@ def _failure(future: Future[Any]) -> WorkerFailure | None:
 
 
 @lru_cache(maxsize=1)
-def _state_of_code() -> dict[str, str]:
+def _read_code_state() -> dict[str, str]:
     return read_versions() | {"code": compute_code_checksum()}
 
 
-_hands = threading.local()
+_local = threading.local()
 _jobs: dict[str, WorkerProcess[Any, Any]] = {}
 """On a worker: what runs, for `end_task`."""
 
@@ -167,38 +167,38 @@ def run_in_child_process(
     name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]
 ) -> R | WorkerFailure:
     """On a worker, in a thread of it: does a job in this thread's child process."""
-    here = _state_of_code()
+    here = _read_code_state()
     if here != code:
         differing = ", ".join(f"{key} {here.get(key)}" for key in sorted(code) if here.get(key) != code[key])
         return WorkerFailure(FailureKind.INPUT, f"a worker of Dask: expected the same code as here, found {differing}")
-    hand = _hand(function)
-    _jobs[name] = hand
+    worker = _get_worker_process(function)
+    _jobs[name] = worker
     try:
-        hand.start_job(job)
-        wait([hand.pipe], timeout=limit_s)
-        outcome = hand.poll_outcome()
+        worker.start_job(job)
+        wait([worker.pipe], timeout=limit_s)
+        outcome = worker.poll_outcome()
     finally:
         _jobs.pop(name, None)
     if outcome is None:
-        hand.end()
+        worker.end()
         return WorkerFailure(FailureKind.HUNG, f"hung: no result within {limit_s:g} s")
     return outcome
 
 
 def end_task(name: str) -> None:
     """On a worker: ends that job, if it runs there."""
-    hand = _jobs.get(name)
-    if hand is not None:
-        hand.kill()
+    worker = _jobs.get(name)
+    if worker is not None:
+        worker.kill()
 
 
-def _hand(function: Callable[[Any], Any]) -> WorkerProcess[Any, Any]:
+def _get_worker_process(function: Callable[[Any], Any]) -> WorkerProcess[Any, Any]:
     """This thread's child, kept from job to job: it ends with the thread."""
-    for_what = pickle.dumps(function)
-    kept: tuple[bytes, WorkerProcess[Any, Any]] | None = getattr(_hands, "kept", None)
-    if kept is not None and kept[0] == for_what and kept[1].is_usable:
+    pickled = pickle.dumps(function)
+    kept: tuple[bytes, WorkerProcess[Any, Any]] | None = getattr(_local, "kept", None)
+    if kept is not None and kept[0] == pickled and kept[1].is_usable:
         return kept[1]
     if kept is not None and kept[1].is_usable:
         kept[1].end()
-    _hands.kept = (for_what, WorkerProcess[Any, Any](function))
-    return _hands.kept[1]
+    _local.kept = (pickled, WorkerProcess[Any, Any](function))
+    return _local.kept[1]

@@ -48,7 +48,7 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
     the journal then keeps what was finished.
     """
     with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
-        found = _kept(run, journal)
+        found = _load_kept_results(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
         progress.begin(len(run.scenarios), found)
@@ -57,18 +57,18 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
             with report_write_errors(run.folder):
                 run.make_folders()
                 (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
-            for result in _driven(run, todo, journal, progress):
+            for result in _drive(run, todo, journal, progress):
                 journal.add_result(result.model_dump(mode="json"))
                 found[result.id] = result
                 progress.done(result)
         whole = summarize_run(run.info, [found[scenario.id] for scenario in run.scenarios])
         with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
-            _gather_transcripts(run)
+            _write_whole_transcript(run)
     return whole
 
 
-def _gather_transcripts(run: PreparedRun) -> None:
+def _write_whole_transcript(run: PreparedRun) -> None:
     """Puts what language models said into one file, which `eval --transcript` replays."""
     text = concatenate_transcripts(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
     if text:
@@ -84,7 +84,7 @@ def report_write_errors(path: Path) -> Generator[None]:
         raise InputError(describe_write_error(error, path)) from None
 
 
-def _kept(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
+def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
     """Results of earlier starts: not void, and with their recording if there shall be one."""
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
@@ -97,11 +97,11 @@ def _kept(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
     }
 
 
-def _driven(
+def _drive(
     run: PreparedRun, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
 ) -> Generator[ScenarioResult]:
     """A result for every scenario as they finish. Long ones start first: no worker idles at the end."""
-    jobs = [run.make_job(scenario) for scenario in sorted(todo.values(), key=_cost, reverse=True)]
+    jobs = [run.make_job(scenario) for scenario in sorted(todo.values(), key=_estimate_cost, reverse=True)]
     workers = min(run.config.workers, len(jobs))
     scheduler = run.config.scheduler
     function = (
@@ -124,7 +124,7 @@ def _driven(
             jobs = failed
 
 
-def _cost(scenario: Scenario) -> int:
+def _estimate_cost(scenario: Scenario) -> int:
     """Roughly how long an episode takes: its limit grows with the first route, a tick with the road users."""
     road_users = 4 * len(scenario.egos) + len(scenario.background.vehicles)
     return len(scenario.egos[0].route) * road_users

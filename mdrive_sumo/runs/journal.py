@@ -96,7 +96,7 @@ def _read(path: Path) -> tuple[list[dict[str, Any]], int, bool]:
     lines: list[dict[str, Any]] = []
     good_bytes = 0
     for number, text in enumerate(raw.splitlines(keepends=True), start=1):
-        line = _parsed(text)
+        line = _parse_line(text)
         if line is None:
             if good_bytes + len(text) < len(raw):
                 raise InputError(f"{path}: line {number}: expected a JSON object, found none (--fresh starts anew)")
@@ -106,7 +106,7 @@ def _read(path: Path) -> tuple[list[dict[str, Any]], int, bool]:
     return lines, good_bytes, False
 
 
-def _parsed(text: bytes) -> dict[str, Any] | None:
+def _parse_line(text: bytes) -> dict[str, Any] | None:
     try:
         line = json.loads(text)
     except ValueError:
@@ -115,23 +115,25 @@ def _parsed(text: bytes) -> dict[str, Any] | None:
 
 
 def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprint) -> None:
-    before = _header_fingerprint(path, header)
+    before = _read_header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
-        what = ", ".join(f"{key} {_short(before.get(key))} (now {_short(fingerprint.get(key))})" for key in differing)
+        what = ", ".join(
+            f"{key} {_shorten(before.get(key))} (now {_shorten(fingerprint.get(key))})" for key in differing
+        )
         raise InputError(
             f"{path.parent}: expected a run of this command, found one with another {what};"
             " --fresh starts anew, --out names another folder"
         )
 
 
-def _header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str, Any]:
+def _read_header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str, Any]:
     if header.get("format") != FORMAT or not isinstance(header.get("fingerprint"), dict):
         raise InputError(f"{path}: expected the format {FORMAT}, found {header.get('format')!r}")
     return header["fingerprint"]
 
 
-def _short(value: object) -> str:
+def _shorten(value: object) -> str:
     text = str(value).removeprefix("sha256:")
     return text if len(text) <= 24 else text[:12] + "..."
 
@@ -145,4 +147,4 @@ def read_fingerprint(folder: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if not lines:
         raise InputError(f"{path}: expected a journal, found an empty file")
-    return _header_fingerprint(path, lines[0])
+    return _read_header_fingerprint(path, lines[0])

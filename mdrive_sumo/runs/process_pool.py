@@ -23,9 +23,9 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
-class _Busy(Generic[J, R]):
+class _BusyWorker(Generic[J, R]):
     key: Key
-    hand: WorkerProcess[J, R]
+    worker: WorkerProcess[J, R]
     started: float
 
 
@@ -38,15 +38,15 @@ class ProcessPool(Generic[J, R]):
     def __init__(self, function: Callable[[J], R], workers: int, limit_s: float) -> None:
         self._function, self._size, self._limit_s = function, workers, limit_s
         self._idle: list[WorkerProcess[J, R]] = []
-        self._busy: list[_Busy[J, R]] = []
+        self._busy: list[_BusyWorker[J, R]] = []
 
     def __enter__(self) -> "ProcessPool[J, R]":
         return self
 
     def __exit__(self, *_: object) -> None:
         with block_interrupts():  # a second Ctrl-C must not leave workers behind
-            for hand in (*self._idle, *(busy.hand for busy in self._busy)):
-                hand.end()
+            for worker in (*self._idle, *(busy.worker for busy in self._busy)):
+                worker.end()
             self._idle, self._busy = [], []
 
     def run(self, jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
@@ -60,20 +60,20 @@ class ProcessPool(Generic[J, R]):
 
     def submit(self, key: Key, job: J) -> None:
         """See Executor."""
-        hand = self._idle.pop() if self._idle else WorkerProcess(self._function)
-        self._busy.append(_Busy(key, hand, time.monotonic()))
-        hand.start_job(job)
+        worker = self._idle.pop() if self._idle else WorkerProcess(self._function)
+        self._busy.append(_BusyWorker(key, worker, time.monotonic()))
+        worker.start_job(job)
 
     def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[Key, R | WorkerFailure]]:
         """See Executor."""
-        wait([*(busy.hand.pipe for busy in self._busy), *also], timeout=self._wait_s(timeout_s))
+        wait([*(busy.worker.pipe for busy in self._busy), *also], timeout=self._compute_wait_s(timeout_s))
         found: list[tuple[Key, R | WorkerFailure]] = []
         for busy in tuple(self._busy):
-            outcome = self._outcome(busy)
+            outcome = self._poll_outcome(busy)
             if outcome is not None:
-                self._let_go(busy)
+                self._release(busy)
                 found.append((busy.key, outcome))
         return found
 
@@ -81,25 +81,25 @@ class ProcessPool(Generic[J, R]):
         """See Executor."""
         for busy in tuple(self._busy):
             if busy.key == key:
-                busy.hand.end()
-                self._let_go(busy)
+                busy.worker.end()
+                self._release(busy)
 
-    def _let_go(self, busy: _Busy[J, R]) -> None:
+    def _release(self, busy: _BusyWorker[J, R]) -> None:
         self._busy.remove(busy)
-        if busy.hand.is_usable:
-            self._idle.append(busy.hand)
+        if busy.worker.is_usable:
+            self._idle.append(busy.worker)
 
-    def _wait_s(self, timeout_s: float | None) -> float | None:
+    def _compute_wait_s(self, timeout_s: float | None) -> float | None:
         if not self._busy:
             return timeout_s
         oldest = min(busy.started for busy in self._busy)
         left_s = max(0.0, oldest + self._limit_s - time.monotonic())
         return left_s if timeout_s is None else min(left_s, timeout_s)
 
-    def _outcome(self, busy: _Busy[J, R]) -> "R | WorkerFailure | None":
-        outcome = busy.hand.poll_outcome()
+    def _poll_outcome(self, busy: _BusyWorker[J, R]) -> "R | WorkerFailure | None":
+        outcome = busy.worker.poll_outcome()
         if outcome is None and time.monotonic() - busy.started >= self._limit_s:
-            busy.hand.end()
+            busy.worker.end()
             return WorkerFailure(FailureKind.HUNG, f"hung: no result within {self._limit_s:g} s")
         return outcome
 

@@ -16,13 +16,13 @@ def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
 
-    def again(result: ScenarioResult) -> ScenarioResult:
+    def rescore_result(result: ScenarioResult) -> ScenarioResult:
         if result.status == "void":
             return result
         return rescore(replace(run.make_job(scenarios[result.id]), score_mode=mode))
 
     info = results.run.model_copy(update={"score_mode": str(mode)})
-    return summarize_run(info, [again(result) for result in results.scenarios])
+    return summarize_run(info, [rescore_result(result) for result in results.scenarios])
 
 
 def save_rescored(run: PreparedRun, results: Results) -> Path:

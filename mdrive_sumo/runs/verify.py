@@ -101,7 +101,7 @@ def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Epis
     differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
     if len(differing):
         tick = int(differing[0])
-        return EpisodeDifference(tick, next(_details(recorded, again, tick), "the digest differs"))
+        return EpisodeDifference(tick, next(_find_details(recorded, again, tick), "the digest differs"))
     if recorded.ticks != again.ticks:
         return EpisodeDifference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
     for now, then in zip(again.endings, recorded.endings, strict=True):
@@ -113,19 +113,19 @@ def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Epis
     return None
 
 
-def _details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
+def _find_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
     """What differs in one tick: who is there, states, controls, signals, contacts."""
-    if (heard := _arrivals(again, tick)) != (had := _arrivals(recorded, tick)):
+    if (heard := _read_arrivals(again, tick)) != (had := _read_arrivals(recorded, tick)):
         yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
-    yield from _state_details(_states(recorded, tick), _states(again, tick))
-    yield from _control_details(recorded, again, tick)
-    if (lights := _changes(again, tick)) != (before := _changes(recorded, tick)):
+    yield from _compare_states(_read_states(recorded, tick), _read_states(again, tick))
+    yield from _compare_controls(recorded, again, tick)
+    if (lights := _read_signal_changes(again, tick)) != (before := _read_signal_changes(recorded, tick)):
         yield f"traffic lights change to {lights}, changed to {before}"
-    if (touching := _contacts(again, tick)) != (touched := _contacts(recorded, tick)):
+    if (touching := _read_contacts(again, tick)) != (touched := _read_contacts(recorded, tick)):
         yield f"contacts are {touching or 'none'}, were {touched or 'none'}"
 
 
-def _state_details(then: Mapping[str, Float], now: Mapping[str, Float]) -> Iterator[str]:
+def _compare_states(then: Mapping[str, Float], now: Mapping[str, Float]) -> Iterator[str]:
     for name in sorted({*then, *now}):
         if name not in now or name not in then:
             yield f"{name!r} is {'new' if name in now else 'missing'}"
@@ -134,23 +134,23 @@ def _state_details(then: Mapping[str, Float], now: Mapping[str, Float]) -> Itera
             yield f"{STATE_NAMES[i]} of {name!r} is {now[name][i]:.4f}, was {then[name][i]:.4f}"
 
 
-def _control_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
+def _compare_controls(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
     then, now = recorded.control_values[tick], again.control_values[tick]
     for ego, i in np.argwhere(then != now):
         yield f"{CONTROL_NAMES[i]} of {again.ids[ego]!r} is {now[ego, i]:.4f}, was {then[ego, i]:.4f}"
 
 
-def _states(episode: EpisodeRecord, tick: int) -> dict[str, Float]:
+def _read_states(episode: EpisodeRecord, tick: int) -> dict[str, Float]:
     """Recorded state (4,) of everyone who is there."""
     present = np.flatnonzero(episode.valid[tick])
     return {episode.ids[i]: from_quanta(episode.quanta[tick, i]) for i in present}
 
 
-def _changes(episode: EpisodeRecord, tick: int) -> dict[str, str]:
+def _read_signal_changes(episode: EpisodeRecord, tick: int) -> dict[str, str]:
     return {change.light: change.state for change in episode.signals if change.tick == tick}
 
 
-def _arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
+def _read_arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
     return [
         f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
         for sent in episode.messages
@@ -159,5 +159,5 @@ def _arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
     ]
 
 
-def _contacts(episode: EpisodeRecord, tick: int) -> list[tuple[str, str]]:
+def _read_contacts(episode: EpisodeRecord, tick: int) -> list[tuple[str, str]]:
     return [(contact.ego, contact.other) for at, contact in episode.contacts if at == tick]

@@ -61,7 +61,9 @@ class WorkerProcess(Generic[J, R]):
         self.pipe, theirs = context.Pipe()
         """To wait on: readable when there is an outcome."""
         # A daemon: should a second Ctrl-C come before its owner holds it back, the interpreter still ends the worker.
-        self._process = context.Process(target=_serve, args=(theirs, function), name="mdrive-sumo worker", daemon=True)
+        self._process = context.Process(
+            target=_serve_jobs, args=(theirs, function), name="mdrive-sumo worker", daemon=True
+        )
         with block_interrupts():  # the child inherits it, until it has left our process group
             self._process.start()
         theirs.close()
@@ -83,7 +85,7 @@ class WorkerProcess(Generic[J, R]):
         except (EOFError, OSError):  # OSError: it died while it was sending
             self._process.join(timeout=2.0)  # so that its own exit code is seen, not that of `end`
             self.end()
-            return WorkerFailure(FailureKind.DIED, _how_it_ended(self._process.exitcode))
+            return WorkerFailure(FailureKind.DIED, _describe_exit(self._process.exitcode))
 
     def kill(self) -> None:
         """Ends the job with its worker, also from another thread; `outcome` then says DIED."""
@@ -118,25 +120,25 @@ def describe_write_error(error: OSError, path: str | Path | None) -> str:
     return f"{path or 'the run folder'}: cannot be written: {error.strerror}"
 
 
-def _how_it_ended(exit_code: int | None) -> str:
+def _describe_exit(exit_code: int | None) -> str:
     if exit_code is None or exit_code >= 0:
         return f"the worker process ended with exit code {exit_code}"
     return f"the worker process was ended by {signal.Signals(-exit_code).name}"
 
 
-def _serve(pipe: Connection, function: Callable[[Any], Any]) -> None:
+def _serve_jobs(pipe: Connection, function: Callable[[Any], Any]) -> None:
     """A worker's life: answers jobs until the parent closes the pipe or dies."""
-    _leave_the_terminal_to_the_parent()
+    _ignore_terminal_signals()
     _die_with_parent()
     while True:
         try:
             job = pipe.recv()
         except EOFError:
             return
-        pipe.send(_answer(function, job))
+        pipe.send(_run_job(function, job))
 
 
-def _leave_the_terminal_to_the_parent() -> None:
+def _ignore_terminal_signals() -> None:
     os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -151,7 +153,7 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _answer(function: Callable[[Any], Any], job: Any) -> Any:
+def _run_job(function: Callable[[Any], Any], job: Any) -> Any:
     try:
         return function(job)
     except InputError as error:
@@ -161,12 +163,12 @@ def _answer(function: Callable[[Any], Any], job: Any) -> Any:
     except OSError as error:
         if error.errno in _CANNOT_WRITE:
             return WorkerFailure(FailureKind.INPUT, describe_write_error(error, error.filename))
-        return WorkerFailure(FailureKind.RAISED, _one_line(error))
+        return WorkerFailure(FailureKind.RAISED, _format_exception(error))
     except Exception as error:  # noqa: BLE001 - the border where our own failure becomes a void, with its reason
-        return WorkerFailure(FailureKind.RAISED, _one_line(error))
+        return WorkerFailure(FailureKind.RAISED, _format_exception(error))
 
 
-def _one_line(error: Exception) -> str:
+def _format_exception(error: Exception) -> str:
     place = traceback.extract_tb(error.__traceback__)[-1]
     text = " ".join(str(error).split())[:300]
     return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {text}"

@@ -54,18 +54,18 @@ class AblationResult:
 
 def list_sender_and_type_patterns(messages: Sequence[SentMessage]) -> tuple[str, ...]:
     """Every sender and every type of message that reached somebody, each alone."""
-    reached = [sent.message for sent in messages if _reached(sent)]
+    reached = [sent.message for sent in messages if _was_delivered(sent)]
     senders, types = ({getattr(message, name) for message in reached} for name in ("sender", "type"))
     return (*(f"{sender}/*" for sender in sorted(senders)), *(f"*/{kind}" for kind in sorted(types)))
 
 
 def list_message_patterns(messages: Sequence[SentMessage], kind: str) -> tuple[str, ...]:
     """Every message of a type that reached somebody, each alone; several that one sender sent in a tick go together."""
-    reached = (sent.message for sent in messages if sent.message.type == kind and _reached(sent))
+    reached = (sent.message for sent in messages if sent.message.type == kind and _was_delivered(sent))
     return tuple(dict.fromkeys(f"{message.sender}/{kind}@{message.tick}" for message in reached))
 
 
-def _reached(sent: SentMessage) -> bool:
+def _was_delivered(sent: SentMessage) -> bool:
     return any(fate is DeliveryStatus.DELIVERED for fate, _ in sent.deliveries.values())
 
 
@@ -109,12 +109,12 @@ def ablate_episode(ablation: AblationJob) -> MuteEffect:
 def rank_effects(recorded: ScenarioResult, effects: Sequence[MuteEffect]) -> AblationResult:
     """The effects by their size."""
 
-    def rank(effect: MuteEffect) -> tuple[float, float, float, Mute]:
+    def sort_key(effect: MuteEffect) -> tuple[float, float, float, Mute]:
         was, now = (HORIZON_S if one.min_ttc is None else one.min_ttc for one in (recorded, effect.result))
         parted = np.inf if effect.parted is None else effect.parted
         return (-abs(effect.result.ds - recorded.ds), -abs(now - was), parted, effect.mute)
 
-    return AblationResult(recorded, tuple(sorted(effects, key=rank)))
+    return AblationResult(recorded, tuple(sorted(effects, key=sort_key)))
 
 
 def compute_ttc_change(recorded: ScenarioResult, again: ScenarioResult) -> float | None:
@@ -132,14 +132,14 @@ def find_divergence_tick(recorded: EpisodeRecord, again: EpisodeRecord) -> int |
     ticks = min(recorded.ticks, again.ticks)
     differing = np.zeros(ticks, dtype=np.bool_)
     for name in {*recorded.ids, *again.ids}:
-        differing |= _apart(recorded, again, name, ticks)
+        differing |= _differs(recorded, again, name, ticks)
     found = np.flatnonzero(differing)
     if len(found):
         return int(found[0])
     return None if recorded.ticks == again.ticks else ticks
 
 
-def _apart(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int) -> Bool:
+def _differs(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int) -> Bool:
     """Where a road user's state differs (ticks,)."""
     if name not in recorded.ids or name not in again.ids:
         only = recorded if name in recorded.ids else again

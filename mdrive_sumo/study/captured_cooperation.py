@@ -50,15 +50,15 @@ def compute_captured_from_scenarios(
         )
     ours, without, best = ([run[key] for key in common] for run in runs)
 
-    def groups(scenarios: Sequence[ScenarioResult]) -> Mapping[str, Means]:
+    def group_means(scenarios: Sequence[ScenarioResult]) -> Mapping[str, Means]:
         return compute_category_means(scenarios) | compute_category_group_means(scenarios, mode)
 
     totals = [compute_overall(scenarios) for scenarios in (ours, without, best)]
     return CapturedCooperation(
         bucket_mean=compute_captured_share(*(total.bucket_mean.ds for total in totals)),
         scenario_mean=compute_captured_share(*(total.scenario_mean.ds for total in totals)),
-        buckets=_shares(compute_bucket_means(ours), compute_bucket_means(without), compute_bucket_means(best)),
-        categories=_shares(groups(ours), groups(without), groups(best)),
+        buckets=_compute_shares(compute_bucket_means(ours), compute_bucket_means(without), compute_bucket_means(best)),
+        categories=_compute_shares(group_means(ours), group_means(without), group_means(best)),
     )
 
 
@@ -68,7 +68,7 @@ def compute_captured_share(agent: float, off: float, omniscient: float) -> float
     return (agent - off) / gain if gain >= LEAST_GAIN_DS else None
 
 
-def _shares(
+def _compute_shares(
     agent: Mapping[str, Means], off: Mapping[str, Means], omniscient: Mapping[str, Means]
 ) -> dict[str, float | None]:
     return {name: compute_captured_share(agent[name].ds, off[name].ds, omniscient[name].ds) for name in agent}

@@ -85,8 +85,8 @@ def make_conditions(
         if len(set(levels)) != len(levels):
             raise InputError(f"study: --{name}: expected different values, found one twice")
     found = {"base": ChannelCondition("base", base, MappingProxyType({}))}
-    for levels in _choices(varied, grid):
-        condition = _condition(base, levels)
+    for levels in _combine_levels(varied, grid):
+        condition = _make_condition(base, levels)
         found.setdefault(condition.name, condition)
     return tuple(found.values())
 
@@ -96,7 +96,7 @@ def make_off_condition() -> ChannelCondition:
     return ChannelCondition("off", PRESETS["off"], MappingProxyType({}))
 
 
-def _choices(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[str, Level]]:
+def _combine_levels(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[str, Level]]:
     if grid == "full":
         for levels in product(*varied.values()):
             yield dict(zip(varied, levels, strict=True))
@@ -106,7 +106,7 @@ def _choices(varied: Mapping[str, Sequence[Level]], grid: str) -> Iterator[dict[
             yield {name: level}
 
 
-def _condition(base: CommSettings, levels: Mapping[str, Level]) -> ChannelCondition:
+def _make_condition(base: CommSettings, levels: Mapping[str, Level]) -> ChannelCondition:
     changed = {name: level for name, level in levels.items() if FACTORS[name].of(base) != level}
     comm = base
     for name, level in changed.items():
@@ -117,7 +117,7 @@ def _condition(base: CommSettings, levels: Mapping[str, Level]) -> ChannelCondit
 
 def parse_levels(name: str, text: str) -> tuple[Level, ...]:
     """The levels that a user lists, e.g. "0,2,6"; latencies are whole numbers. Raises InputError."""
-    return tuple((_number(name, part.strip()),) for part in text.split(","))
+    return tuple((_parse_number(name, part.strip()),) for part in text.split(","))
 
 
 def parse_pose_levels(metres: str, degrees: str | None) -> tuple[Level, ...]:
@@ -133,7 +133,7 @@ def parse_pose_levels(metres: str, degrees: str | None) -> tuple[Level, ...]:
     return tuple((x[0], y[0]) for x, y in zip(*rows, strict=True))
 
 
-def _number(name: str, text: str) -> float:
+def _parse_number(name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

@@ -29,26 +29,26 @@ CERTIFICATE_FILE = "occlusion.json"
 EVERY_TICKS = 4
 RANGE_M = 80.0
 """How far a CAV could see."""
-LEAST_VISIBLE = 0.1
+MIN_VISIBLE_SHARE = 0.1
 """Less of something than this share of its angular width counts as hidden."""
 ENCROACHMENT_S = 3.0
 """Two road users are in conflict if they use the same place within this time."""
 CLEARANCE_M = 0.3
 """Boxes never overlap in a recording, not even in a collision: they are grown by this for the test."""
-LEAST_S = 1.0
+MIN_INTERVAL_S = 1.0
 """A shorter interval is worth no message."""
-LATE_S = 4.0
+MAX_LEAD_S = 4.0
 """An interval matters if it ends less than this before the conflict: from then on braking is all that is left."""
 
 ReferenceDrive = Literal["constant-speed", "omniscient"]
 DRIVES: tuple[ReferenceDrive, ...] = ("constant-speed", "omniscient")
 
 
-class _Part(BaseModel):
+class _FilePart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class OccludedInterval(_Part):
+class OccludedInterval(_FilePart):
     """From start_s to end_s `actor` is hidden from `ego`, which meets it at conflict_s, but known to each of `by`."""
 
     drive: ReferenceDrive
@@ -63,10 +63,10 @@ class OccludedInterval(_Part):
     @property
     def matters(self) -> bool:
         """Long enough to be told of, and late enough to be worth telling."""
-        return self.end_s - self.start_s >= LEAST_S and self.conflict_s - self.end_s < LATE_S
+        return self.end_s - self.start_s >= MIN_INTERVAL_S and self.conflict_s - self.end_s < MAX_LEAD_S
 
 
-class OcclusionCertificate(_Part):
+class OcclusionCertificate(_FilePart):
     """All such intervals of a scenario; empty if there are none."""
 
     scenario: str
@@ -88,7 +88,7 @@ class OcclusionCertificate(_Part):
         return any(set(interval.by) - {interval.actor} for interval in self.hidden if interval.matters)
 
 
-class OcclusionCertificateFile(_Part):
+class OcclusionCertificateFile(_FilePart):
     """`occlusion.json` of a suite."""
 
     format: Literal["mdrive-sumo/occlusion/1"] = "mdrive-sumo/occlusion/1"
@@ -133,13 +133,13 @@ def find_occluded_intervals(
     drive: ReferenceDrive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap
 ) -> tuple[OccludedInterval, ...]:
     """The intervals of one recorded drive, by CAV and time."""
-    sights = _Sights(episode, scenario, roads)
-    found = [hidden for ego in range(episode.egos) for hidden in sights.of(drive, ego)]
+    analysis = _VisibilityAnalysis(episode, scenario, roads)
+    found = [hidden for ego in range(episode.egos) for hidden in analysis.of(drive, ego)]
     return tuple(sorted(found, key=lambda hidden: (hidden.ego, hidden.start_s, hidden.actor)))
 
 
 @dataclass(frozen=True)
-class _Sights:
+class _VisibilityAnalysis:
     """Who sees whom in a recording, at every `EVERY_TICKS`-th tick (K of them)."""
 
     episode: EpisodeRecord
@@ -174,9 +174,11 @@ class _Sights:
         views = {name: np.zeros((len(self.ticks), len(self.episode.ids)), dtype=np.bool_) for name in self._observers}
         for k, tick in enumerate(self.ticks.tolist()):
             columns = np.flatnonzero(self.episode.valid[tick])
-            scene = build_sensing_frame(_frame(self.episode, tick, columns), self._sizes)
-            for name, eye in self._eyes(tick, columns):
-                views[name][k, columns] = SightView(eye, scene, buildings, RANGE_M).visible_fractions() >= LEAST_VISIBLE
+            scene = build_sensing_frame(_build_frame(self.episode, tick, columns), self._sizes)
+            for name, eye in self._list_sensor_poses(tick, columns):
+                views[name][k, columns] = (
+                    SightView(eye, scene, buildings, RANGE_M).visible_fractions() >= MIN_VISIBLE_SHARE
+                )
         return views
 
     @property
@@ -188,7 +190,7 @@ class _Sights:
         e = self.episode
         return {ego: (float(e.length[i]), float(e.width[i])) for i, ego in enumerate(e.ego_ids)}
 
-    def _eyes(self, tick: int, columns: Int) -> Iterator[tuple[str, SensorPose]]:
+    def _list_sensor_poses(self, tick: int, columns: Int) -> Iterator[tuple[str, SensorPose]]:
         e = self.episode
         for row, i in enumerate(columns[columns < e.egos].tolist()):
             yield e.ids[i], SensorPose(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), row)
@@ -198,11 +200,11 @@ class _Sights:
     def of(self, drive: ReferenceDrive, ego: int) -> Iterator[OccludedInterval]:
         """The intervals of one CAV."""
         for actor in range(len(self.episode.ids)):
-            meeting = self._meeting(ego, actor) if actor != ego else None
+            meeting = self._find_meeting(ego, actor) if actor != ego else None
             if meeting is not None:
-                yield from self._intervals(drive, ego, actor, meeting)
+                yield from self._find_intervals(drive, ego, actor, meeting)
 
-    def _meeting(self, ego: int, actor: int) -> int | None:
+    def _find_meeting(self, ego: int, actor: int) -> int | None:
         """Index of the first tick in which the CAV is where the actor is within `ENCROACHMENT_S`; None if never."""
         reach = round(ENCROACHMENT_S / DT / EVERY_TICKS)
         valid, (mine, theirs) = self.episode.valid[self.ticks], (self.centres[:, i] for i in (ego, actor))
@@ -216,7 +218,7 @@ class _Sights:
                 first = int(met[0])
         return first
 
-    def _intervals(self, drive: ReferenceDrive, ego: int, actor: int, meeting: int) -> Iterator[OccludedInterval]:
+    def _find_intervals(self, drive: ReferenceDrive, ego: int, actor: int, meeting: int) -> Iterator[OccludedInterval]:
         ids, valid = self.episode.ids, self.episode.valid[self.ticks][: meeting + 1]
         near = np.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
         hidden = valid[:, ego] & valid[:, actor] & (near < RANGE_M) & ~self.seen[ids[ego]][: meeting + 1, actor]
@@ -224,8 +226,8 @@ class _Sights:
         known = {name: self.seen[name][: meeting + 1, actor] for name in others}
         if actor < self.episode.egos:
             known[ids[actor]] = valid[:, actor]
-        told = hidden & np.any([np.zeros_like(hidden), *known.values()], axis=0)
-        for first, last in _runs(told):
+        known_hidden = hidden & np.any([np.zeros_like(hidden), *known.values()], axis=0)
+        for first, last in _find_runs(known_hidden):
             by = tuple(name for name, sees in known.items() if sees[first : last + 1].mean() >= 0.5)
             times = (round(float(self.ticks[i]) * DT, 2) for i in (first, last, meeting))
             start_s, end_s, conflict_s = times
@@ -234,14 +236,14 @@ class _Sights:
             )
 
 
-def _runs(mask: Bool) -> Iterator[tuple[int, int]]:
+def _find_runs(mask: Bool) -> Iterator[tuple[int, int]]:
     """(first, last) index of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(((False,), mask, (False,))).astype(np.int8)))
     for first, after in edges.reshape(-1, 2).tolist():
         yield first, after - 1
 
 
-def _frame(episode: EpisodeRecord, tick: int, columns: Int) -> Frame:
+def _build_frame(episode: EpisodeRecord, tick: int, columns: Int) -> Frame:
     """A recorded frame, as far as sight needs it."""
     e, cars, rest = episode, columns[columns < episode.egos], columns[columns >= episode.egos]
     egos = {

@@ -43,11 +43,11 @@ class FactorCurve:
 def make_curves(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> tuple[FactorCurve, ...]:
     """A curve for every agent that has two levels or more while all other factors are the base channel's."""
     agents = dict.fromkeys(line.row.agent for line in lines)
-    found = (_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
+    found = (_make_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
     return tuple(curve for curve in found if len(curve.lines) > 1)
 
 
-def _curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> FactorCurve:
+def _make_curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> FactorCurve:
     found: dict[Level, StudyLine] = {}
     for line in lines:
         condition = line.row.condition
@@ -60,7 +60,7 @@ def _curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondi
 
 def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str, stem: Path) -> tuple[Path, Path]:
     """Writes STEM.png and STEM.svg, the same bytes for the same numbers. Raises InputError if it cannot."""
-    places = _places({level for curve in found for level in curve.lines})
+    places = _place_levels({level for curve in found for level in curve.lines})
     with rc_context(dict(STYLE)):
         figure = Figure(figsize=(9.0, 4.2), layout="constrained")
         FigureCanvasAgg(figure)
@@ -69,21 +69,21 @@ def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str,
             for i, curve in enumerate(found):
                 _draw_curve(axes, curve, (name, places), i)
             axes.set(xlabel=factor.axis, ylabel=label, ylim=(-2, 102))
-            axes.set_xticks(list(places.values()), [_tick(level) for level in places])
+            axes.set_xticks(list(places.values()), [_format_tick(level) for level in places])
         figure.suptitle(title, fontsize="medium")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
         return _save(figure, stem.with_suffix(".png")), _save(figure, stem.with_suffix(".svg"))
 
 
-def _places(levels: Collection[Level]) -> dict[Level, float]:
+def _place_levels(levels: Collection[Level]) -> dict[Level, float]:
     """Where levels are on the axis: at their first number, or evenly spaced where that is not unique."""
     order = sorted(levels)
     unique = len({level[0] for level in order}) == len(order)
     return {level: level[0] if unique else float(i) for i, level in enumerate(order)}
 
 
-def _tick(level: Level) -> str:
+def _format_tick(level: Level) -> str:
     """A level at the axis; of a pose error both numbers where they differ."""
     same = len(set(level)) == 1
     return f"{level[0]:g}" if same else f"{level[0]:g} m\n{level[1]:g}°"
@@ -92,7 +92,7 @@ def _tick(level: Level) -> str:
 def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, float]], i: int) -> None:
     name, places = what
     colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
-    known = [(places[level], value) for level, line in curve.lines.items() if (value := _of(line, name))]
+    known = [(places[level], value) for level, line in curve.lines.items() if (value := _get_interval(line, name))]
     x, values = [at for at, _ in known], [value for _, value in known]
     axes.fill_between(x, [v.low for v in values], [v.high for v in values], color=colour, alpha=0.15, linewidth=0)
     silent = any(line.row.reused for line in curve.lines.values())
@@ -109,11 +109,11 @@ def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, 
         label=label,
         clip_on=False,
     )
-    if curve.off and (value := _of(curve.off, name)):
+    if curve.off and (value := _get_interval(curve.off, name)):
         axes.axhline(value.mean, color=colour, linestyle=":", label=f"{curve.agent}, channel off")
 
 
-def _of(line: StudyLine, name: str) -> ConfidenceInterval | None:
+def _get_interval(line: StudyLine, name: str) -> ConfidenceInterval | None:
     return line.ds if name == "ds" else line.sr
 
 

@@ -54,12 +54,12 @@ def study_json(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
         "score_mode": run.score_mode,
         "agent_clock": run.agent_clock,
         "versions": run.versions,
-        "lines": [_line_values(line) for line in lines],
+        "lines": [_line_to_dict(line) for line in lines],
     }
     return json.dumps(page, indent=1, allow_nan=False) + "\n"
 
 
-def _line_values(line: StudyLine) -> dict[str, Any]:
+def _line_to_dict(line: StudyLine) -> dict[str, Any]:
     row = line.row
     numbers = {name: getattr(line, name) for name in ("ds", "sr", "ds_difference", "sr_difference", "captured")}
     return {
@@ -71,11 +71,11 @@ def _line_values(line: StudyLine) -> dict[str, Any]:
         "reused": row.reused,
         "void": line.void,
         **{name: None if value is None else asdict(value) for name, value in numbers.items()},
-        "runs": [_run_values(results) for results in row.results],
+        "runs": [_run_to_dict(results) for results in row.results],
     }
 
 
-def _run_values(results: Results) -> dict[str, Any]:
+def _run_to_dict(results: Results) -> dict[str, Any]:
     kept = {"status", "reason", "ds", "sr", "rc", "ip", "min_ttc", "scalars", "digest", "comm", "notes"}
     return {
         "seed": results.run.seed,
@@ -89,7 +89,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
     header, rows = table_of(lines)
     parts = (
         f"# {about.suite}: the channel and what it does",
-        _facts(about, lines),
+        _format_facts(about, lines),
         HOW_TO_READ,
         CAPTURED if CAPTURED_HEADER in header else "",
         format_markdown_table(header, rows, left=2),
@@ -98,7 +98,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
+def _format_facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     run = lines[0].row.results[0].run
     channel = ", ".join(f"{name} {value}" for name, value in describe_comm(lines[0].row.condition.comm).items())
     facts = {
@@ -117,7 +117,11 @@ def _facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
 
 def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[TableRow, list[TableRow]]:
     """Header and rows; `brief`: for the terminal, with intervals of DS only."""
-    header, rows = (BRIEF, [_brief(line) for line in lines]) if brief else (HEADER, [_cells(line) for line in lines])
+    header, rows = (
+        (BRIEF, [_format_brief_cells(line) for line in lines])
+        if brief
+        else (HEADER, [_format_cells(line) for line in lines])
+    )
     if not any(line.captured for line in lines):
         return header, rows
     return (*header, CAPTURED_HEADER), [
@@ -126,26 +130,26 @@ def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[TableR
     ]
 
 
-def _cells(line: StudyLine) -> TableRow:
+def _format_cells(line: StudyLine) -> TableRow:
     return (
         describe_agent(line.row.results[0]),
-        _condition(line),
-        _interval(line.ds),
-        _interval(line.sr),
-        _interval(line.ds_difference, "+"),
-        _interval(line.sr_difference, "+"),
+        _format_condition(line),
+        _format_interval(line.ds),
+        _format_interval(line.sr),
+        _format_interval(line.ds_difference, "+"),
+        _format_interval(line.sr_difference, "+"),
         str(line.void),
     )
 
 
-def _brief(line: StudyLine) -> TableRow:
-    ds, sr = _interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
-    return (line.row.agent, _condition(line), ds, sr, _interval(line.ds_difference, "+"), str(line.void))
+def _format_brief_cells(line: StudyLine) -> TableRow:
+    ds, sr = _format_interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
+    return (line.row.agent, _format_condition(line), ds, sr, _format_interval(line.ds_difference, "+"), str(line.void))
 
 
-def _condition(line: StudyLine) -> str:
+def _format_condition(line: StudyLine) -> str:
     return line.row.condition.name + (" *" if line.row.reused else "")
 
 
-def _interval(value: ConfidenceInterval | None, sign: str = "") -> str:
+def _format_interval(value: ConfidenceInterval | None, sign: str = "") -> str:
     return "" if value is None else f"{value.mean:{sign}.1f} [{value.low:{sign}.1f}, {value.high:{sign}.1f}]"

@@ -47,35 +47,35 @@ class Study:
 
     def episodes(self) -> int:
         """How many there are at most."""
-        whole = [len(run.scenarios) * len(self._all()) for run in self.agents.values()]
+        whole = [len(run.scenarios) * len(self._all_conditions()) for run in self.agents.values()]
         reference = len(self.best.scenarios) if self.best and BEST not in self.agents else 0
         return (sum(whole) + reference) * len(self.seeds)
 
-    def _all(self) -> tuple[ChannelCondition, ...]:
+    def _all_conditions(self) -> tuple[ChannelCondition, ...]:
         base, *others = self.conditions
         return (base, *([self.off] if self.off else ()), *others)
 
     def rows(self, progress: StudyProgress) -> Iterator["StudyRow"]:
         """Drives what is not finished yet. Raises InputError and KeyboardInterrupt; what is finished is kept."""
         for name, prepared in self.agents.items():
-            yield from self._agent_rows(name, prepared, progress)
+            yield from self._drive_agent(name, prepared, progress)
         if self.best and BEST not in self.agents:
-            yield self._row(BEST, self.best, self.conditions[0], progress)
+            yield self._drive_row(BEST, self.best, self.conditions[0], progress)
 
-    def _agent_rows(self, name: str, prepared: PreparedRun, progress: StudyProgress) -> Iterator["StudyRow"]:
-        base, *others = self._all()
-        first = self._row(name, prepared, base, progress)
+    def _drive_agent(self, name: str, prepared: PreparedRun, progress: StudyProgress) -> Iterator["StudyRow"]:
+        base, *others = self._all_conditions()
+        first = self._drive_row(name, prepared, base, progress)
         yield first
         if not is_silent(first):
             for condition in others:
-                yield self._row(name, prepared, condition, progress)
+                yield self._drive_row(name, prepared, condition, progress)
             return
         progress.note(f"{name} says nothing: its base runs stand for all conditions")
         progress.spared(len(others) * len(self.seeds) * len(prepared.scenarios))
         for condition in others:
             yield replace(first, condition=condition, reused=True)
 
-    def _row(
+    def _drive_row(
         self, name: str, prepared: PreparedRun, condition: ChannelCondition, progress: StudyProgress
     ) -> "StudyRow":
         results: list[Results] = []

@@ -33,10 +33,10 @@ class StudyLine:
 def summarise_rows(rows: Sequence[StudyRow]) -> tuple[StudyLine, ...]:
     """A line for every row; captured cooperation where the rows of the references are there."""
     by_name = {(row.agent, row.condition.name): row for row in rows}
-    return tuple(_line(row, by_name) for row in rows)
+    return tuple(_summarise_row(row, by_name) for row in rows)
 
 
-def _line(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> StudyLine:
+def _summarise_row(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> StudyLine:
     table = group_by_scenario(row.scenarios)
     base = group_by_scenario(rows[row.agent, "base"].scenarios)
     is_base = row.condition.name == "base"
@@ -46,12 +46,12 @@ def _line(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> StudyLine:
         sr=compute_score_interval(table, "sr"),
         ds_difference=None if is_base else compute_difference_interval(table, base, "ds"),
         sr_difference=None if is_base else compute_difference_interval(table, base, "sr"),
-        captured=_captured(row, rows),
+        captured=_compute_captured(row, rows),
         void=sum(scenario.status == "void" for scenario in row.scenarios),
     )
 
 
-def _captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> CapturedCooperation | None:
+def _compute_captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> CapturedCooperation | None:
     off, best = rows.get((row.agent, "off")), rows.get((BEST, "base"))
     if off is None or best is None:
         return None

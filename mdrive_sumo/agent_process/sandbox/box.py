@@ -119,7 +119,7 @@ class Box:
 
     def alive(self) -> bool:
         """Whether the box still runs."""
-        return self._report is None and not self._ended(0.0)
+        return self._report is None and not self._wait_for_exit(0.0)
 
     def close(self) -> BoxReport:
         """Kills whatever still runs and gives everything back; waits only as long as the times above allow.
@@ -127,7 +127,7 @@ class Box:
         Raises BoxError if bubblewrap failed before the program had begun, or was killed from outside.
         """
         if self._report is None:
-            self._report = self._end()
+            self._report = self._close_and_report()
         return self._report
 
     def __enter__(self) -> "Box":
@@ -136,7 +136,7 @@ class Box:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _hung_up(self) -> bool:
+    def _has_hung_up(self) -> bool:
         """Whether the program has let go of the socket, as when it has just ended.
 
         gVisor then shuts down only its own direction, and holds the descriptor until it is gone itself.
@@ -145,7 +145,7 @@ class Box:
         poller.register(self.socket, select.POLLRDHUP)
         return bool(poller.poll(0))
 
-    def _ended(self, wait_s: float) -> bool:
+    def _wait_for_exit(self, wait_s: float) -> bool:
         """Whether the launched process is gone, after waiting for it at most so long; collects it if so."""
         poller = select.poll()
         poller.register(self._parts.pidfd, select.POLLIN)
@@ -153,31 +153,31 @@ class Box:
             self._wait_status = os.waitpid(self._parts.pid, 0)[1]
         return self._wait_status is not None
 
-    def _end(self) -> BoxReport:
-        parts, by_itself = self._parts, self._ended(GOING_S[self._backend] if self._hung_up() else 0.0)
+    def _close_and_report(self) -> BoxReport:
+        parts, by_itself = self._parts, self._wait_for_exit(GOING_S[self._backend] if self._has_hung_up() else 0.0)
         if not by_itself:
             with suppress(ProcessLookupError):
                 os.killpg(parts.pid, signal.SIGKILL)
         if parts.group is not None:
             parts.group.kill()
-        clean = self._ended(DYING_S)
-        peak, cpu, oom = _used(parts.group)
+        clean = self._wait_for_exit(DYING_S)
+        peak, cpu, oom = _read_usage(parts.group)
         if parts.group is not None:
             clean = parts.group.remove(DYING_S) and clean
         self._log.pump()
-        ours, problem = self._ours(by_itself, oom), self._log.text()
-        self._give_back(clean)
-        exit_code, ended_by = _decoded(self._wait_status, self._backend)
+        ours, problem = self._is_our_failure(by_itself, oom), self._log.text()
+        self._release(clean)
+        exit_code, ended_by = _decode_status(self._wait_status, self._backend)
         report = BoxReport(
             exit_code, ended_by, oom, peak, cpu, time.monotonic() - parts.began, self._log.seen_bytes, clean
         )
         if ours:
             self._report = report
-            why = f"ended by signal {ended_by} from outside" if ended_by is not None else _last_words(problem)
+            why = f"ended by signal {ended_by} from outside" if ended_by is not None else _read_last_words(problem)
             raise BoxError(f"sandbox: bubblewrap failed: {why}")
         return report
 
-    def _ours(self, by_itself: bool, oom: bool) -> bool:
+    def _is_our_failure(self, by_itself: bool, oom: bool) -> bool:
         """Whether it was not the program that ended the box: bubblewrap gave up, or somebody outside killed it.
 
         bubblewrap tells an exit code only if the program had begun. It cannot once memory has run out and the kernel
@@ -189,7 +189,7 @@ class Box:
             return False
         return not any("exit-code" in json.loads(line) for line in text.splitlines())
 
-    def _give_back(self, clean: bool) -> None:
+    def _release(self, clean: bool) -> None:
         self._log.close()
         self.socket.close()
         os.close(self._parts.pidfd)
@@ -198,20 +198,20 @@ class Box:
         self._parts.slot.release(clean)
 
 
-def _last_words(log: bytes) -> str:
+def _read_last_words(log: bytes) -> str:
     """What bubblewrap said, and nothing that a program may have printed."""
     said = [line for line in log.decode(errors="replace").splitlines() if line.startswith("bwrap: ")]
     return said[-1][:MOST_WORDS] if said else "it did not say why"
 
 
-def _used(group: Cgroup | None) -> tuple[int | None, float | None, bool]:
+def _read_usage(group: Cgroup | None) -> tuple[int | None, float | None, bool]:
     """Peak memory [bytes], CPU time [s], and whether memory ran out."""
     if group is None:
         return None, None, False
     return group.peak_memory_bytes(), group.cpu_s(), group.oom_killed()
 
 
-def _decoded(status: int | None, backend: str) -> tuple[int | None, int | None]:
+def _decode_status(status: int | None, backend: str) -> tuple[int | None, int | None]:
     """Exit code and signal of the program in the box."""
     if status is None:
         return None, None

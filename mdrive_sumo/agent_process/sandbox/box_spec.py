@@ -41,7 +41,7 @@ class BoxSpec:
             raise InputError(f"sandbox: expected an unpacked image with a folder usr in {self.rootfs}, found none")
         for outer, inner in self.readonly.items():
             _check_mount(outer, inner)
-        _check_words(self)
+        _check_command(self)
 
 
 def _check_mount(outer: Path, inner: str) -> None:
@@ -54,7 +54,7 @@ def _check_mount(outer: Path, inner: str) -> None:
         raise InputError(f"sandbox: {outer}, to be seen as {inner}, does not exist")
 
 
-def _check_words(spec: BoxSpec) -> None:
+def _check_command(spec: BoxSpec) -> None:
     """No byte that ends a string in C: the list of bubblewrap's arguments is split at them."""
     words = (*spec.command, *spec.env, *spec.env.values(), *spec.readonly.values(), *map(str, spec.readonly))
     if not spec.command or not all(spec.command[:1]):

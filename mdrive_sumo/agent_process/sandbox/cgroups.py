@@ -34,18 +34,18 @@ class CgroupHierarchy:
 
 def find_hierarchy(proc: Path = Path("/proc/self")) -> CgroupHierarchy | None:
     """The hierarchy in which this process may make groups with memory and pids controllers; None if there is none."""
-    own = _own_groups((proc / "cgroup").read_text())
-    mounts = _mounts((proc / "mountinfo").read_text())
-    return _version_2(own, mounts) or _version_1(own, mounts)
+    own = _parse_own_groups((proc / "cgroup").read_text())
+    mounts = _parse_mounts((proc / "mountinfo").read_text())
+    return _find_version_2(own, mounts) or _find_version_1(own, mounts)
 
 
-def _own_groups(text: str) -> dict[str, str]:
+def _parse_own_groups(text: str) -> dict[str, str]:
     """Controller ("" = version 2) to this process's group, from `/proc/self/cgroup`."""
     rows = (line.split(":", 2) for line in text.splitlines())
     return {controller: group for _, controllers, group in rows for controller in controllers.split(",")}
 
 
-def _mounts(text: str) -> list[tuple[frozenset[str], str, Path]]:
+def _parse_mounts(text: str) -> list[tuple[frozenset[str], str, Path]]:
     """Options ("cgroup2" for version 2), root within the hierarchy and mount point, from `/proc/self/mountinfo`."""
     found: list[tuple[frozenset[str], str, Path]] = []
     for line in text.splitlines():
@@ -57,7 +57,7 @@ def _mounts(text: str) -> list[tuple[frozenset[str], str, Path]]:
     return found
 
 
-def _folder(group: str, root: str, point: Path) -> Path | None:
+def _locate_group_folder(group: str, root: str, point: Path) -> Path | None:
     """A group's folder under a mount that may show only part of its hierarchy, as in a container."""
     if root != "/" and (group == root or group.startswith(root + "/")):
         group = group[len(root) :]
@@ -65,31 +65,33 @@ def _folder(group: str, root: str, point: Path) -> Path | None:
     return folder if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK) else None
 
 
-def _version_2(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> CgroupHierarchy | None:
+def _find_version_2(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> CgroupHierarchy | None:
     """The own group or, if its processes sit in a leaf, the one above: whichever hands its controllers down.
 
     A group of version 2 cannot hold both processes and controlled groups, hence the leaf (systemd: DelegateSubgroup=).
     """
     for options, root, point in mounts:
-        leaf = _folder(own.get("", ""), root, point) if "cgroup2" in options else None
+        leaf = _locate_group_folder(own.get("", ""), root, point) if "cgroup2" in options else None
         for folder in (leaf, leaf.parent) if leaf is not None and leaf != point else ():
-            handed_down = _words(folder / "cgroup.subtree_control")
+            handed_down = _read_words(folder / "cgroup.subtree_control")
             if os.access(folder, os.W_OK) and set(NEEDED) <= set(handed_down):
                 return CgroupHierarchy(2, {name: folder for name in (*NEEDED, *WANTED) if name in handed_down})
     return None
 
 
-def _version_1(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> CgroupHierarchy | None:
+def _find_version_1(own: Mapping[str, str], mounts: list[tuple[frozenset[str], str, Path]]) -> CgroupHierarchy | None:
     folders: dict[str, Path] = {}
     for name in (*NEEDED, *WANTED):
         for options, root, point in mounts:
-            folder = _folder(own[name], root, point) if name in own and {"cgroup", name} <= options else None
+            folder = (
+                _locate_group_folder(own[name], root, point) if name in own and {"cgroup", name} <= options else None
+            )
             if folder is not None:
                 folders[name] = folder
     return CgroupHierarchy(1, folders) if set(NEEDED) <= set(folders) else None
 
 
-def _words(file: Path) -> list[str]:
+def _read_words(file: Path) -> list[str]:
     try:
         return file.read_text().split()
     except OSError:
@@ -111,9 +113,9 @@ class Cgroup:
         """
         group = Cgroup(hierarchy.version, {key: folder / name for key, folder in hierarchy.folders.items()})
         group.remove(wait_s=1.0)
-        for folder in group._places():
+        for folder in group._group_folders():
             folder.mkdir()
-        for controller, file, value in _settings(hierarchy.version, limits):
+        for controller, file, value in _limit_settings(hierarchy.version, limits):
             path = group.folders.get(controller, Path()) / file
             if controller in group.folders and (path.exists() or file not in OPTIONAL):
                 path.write_text(str(value))
@@ -121,15 +123,15 @@ class Cgroup:
 
     def entries(self) -> tuple[int, ...]:
         """Files, opened: a process that writes "0" into each of them joins. The caller closes them."""
-        return tuple(os.open(folder / "cgroup.procs", os.O_WRONLY | os.O_CLOEXEC) for folder in self._places())
+        return tuple(os.open(folder / "cgroup.procs", os.O_WRONLY | os.O_CLOEXEC) for folder in self._group_folders())
 
     def processes(self) -> set[int]:
         """Who is in it."""
-        return {int(pid) for folder in self._places() for pid in _words(folder / "cgroup.procs")}
+        return {int(pid) for folder in self._group_folders() for pid in _read_words(folder / "cgroup.procs")}
 
     def kill(self) -> None:
         """SIGKILL to everybody in it, once."""
-        for folder in self._places():
+        for folder in self._group_folders():
             with suppress(OSError):
                 (folder / "cgroup.kill").write_text("1")  # version 2 since Linux 5.14
         for pid in self.processes() - {os.getpid()}:
@@ -141,10 +143,10 @@ class Cgroup:
         end = time.monotonic() + wait_s
         while True:
             self.kill()
-            for folder in self._places():
+            for folder in self._group_folders():
                 with suppress(OSError):
                     folder.rmdir()
-            if not any(folder.exists() for folder in self._places()):
+            if not any(folder.exists() for folder in self._group_folders()):
                 return True
             if time.monotonic() > end:
                 return False
@@ -152,23 +154,25 @@ class Cgroup:
 
     def peak_memory_bytes(self) -> int | None:
         """Most memory in use at any time; None where the kernel does not say."""
-        words = _words(self.folders["memory"] / ("memory.peak" if self.version == 2 else "memory.max_usage_in_bytes"))
+        words = _read_words(
+            self.folders["memory"] / ("memory.peak" if self.version == 2 else "memory.max_usage_in_bytes")
+        )
         return int(words[0]) if words else None
 
     def cpu_s(self) -> float | None:
         """CPU time used by all processes [s]; None where the kernel does not say."""
         if self.version == 2:
-            found = _number(self.folders["memory"] / "cpu.stat", "usage_usec")
+            found = _read_number(self.folders["memory"] / "cpu.stat", "usage_usec")
             return None if found is None else found / 1e6
-        words = _words(self.folders["cpuacct"] / "cpuacct.usage") if "cpuacct" in self.folders else []
+        words = _read_words(self.folders["cpuacct"] / "cpuacct.usage") if "cpuacct" in self.folders else []
         return int(words[0]) / 1e9 if words else None
 
     def oom_killed(self) -> bool:
         """Whether the kernel killed a process here for want of memory."""
         file = "memory.events" if self.version == 2 else "memory.oom_control"
-        return bool(_number(self.folders["memory"] / file, "oom_kill"))
+        return bool(_read_number(self.folders["memory"] / file, "oom_kill"))
 
-    def _places(self) -> tuple[Path, ...]:
+    def _group_folders(self) -> tuple[Path, ...]:
         return tuple(dict.fromkeys(self.folders.values()))
 
 
@@ -176,7 +180,7 @@ OPTIONAL = ("memory.swap.max", "memory.memsw.limit_in_bytes")
 """Absent where the kernel does not account swap."""
 
 
-def _settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | str], ...]:
+def _limit_settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | str], ...]:
     """Controller, file and value. One core for a box, whatever the number of its threads."""
     if version == 2:
         return (
@@ -194,7 +198,7 @@ def _settings(version: int, limits: BoxLimits) -> tuple[tuple[str, str, int | st
     )
 
 
-def _number(file: Path, name: str) -> int | None:
+def _read_number(file: Path, name: str) -> int | None:
     """The value of one row of a file of names and numbers."""
-    words = _words(file)
+    words = _read_words(file)
     return int(words[words.index(name) + 1]) if name in words else None

@@ -30,12 +30,14 @@ class BoxPlacement:
 
 def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     """What to start. Raises InputError if the backend cannot be had here."""
-    return {"bubblewrap": _bubblewrapped, "gvisor": _in_gvisor, "none": _bare}[spec.backend](spec, ends, place)
+    return {"bubblewrap": _plan_bubblewrap, "gvisor": _plan_gvisor, "none": _plan_unboxed}[spec.backend](
+        spec, ends, place
+    )
 
 
-def _bubblewrapped(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
-    program = _program("bwrap", "bubblewrap")
-    seen, staged = _staged(bubblewrap.sources(spec))
+def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
+    program = _find_program("bwrap", "bubblewrap")
+    seen, staged = _plan_staging(bubblewrap.sources(spec))
     words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
     descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing)
@@ -44,28 +46,28 @@ def _bubblewrapped(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> Launch
     return LaunchPlan(argv, {}, descriptors, limits, place.entries, place.uid, staged)
 
 
-def _in_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
+def _plan_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     """gVisor's own kernel keeps the limits inside; of the outer ones it bears only the control group."""
-    program, folder = _program("runsc", "gvisor"), place.folder
+    program, folder = _find_program("runsc", "gvisor"), place.folder
     assert folder is not None
-    seen, staged = _staged(bubblewrap.sources(spec))
+    seen, staged = _plan_staging(bubblewrap.sources(spec))
     gvisor.write_bundle(spec, seen, folder, place.uid)
     descriptors = (ends.agent.fileno(), ends.log_writing, ends.log_writing)
     env = {"PATH": os.defpath, "TMPDIR": str(folder)}
     return LaunchPlan(gvisor.command(program, folder), env, descriptors, (), place.entries, place.uid, staged)
 
 
-def _bare(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> LaunchPlan:
+def _plan_unboxed(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> LaunchPlan:
     """No box and no limits: the same program with the paths of the outside."""
-    words = [_outside(word, spec) for word in spec.command]
+    words = [_to_host_path(word, spec) for word in spec.command]
     argv = (shutil.which(words[0]) or words[0], *words[1:])
     values = bubblewrap.ENVIRONMENT | dict(spec.env)
-    env = {name: ":".join(_outside(word, spec) for word in text.split(":")) for name, text in values.items()}
+    env = {name: ":".join(_to_host_path(word, spec) for word in text.split(":")) for name, text in values.items()}
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
-    return LaunchPlan(argv, env, first, (), nice=0, cwd=_outside(bubblewrap.working_folder(spec), spec))
+    return LaunchPlan(argv, env, first, (), nice=0, cwd=_to_host_path(bubblewrap.working_folder(spec), spec))
 
 
-def _staged(seen: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[tuple[Path, str], ...]]:
+def _plan_staging(seen: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[tuple[Path, str], ...]]:
     """What the box sees where, and what is bound below `STAGE` for that, while still root."""
     if not may_mount():
         return dict(seen), ()
@@ -80,14 +82,14 @@ def may_mount() -> bool:
     return os.geteuid() == 0 and bool(int(rows["CapEff"], 16) & CAP_SYS_ADMIN)
 
 
-def _program(name: str, backend: str) -> str:
+def _find_program(name: str, backend: str) -> str:
     found = shutil.which(name)
     if found is None:
         raise InputError(f"sandbox: the backend {backend} needs the program {name}, which is not installed here")
     return found
 
 
-def _outside(word: str, spec: BoxSpec) -> str:
+def _to_host_path(word: str, spec: BoxSpec) -> str:
     """A path of the box as it is without one; other words stay."""
     for outer, inner in sorted(spec.readonly.items(), key=lambda row: -len(row[1])):
         if word == inner or word.startswith(inner + "/"):

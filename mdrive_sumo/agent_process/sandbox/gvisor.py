@@ -23,7 +23,7 @@ SHIM = ("/bin/sh", "-c", f'printf {BEGUN.decode()} >&0; exec 3<&0 0</dev/null 1>
 byte says that the program begins: runsc's own failures would else pass for the program's."""
 
 
-def with_its_own(limits: BoxLimits) -> BoxLimits:
+def add_own_use(limits: BoxLimits) -> BoxLimits:
     """Limits for the control group of a box."""
     processes, memory = limits.processes + OWN_THREADS, limits.memory_bytes + OWN_MEMORY_BYTES
     return replace(limits, processes=processes, memory_bytes=memory)
@@ -43,10 +43,10 @@ def write_bundle(spec: BoxSpec, seen: dict[str, Path], folder: Path, uid: int | 
     root, originals = folder / "bundle" / "rootfs", sources(spec)
     for path in (folder / "state", root, root / "proc", root / "dev", root / "tmp"):
         path.mkdir(parents=True, exist_ok=True)
-    mounts = [_mount("/proc", "proc", "proc", "nosuid", "nodev", "noexec")]
-    mounts.append(_mount("/dev", "tmpfs", "tmpfs", "nosuid"))  # read-only, even /dev/null could not be written to
+    mounts = [_make_mount("/proc", "proc", "proc", "nosuid", "nodev", "noexec")]
+    mounts.append(_make_mount("/dev", "tmpfs", "tmpfs", "nosuid"))  # read-only, even /dev/null could not be written to
     for inner in ("/tmp", "/dev/shm"):
-        mounts.append(_mount(inner, "tmpfs", "tmpfs", "nosuid", "nodev", f"size={spec.limits.tmp_bytes}"))
+        mounts.append(_make_mount(inner, "tmpfs", "tmpfs", "nosuid", "nodev", f"size={spec.limits.tmp_bytes}"))
     for inner, outer in sorted(seen.items()):
         place = root / inner.lstrip("/")
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -54,14 +54,14 @@ def write_bundle(spec: BoxSpec, seen: dict[str, Path], folder: Path, uid: int | 
             place.symlink_to(outer.readlink())
             continue
         place.touch() if originals[inner].is_file() else place.mkdir(exist_ok=True)
-        mounts.append(_mount(inner, str(outer), "bind", "rbind", "ro", "nosuid", "nodev"))
-    (folder / "bundle" / "config.json").write_text(json.dumps(_config(spec, mounts)))
+        mounts.append(_make_mount(inner, str(outer), "bind", "rbind", "ro", "nosuid", "nodev"))
+    (folder / "bundle" / "config.json").write_text(json.dumps(_make_config(spec, mounts)))
     if uid is not None:
         for path in (folder, *folder.rglob("*")):
             os.chown(path, uid, uid, follow_symlinks=False)
 
 
-def _config(spec: BoxSpec, mounts: list[dict[str, Any]]) -> dict[str, Any]:
+def _make_config(spec: BoxSpec, mounts: list[dict[str, Any]]) -> dict[str, Any]:
     limits = spec.limits
     rlimits = {
         "RLIMIT_AS": limits.memory_bytes,
@@ -91,5 +91,5 @@ def _config(spec: BoxSpec, mounts: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _mount(inner: str, source: str, kind: str, *options: str) -> dict[str, Any]:
+def _make_mount(inner: str, source: str, kind: str, *options: str) -> dict[str, Any]:
     return {"destination": inner, "source": source, "type": kind, "options": list(options)}

@@ -60,7 +60,7 @@ def start(launch: LaunchPlan) -> int:
         warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of any fork beside threads
         pid = os.fork()
     if pid == 0:
-        _become(launch, writing)
+        _exec(launch, writing)
     os.close(writing)
     with os.fdopen(reading, "rb") as pipe:
         problem = pipe.read().decode(errors="replace")
@@ -77,7 +77,7 @@ def _make_stage() -> None:
         raise BoxError(f"sandbox: the mount point {STAGE} cannot be made: {error}") from error
 
 
-def _become(launch: LaunchPlan, report: int) -> Never:
+def _exec(launch: LaunchPlan, report: int) -> Never:
     """In the child: ends in `exec`, or tells the parent why not."""
     parent = os.getppid()
     step = "leave the session"
@@ -87,11 +87,11 @@ def _become(launch: LaunchPlan, report: int) -> Never:
         for fd in launch.join:
             os.write(fd, b"0")
         step = "bind what the box sees"
-        _stage(launch.staged)
+        _mount_staged(launch.staged)
         step = "take the descriptors"
-        report = _take(launch.descriptors, report)
+        report = _move_descriptors(launch.descriptors, report)
         step = "set limits and drop rights"
-        _drop(launch, parent)
+        _drop_privileges(launch, parent)
         step = "execute"
         os.execve(launch.argv[0], launch.argv, dict(launch.env))
     except OSError as error:
@@ -100,7 +100,7 @@ def _become(launch: LaunchPlan, report: int) -> Never:
         os._exit(FAILED)
 
 
-def _take(descriptors: tuple[int, ...], report: int) -> int:
+def _move_descriptors(descriptors: tuple[int, ...], report: int) -> int:
     """Numbers the descriptors from 0 and closes the rest; returns the new number of `report`."""
     moved = [fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64) for fd in descriptors]
     report = fcntl.fcntl(report, fcntl.F_DUPFD_CLOEXEC, 64 + len(moved))
@@ -111,7 +111,7 @@ def _take(descriptors: tuple[int, ...], report: int) -> int:
     return report
 
 
-def _drop(launch: LaunchPlan, parent: int) -> None:
+def _drop_privileges(launch: LaunchPlan, parent: int) -> None:
     for which, soft, hard in launch.rlimits:
         resource.setrlimit(which, (soft, hard))
     os.nice(launch.nice)
@@ -120,7 +120,7 @@ def _drop(launch: LaunchPlan, parent: int) -> None:
         os.setgroups([])
         os.setresgid(launch.uid, launch.uid, launch.uid)
         os.setresuid(launch.uid, launch.uid, launch.uid)
-    _checked(LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0))  # after the uid, whose change clears it
+    _check_result(LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0))  # after the uid, whose change clears it
     if os.getppid() != parent:
         raise OSError("the evaluator ended meanwhile")
     for number in (signal.SIGPIPE, signal.SIGXFSZ):
@@ -128,11 +128,11 @@ def _drop(launch: LaunchPlan, parent: int) -> None:
     signal.pthread_sigmask(signal.SIG_SETMASK, [])
 
 
-def _stage(staged: tuple[tuple[Path, str], ...]) -> None:
+def _mount_staged(staged: tuple[tuple[Path, str], ...]) -> None:
     """Binds the paths where only this process sees them."""
     if not staged:
         return
-    _checked(LIBC.unshare(CLONE_NEWNS))
+    _check_result(LIBC.unshare(CLONE_NEWNS))
     _mount("none", "/", None, MS_REC | MS_PRIVATE)
     _mount("tmpfs", str(STAGE), "tmpfs", MS_NOSUID | MS_NODEV)
     os.chmod(STAGE, 0o755)  # noqa: PTH101 (no more Python than needed between fork and exec)
@@ -147,10 +147,10 @@ def _stage(staged: tuple[tuple[Path, str], ...]) -> None:
 
 def _mount(source: str, target: str, kind: str | None, flags: int) -> None:
     kind_bytes = None if kind is None else kind.encode()
-    _checked(LIBC.mount(os.fsencode(source), os.fsencode(target), kind_bytes, ctypes.c_ulong(flags), None))
+    _check_result(LIBC.mount(os.fsencode(source), os.fsencode(target), kind_bytes, ctypes.c_ulong(flags), None))
 
 
-def _checked(result: int) -> None:
+def _check_result(result: int) -> None:
     if result != 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))

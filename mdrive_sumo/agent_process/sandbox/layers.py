@@ -66,29 +66,35 @@ def examine_layers(backend: str = "bubblewrap") -> tuple[SandboxLayer, ...]:
     try:
         box = opened(BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits, backend=backend))
     except (InputError, WorldError) as error:
-        return _nothing(str(error))
+        return _make_missing_layers(str(error))
     with box:
         box.ready(WAIT_S)
-        outside = _rows(Path(f"/proc/{box.pid}/status").read_text().replace("\t", " "))
+        outside = _parse_rows(Path(f"/proc/{box.pid}/status").read_text().replace("\t", " "))
         told = box.log().decode(errors="replace")
         try:
             box.close()
         except WorldError as error:
-            return _nothing(str(error))
-    seen = _rows(told)
-    return (*_around(seen, backend), _uid(outside), _grouped(), _limited(seen, limits), *_optional())
+            return _make_missing_layers(str(error))
+    seen = _parse_rows(told)
+    return (
+        *_examine_all(seen, backend),
+        _examine_uid(outside),
+        _examine_cgroup(),
+        _examine_rlimits(seen, limits),
+        *_examine_optional(),
+    )
 
 
-def _rows(text: str) -> dict[str, str]:
+def _parse_rows(text: str) -> dict[str, str]:
     return dict(line.split(" ", 1) for line in text.splitlines() if " " in line)
 
 
-def _nothing(problem: str) -> tuple[SandboxLayer, ...]:
+def _make_missing_layers(problem: str) -> tuple[SandboxLayer, ...]:
     """No box, no layers."""
-    return (*(SandboxLayer(name, False, problem) for name in LAYERS), *_optional())
+    return (*(SandboxLayer(name, False, problem) for name in LAYERS), *_examine_optional())
 
 
-def _around(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, ...]:
+def _examine_all(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, ...]:
     """gVisor's kernel shows nothing of the host's, so that it is another one is all that can be seen of its walls."""
     host = Path("/proc/version").read_text().strip()
     walled = backend == "gvisor" and seen.get("kernel", host) != host
@@ -103,34 +109,34 @@ def _around(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, ...]:
         SandboxLayer("namespaces", walled or not shared, how),
         SandboxLayer("read-only", root == "read-only", f"root of the box is {root}, temporary folders are sized"),
         SandboxLayer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
-        SandboxLayer("seccomp", filtered, _filter(walled) if filtered else "no filter in force"),
+        SandboxLayer("seccomp", filtered, _describe_filter(walled) if filtered else "no filter in force"),
     )
 
 
-def _filter(walled: bool) -> str:
+def _describe_filter(walled: bool) -> str:
     return "system calls end in gVisor's own kernel" if walled else "filter of system calls"
 
 
-def _uid(outside: Mapping[str, str]) -> SandboxLayer:
+def _examine_uid(outside: Mapping[str, str]) -> SandboxLayer:
     found = outside.get("Uid:", "").partition(" ")[0]
     own = found.isdigit() and int(found) >= FIRST_UID and os.geteuid() == 0
     how = f"{FIRST_UID} + slot" if own else "all boxes run as the user who starts them; only root can change that"
     return SandboxLayer("uid", own, how)
 
 
-def _grouped() -> SandboxLayer:
+def _examine_cgroup() -> SandboxLayer:
     hierarchy = cgroups.find_hierarchy()
     why_not = "none writable with memory and pids: memory is limited for each process only, not for all together"
     return SandboxLayer("cgroup", hierarchy is not None, hierarchy.describe() if hierarchy else why_not)
 
 
-def _limited(seen: Mapping[str, str], limits: BoxLimits) -> SandboxLayer:
+def _examine_rlimits(seen: Mapping[str, str], limits: BoxLimits) -> SandboxLayer:
     found = seen.get("open-files", "")
     how = "processes, CPU time, file size, open files, no core files"
     return SandboxLayer("rlimits", found == str(limits.open_files), how)
 
 
-def _optional() -> tuple[SandboxLayer, ...]:
+def _examine_optional() -> tuple[SandboxLayer, ...]:
     runsc = shutil.which("runsc")
     gvisor = SandboxLayer("gvisor", runsc is not None, runsc or "optional; runsc is not installed")
     rootfs = SandboxLayer("rootfs", Path("/usr").is_dir(), "the host's /usr, or an unpacked image where one is named")

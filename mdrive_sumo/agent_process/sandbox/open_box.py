@@ -36,38 +36,38 @@ def opened(spec: BoxSpec) -> Box:
     with ExitStack() as undo:
         slot = take(spec.slot)
         undo.callback(slot.release, clean=True)
-        group = _group(spec, slot)
+        group = _make_group(spec, slot)
         if group is not None:
             undo.callback(group.remove, 1.0)
         folder = Path(tempfile.mkdtemp(prefix="mdrive-box-")) if spec.backend == "gvisor" else None
         if folder is not None:
             undo.callback(shutil.rmtree, folder, ignore_errors=True)
-        box = _started(spec, slot, group, folder)
+        box = _start(spec, slot, group, folder)
         undo.pop_all()
     if spec.backend == "gvisor":
-        _await_begin(box)
+        _wait_for_begin(box)
     return box
 
 
-def _await_begin(box: Box) -> None:
+def _wait_for_begin(box: Box) -> None:
     """Until gVisor has started the program, which may take seconds."""
     if not box.ready(GVISOR_START_S) or box.socket.recv(1) != gvisor.BEGUN:
         box.close()
         raise BoxError(f"sandbox: gVisor did not start: {box.log().decode(errors='replace').strip()}")
 
 
-def _group(spec: BoxSpec, slot: UserSlot) -> cgroups.Cgroup | None:
+def _make_group(spec: BoxSpec, slot: UserSlot) -> cgroups.Cgroup | None:
     hierarchy = None if spec.backend == "none" else cgroups.find_hierarchy()
     if hierarchy is None:
         return None
-    limits = gvisor.with_its_own(spec.limits) if spec.backend == "gvisor" else spec.limits
+    limits = gvisor.add_own_use(spec.limits) if spec.backend == "gvisor" else spec.limits
     try:
         return cgroups.Cgroup.make(hierarchy, f"mdrive-box-{slot.number}", limits)
     except OSError as error:
         raise BoxError(f"sandbox: no control group for slot {slot.number}: {error}") from error
 
 
-def _started(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: Path | None) -> Box:
+def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: Path | None) -> Box:
     ends = PipeEnds.make()
     with ends.theirs, ends.undo:
         entries = () if group is None else group.entries()

@@ -32,10 +32,10 @@ def rlimits(limits: BoxLimits, own_uid: bool, grouped: bool) -> tuple[tuple[int,
     ]
     if not grouped:
         rows.append((resource.RLIMIT_AS, limits.memory_bytes, limits.memory_bytes))
-    return tuple((which, _below(which, soft), _below(which, hard)) for which, soft, hard in rows)
+    return tuple((which, _cap(which, soft), _cap(which, hard)) for which, soft, hard in rows)
 
 
-def _below(which: int, value: int) -> int:
+def _cap(which: int, value: int) -> int:
     """A plain user cannot raise a limit that is lower already."""
     hard = resource.getrlimit(which)[1]
     return value if hard == resource.RLIM_INFINITY or os.geteuid() == 0 else min(value, hard)

@@ -76,7 +76,7 @@ def read(observation: Observation, **declared: object) -> object:
 
 def test_the_world_is_mirrored_north_is_minus_y_and_yaw_is_clockwise() -> None:
     there = briefing(np.array([(3.0, 4.0), (3.0, 5.0)]), np.array([math.pi / 2] * 2))
-    first = carla_adapter.transforms(there)[0]
+    first = carla_adapter.make_transforms(there)[0]
     assert (first.location, first.rotation.yaw) == (Location(3.0, -4.0, 0.0), pytest.approx(-90.0))
     ahead = first.get_forward_vector()
     assert (ahead.x, ahead.y) == (pytest.approx(0.0, abs=1e-12), pytest.approx(-1.0))
@@ -187,7 +187,7 @@ def test_sensors_that_do_not_exist_keep_their_name_and_several_receivers_are_one
     [(math.pi / 2, RoadOption.LEFT), (-math.pi / 2, RoadOption.RIGHT), (math.radians(30), None), (0.0, None)],
 )
 def test_bends_are_turns_and_the_rest_follows_its_lane(turn: float, option: RoadOption | None) -> None:
-    found = carla_adapter.options(arc(turn))
+    found = carla_adapter.find_road_options(arc(turn))
     assert set(found) == {RoadOption.LANEFOLLOW} | ({option} if option else set())
     assert found[0] == found[-1] == RoadOption.LANEFOLLOW
     if option:
@@ -198,7 +198,7 @@ def test_bends_are_turns_and_the_rest_follows_its_lane(turn: float, option: Road
 def test_a_route_that_leaves_its_lane_changes_lanes(side: int, option: RoadOption) -> None:
     x = np.arange(60.0)
     y = side * 3.5 * np.clip((x - 20) / 20, 0, 1)
-    found = carla_adapter.options(briefing(np.column_stack((x, y)), np.zeros(60)))
+    found = carla_adapter.find_road_options(briefing(np.column_stack((x, y)), np.zeros(60)))
     assert set(found) == {RoadOption.LANEFOLLOW, option}
     assert found[30] is option and found[10] is found[50] is RoadOption.LANEFOLLOW
 
@@ -242,7 +242,7 @@ def no_names() -> Iterator[None]:
 
 @pytest.mark.usefixtures("no_names")
 def test_the_names_can_be_imported_once_they_are_installed() -> None:
-    carla_stubs.install()
+    carla_stubs.install_stubs()
     import carla  # type: ignore[import-not-found]
     from agents.navigation.local_planner import RoadOption as Option  # type: ignore[import-not-found]
     from leaderboard.autoagents import autonomous_agent  # type: ignore[import-not-found]

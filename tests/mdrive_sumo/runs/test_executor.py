@@ -156,7 +156,7 @@ def test_a_hung_and_an_ended_job_of_a_cluster_are_killed(
 
 @pytest.mark.slow
 def test_other_code_is_refused(fakes: ModuleType, two_workers: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mdrive_sumo.runs.dask_executor._state_of_code", lambda: {"code": "sha256:other"})
+    monkeypatch.setattr("mdrive_sumo.runs.dask_executor._read_code_state", lambda: {"code": "sha256:other"})
     with opened(fakes, two_workers.address) as dask:
         [(_, outcome)] = run_jobs(dask, [fakes.Task("x")])
     assert outcome.kind is FailureKind.INPUT
