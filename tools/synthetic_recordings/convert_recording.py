@@ -134,7 +134,7 @@ def _examine(task: RecordingTask) -> ScenarioValidation:
     save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
     if not (alone / NETWORKS).exists():
         (alone / NETWORKS).symlink_to((task.suite / NETWORKS).resolve())
-    return validate_scenario(ValidationTask(str(alone), task.name))
+    return validate_scenario(ValidationTask(alone, task.name))
 
 
 def _redirect_stdout() -> None:

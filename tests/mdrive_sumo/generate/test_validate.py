@@ -137,7 +137,7 @@ def suite_of(folder: Path, *scenarios: Scenario, parts: tuple[str, ...] = ()) ->
 def examined(folder: Path, **changes: object) -> ScenarioValidation:
     """What is found in a scenario of ours with changes."""
     suite = suite_of(folder / "changed", ours(TOWN).model_copy(update=changes))
-    return validate_scenario(ValidationTask(str(suite.folder), TOWN))
+    return validate_scenario(ValidationTask(suite.folder, TOWN))
 
 
 def test_a_route_that_does_not_connect_is_told(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_a_lane_change_begins_where_the_recipe_says(street: RoadMap) -> None:
 
 
 def examined(suite: Suite, scenario: str) -> validation.ScenarioValidation:
-    return validation.validate_scenario(validation.ValidationTask(str(suite.folder), scenario))
+    return validation.validate_scenario(validation.ValidationTask(suite.folder, scenario))
 
 
 def test_a_conflict_is_found_difficult_solvable_and_hidden(suite: Suite) -> None:
