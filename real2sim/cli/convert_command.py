@@ -75,12 +75,12 @@ convert.add_command(opendrive)
 @click.pass_context
 def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
     """Convert V2XPnP scenarios: folders of agent folders with YAML frames, or folders with such in them."""
-    ask = LogCliOptions(**options)
+    cli_options = LogCliOptions(**options)
     if not maps:
         raise InputError("v2xpnp: expected the vector map, found no --map")
     names = tuple(agents.split(",")) if agents else None
-    paths = find_logs(ask.paths, is_v2xpnp_folder, "numbered agent folders")
-    run_conversion(ctx, [LogSource("v2xpnp", path, maps, names, ask.window) for path in paths], ask)
+    paths = find_logs(cli_options.paths, is_v2xpnp_folder, "numbered agent folders")
+    run_conversion(ctx, [LogSource("v2xpnp", path, maps, names, cli_options.window) for path in paths], cli_options)
 
 
 @convert.command()
@@ -88,9 +88,9 @@ def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opt
 @click.pass_context
 def scenarionet(ctx: click.Context, **options: Any) -> None:
     """Convert ScenarioNet descriptions (nuScenes, Waymo, nuPlan): pickles, or folders of them."""
-    ask = LogCliOptions(**options)
-    paths = find_logs(ask.paths, match_file("*.pkl"), "*.pkl")
-    run_conversion(ctx, [LogSource("scenarionet", path, window=ask.window) for path in paths], ask)
+    cli_options = LogCliOptions(**options)
+    paths = find_logs(cli_options.paths, match_file("*.pkl"), "*.pkl")
+    run_conversion(ctx, [LogSource("scenarionet", path, window=cli_options.window) for path in paths], cli_options)
 
 
 @convert.command()
@@ -98,9 +98,9 @@ def scenarionet(ctx: click.Context, **options: Any) -> None:
 @click.pass_context
 def commonroad(ctx: click.Context, **options: Any) -> None:
     """Convert CommonRoad scenarios: XML files, or folders of them."""
-    ask = LogCliOptions(**options)
-    paths = find_logs(ask.paths, match_file("*.xml"), "*.xml")
-    run_conversion(ctx, [LogSource("commonroad", path, window=ask.window) for path in paths], ask)
+    cli_options = LogCliOptions(**options)
+    paths = find_logs(cli_options.paths, match_file("*.xml"), "*.xml")
+    run_conversion(ctx, [LogSource("commonroad", path, window=cli_options.window) for path in paths], cli_options)
 
 
 @convert.command()
@@ -108,9 +108,9 @@ def commonroad(ctx: click.Context, **options: Any) -> None:
 @click.pass_context
 def argoverse2(ctx: click.Context, **options: Any) -> None:
     """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
-    ask = LogCliOptions(**options)
-    paths = find_logs(ask.paths, match_folder("*.parquet", "*.feather"), "*.parquet or *.feather")
-    run_conversion(ctx, [LogSource("argoverse2", path, window=ask.window) for path in paths], ask)
+    cli_options = LogCliOptions(**options)
+    paths = find_logs(cli_options.paths, match_folder("*.parquet", "*.feather"), "*.parquet or *.feather")
+    run_conversion(ctx, [LogSource("argoverse2", path, window=cli_options.window) for path in paths], cli_options)
 
 
 @convert.command()
@@ -122,7 +122,9 @@ def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
 
     The logs last minutes: choose a part with --window, or cut them with --every.
     """
-    ask = LogCliOptions(**options)
+    cli_options = LogCliOptions(**options)
     maps = (osm,) if osm else ()
-    paths = find_logs(ask.paths, match_file("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
-    run_conversion(ctx, [LogSource("interaction", path, maps, window=ask.window) for path in paths], ask)
+    paths = find_logs(cli_options.paths, match_file("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
+    run_conversion(
+        ctx, [LogSource("interaction", path, maps, window=cli_options.window) for path in paths], cli_options
+    )

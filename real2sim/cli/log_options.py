@@ -106,14 +106,20 @@ class LogCliOptions:
     workers: int
 
 
-def run_conversion(ctx: click.Context, logs: Sequence[LogSource], ask: LogCliOptions) -> None:
+def run_conversion(ctx: click.Context, logs: Sequence[LogSource], cli_options: LogCliOptions) -> None:
     """Convert the logs, print the results and exit with the exit code."""
     from real2sim.pipeline.batch import BatchOptions, convert_logs
     from real2sim.pipeline.scenario_builder import ConversionOptions
 
-    order = BatchOptions(ConversionOptions(ask.traffic, ask.cavs), ask.report, ask.every_s, ask.workers, show_progress)
-    batch = convert_logs(logs, ask.out, build_suite_file(ask.out, ask.name), order)
-    click.echo(format_batch(batch, ask))
+    order = BatchOptions(
+        ConversionOptions(cli_options.traffic, cli_options.cavs),
+        cli_options.report,
+        cli_options.every_s,
+        cli_options.workers,
+        show_progress,
+    )
+    batch = convert_logs(logs, cli_options.out, build_suite_file(cli_options.out, cli_options.name), order)
+    click.echo(format_batch(batch, cli_options))
     for sentence in batch.refused:
         click.echo(f"Error: {sentence}", err=True)
     ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
@@ -129,7 +135,7 @@ def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
     return SuiteFile(name=wanted, title=wanted, description="Converted from logs by mdrive-sumo convert.")
 
 
-def format_batch(batch: "BatchResult", ask: LogCliOptions) -> str:
+def format_batch(batch: "BatchResult", cli_options: LogCliOptions) -> str:
     """Format what was written, and which targets are missed."""
 
     lines = [f"{outcome.id}: {miss}" for outcome in batch.below_target for miss in outcome.misses]
@@ -138,9 +144,12 @@ def format_batch(batch: "BatchResult", ask: LogCliOptions) -> str:
         f"{passed} of {converted} scenarios meet every target"
         + f"; {len(batch.refused)} {'log' if len(batch.refused) == 1 else 'logs'} unusable" * bool(batch.refused)
     )
-    if ask.report:
-        lines.append(f"Report: {ask.out / 'conversion.html'}")
-    lines += [f"Figures: mdrive-sumo convert --summary {ask.out}", f"Run it: mdrive-sumo eval --suite {ask.out}"]
+    if cli_options.report:
+        lines.append(f"Report: {cli_options.out / 'conversion.html'}")
+    lines += [
+        f"Figures: mdrive-sumo convert --summary {cli_options.out}",
+        f"Run it: mdrive-sumo eval --suite {cli_options.out}",
+    ]
     return "\n".join(lines)
 
 

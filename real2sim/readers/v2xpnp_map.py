@@ -80,19 +80,19 @@ def read_vector_map(path: Path) -> tuple[HdMap, tuple[str, ...]]:
     if not _is_instance(root, "Map"):
         raise InputError(f"{path}: expected a pickled Map of {MODULE}, found {type(root).__name__}")
     features = _parse_list(f"{path}: map_features", root.fields.get("map_features"))
-    passed: Counter[str] = Counter()
+    skipped_counts: Counter[str] = Counter()
     lanes: dict[str, MapLane] = {}
-    for lane in _build_lanes(path, features, passed):
-        passed["lanes with the id of another one"] += lane.id in lanes
+    for lane in _build_lanes(path, features, skipped_counts):
+        skipped_counts["lanes with the id of another one"] += lane.id in lanes
         lanes.setdefault(lane.id, lane)
     if not lanes:
         raise InputError(f"{path}: expected lanes, found none among {len(features)} map features")
-    found = HdMap(
+    hd_map = HdMap(
         lanes=lanes,
-        crosswalks=tuple(_build_crosswalks(path, features, passed)),
-        signals=_build_signals(path, root.fields.get("dynamic_states"), features, passed),
+        crosswalks=tuple(_build_crosswalks(path, features, skipped_counts)),
+        signals=_build_signals(path, root.fields.get("dynamic_states"), features, skipped_counts),
     )
-    return found, tuple(f"{path.name}: skipped {count} {what}" for what, count in sorted((+passed).items()))
+    return hd_map, tuple(f"{path.name}: skipped {count} {what}" for what, count in sorted((+skipped_counts).items()))
 
 
 def _is_instance(value: object, name: str) -> bool:
@@ -132,7 +132,7 @@ def _parse_lane_id(path: Path, fields: Mapping[Any, Any]) -> tuple[int, int]:
     return road, lane
 
 
-def _build_lanes(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[MapLane]:
+def _build_lanes(path: Path, features: list[Any], skipped_counts: Counter[str]) -> Iterator[MapLane]:
     for feature in features:
         if not _is_instance(feature, "Lane"):
             continue
@@ -141,7 +141,7 @@ def _build_lanes(path: Path, features: list[Any], passed: Counter[str]) -> Itera
         centre = _parse_map_points(f"{where}: polyline", feature.fields.get("polyline"))
         kind = LANE_KINDS.get(_parse_integer(f"{where}: type", feature.fields.get("type")))
         if len(centre) < 2 or kind is None:
-            passed["lanes of unknown type" if kind is None else "lanes with less than 2 points"] += 1
+            skipped_counts["lanes of unknown type" if kind is None else "lanes with less than 2 points"] += 1
             continue
         left, right = _split_boundary(centre, _parse_map_points(f"{where}: boundary", feature.fields.get("boundary")))
         yield MapLane(
@@ -174,17 +174,19 @@ def _split_boundary(centre: Float, boundary: Float) -> tuple[Float, Float]:
     return left if len(left) > 1 else left[:0], right if len(right) > 1 else right[:0]
 
 
-def _build_crosswalks(path: Path, features: list[Any], passed: Counter[str]) -> Iterator[Float]:
+def _build_crosswalks(path: Path, features: list[Any], skipped_counts: Counter[str]) -> Iterator[Float]:
     for number, feature in enumerate(features):
         if _is_instance(feature, "Crosswalk"):
             polygon = _parse_map_points(f"{path}: crosswalk {number}: polygon", feature.fields.get("polygon"))
             if len(polygon) > 2:
                 yield polygon
             else:
-                passed["crosswalks with less than 3 points"] += 1
+                skipped_counts["crosswalks with less than 3 points"] += 1
 
 
-def _build_signals(path: Path, states: Any, features: list[Any], passed: Counter[str]) -> Mapping[str, tuple[str, ...]]:
+def _build_signals(
+    path: Path, states: Any, features: list[Any], skipped_counts: Counter[str]
+) -> Mapping[str, tuple[str, ...]]:
     """Return one traffic light per lane with any state; the format refers to lanes by list index."""
     signals: dict[str, tuple[str, ...]] = {}
     for state in _parse_list(f"{path}: dynamic_states", states):
@@ -195,5 +197,5 @@ def _build_signals(path: Path, states: Any, features: list[Any], passed: Counter
                 name = "{}_{}".format(*_parse_lane_id(path, feature.fields))
                 signals[name] = (name,)
             else:
-                passed["signal states of unknown lanes"] += 1
+                skipped_counts["signal states of unknown lanes"] += 1
     return signals

@@ -8,10 +8,11 @@ from testing.log_faults import PLANTS, planted
 from testing.log_truth import observed, truth
 from testing.map_faults import all_links, as_map
 from testing.map_faults import plant as plant_in_map
+from testing.network_samples import undirected
 
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from tests.real2sim.clean.test_clean_faults import SHARE, rates
-from tests.real2sim.network.test_netbuild import repair, undirected
+from tests.real2sim.network.test_lane_directions import repair
 
 SEEDS = range(1000, 1200)
 

@@ -1,4 +1,4 @@
-"""Maps of logs as networks: directions, links, edges, junctions and what is measured of them."""
+"""Networks built from maps: shapes, links, junctions, signs, widths and bytes."""
 
 import subprocess
 from dataclasses import replace
@@ -8,45 +8,20 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapely
-from testing.map_faults import all_links, as_map, drive, lane, lanes_map, plant
+from testing.map_faults import as_map, drive, lane, lanes_map, plant
+from testing.network_samples import EAST, built, moved, on_lane, undirected
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
+from mdrive_sumo.core.geometry import Polyline
+from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.network import NetworkReport, build_network
-from real2sim.network.lane_directions import reverse_lane, vote_directions
-from real2sim.network.lane_links import rebuild_links
-from real2sim.network.lane_segment import LaneSegment
+from real2sim.network import build_network
 from real2sim.network.map_measurements import measure_line_distances
-
-EAST = np.column_stack((np.arange(0.0, 101.0, 5.0), np.zeros(21)))
-
-
-def moved(line: Float, x: float = 0.0, y: float = 0.0) -> Float:
-    return line + np.array((x, y))
-
-
-def built(tmp_path: Path, hd_map: HdMap, *motions: Float) -> tuple[NetworkReport, RoadMap]:
-    report = build_network(hd_map, motions, tmp_path / "net", "test")
-    return report, load_road_map(tmp_path / "net")
-
-
-def undirected(hd_map: HdMap) -> HdMap:
-    return replace(hd_map, lanes={id_: replace(one, directed=False) for id_, one in hd_map.lanes.items()})
-
-
-def on_lane(roads: RoadMap, x: float, y: float) -> str:
-    near = roads.find_nearest_lanes(np.array([[x, y]]))
-    assert near.distance[0] < 0.1
-    return roads.driving[int(near.lane[0])].id
 
 
 # --- geometry of the result ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", sorted(list_packaged_networks()))
 def test_a_network_made_a_map_and_built_again_is_the_same(name: str, tmp_path: Path) -> None:
     source = load_road_map(list_packaged_networks()[name])
@@ -89,86 +64,6 @@ def test_fit_is_the_distance_to_lines_of_the_same_direction() -> None:
     assert measure_line_distances([line], [Polyline(EAST[::-1]), Polyline(moved(EAST, y=7.0))]) == pytest.approx(7.0)
 
 
-# --- direction ----------------------------------------------------------------------------------------------------
-
-
-def test_observed_motion_turns_a_lane_round(tmp_path: Path) -> None:
-    west = drive(EAST[::-1])
-    report, roads = built(tmp_path, lanes_map(lane("a", EAST, directed=False)), west)
-    assert report.directions.inverted == ("a",)
-    assert report.directions.undecided == ()
-    assert roads.lanes["ea_0"].centre.yaw_at(50.0) == pytest.approx(np.pi)
-
-
-@pytest.mark.parametrize(
-    "motion",
-    [
-        pytest.param(drive(EAST[::-1])[:9], id="too few samples"),
-        pytest.param(np.concatenate((drive(EAST[::-1])[:60], drive(EAST)[:40])), id="no agreement"),
-        pytest.param(drive(EAST[::-1], speed=1.0), id="steps too short"),
-        pytest.param(drive(moved(EAST[::-1], y=3.5)), id="too far away"),
-        pytest.param(drive(np.array([(50.0, -60.0), (50.0, 60.0)])), id="across"),
-    ],
-)
-def test_weak_evidence_decides_nothing_and_is_reported(motion: Float) -> None:
-    found = vote_directions({"a": lane("a", EAST, directed=False)}, [motion])
-    assert (found.inverted, found.undecided) == ((), ("a",))
-
-
-def test_a_wrong_way_driver_does_not_turn_a_directed_lane() -> None:
-    lanes = {"a": lane("a", EAST, ("b",)), "b": lane("b", moved(EAST, x=100.0))}
-    assert vote_directions(lanes, [drive(moved(EAST, x=100.0)[::-1]), drive(EAST[::-1])]).inverted == ()
-
-
-def test_a_turned_lane_has_its_sides_changed_over() -> None:
-    one = reverse_lane(lane("a", EAST, left=moved(EAST, y=2.0), right=moved(EAST, y=-2.0), left_neighbour="b"))
-    assert one.centre[0] == pytest.approx((100.0, 0.0))
-    assert one.left[0] == pytest.approx((100.0, -2.0))
-    assert (one.left_neighbour, one.right_neighbour) == ("", "b")
-
-
-def test_an_undecided_lane_takes_the_direction_of_its_neighbour() -> None:
-    lanes = {
-        "seen": lane("seen", EAST, directed=False, group="road"),
-        "beside": lane("beside", moved(EAST, y=3.5), directed=False, group="road"),
-        "elsewhere": lane("elsewhere", moved(EAST, y=90.0), directed=False, group="other"),
-    }
-    found = vote_directions(lanes, [drive(EAST[::-1])])
-    assert found.inverted == ("seen", "beside")
-    assert found.undecided == ("elsewhere",)
-
-
-# --- planted faults -----------------------------------------------------------------------------------------------
-
-
-def repair(hd_map: HdMap) -> tuple[set[str], set[tuple[str, str]]]:
-    """Lanes that were turned round and links that were added, without compiling."""
-    inverted = set(vote_directions(hd_map.lanes, []).inverted)
-    lanes = {id_: reverse_lane(one) if id_ in inverted else one for id_, one in hd_map.lanes.items()}
-    strips = {
-        id_: LaneSegment(id_, id_, Polyline(one.centre), 3.5, 13.9, one.kind, one.junction)
-        for id_, one in lanes.items()
-    }
-    return inverted, set(rebuild_links(strips, all_links(lanes)).added)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.25])
-def test_reversed_lanes_and_missing_links_are_repaired(share: float) -> None:
-    rng = np.random.default_rng(4)
-    planted = repaired = wrong = 0
-    for folder in list_packaged_networks().values():
-        clean = undirected(as_map(load_road_map(folder)))
-        for _ in range(4):
-            faulty = plant(clean, rng, share, share)
-            inverted, added = repair(faulty.map)
-            planted += len(faulty.reversed) + len(faulty.removed)
-            repaired += len(inverted & faulty.reversed) + len(added & faulty.removed)
-            wrong += len(inverted - faulty.reversed) + len(added - all_links(clean.lanes))
-    assert planted > 150
-    assert repaired >= 0.98 * planted
-    assert wrong <= 0.01 * planted
-
-
 def test_repairs_are_reported(tmp_path: Path) -> None:
     clean = undirected(as_map(load_road_map(list_packaged_networks()["town_crossing"])))
     faulty = plant(clean, np.random.default_rng(1), 0.2, 0.2)
@@ -193,8 +88,6 @@ def test_links_that_geometry_refutes_are_dropped_and_reported(tmp_path: Path) ->
 
 
 # --- edges and junctions ------------------------------------------------------------------------------------------
-
-
 def test_a_lane_beside_is_a_neighbour_only_where_it_runs(tmp_path: Path) -> None:
     pocket = moved(EAST, y=3.5)[10:]
     report, roads = built(tmp_path, lanes_map(lane("through", EAST), lane("pocket", pocket)))
@@ -257,8 +150,6 @@ def test_without_stop_lines_the_signs_are_unknown(tmp_path: Path) -> None:
 
 
 # --- widths, speeds, what is not for cars -------------------------------------------------------------------------
-
-
 def test_widths_come_from_the_map_then_boundaries_then_neighbours_then_the_default(tmp_path: Path) -> None:
     lanes = lanes_map(
         lane("told", EAST, width=3.1),
@@ -296,33 +187,7 @@ def test_pavements_and_crosswalks_are_for_walkers_and_other_lanes_are_lost_with_
     assert report.drop_reason_by_lane == {"park": "a parking lane, not for driving", "dot": "shorter than 0.5 m"}
 
 
-# --- side of the traffic ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("y", "left_hand"), [(3.5, False), (-3.5, True)])
-def test_the_side_of_the_traffic_is_where_the_oncoming_lane_is_not(y: float, left_hand: bool, tmp_path: Path) -> None:
-    lanes = lanes_map(
-        lane("east", EAST, directed=False),
-        lane("beside", moved(EAST, y=-y), directed=False),
-        lane("west", moved(EAST, y=y), directed=False),
-    )
-    motions = [drive(EAST), drive(moved(EAST, y=-y)), drive(moved(EAST, y=y)[::-1])]
-    report, roads = built(tmp_path, lanes, *motions)
-    assert report.left_hand is left_hand
-    assert report.directions.inverted == ("west",)
-    kerb = roads.lanes[on_lane(roads, 50.0, -y)]  # SUMO counts lanes from the kerb
-    assert (kerb.index, roads.lanes[on_lane(roads, 50.0, 0.0)].index) == (0, 1)
-    assert report.deviation.max < 0.01
-
-
-def test_what_the_map_says_about_the_side_of_the_traffic_counts(tmp_path: Path) -> None:
-    report, _ = built(tmp_path, replace(lanes_map(lane("a", EAST)), left_hand=True))
-    assert report.left_hand
-
-
 # --- files --------------------------------------------------------------------------------------------------------
-
-
 def test_the_same_map_gives_the_same_bytes(tmp_path: Path) -> None:
     hd_map = as_map(load_road_map(list_packaged_networks()["staggered"]))
     build_network(hd_map, [], tmp_path / "a", "same")
@@ -355,8 +220,6 @@ def test_sumo_drives_on_it(tmp_path: Path) -> None:
 
 
 # --- bad input ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("hd_map", "message"),
     [

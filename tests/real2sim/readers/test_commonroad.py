@@ -1,21 +1,25 @@
-"""CommonRoad: recorded NGSIM traffic compared with a plain reading of the XML, small scenarios, and damaged files."""
+"""CommonRoad: recorded NGSIM traffic compared with a plain reading of the XML, and small scenarios."""
 
-import logging
 import math
-import sys
-import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from testing.commonroad_samples import (
+    BOX,
+    CAR,
+    LANE,
+    MOVES,
+    SQUARE,
+    Write,
+    format_lanelet,
+    format_obstacle,
+    format_parked,
+    make_sign,
+)
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import LaneKind
@@ -23,6 +27,8 @@ from real2sim.readers.commonroad import read_commonroad
 from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 SCENARIOS = {"USA_US101-3_3_T-1": "2018b", "USA_Peach-4_8_T-1": "2020a"}
+
+
 Real = tuple[Recording, ElementTree.Element]
 
 
@@ -31,8 +37,6 @@ def _tracks(recording: Recording) -> dict[str, RecordedTrack]:
 
 
 # --- recorded traffic ---
-
-
 @pytest.fixture(scope="module", params=SCENARIOS)
 def real(request: pytest.FixtureRequest, shared_data: Path) -> Real:
     path = shared_data / "real_logs" / "commonroad" / f"{request.param}.xml"
@@ -145,60 +149,8 @@ def test_a_window_of_a_recording(shared_data: Path) -> None:
     assert set(_tracks(part)) == there < set(_tracks(whole))
 
 
-# --- small scenarios ---
-
-
-def _lanelet(id_: int, y: float, inside: str = "") -> str:
-    left, right = (
-        "".join(f"<point><x>{x}</x><y>{y + side}</y></point>" for x in (0, 50, 100)) for side in (1.75, -1.75)
-    )
-    return f"<lanelet id='{id_}'><leftBound>{left}</leftBound><rightBound>{right}</rightBound>{inside}</lanelet>"
-
-
-def _state(tag: str, time: int, x: float, yaw: str = "<exact>0.5</exact>") -> str:
-    return (
-        f"<{tag}><position><point><x>{x}</x><y>0</y></point></position><orientation>{yaw}</orientation>"
-        f"<time><exact>{time}</exact></time><velocity><exact>5</exact></velocity></{tag}>"
-    )
-
-
-BOX = "<rectangle><length>4.5</length><width>1.8</width></rectangle>"
-MOVES = (
-    _state("initialState", 3, 10) + "<trajectory>" + _state("state", 4, 11) + _state("state", 6, 13) + "</trajectory>"
-)
-
-
-def _obstacle(id_: int, motion: str = MOVES, type_: str = "car", shape: str = BOX, tag: str = "dynamicObstacle") -> str:
-    return f"<{tag} id='{id_}'><type>{type_}</type><shape>{shape}</shape>{motion}</{tag}>"
-
-
-def _parked(id_: int, type_: str = "parkedVehicle", shape: str = BOX) -> str:
-    return _obstacle(id_, _state("initialState", 0, 30), type_, shape, "staticObstacle")
-
-
-def _scenario(*parts: str, version: str = "2020a", dt: str = "0.1", place: str = "USA_Test-1_1_T-1") -> str:
-    location = "<location><geoNameId>1</geoNameId><gpsLatitude>0</gpsLatitude><gpsLongitude>0</gpsLongitude></location>"
-    return (
-        f"<commonRoad tags='' commonRoadVersion='{version}' timeStepSize='{dt}' benchmarkID='{place}' author='' "
-        f"affiliation='' source='' date='2026-01-01'>{location}<scenarioTags/>{''.join(parts)}</commonRoad>"
-    )
-
-
-Write = Callable[..., Path]
-
-
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    def write_scenario(*parts: str, **options: str) -> Path:
-        path = tmp_path / "scenario.xml"
-        path.write_text(_scenario(*parts, **options))
-        return path
-
-    return write_scenario
-
-
 def test_gaps_and_the_first_frame(write: Write) -> None:
-    recording = read_commonroad(write(_lanelet(1, 0), _obstacle(7)))
+    recording = read_commonroad(write(format_lanelet(1, 0), format_obstacle(7)))
     track = _tracks(recording)["7"]
     assert (recording.frame_count, recording.id) == (4, "USA_Test-1_1_T-1")
     np.testing.assert_array_equal(track.x, [10, 11, np.nan, 13])
@@ -217,7 +169,7 @@ def test_gaps_and_the_first_frame(write: Write) -> None:
     ],
 )
 def test_what_moves(write: Write, type_: str, category: str) -> None:
-    track = _tracks(read_commonroad(write(_lanelet(1, 0), _obstacle(7, type_=type_))))["7"]
+    track = _tracks(read_commonroad(write(format_lanelet(1, 0), format_obstacle(7, type_=type_))))["7"]
     assert (track.category, track.parked) == (ObjectCategory(category), False)
 
 
@@ -225,12 +177,11 @@ def test_what_moves(write: Write, type_: str, category: str) -> None:
     ("type_", "category"), [("parkedVehicle", "car"), ("constructionZone", "static"), ("unknown", "static")]
 )
 def test_what_stands_is_there_all_the_time(write: Write, type_: str, category: str) -> None:
-    track = _tracks(read_commonroad(write(_lanelet(1, 0), _obstacle(7), _parked(8, type_))))["8"]
+    track = _tracks(read_commonroad(write(format_lanelet(1, 0), format_obstacle(7), format_parked(8, type_))))["8"]
     assert (track.category, track.parked, track.valid.all()) == (ObjectCategory(category), True, True)
     np.testing.assert_array_equal(track.x, [30] * 4)
 
 
-SQUARE = "".join(f"<point><x>{x}</x><y>{y}</y></point>" for x, y in ((0, 0), (4, 0), (4, 2), (0, 2), (0, 0)))
 SHAPES = {
     "circle": ("<circle><radius>0.4</radius></circle>", (0.0, 0.0), (0.8, 0.8)),
     "polygon": (f"<polygon>{SQUARE}</polygon>", (2.0, 1.0), (4.0, 2.0)),
@@ -241,7 +192,7 @@ SHAPES = {
 @pytest.mark.parametrize("name", SHAPES)
 def test_shapes_are_boxes_about_their_centre(write: Write, name: str) -> None:
     shape, (ahead, left), size = SHAPES[name]
-    track = _tracks(read_commonroad(write(_lanelet(1, 0), _obstacle(7, shape=shape))))["7"]
+    track = _tracks(read_commonroad(write(format_lanelet(1, 0), format_obstacle(7, shape=shape))))["7"]
     c, s = math.cos(0.5), math.sin(0.5)
     np.testing.assert_allclose(track.xy[0], (10 + ahead * c - left * s, ahead * s + left * c), atol=1e-9)
     np.testing.assert_allclose((track.length[0], track.width[0]), size)
@@ -251,7 +202,11 @@ def test_what_cannot_be_read_is_said(write: Write) -> None:
     cloud = "<position><circle><radius>1</radius><center><x>1</x><y>2</y></center></circle></position>"
     vague = MOVES.replace("<position><point><x>13</x><y>0</y></point></position>", cloud)
     path = write(
-        _lanelet(1, 0), _obstacle(7), _obstacle(8, vague), _parked(9, shape=BOX * 2), _obstacle(10, type_="train")
+        format_lanelet(1, 0),
+        format_obstacle(7),
+        format_obstacle(8, vague),
+        format_parked(9, shape=BOX * 2),
+        format_obstacle(10, type_="train"),
     )
     recording = read_commonroad(path)
     assert set(_tracks(recording)) == {"7"}
@@ -266,7 +221,9 @@ def test_links_out_of_a_cut_map_are_taken_out(write: Write) -> None:
     links = (
         "<predecessor ref='5'/><successor ref='2'/><adjacentLeft ref='6' drivingDir='same'/><trafficSignRef ref='93'/>"
     )
-    path = write(_lanelet(1, 0, links), _lanelet(2, 50), _sign(93, "274", "8.5"), CAR, place="DEU_Test-1_1_T-1")
+    path = write(
+        format_lanelet(1, 0, links), format_lanelet(2, 50), make_sign(93, "274", "8.5"), CAR, place="DEU_Test-1_1_T-1"
+    )
     recording = read_commonroad(path)
     lane = recording.map.lanes["1"]
     assert (lane.entries, lane.exits, lane.left_neighbour) == ((), ("2",), "")
@@ -275,27 +232,21 @@ def test_links_out_of_a_cut_map_are_taken_out(write: Write) -> None:
 
 def test_a_vague_heading_is_none(write: Write) -> None:
     vague = MOVES.replace("<exact>0.5</exact>", "<intervalStart>0.4</intervalStart><intervalEnd>0.6</intervalEnd>")
-    track = _tracks(read_commonroad(write(_lanelet(1, 0), _obstacle(7, vague))))["7"]
+    track = _tracks(read_commonroad(write(format_lanelet(1, 0), format_obstacle(7, vague))))["7"]
     assert np.isnan(track.yaw).all()
     np.testing.assert_array_equal(track.x, [10, 11, np.nan, 13])
-
-
-def _sign(id_: int, kind: str, value: str = "") -> str:
-    more = f"<additionalValue>{value}</additionalValue>" if value else ""
-    element = f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{more}</trafficSignElement>"
-    return f"<trafficSign id='{id_}'>{element}<position><point><x>0</x><y>0</y></point></position></trafficSign>"
 
 
 def test_kinds_of_lanes_and_signs(write: Write) -> None:
     """German signs: 206 is stop, 205 yield, 274 a speed limit."""
     path = write(
-        _lanelet(1, 0, "<laneletType>urban</laneletType><trafficSignRef ref='91'/><trafficSignRef ref='93'/>"),
-        _lanelet(2, 4, "<stopLine><lineMarking>solid</lineMarking></stopLine><laneletType>busLane</laneletType>"),
-        _lanelet(3, 8, "<laneletType>bicycleLane</laneletType><trafficSignRef ref='92'/>"),
-        _lanelet(4, 12, "<laneletType>sidewalk</laneletType>"),
-        _lanelet(5, 16, "<laneletType>crosswalk</laneletType>"),
-        *(_sign(91, "206"), _sign(92, "205"), _sign(93, "274", "8.5")),
-        _obstacle(7),
+        format_lanelet(1, 0, "<laneletType>urban</laneletType><trafficSignRef ref='91'/><trafficSignRef ref='93'/>"),
+        format_lanelet(2, 4, "<stopLine><lineMarking>solid</lineMarking></stopLine><laneletType>busLane</laneletType>"),
+        format_lanelet(3, 8, "<laneletType>bicycleLane</laneletType><trafficSignRef ref='92'/>"),
+        format_lanelet(4, 12, "<laneletType>sidewalk</laneletType>"),
+        format_lanelet(5, 16, "<laneletType>crosswalk</laneletType>"),
+        *(make_sign(91, "206"), make_sign(92, "205"), make_sign(93, "274", "8.5")),
+        format_obstacle(7),
         place="DEU_Test-1_1_T-1",
     )
     hd_map = read_commonroad(path).map
@@ -314,156 +265,11 @@ def test_kinds_of_lanes_and_signs(write: Write) -> None:
 def test_2018b_speed_limits_stay_in_their_file(write: Write) -> None:
     """commonroad-io keeps them in a class attribute while it reads."""
     old = {"version": "2018b", "place": "USA_Test-1_1_T-1"}
-    obstacle = _obstacle(7, tag="obstacle").replace("<type>", "<role>dynamic</role><type>")
-    limited = read_commonroad(write(_lanelet(1, 0, "<speedLimit>12.5</speedLimit>"), obstacle, **old))
-    free = read_commonroad(write(_lanelet(1, 0), obstacle, **old))
+    obstacle = format_obstacle(7, tag="obstacle").replace("<type>", "<role>dynamic</role><type>")
+    limited = read_commonroad(write(format_lanelet(1, 0, "<speedLimit>12.5</speedLimit>"), obstacle, **old))
+    free = read_commonroad(write(format_lanelet(1, 0), obstacle, **old))
     assert limited.map.lanes["1"].speed_limit == 12.5
     assert math.isnan(free.map.lanes["1"].speed_limit)
-
-
-def test_remarks_of_the_library_become_notes(write: Write, caplog: pytest.LogCaptureFixture) -> None:
-    """Nothing is warned of or logged, and both are as before afterwards."""
-    path = write(_lanelet(1, 0), _obstacle(7), place="nowhere")
-    logger = logging.getLogger("commonroad")
-    before = logger.propagate, list(logger.handlers)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        (note,) = read_commonroad(path).notes
-    assert note.startswith("commonroad-io made 2 remarks, the first: ")
-    assert not caplog.records
-    assert (logger.propagate, logger.handlers) == before
-
-
-# --- damaged files ---
-
-
-def test_without_commonroad_io(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "commonroad.common.file_reader", None)
-    with pytest.raises(
-        InputError, match=r"expected commonroad-io to be installed, found none: pip install .*\[convert\]"
-    ):
-        read_commonroad(write(_lanelet(1, 0), _obstacle(7)))
-
-
-BOMB = '<!DOCTYPE commonRoad [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><commonRoad>&b;</commonRoad>'
-LANE, CAR = _lanelet(1, 0), _obstacle(7)
-SHORT = LANE.replace("<point><x>0</x><y>1.75</y></point>", "")
-POINT = "<leftBound><point><x>1</x><y>1</y></point></leftBound><rightBound><point><x>1</x><y>2</y></point></rightBound>"
-DAMAGE: dict[str, tuple[str, str]] = {
-    "not XML": ("track_id,frame_id", "expected well-formed XML"),
-    "empty": ("", "expected well-formed XML"),
-    "truncated": (_scenario(LANE, CAR)[:-30], "expected well-formed XML"),
-    "document type": (BOMB, "expected XML without a document type, found <!DOCTYPE commonRoad>"),
-    "root": ("<osm/>", "expected the root <commonRoad>, found <osm>"),
-    "version": (_scenario(LANE, CAR, version="2016a"), "commonRoadVersion: expected 2018b or 2020a, found '2016a'"),
-    "no version": ("<commonRoad/>", "commonRoadVersion: expected 2018b or 2020a, found None"),
-    "no clock": (_scenario(LANE, CAR, dt="nan"), "timeStepSize: expected a finite number, found 'nan'"),
-    "still clock": (_scenario(LANE, CAR, dt="0"), "timeStepSize: expected a positive number, found '0'"),
-    "no lanelets": (_scenario(CAR), "expected at least one <lanelet>, found none"),
-    "crosswalks only": (
-        _scenario(_lanelet(1, 0, "<laneletType>crosswalk</laneletType>"), CAR),
-        "expected at least one lanelet for vehicles, found crosswalks only",
-    ),
-    "one point": (_scenario(f"<lanelet id='1'>{POINT}</lanelet>", CAR), "expected a valid CommonRoad scenario, found:"),
-    "one place": (
-        _scenario(
-            f"<lanelet id='1'>{POINT.replace('</point>', '</point><point><x>1</x><y>1</y></point>')}</lanelet>", CAR
-        ),
-        "lanelet 1: expected at least two distinct points, found 1",
-    ),
-    "uneven bounds": (_scenario(SHORT, CAR), "expected a valid CommonRoad scenario, found:"),
-    "NaN bound": (
-        _scenario(LANE.replace("<x>50<", "<x>nan<"), CAR),
-        "lanelet 1: x: expected a finite number, found 'nan'",
-    ),
-    "no obstacles": (_scenario(LANE), "expected at least one dynamic obstacle with a trajectory, found none"),
-    "parked only": (
-        _scenario(LANE, _parked(8)),
-        "expected at least one dynamic obstacle with a trajectory, found none",
-    ),
-    "NaN": (
-        _scenario(LANE, CAR.replace("<x>11<", "<x>nan<")),
-        "dynamicObstacle 7: x: expected a finite number, found 'nan'",
-    ),
-    "no position": (
-        _scenario(LANE, CAR.replace("<position><point><x>11</x><y>0</y></point></position>", "")),
-        "obstacle 7: expected <position> in every state, found one without",
-    ),
-    "no time": (
-        _scenario(LANE, CAR.replace("<exact>4</exact>", "")),
-        "obstacle 7: time: expected one of exact, intervalStart, found none of them",
-    ),
-    "no number": (
-        _scenario(LANE, CAR.replace("<x>11<", "<x>east<")),
-        "dynamicObstacle 7: x: expected a finite number, found 'east'",
-    ),
-    "flat": (
-        _scenario(LANE, CAR.replace("<width>1.8", "<width>0")),
-        "obstacle 7: shape: expected a positive length and width, found 4.5 and 0",
-    ),
-    "no shape": (_scenario(LANE, CAR.replace(BOX, "")), "expected a valid CommonRoad scenario, found: "),
-    "no length": (
-        _scenario(LANE, CAR.replace("<length>4.5</length>", "")),
-        "expected a valid CommonRoad scenario, found: an element is missing: 'NoneType' object",
-    ),
-    "no speed": (
-        _scenario(_lanelet(1, 0, "<trafficSignRef ref='9'/>"), _sign(9, "R2-1", "fast"), CAR),
-        "trafficSign 9: additionalValue: expected a positive speed, found 'fast'",
-    ),
-    "no type": (
-        _scenario(LANE, CAR.replace("<type>car</type>", "")),
-        "expected a valid CommonRoad scenario, found: ",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", DAMAGE)
-def test_damaged_scenarios(tmp_path: Path, name: str) -> None:
-    text, words = DAMAGE[name]
-    path = tmp_path / "scenario.xml"
-    path.write_text(text)
-    _refused(path, words)
-
-
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(data=st.data())
-def test_a_scenario_with_some_element_damaged(tmp_path: Path, data: st.DataObject) -> None:
-    """Whatever is missing or no number: a recording or one sentence."""
-    signs = _sign(91, "206") + _sign(93, "274", "8.5")
-    lane = _lanelet(1, 0, "<trafficSignRef ref='91'/><trafficSignRef ref='93'/>")
-    root = ElementTree.fromstring(_scenario(lane, signs, CAR, _parked(8)))
-    parents = [one for one in root.iter() if len(one)]
-    parent = data.draw(st.sampled_from(parents))
-    child = data.draw(st.sampled_from(list(parent)))
-    if data.draw(st.booleans()):
-        parent.remove(child)
-    else:
-        child.text = data.draw(st.sampled_from(["", "east", "nan", "-1"]))
-    path = tmp_path / "scenario.xml"
-    path.write_bytes(ElementTree.tostring(root))
-    try:
-        recording = read_commonroad(path)
-    except InputError as error:
-        assert str(error).startswith(str(path))
-    else:
-        assert recording.frame_count >= 1
-
-
-def test_a_missing_file(tmp_path: Path) -> None:
-    _refused(tmp_path / "scenario.xml", "cannot be read: No such file")
-
-
-def _refused(path: Path, words: str, **options: Any) -> None:
-    with pytest.raises(InputError) as error:
-        read_commonroad(path, **options)
-    assert words in str(error.value)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_a_window_without_tracks(write: Write) -> None:
-    path = write(_lanelet(1, 0), _obstacle(7, MOVES.replace("<exact>6<", "<exact>9<")))
-    _refused(path, "expected a window with at least one track, found none from 0.2 s to 0.4 s", window=(0.2, 0.4))
 
 
 def test_a_moving_thing_is_a_vehicle(write: Write) -> None:
