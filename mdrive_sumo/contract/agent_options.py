@@ -1,4 +1,4 @@
-"""What the built-in agents share: how an agent is made, and its checked options."""
+"""Options of built-in agents: type aliases, and validation of a configuration."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ AgentFactory: TypeAlias = Callable[[Config], Agent]
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """A number that a user may set: its default and the range that makes sense, ends included."""
+    """A numeric option: its default and its closed range."""
 
     default: float
     low: float
@@ -24,7 +24,7 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A word that a user may choose: its default and all that there are."""
+    """A text option: its default and all valid values."""
 
     default: str
     among: tuple[str, ...]
@@ -36,7 +36,7 @@ NO_CHOICES: Mapping[str, Choice] = MappingProxyType({})
 def read_options(
     agent: str, config: Config, options: Mapping[str, Option], choices: Mapping[str, Choice] = NO_CHOICES
 ) -> dict[str, float]:
-    """Every number's value; raises InputError for an unknown name or a value that is no number in its range."""
+    """Return the value of every numeric option. Raises InputError for an unknown name or a value out of range."""
     unknown = sorted(set(config) - set(options) - set(choices))
     if unknown:
         known = ", ".join(sorted((*options, *choices))) or "none"
@@ -45,7 +45,7 @@ def read_options(
 
 
 def read_choice(agent: str, config: Config, name: str, choice: Choice) -> str:
-    """The word that was chosen; raises InputError for any other."""
+    """Return the chosen value. Raises InputError if it is not one of `choice.among`."""
     value = config.get(name, choice.default)
     if value not in choice.among:
         raise InputError(f"agent {agent}: option {name}: expected one of {', '.join(choice.among)}, found {value!r}")

@@ -1,4 +1,4 @@
-"""Briefing: all that an agent is told before the first tick."""
+"""Briefing: the static information that an agent gets before the first tick."""
 
 from dataclasses import dataclass, field
 
@@ -64,4 +64,4 @@ class Briefing:
     traffic_lights: tuple[TrafficLight, ...] = ()
     route_room: Float = field(default_factory=lambda: np.zeros((0, 2)))
     """(N, 2) free width [m] to the left and to the right of each route point across the assigned lane: up to the edge
-    of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows where nobody measured it."""
+    of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows if it was not measured."""

@@ -1,7 +1,7 @@
-"""Error profiles of object detectors: how often, how exactly and how late they see what is in sight.
+"""Error profiles of object detectors: recall, accuracy and latency for visible objects.
 
 No detector runs here. "ideal" sees everything exactly; the others are SURROGATES: statistical error models whose free
-parameters (`recall` and `spread`) were fitted so that the average precision that `precision.measured_ap` finds agrees
+parameters (`recall` and `spread`) were fitted so that `detector_calibration.measure_average_precision` agrees
 with published figures. Only that agreement is claimed. Everything else in them (how errors grow with distance, false
 positives, heading and speed errors) is an assumption, named as such in docs/sensors.md.
 """
@@ -16,43 +16,43 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 
 FAR_M = 100.0
-"""Where `recall_far` holds and `false_positives` are counted within."""
+"""Distance [m] at which `recall_far` holds, and radius within which `false_positives` are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionProfile:
-    """What goes wrong in one detector. Angles in radians; standard deviations are of Gaussian errors."""
+    """Errors of one detector. Angles in radians; standard deviations are of Gaussian errors."""
 
     recall: float
-    """Probability in [0, 1] to find something near and wholly visible."""
+    """Probability in [0, 1] of detecting a near, fully visible object."""
     recall_far: float
-    """Factor in [0, 1] by which recall has shrunk, in proportion to distance, at `FAR_M`."""
+    """Factor in [0, 1] on recall at `FAR_M`; recall falls linearly with distance."""
     min_visible: float
-    """Visible share below which nothing is found."""
+    """Visible share below which nothing is detected."""
     plain_visible: float
-    """Visible share from which on more does not help; recall grows in proportion up to there."""
+    """Visible share from which on recall is full; below, recall is proportional to the share."""
     spread: float
-    """Of positions, along and across the line of sight, of something near [m]."""
+    """Standard deviation of positions of near objects, along and across the line of sight [m]."""
     spread_doubles_m: float
-    """Distance at which errors of position are twice as large as near; they grow in proportion to distance."""
+    """Distance at which position errors are twice those near the sensor; they grow linearly."""
     yaw_sigma: float
     size_sigma: float
     """Relative: 0.05 is 5 percent of length and of width."""
     speed_sigma: float
     """[m/s]"""
     false_positives: float
-    """Expected number at a time within `FAR_M` all around; they have the size of a car."""
+    """Expected number per frame within `FAR_M`; they have the size of a car."""
     latency_ticks: int
-    """How many ticks later it is told what was seen."""
+    """Ticks between measurement and output."""
 
     def recall_at(self, distance: Float, visible: Float) -> Float:
-        """(N,) probability to find things at a distance [m] whose shares `visible` are in sight."""
+        """Return the detection probability (N,) at distances (N,) [m] with visible shares (N,)."""
         far = np.maximum(1.0 - (1.0 - self.recall_far) * distance / FAR_M, 0.0)
         plain = np.clip(visible / max(self.plain_visible, 1e-9), 0.0, 1.0)
         return np.where(visible >= self.min_visible, self.recall * far * plain, 0.0)
 
     def spread_at(self, distance: Float) -> Float:
-        """(N,) standard deviation [m] of each coordinate of the position of things at a distance [m]."""
+        """Return the standard deviation (N,) [m] of each position coordinate at distances (N,) [m]."""
         return self.spread * (1.0 + distance / self.spread_doubles_m)
 
 
@@ -71,8 +71,8 @@ V2X_VIT = "Xu et al., V2X-ViT, ECCV 2022 (arXiv:2203.10638), table 1, V2XSet, pe
 OPENCOOD = "README of github.com/DerrickXuNu/OpenCOOD, 3D detection on V2XSet, LiDAR track, perfect setting, row CoBEVT"
 
 
-def _surrogate(recall: float, spread: float) -> DetectionProfile:
-    """Profiles differ in what was fitted; the rest is the same plausible assumption for all."""
+def _build_surrogate(recall: float, spread: float) -> DetectionProfile:
+    """Return a profile with fitted recall and spread; all other values are the same assumption for all."""
     return DetectionProfile(
         recall=recall,
         recall_far=0.9,
@@ -88,15 +88,15 @@ def _surrogate(recall: float, spread: float) -> DetectionProfile:
     )
 
 
-# Recall and spread are what `precision.fitted` finds for `PUBLISHED` with seed 0.
+# Recall and spread result from `detector_calibration.fit_profile` for `PUBLISHED` with seed 0.
 PROFILES: Mapping[str, DetectionProfile] = MappingProxyType(
     {
         IDEAL: DetectionProfile(1.0, 1.0, 0.1, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0),
-        "lidar-single": _surrogate(0.941, 0.128),
-        "attfuse": _surrogate(0.914, 0.101),
-        "disconet": _surrogate(0.955, 0.101),
-        "fcooper": _surrogate(0.949, 0.105),
-        "cobevt": _surrogate(0.963, 0.109),
+        "lidar-single": _build_surrogate(0.941, 0.128),
+        "attfuse": _build_surrogate(0.914, 0.101),
+        "disconet": _build_surrogate(0.955, 0.101),
+        "fcooper": _build_surrogate(0.949, 0.105),
+        "cobevt": _build_surrogate(0.963, 0.109),
     }
 )
 

@@ -10,7 +10,7 @@ from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster,
 from mdrive_sumo.core.geometry import Float
 
 LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
-"""What an agent may call itself; `privileged` is added by the benchmark to whoever declares that sensor."""
+"""Valid agent labels; the benchmark adds `privileged` to agents that declare that sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +59,9 @@ class Message:
     """"cam", "cpm", "mcm", "text", or a name of the agent's own, at most 16 characters."""
     payload: bytes
     sender: str = ""
-    """Id of the CAV or RSU that sent it."""
+    """Id of the CAV or RSU that sent the message."""
     tick: int = 0
-    """When it was sent."""
+    """Tick of sending."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +78,13 @@ class Privileged:
     """What only the `privileged` sensor tells: all other CAVs' states, routes and plans of the previous tick."""
 
     ego_ids: tuple[str, ...]
-    """Every living CAV, oneself included, sorted."""
+    """Every active CAV, the receiver included, sorted."""
     states: tuple[OwnState, ...]
     routes: tuple[Float, ...]
     """(N, 2) route points of each CAV [m]."""
     plans: tuple[Plan | None, ...]
     objects: Objects
-    """Every actor that is no CAV, wherever it is."""
+    """Every actor that is not a CAV, at any distance."""
     rooms: tuple[Float, ...] = ()
     """(N, 2) free width beside the route points of each CAV [m], as `Briefing.route_room`."""
 
@@ -99,7 +99,7 @@ class Observation:
     signals: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """State letter ("r", "y", "g", "G") by id of the traffic lights of the briefing."""
     messages: tuple[Message, ...] = ()
-    """What has arrived since the agent was last asked, in order of arrival."""
+    """Messages that arrived since the last observation of this agent, in order of arrival."""
     privileged: Privileged | None = None
     lidar: Mapping[str, PointCloud] = field(default_factory=lambda: MappingProxyType({}))
     """Scans by sensor id; a slower sensor is missing in ticks without a scan."""
@@ -127,13 +127,13 @@ class Agent(Protocol):
     """One of `LABELS`: how results name this kind of agent."""
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """The sensors that the agent needs; asked once."""
+        """Return the sensors that the agent needs; called once."""
         ...
 
     def start(self, briefing: Briefing) -> None:
-        """Told once, before the first observation."""
+        """Receive the briefing; called once before the first observation."""
         ...
 
     def act(self, seen: Observation) -> Reply:
-        """Asked on every tick while the CAV lives."""
+        """Return the reply to one observation; called on every tick until the CAV ends."""
         ...

@@ -1,4 +1,4 @@
-"""Is an agent's answer a valid Reply?"""
+"""Validation of an agent's Reply."""
 
 import math
 import re
@@ -16,7 +16,7 @@ MAX_NOTES = 200_000
 NAME = re.compile(r"[a-z0-9_-]{1,16}")
 """Types of messages and kinds of notes."""
 CONTROL_STEP = 1e-4
-"""Controls are rounded to this step when they arrive, so that the recorded action log re-executes exactly."""
+"""Controls are rounded to this step on arrival, so that the recorded action log re-executes exactly."""
 
 
 class ReplyError(ValueError):
@@ -24,20 +24,20 @@ class ReplyError(ValueError):
 
 
 def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
-    """The reply, with its control rounded to `CONTROL_STEP`; raises ReplyError naming what is wrong."""
+    """Return the reply with its control rounded to `CONTROL_STEP`. Raises ReplyError that names the first problem."""
     if not isinstance(reply, Reply):
         raise ReplyError(f"expected a Reply, found {type(reply).__name__}")
     if (reply.control is None) == (reply.plan is None):
         raise ReplyError("expected either a control or a plan, found " + ("neither" if reply.plan is None else "both"))
-    said = _checked_messages(reply.messages), _checked_notes(reply.notes)
+    attachments = _check_messages(reply.messages), _check_notes(reply.notes)
     if reply.control is not None:
-        return Reply(_checked_control(reply.control), None, *said)
-    return Reply(None, _checked_plan(reply.plan, controllers), *said)
+        return Reply(_check_control(reply.control), None, *attachments)
+    return Reply(None, _check_plan(reply.plan, controllers), *attachments)
 
 
-def _checked_messages(messages: object) -> tuple[Message, ...]:
+def _check_messages(messages: object) -> tuple[Message, ...]:
     if not isinstance(messages, tuple) or len(messages) > MAX_MESSAGES:
-        raise ReplyError(f"messages: expected a tuple of at most {MAX_MESSAGES}, found {_counted(messages)}")
+        raise ReplyError(f"messages: expected a tuple of at most {MAX_MESSAGES}, found {_describe_count(messages)}")
     for message in cast("tuple[object, ...]", messages):
         if not isinstance(message, Message) or not isinstance(cast(object, message.payload), bytes):
             raise ReplyError(f"messages: expected Message with a bytes payload, found {type(message).__name__}")
@@ -46,9 +46,9 @@ def _checked_messages(messages: object) -> tuple[Message, ...]:
     return cast("tuple[Message, ...]", messages)
 
 
-def _checked_notes(notes: object) -> tuple[Note, ...]:
+def _check_notes(notes: object) -> tuple[Note, ...]:
     if not isinstance(notes, tuple):
-        raise ReplyError(f"notes: expected a tuple, found {_counted(notes)}")
+        raise ReplyError(f"notes: expected a tuple, found {_describe_count(notes)}")
     for note in cast("tuple[object, ...]", notes):
         if not isinstance(note, Note) or not isinstance(cast(object, note.text), str):
             raise ReplyError(f"notes: expected Note with a text, found {type(note).__name__}")
@@ -60,21 +60,21 @@ def _checked_notes(notes: object) -> tuple[Note, ...]:
     return checked
 
 
-def _counted(value: object) -> str:
+def _describe_count(value: object) -> str:
     return f"{len(value)}" if isinstance(value, tuple) else type(value).__name__
 
 
-def _checked_control(control: object) -> Control:
+def _check_control(control: object) -> Control:
     if not isinstance(control, Control):
         raise ReplyError(f"expected a Control, found {type(control).__name__}")
     return Control(
-        throttle=_in_range("throttle", control.throttle, 0.0),
-        brake=_in_range("brake", control.brake, 0.0),
-        steer=_in_range("steer", control.steer, -1.0),
+        throttle=_check_range("throttle", control.throttle, 0.0),
+        brake=_check_range("brake", control.brake, 0.0),
+        steer=_check_range("steer", control.steer, -1.0),
     )
 
 
-def _in_range(name: str, value: Any, low: float) -> float:
+def _check_range(name: str, value: Any, low: float) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -84,7 +84,7 @@ def _in_range(name: str, value: Any, low: float) -> float:
     return round(round(number / CONTROL_STEP) * CONTROL_STEP, 4)
 
 
-def _checked_plan(plan: object, controllers: frozenset[str]) -> Plan:
+def _check_plan(plan: object, controllers: frozenset[str]) -> Plan:
     if not isinstance(plan, Plan):
         raise ReplyError(f"expected a Plan, found {type(plan).__name__}")
     try:

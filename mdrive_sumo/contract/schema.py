@@ -15,7 +15,7 @@ CROSSING: tuple[type, ...] = (SensorSpec, Briefing, Observation, Reply)
 
 
 def schema() -> dict[str, Any]:
-    """The contract as data: every dataclass that crosses the border with its fields and their types."""
+    """Return the contract as data: every dataclass exchanged with an agent, with its fields and their types."""
     described: dict[str, Any] = {}
     queue: list[type] = list(CROSSING)
     while queue:

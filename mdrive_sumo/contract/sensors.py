@@ -1,4 +1,4 @@
-"""What an agent may ask for, and what each sensor gives."""
+"""Sensor declarations and the output types of the sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
-"""Clock: what an agent's thinking costs (protocol 12.3).
+"""Clock: how an agent's computing time delays its control (protocol 12.3).
 
-While an agent thinks, its last control is applied again, and it is not asked (paper, RQ5: "the previous control is
-replayed until the next action becomes available").
+While an agent computes, its last control is applied again and it gets no observation (paper, RQ5: "the previous
+control is replayed until the next action becomes available").
 """
 
 import math
@@ -16,20 +16,20 @@ TICK_MS = 1000 // TICKS_PER_SECOND
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Ideal (thinking costs nothing), a fixed number of ticks, or measured wall-clock time."""
+    """How long a reply takes to apply: no time (ideal), a fixed number of ticks, or the measured wall-clock time."""
 
     kind: str = "ideal"
     ticks: int = 0
 
     @property
     def text(self) -> str:
-        """As a user writes it."""
+        """The clock as `parse_clock` reads it."""
         return f"fixed:{self.ticks * TICK_MS}" if self.kind == "fixed" else self.kind
 
     def delay_ticks(self, think_time_s: float) -> int:
-        """Ticks from a question until its answer counts, after so many seconds of thinking.
+        """Return the ticks between an observation and the use of its reply, for a computing time in seconds.
 
-        Measured time is rounded down to whole ticks, as in the original: an answer within a tick costs nothing.
+        Measured time is rounded down to whole ticks, as in the original: a reply within a tick costs nothing.
         """
         return math.floor(think_time_s * TICKS_PER_SECOND) if self.kind == "measured" else self.ticks
 
@@ -38,7 +38,7 @@ IDEAL = Clock()
 
 
 def parse_clock(text: str) -> Clock:
-    """The clock that `ideal`, `fixed:MS` or `measured` names; raises InputError."""
+    """Return the clock for `ideal`, `fixed:MS` or `measured`. Raises InputError for any other text."""
     if text in ("ideal", "measured"):
         return Clock(text)
     found = re.fullmatch(r"fixed:(\d{1,6})", text)

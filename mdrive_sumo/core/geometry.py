@@ -20,18 +20,18 @@ TAU = 2 * math.pi
 
 
 def wrap_angle(angle: float) -> float:
-    """The same angle [rad] in (-pi, pi]."""
+    """Return the angle [rad] wrapped to (-pi, pi]."""
     wrapped = math.remainder(angle, TAU)
     return math.pi if wrapped == -math.pi else wrapped
 
 
 def wrap_angles(angles: Float) -> Float:
-    """The same angles [rad] in [-pi, pi), any shape."""
+    """Return the angles [rad], any shape, wrapped to [-pi, pi)."""
     return (angles + math.pi) % TAU - math.pi
 
 
 def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> Float:
-    """Corners (4, 2) of an oriented box, counter-clockwise from front left."""
+    """Return the corners (4, 2) of an oriented box, counter-clockwise from front left."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     ahead_x, ahead_y = cos * length / 2, sin * length / 2
     left_x, left_y = -sin * width / 2, cos * width / 2
@@ -46,7 +46,7 @@ def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> 
 
 
 def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:
-    """Corners (..., 4, 2) of oriented boxes whose parameters broadcast to (...), as `box_corners`."""
+    """Return the corners (..., 4, 2) of oriented boxes with parameters that broadcast to (...), as `box_corners`."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead = np.stack((cos * length, sin * length), axis=-1) / 2
     left = np.stack((-sin * width, cos * width), axis=-1) / 2
@@ -57,7 +57,7 @@ def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -
 
 
 def boxes_overlap(first: Float, second: Float) -> Bool:
-    """Whether oriented boxes share area: corners (..., 4, 2) each, separating-axis test. Touching is no overlap."""
+    """Return whether boxes, corners (..., 4, 2) each, overlap (separating-axis test); touching does not count."""
     overlap = np.ones(np.broadcast_shapes(first.shape[:-2], second.shape[:-2]), dtype=np.bool_)
     for corners in (first, second):
         for start, end in ((0, 1), (1, 2)):
@@ -105,7 +105,7 @@ class Polyline:
 
     @cached_property
     def _plain(self) -> tuple[list[float], list[tuple[float, float]], list[float]]:
-        """Arc lengths, unit vectors of the segments and their directions as plain floats: fast one at a time."""
+        """Arc lengths, unit vectors and directions of the segments as Python floats, for fast single queries."""
         units = self._segments / np.maximum(self._lengths, 1e-12)[:, None]
         return self.s.tolist(), [(x, y) for x, y in units.tolist()], self.yaws.tolist()
 
@@ -113,22 +113,22 @@ class Polyline:
         return min(max(bisect_right(self._plain[0], s) - 1, 0), len(self._lengths) - 1)
 
     def at(self, s: float) -> tuple[float, float]:
-        """Point [m] at arc length s; outside [0, length] the end segments are prolonged."""
+        """Return the point [m] at arc length s; outside [0, length] the end segments are extended."""
         i = self._segment_at(s)
         stations, units, _ = self._plain
         ahead = s - stations[i]
         return float(self.xy[i, 0]) + ahead * units[i][0], float(self.xy[i, 1]) + ahead * units[i][1]
 
     def yaw_at(self, s: float) -> float:
-        """Direction [rad] of the segment at arc length s."""
+        """Return the direction [rad] of the segment at arc length s."""
         return self._plain[2][self._segment_at(s)]
 
     def yaws_at(self, s: Float) -> Float:
-        """Directions (M,) [rad] of the segments at arc lengths s (M,)."""
+        """Return the directions (M,) [rad] of the segments at arc lengths s (M,)."""
         return self.yaws[np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.yaws) - 1)]
 
     def project(self, x: float, y: float, between: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Frenet coordinates (s, d) [m] of the nearest point; d > 0 lies to the left.
+        """Return the Frenet coordinates (s, d) [m] of the nearest point; d > 0 lies to the left.
 
         `between` limits the search to that range of arc length, for a path that crosses itself.
         """
@@ -146,9 +146,9 @@ class Polyline:
         return float(self.s[low + i] + share[i] * lengths[i]), math.copysign(distance, side)
 
     def stations(self, spacing: float) -> Float:
-        """Arc lengths (M,) every `spacing` metres from the start to the end.
+        """Return arc lengths (M,) every `spacing` metres from the start to the end.
 
-        The last step is 0.1 to 1.1 spacings long, so that none is so short that it vanishes when it is rounded.
+        The last step is 0.1 to 1.1 spacings long, so that rounding cannot collapse it.
         """
         whole = np.arange(0.0, self.length, spacing)
         if len(whole) > 1 and self.length - whole[-1] < 0.1 * spacing:
@@ -156,13 +156,13 @@ class Polyline:
         return np.append(whole, self.length)
 
     def resample(self, spacing: float) -> "Polyline":
-        """Points every `spacing` metres, as `stations` has them."""
+        """Return the polyline through points at the arc lengths of `stations`."""
         stations = self.stations(spacing)
         return Polyline(np.column_stack([np.interp(stations, self.s, self.xy[:, axis]) for axis in (0, 1)]))
 
 
 def build_polyline(points: Sequence[Sequence[float]] | Float) -> Polyline:
-    """A polyline of the given points without consecutive repetitions (closer than 1 µm)."""
+    """Return a polyline through the points without consecutive duplicates (closer than 1 µm)."""
     xy = np.asarray(points, dtype=np.float64)
     steps = np.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)
     return Polyline(xy[np.concatenate(((True,), steps > 1e-6))])

@@ -1,17 +1,17 @@
-"""Seeds and random numbers: derived from names, never from positions or from what was drawn before.
+"""Seeds and random numbers derived from names, never from positions or earlier draws.
 
-So neither the order of work nor the number of workers changes a result.
+So neither the order of execution nor the number of workers changes a result.
 """
 
 import math
 from hashlib import blake2b
 
 UNIFORMS = 8
-"""How many numbers `draw_uniforms` gives."""
+"""Count of numbers that `draw_uniforms` returns."""
 
 
 def derive_seed(run_seed: int, *purpose: str) -> int:
-    """A seed in [0, 2**31) for one purpose, e.g. derived_seed(0, scenario.id, "sumo")."""
+    """Return a seed in [0, 2**31) for one purpose, e.g. derived_seed(0, scenario.id, "sumo")."""
     text = "\x00".join((str(run_seed), *purpose))
     return int.from_bytes(blake2b(text.encode(), digest_size=4).digest(), "big") >> 1
 
@@ -23,7 +23,7 @@ def draw_uniforms(seed: int, *purpose: str | int) -> tuple[float, ...]:
 
 
 def draw_normals(seed: int, *purpose: str | int) -> tuple[float, ...]:
-    """As many independent standard normal numbers for one purpose (Box and Muller's transform)."""
+    """Return `UNIFORMS` independent standard normal numbers for one purpose (Box-Muller transform)."""
     drawn = draw_uniforms(seed, *purpose)
     pairs = zip(drawn[0::2], drawn[1::2], strict=True)
     radii = ((math.sqrt(-2 * math.log(1 - a)), 2 * math.pi * b) for a, b in pairs)

@@ -1,4 +1,4 @@
-"""What is true at one tick. Time is an integer; a Frame is a fact and never changes."""
+"""State of the world at one tick. Time is an integer; a Frame is immutable."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,14 +16,14 @@ TICKS_PER_SECOND = 20
 DT = 1 / TICKS_PER_SECOND
 """Length of a tick [s]: 20 Hz (paper, Simulation Setting)."""
 STRUCK_HOLD_TICKS = 2 * TICKS_PER_SECOND
-"""How long a road user that a CAV struck stands, scripted or driven by SUMO: a surrogate, neither knows an impact."""
+"""Hold time after a CAV strikes a scripted or SUMO vehicle: a surrogate, because neither models an impact."""
 
 MOTION_AND_SIZE = ("x", "y", "yaw", "speed", "length", "width")
 """Columns of `RoadUsers` that hold floats, in the order of its fields."""
 
 
 class Kind(IntEnum):
-    """What a road user or obstacle is; the value is what recordings store."""
+    """Kind of road user or obstacle; recordings store the value."""
 
     VEHICLE = 0
     PEDESTRIAN = 1
@@ -51,7 +51,7 @@ class FailureReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EgoState:
-    """One CAV: box centre in the world frame [m], yaw [rad], speed along yaw [m/s], and its own instruments."""
+    """State of one CAV: box centre in the world frame [m], yaw [rad], speed along yaw [m/s], on-board measurements."""
 
     x: float
     y: float
@@ -162,7 +162,7 @@ class WorldState:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """An ego's box met something in this tick. `other` is an ego id, an actor id, or "" for the map (a building)."""
+    """Contact of an ego's box in this tick. `other` is an ego id, an actor id, or "" for the map (a building)."""
 
     ego: str
     other: str

@@ -1,4 +1,4 @@
-"""`network.json`: what a compiled SUMO network cannot say about itself."""
+"""`network.json`: facts about a network that the compiled SUMO net does not contain."""
 
 import hashlib
 from pathlib import Path
@@ -56,11 +56,11 @@ class NetworkFile(_Part):
     """SHA-256 of the uncompressed net file."""
     buildings: tuple[Building, ...] = ()
     stop_signs: tuple[StopSignBox, ...] | None = None
-    """None: nobody knows (the report says 'signs unknown'); (): there are none."""
+    """None: unknown (the report says 'signs unknown'); (): there are none."""
 
 
 def read_network_file(folder: Path) -> NetworkFile:
-    """Reads `network.json` of a network folder; raises InputError."""
+    """Read `network.json` of a network folder. Raises InputError."""
     path = folder / NETWORK_FILE
     try:
         return NetworkFile.model_validate_json(path.read_bytes())
@@ -73,5 +73,5 @@ def read_network_file(folder: Path) -> NetworkFile:
 
 
 def compute_net_checksum(net_xml: bytes) -> str:
-    """Checksum of an uncompressed net file."""
+    """Return the checksum of an uncompressed net file."""
     return "sha256:" + hashlib.sha256(net_xml).hexdigest()

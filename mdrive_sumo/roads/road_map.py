@@ -51,7 +51,7 @@ class Lane:
 
 @dataclass(frozen=True)
 class NearestLanes:
-    """The nearest lane of M points: all (M,)."""
+    """The nearest lane of each of M points; all arrays (M,)."""
 
     lane: Int
     """Index into `RoadMap.driving`."""
@@ -63,7 +63,7 @@ class NearestLanes:
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """A network: lanes by id, what is beside the road, and where the files lie."""
+    """A network: lanes by id, buildings and other areas, and its folder."""
 
     name: str
     folder: Path
@@ -107,7 +107,7 @@ class RoadMap:
         return shapely.STRtree(self._lines)
 
     def find_nearest_lanes(self, xy: Float) -> NearestLanes:
-        """Nearest driving lane to each of the points xy (M, 2) [m]; of equally near ones the first of `driving`."""
+        """Return the nearest lane of each point xy (M, 2) [m]; among equally near lanes the first of `driving`."""
         points = shapely.points(xy)
         lane, distance = self._nearest_lanes(points)
         station = shapely.line_locate_point(self._lines[lane], points)
@@ -117,7 +117,7 @@ class RoadMap:
         return NearestLanes(lane, distance, yaw)
 
     def _nearest_lanes(self, points: Any) -> tuple[Int, Float]:
-        """Index and distance (M,) of the nearest lanes; a search nearby comes first, for `query_nearest` is dear."""
+        """Return index and distance (M,) of the nearest lanes; searches nearby first: `query_nearest` is slow."""
         point, lane = self._tree.query(points, predicate="dwithin", distance=NEARBY_M)
         if len(far := np.setdiff1d(np.arange(len(points)), point)):
             pairs = self._tree.query_nearest(points[far])
@@ -128,7 +128,7 @@ class RoadMap:
         return lane[first].astype(np.int64), distance[first]
 
     def find_lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
-        """Lanes whose centre line passes within `radius` [m] of the point, in the order of `driving`."""
+        """Return the lanes with a centre line within `radius` [m] of the point, in the order of `driving`."""
         found = self._tree.query(shapely.Point(x, y), predicate="dwithin", distance=radius)
         return [self.driving[i] for i in sorted(found)]
 
@@ -139,13 +139,13 @@ class RoadMap:
 
 
 def list_packaged_networks() -> dict[str, Path]:
-    """Networks that come with mdrive-sumo: name -> folder."""
+    """Return the folders of the packaged networks by name."""
     root = Path(str(files("networks")))
     return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / "network.json").is_file()}
 
 
 def find_network_folder(name: str, beside: Path | None = None) -> Path:
-    """Folder of a network: of `beside`/networks/NAME if it is there, else of the packaged one. Raises InputError."""
+    """Return the folder of a network: `beside`/networks/NAME if it exists, else the packaged one. Raises InputError."""
     if beside is not None and (beside / "networks" / name / "network.json").is_file():
         return beside / "networks" / name
     packaged = list_packaged_networks()
@@ -159,7 +159,7 @@ def find_network_folder(name: str, beside: Path | None = None) -> Path:
 
 @lru_cache(maxsize=8)
 def load_road_map(folder: Path) -> RoadMap:
-    """Reads a network folder (`network.json`, `map.net.xml.gz`); raises InputError. Cached: a RoadMap never changes."""
+    """Load a network folder (`network.json`, `map.net.xml.gz`). Raises InputError. Cached: a RoadMap is immutable."""
     about = read_network_file(folder)
     path = folder / NET_FILE
     try:
@@ -169,33 +169,33 @@ def load_road_map(folder: Path) -> RoadMap:
         raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
     if (found := compute_net_checksum(xml)) != about.checksum:
         raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
-    return _road_map(folder, about, path, _keeps_left(xml))
+    return _build_road_map(folder, about, path, _is_left_hand(xml))
 
 
-def _keeps_left(xml: bytes) -> bool:
-    """What sumolib does not read: whether a net was built for left-hand traffic."""
+def _is_left_hand(xml: bytes) -> bool:
+    """Return whether a net was built for left-hand traffic, which sumolib does not read."""
     root = re.search(rb"<net\s[^>]*>", xml)
     return root is not None and b' lefthand="true"' in root[0]
 
 
-def _road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
+def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
     import sumolib  # here, because it takes 0.1 s that `--help` should not pay
 
     net = sumolib.net.readNet(str(path), withInternal=True, withPrograms=False)
     raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
-    cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _chain(lane) is not None}
+    cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _build_centre_line(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
     zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]
     return RoadMap(
         name=about.name,
         folder=folder,
-        lanes={lane_id: _lane(lane, cars, left_hand) for lane_id, lane in sorted(cars.items())},
+        lanes={lane_id: _build_lane(lane, cars, left_hand) for lane_id, lane in sorted(cars.items())},
         junctions=tuple(
             _points(node.getShape())
             for node in net.getNodes()
             if len(node.getShape()) >= 3 and node.getType() != "dead_end"
         ),
-        pavements=tuple(_outline(lane) for lane in foot if lane not in zebras),
+        pavements=tuple(_build_outline(lane) for lane in foot if lane not in zebras),
         crossings=tuple((_points(lane.getShape()), lane.getWidth()) for lane in zebras),
         buildings=about.buildings,
         stop_signs=about.stop_signs,
@@ -207,8 +207,8 @@ def _points(shape: Any) -> Float:
     return np.array([point[:2] for point in shape])
 
 
-def _outline(lane: Any) -> Float:
-    """Outline of a pavement; where pavements meet SUMO's shape is that already."""
+def _build_outline(lane: Any) -> Float:
+    """Return the outline of a pavement; the shape of a walking area is an outline already."""
     shape = _points(lane.getShape())
     if lane.getEdge().getFunction() == "walkingarea":
         return shape
@@ -216,22 +216,22 @@ def _outline(lane: Any) -> Float:
     return shapely.get_coordinates(shapely.get_exterior_ring(strip))
 
 
-def _chain(lane: Any) -> Polyline | None:
-    """Centre line of a sumolib lane; None if it has no extent (SUMO makes such junction lanes of zero length)."""
+def _build_centre_line(lane: Any) -> Polyline | None:
+    """Return the centre line of a sumolib lane; None for a zero-length junction lane, which SUMO may create."""
     try:
         return build_polyline([point[:2] for point in lane.getShape(includeJunctions=False)])
     except ValueError:
         return None
 
 
-def _lane(lane: Any, cars: Mapping[str, Any], left_hand: bool) -> Lane:
-    centre = _chain(lane)
+def _build_lane(lane: Any, cars: Mapping[str, Any], left_hand: bool) -> Lane:
+    centre = _build_centre_line(lane)
     assert centre is not None
     edge, index = lane.getEdge(), lane.getIndex()
     neighbours = {other.getIndex(): other.getID() for other in edge.getLanes() if other.getID() in cars}
     junction = edge.getFunction() == "internal"
     leftwards = -1 if left_hand else 1
-    ways = list(_ways(lane, cars))
+    ways = list(_find_connections(lane, cars))
     return Lane(
         id=lane.getID(),
         edge=edge.getID(),
@@ -247,8 +247,8 @@ def _lane(lane: Any, cars: Mapping[str, Any], left_hand: bool) -> Lane:
     )
 
 
-def _ways(lane: Any, cars: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
-    """(successor lane id, traffic light "tls:index" or "") of every way out of a lane, sorted."""
+def _find_connections(lane: Any, cars: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
+    """Return (successor lane id, traffic light "tls:index" or "") of every connection of a lane, sorted."""
     found: list[tuple[str, str]] = []
     for connection in lane.getOutgoing():
         via, light = connection.getViaLaneID(), connection.getTLSID()

@@ -11,7 +11,7 @@ BackgroundMode = Literal["reactive", "replay", "hybrid"]
 
 
 class CarFollowing(ScenarioPart):
-    """How a driver follows; SUMO's defaults for passenger cars where nothing is said (Krauss model)."""
+    """Car-following parameters; the defaults are SUMO's for passenger cars (Krauss model)."""
 
     tau_s: float = Field(default=1.0, gt=0, le=10)
     """Time headway [s]."""
@@ -24,18 +24,18 @@ class CarFollowing(ScenarioPart):
 
 
 class Schedule(ScenarioPart):
-    """What a vehicle of a log did along its route. It is desired; following and yielding come first."""
+    """Desired progress of a logged vehicle along its route; car following and yielding have priority."""
 
     progress: tuple[tuple[Seconds, float], ...] = Field(min_length=2)
     """Time since the start of the scenario [s], distance of the front bumper along the route [m] from where it
     departed; both increasing, distances not strictly."""
     lanes: tuple[tuple[float, int], ...] = ()
-    """Lane changes: from this distance [m] on it shall be on that lane (index) of its edge."""
+    """Lane changes: from this distance [m] on it should be on that lane (index) of its edge."""
     leaves: bool = True
-    """Whether it left the log at the end of its schedule, and leaves here where that ends; else it goes on."""
+    """Whether it leaves the simulation at the end of its schedule, as in the log; else it drives on."""
 
     @model_validator(mode="after")
-    def _in_order(self) -> "Schedule":
+    def _check_order(self) -> "Schedule":
         for (t0, s0), (t1, s1) in pairwise(self.progress):
             if t1 <= t0 or s1 < s0:
                 raise ValueError(f"schedule: expected times and distances that grow, found {t1, s1} after {t0, s0}")
@@ -62,17 +62,17 @@ class BackgroundVehicle(ScenarioPart):
 
 
 class Background(ScenarioPart):
-    """SUMO's traffic. Every vehicle is a passenger car of SUMO's default model unless said otherwise."""
+    """SUMO's traffic. Every vehicle is a passenger car of SUMO's default model unless its fields differ."""
 
     vehicles: tuple[BackgroundVehicle, ...] = ()
     action_step_s: float = Field(default=0.5, ge=0.05, le=1.0, multiple_of=0.05)
     """Reaction interval of background drivers (spec/sumo_pitfalls 6.1)."""
     mode: BackgroundMode = "reactive"
-    """`reactive`: SUMO drives. `replay`: poses of the log, whatever happens. `hybrid`: poses of the log until a CAV's
+    """`reactive`: SUMO drives. `replay`: poses of the log, without reaction. `hybrid`: poses of the log until a CAV's
     presence changes the situation, then SUMO drives (vehicles without a log are reactive always)."""
 
     @model_validator(mode="after")
-    def _has_logs(self) -> "Background":
+    def _check_logs(self) -> "Background":
         if self.mode == "replay":
             for vehicle in self.vehicles:
                 if not vehicle.log:

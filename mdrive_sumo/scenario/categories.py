@@ -1,4 +1,4 @@
-"""Categories of the Interaction bucket with the figures of the paper's table, and how near to them means shall be.
+"""Categories of the Interaction bucket with the figures of the paper's table, and the deviation of means from them.
 
 Paper, "Scenario Description" and table "MDrive-Interaction Subset Distribution"; protocol 1.2.
 """
@@ -82,6 +82,6 @@ WEATHER_OF_TEN: Mapping[WeatherName, int] = {"cloudy": 3, "night": 3, "default":
 
 
 def compute_deviations(found: Sequence[float], wanted: Sequence[float]) -> Iterator[float]:
-    """By how much means in the order of `MEANS` differ from those wanted: a share of these, or of `FLOOR`."""
+    """Yield the relative differences between found and wanted means, in the order of `MEANS`, at least per `FLOOR`."""
     for mean, aim, floor in zip(found, wanted, FLOOR, strict=True):
         yield (mean - aim) / max(aim, floor)

@@ -1,4 +1,4 @@
-"""Does a scenario fit its network? Asked before anything is simulated, so that a bad file gets one clear sentence."""
+"""Checks that a scenario fits its network, before the simulation, so that a bad file gets one clear error."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -21,13 +21,13 @@ START_GAP_M = 2.0
 OFF_MAP_M = 500.0
 """An actor further than this from the map's lanes belongs to another map; parking places lie beside the road."""
 TOUCHING_M2 = 0.01
-LEADS_M = 0.1
-"""A path whose points are all nearer to its first leads nowhere."""
+MIN_PATH_M = 0.1
+"""A path with all points within this distance [m] of its first is invalid."""
 CAR = dynamics.MKZ_2017
 
 
 def check_scenario(scenario: Scenario, roads: RoadMap) -> None:
-    """Raises InputError naming the first CAV or actor and point where scenario and network do not fit together."""
+    """Raise InputError that names the first CAV or actor, and its point, that does not fit the network."""
     for ego in scenario.egos:
         where = f"scenario {scenario.id}: ego {ego.id}"
         _check_lanes(where, ego.lanes, roads)
@@ -38,9 +38,9 @@ def check_scenario(scenario: Scenario, roads: RoadMap) -> None:
         where = f"scenario {scenario.id}: actor {actor.id}"
         if isinstance(actor.motion, LaneMotion):
             _check_lanes(where, actor.motion.lanes, roads)
-        _check_within(where, actor, map_box)
-        _check_begin(where, actor, roads)
-        _check_room(where, actor, scenario.egos, roads)
+        _check_map_bounds(where, actor, map_box)
+        _check_motion_start(where, actor, roads)
+        _check_start_is_free(where, actor, scenario.egos, roads)
 
 
 def _check_lanes(where: str, lanes: Sequence[str], roads: RoadMap) -> None:
@@ -70,10 +70,10 @@ def _check_points(where: str, ego: Ego, roads: RoadMap) -> None:
         )
 
 
-def _check_within(where: str, actor: Actor, map_box: tuple[Float, Float]) -> None:
-    """Wherever an actor goes, the map is near."""
+def _check_map_bounds(where: str, actor: Actor, map_box: tuple[Float, Float]) -> None:
+    """Check that all points of an actor lie near the map."""
     low, high = map_box
-    points = _points(actor)
+    points = _collect_points(actor)
     beyond = np.maximum(low - points, points - high).max(1)
     worst = int(np.argmax(beyond))
     if beyond[worst] > OFF_MAP_M:
@@ -84,8 +84,8 @@ def _check_within(where: str, actor: Actor, map_box: tuple[Float, Float]) -> Non
         )
 
 
-def _points(actor: Actor) -> Float:
-    """(N, 2) points [m] that an actor's file names: start, way, trigger."""
+def _collect_points(actor: Actor) -> Float:
+    """Return the points (N, 2) [m] that an actor defines: start, motion, trigger."""
     points = [(actor.start.x, actor.start.y)]
     match actor.motion:
         case PathMotion(points=way):
@@ -99,14 +99,14 @@ def _points(actor: Actor) -> Float:
     return np.array(points)
 
 
-def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
-    """A motion begins at the start, and leads somewhere."""
+def _check_motion_start(where: str, actor: Actor, roads: RoadMap) -> None:
+    """Check that a motion begins at the start and is not a single point."""
     begin, start = (actor.start.x, actor.start.y), (actor.start.x, actor.start.y)
     match actor.motion:
         case PathMotion(points=way):
             begin = way[0]
-            if max(math.dist(begin, point) for point in way) <= LEADS_M:
-                raise InputError(f"{where}: expected a path that leads somewhere, found at most {LEADS_M:g} m of it")
+            if max(math.dist(begin, point) for point in way) <= MIN_PATH_M:
+                raise InputError(f"{where}: expected a path that leads somewhere, found at most {MIN_PATH_M:g} m of it")
         case LaneMotion(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
             begin = centre.at(min(max(centre.project(*start)[0], 0.0), centre.length))
@@ -120,28 +120,28 @@ def _check_begin(where: str, actor: Actor, roads: RoadMap) -> None:
         )
 
 
-def _check_room(where: str, actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> None:
+def _check_start_is_free(where: str, actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> None:
     for ego, area in find_start_overlaps(actor, egos, roads):
         raise InputError(f"{where}: start: expected room, found CAV {ego} there ({area:.2f} m2 overlap)")
 
 
 def find_start_overlaps(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> Iterator[tuple[str, float]]:
-    """Ids of the CAVs in which an actor stands in frame 0, and the overlaps [m2]; who comes later is in none."""
+    """Return ids of the CAVs that an actor overlaps in frame 0, and the overlaps [m2]; none for later arrivals."""
     if isinstance(actor.motion, ReplayMotion) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
         return
-    box = _box(compute_first_pose(actor, roads), actor.length, actor.width)
+    box = _build_box(compute_first_pose(actor, roads), actor.length, actor.width)
     for ego in egos:
-        area = float(shapely.intersection(box, _box(ego.start, CAR.length, CAR.width)).area)
+        area = float(shapely.intersection(box, _build_box(ego.start, CAR.length, CAR.width)).area)
         if area > TOUCHING_M2:
             yield ego.id, area
 
 
 def compute_first_pose(actor: Actor, roads: RoadMap) -> Pose:
-    """Where a motion begins, which may be beside the actor's `start`, heading along it."""
+    """Return the pose at which a motion begins, heading along it; it may lie beside the actor's `start`."""
     start = actor.start
     match actor.motion:
         case PathMotion(points=way):
-            (x, y), ahead = way[0], next((point for point in way if math.dist(point, way[0]) > LEADS_M), None)
+            (x, y), ahead = way[0], next((point for point in way if math.dist(point, way[0]) > MIN_PATH_M), None)
             return Pose(x=x, y=y, yaw=math.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
         case LaneMotion(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
@@ -154,5 +154,5 @@ def compute_first_pose(actor: Actor, roads: RoadMap) -> Pose:
             return start
 
 
-def _box(pose: Pose, length: float, width: float) -> shapely.Polygon:
+def _build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
     return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, length, width))

@@ -1,7 +1,7 @@
-"""Props: things that stand in the road, by name, with the size of their box and what hitting them counts as.
+"""Props: static objects by name, with the size of their box and the kind of collision with them.
 
 Sizes are of common products (traffic cones 0.3 to 0.5 m wide, New Jersey barriers 0.6 m wide and here cut into pieces
-of 2 m, Euro pallets 1.2 m x 0.8 m), not measured on CARLA's meshes, which are only known there.
+of 2 m, Euro pallets 1.2 m x 0.8 m), not measured on CARLA's meshes, which are not available here.
 """
 
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from mdrive_sumo.scenario.scripted_actor import KindName
 
 @dataclass(frozen=True, slots=True)
 class PropType:
-    """A kind of thing: length and width [m]; hitting it counts as a collision with `kind`.
+    """Length and width [m] of a prop; hitting it counts as a collision with `kind`.
 
-    That multiplies the infraction penalty by 0.65 for what is static, by 0.60 for a vehicle (protocol 7.1).
+    The infraction penalty is multiplied by 0.65 for a static object, by 0.60 for a vehicle (protocol 7.1).
     """
 
     length: float

@@ -23,7 +23,7 @@ FORMAT = "mdrive-sumo/scenario/1"
 
 
 class Ego(ScenarioPart):
-    """One CAV: where it is at tick 0 and the route it shall drive."""
+    """One CAV: its pose at tick 0 and its assigned route."""
 
     id: Identifier
     start: Pose
@@ -45,7 +45,7 @@ class Ego(ScenarioPart):
         return np.array([point[2] for point in self.route])
 
     @model_validator(mode="after")
-    def _evenly_spaced(self) -> "Ego":
+    def _check_spacing(self) -> "Ego":
         hops = np.hypot(*np.diff(self.xy, axis=0).T)
         worst = int(np.argmax(hops))
         if hops[worst] > 1.5 or hops.min() <= 0.0:
@@ -57,7 +57,7 @@ class Ego(ScenarioPart):
 
 
 class RoadsideUnit(ScenarioPart):
-    """A station beside the road that tells by CPM what it sees, with an objects sensor of the given profile."""
+    """A road-side unit that sends its detections as CPM; it has an objects sensor of the given profile."""
 
     id: Identifier
     x: Coordinate
@@ -87,7 +87,7 @@ class Scenario(ScenarioPart):
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")
-    def _unique_ids(self) -> "Scenario":
+    def _check_unique_ids(self) -> "Scenario":
         ids = [one.id for one in (*self.egos, *self.background.vehicles, *self.actors, *self.rsus)]
         if len(set(ids)) < len(ids):
             twice = sorted({i for i in ids if ids.count(i) > 1})
@@ -95,7 +95,7 @@ class Scenario(ScenarioPart):
         return self
 
     @model_validator(mode="after")
-    def _known_vehicles(self) -> "Scenario":
+    def _check_referenced_cavs(self) -> "Scenario":
         cavs = [ego.id for ego in self.egos]
         for actor in self.actors:
             for name in actor.referenced_cav_ids:
@@ -105,7 +105,7 @@ class Scenario(ScenarioPart):
 
 
 def load_scenario(path: Path) -> Scenario:
-    """Reads a scenario file; raises InputError with one sentence."""
+    """Load a scenario file. Raises InputError with one sentence."""
     try:
         return Scenario.model_validate_json(path.read_bytes())
     except OSError as error:
@@ -115,7 +115,7 @@ def load_scenario(path: Path) -> Scenario:
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Writes a scenario file, coordinates rounded to 1 mm and 0.1 mrad, one route point a line."""
+    """Write a scenario file, coordinates rounded to 1 mm and 0.1 mrad, one route point a line."""
     data = scenario.model_dump(mode="json", exclude_defaults=False)
     for ego in data["egos"]:
         ego["start"] = {
@@ -129,7 +129,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
 
 
 def describe_first_error(error: ValidationError) -> str:
-    """The first thing that is wrong with a file, as one sentence: where, expected, found."""
+    """Return the first validation error as one sentence: where, expected, found."""
     problem = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in problem["loc"]) or "the file"
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
@@ -138,11 +138,11 @@ def describe_first_error(error: ValidationError) -> str:
         if problem["type"] in ("missing", "json_invalid", "value_error")
         else f", found {shorten_value(problem['input'])}"
     )
-    said = problem["msg"].removeprefix("Value error, ")  # pydantic's words before a sentence of ours
-    return f"{where}: {said}{found}{more}"
+    reason = problem["msg"].removeprefix("Value error, ")  # pydantic's prefix of messages raised by validators
+    return f"{where}: {reason}{found}{more}"
 
 
 def shorten_value(value: object) -> str:
-    """A value in a sentence: at most 60 characters."""
+    """Return a value as text of at most 60 characters."""
     text = "NaN" if isinstance(value, float) and math.isnan(value) else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""What the parts of a scenario file have in common."""
+"""Base model and common field types of scenario files."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ Speed = Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)]
 
 
 class ScenarioPart(BaseModel):
-    """A piece of a scenario file: it never changes, and unknown keys are refused."""
+    """Base of all models of a scenario file: immutable, unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 

@@ -1,7 +1,7 @@
-"""Scripted road users in a scenario file: who they are, how they move, what sets them going (protocol 3.3 to 3.5).
+"""Scripted road users in a scenario file: kind, motion, trigger and action (protocol 3.3 to 3.5).
 
-Props that only stand, people on foot, cyclists, vehicles with an authored path, and whatever repeats a log. They are
-driven by `mdrive_sumo.actors`; vehicles that SUMO drives are `traffic.BackgroundVehicle`.
+Static props, pedestrians, cyclists, vehicles with an authored path, and actors that replay a log. `mdrive_sumo.actors`
+moves them; vehicles driven by SUMO are `background.BackgroundVehicle`.
 """
 
 from itertools import pairwise
@@ -14,13 +14,13 @@ from mdrive_sumo.scenario.scenario_part import Coordinate, Identifier, Pose, Sce
 
 
 class StandingMotion(ScenarioPart):
-    """Stands at its start all the time."""
+    """Stays at its start."""
 
     type: Literal["standing"] = "standing"
 
 
 class PathMotion(ScenarioPart):
-    """Goes along an authored polyline, which is followed literally; the first point is the start."""
+    """Follows an authored polyline exactly; the first point is the start."""
 
     type: Literal["path"] = "path"
     points: tuple[tuple[Coordinate, Coordinate], ...] = Field(min_length=2)
@@ -31,7 +31,7 @@ class PathMotion(ScenarioPart):
 
 
 class LaneMotion(ScenarioPart):
-    """Goes along the centre lines of lanes (a SUMO route with its junction lanes), beginning at the start."""
+    """Follows the centre lines of lanes (a SUMO route with its junction lanes), beginning at the start."""
 
     type: Literal["lanes"] = "lanes"
     lanes: tuple[str, ...] = Field(min_length=1)
@@ -41,16 +41,16 @@ class LaneMotion(ScenarioPart):
 
 
 class ReplayMotion(ScenarioPart):
-    """Repeats timed poses, linear in between; it is there from the first to the last of them."""
+    """Replays timed poses with linear interpolation; the actor is present from the first to the last of them."""
 
     type: Literal["replay"] = "replay"
     poses: tuple[tuple[Seconds, Coordinate, Coordinate, Coordinate], ...] = Field(min_length=2)
     """Time since the start of the scenario [s], x, y [m], yaw [rad]; times strictly increasing."""
     stays: bool = False
-    """Whether it stays where it ends, instead of leaving."""
+    """Whether it stays at its last pose instead of leaving."""
 
     @model_validator(mode="after")
-    def _in_time(self) -> "ReplayMotion":
+    def _check_times(self) -> "ReplayMotion":
         times = [pose[0] for pose in self.poses]
         for i, (before, after) in enumerate(pairwise(times)):
             if after <= before:
@@ -62,7 +62,7 @@ Motion = Annotated[StandingMotion | PathMotion | LaneMotion | ReplayMotion, Fiel
 
 
 class DistanceTrigger(ScenarioPart):
-    """When a CAV comes near: centre to centre (protocol 3.4)."""
+    """Fires when a CAV is within a distance, centre to centre (protocol 3.4)."""
 
     type: Literal["distance_to_vehicle"] = "distance_to_vehicle"
     vehicle: Identifier
@@ -71,14 +71,14 @@ class DistanceTrigger(ScenarioPart):
 
 
 class TimeTrigger(ScenarioPart):
-    """At a time since the start."""
+    """Fires at a time since the start."""
 
     type: Literal["time"] = "time"
     at_s: Seconds
 
 
 class PositionTrigger(ScenarioPart):
-    """When a CAV's centre is within a circle."""
+    """Fires when a CAV's centre is within a circle."""
 
     type: Literal["at_position"] = "at_position"
     vehicle: Identifier
@@ -91,26 +91,26 @@ Trigger = Annotated[DistanceTrigger | TimeTrigger | PositionTrigger, Field(discr
 
 
 class StartMotion(ScenarioPart):
-    """Stands until triggered, then goes (protocol 3.4)."""
+    """Stands until triggered, then follows its motion (protocol 3.4)."""
 
     type: Literal["start_motion"] = "start_motion"
 
 
 class HardBrake(ScenarioPart):
-    """When triggered, but not before it has driven for a while: full brake to a standstill, hold, resume."""
+    """When triggered, but not before a minimum drive: full brake to a standstill, hold, resume."""
 
     type: Literal["hard_brake"] = "hard_brake"
     hold_s: Seconds = 2.0
     resume_speed: Speed | None = None
     """Target speed [m/s] after the hold; None: as before."""
     pacing: bool = True
-    """Whether it adapts its speed before the trigger, so that the CAV meets it (protocol 3.4)."""
+    """Whether it adapts its speed before the trigger so that it meets the CAV (protocol 3.4)."""
     least_driven_s: Seconds = 3.0
     least_driven_m: float = Field(default=0.0, ge=0, le=1000)
 
 
 class LaneChange(ScenarioPart):
-    """When triggered, but not before it has driven for a while: 5 m straight, 25 m over to the next lane."""
+    """When triggered, but not before a minimum drive: 5 m straight, then 25 m of transition to the next lane."""
 
     type: Literal["lane_change"] = "lane_change"
     direction: Literal["left", "right"] | None = None
@@ -133,27 +133,27 @@ KIND_BY_NAME: dict[KindName, Kind] = {
 
 
 class Actor(ScenarioPart):
-    """A scripted road user or a prop. Its kind decides what hitting it costs; a parked car is a vehicle."""
+    """A scripted road user or a prop. Its kind determines the penalty of a collision; a parked car is a vehicle."""
 
     id: Identifier
     kind: KindName
     model: str = Field(default="", max_length=80)
-    """What it is: a name of `props.PROPS`, a CARLA blueprint, a category of a log. Says nothing about its size."""
+    """A name of `props.PROPS`, a CARLA blueprint or a category of a log. Independent of its size."""
     length: float = Field(gt=0, le=40)
     width: float = Field(gt=0, le=40)
     """[m]"""
     start: Pose
     motion: Motion = StandingMotion()
     avoid_collision: bool = True
-    """Whether it stops for what is in its way. The original drops this flag; `--actors original` does too."""
+    """Whether it stops for obstacles ahead. The original ignores this flag; `--actors original` does too."""
     mirrored: bool = True
-    """Whether SUMO's traffic takes notice of it. Off for what stands half in a lane and was driven around in a log."""
+    """Whether SUMO's traffic reacts to it. Off for obstacles partly in a lane that traffic passed in the log."""
     trigger: Trigger | None = None
     action: Action | None = None
-    """What the trigger sets off; with a trigger alone it is `start_motion`."""
+    """Action of the trigger; a trigger without action means `start_motion`."""
 
     @model_validator(mode="after")
-    def _sensible(self) -> "Actor":
+    def _check_combination(self) -> "Actor":
         if self.trigger is None and self.action is not None:
             raise ValueError(f"actor {self.id}: expected a trigger for its action {self.action.type}, found none")
         if self.trigger is not None and isinstance(self.motion, StandingMotion):
@@ -166,7 +166,7 @@ class Actor(ScenarioPart):
 
     @property
     def referenced_cav_ids(self) -> tuple[str, ...]:
-        """Ids of the CAVs that its trigger and action name."""
+        """Ids of the CAVs that the trigger and the action refer to."""
         named = (
             getattr(self.trigger, "vehicle", None),
             getattr(self.action, "target_vehicle", None),

@@ -1,4 +1,4 @@
-"""How large a set of scenarios is, in the terms of the paper's table of scenario distribution."""
+"""Statistics of a set of scenarios, as in the paper's table of scenario distribution."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ scenarios times their mean. Recomputed from the paper's own table of categories,
 
 
 def compute_suite_statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
-    """Statistics of at least one scenario."""
+    """Return the statistics of one or more scenarios."""
     egos = [ego for scenario in scenarios for ego in scenario.egos]
     return SuiteStatistics(
         scenarios=len(scenarios),
@@ -64,19 +64,19 @@ def compute_suite_statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
 
 
 def compute_route_length(ego: Ego) -> float:
-    """Length of a CAV's dense route [m]."""
+    """Return the length of a CAV's dense route [m]."""
     return float(np.hypot(*np.diff(ego.xy, axis=0).T).sum())
 
 
 def compute_heading_change_deg(ego: Ego) -> float:
-    """Cumulative heading change [deg]: sum of absolute heading differences along the smoothed route."""
-    steps = np.diff(_smoothed(ego.xy), axis=0)
+    """Return the cumulative heading change [deg]: sum of absolute heading differences along the smoothed route."""
+    steps = np.diff(_smooth(ego.xy), axis=0)
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     return float(np.degrees(np.abs(np.diff(headings)).sum()))
 
 
-def _smoothed(xy: Float) -> Float:
-    """Centred moving average of points (N, 2); the window shrinks towards both ends, which stay."""
+def _smooth(xy: Float) -> Float:
+    """Return the centred moving average of points (N, 2); the window shrinks towards the fixed ends."""
     smooth = xy.copy()
     for reach in range(1, SMOOTHING_REACH + 1):
         if len(xy) > 2 * reach:

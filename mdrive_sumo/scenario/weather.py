@@ -1,6 +1,6 @@
-"""Weather and light: how they shorten what sensors see, and how slippery they make the road if that is asked for.
+"""Weather and light: factors on sensor ranges and, optionally, on road friction.
 
-The factors are rough figures with a reason each, not a physical model; docs/sensors.md tells where they come from.
+The factors are rough estimates with a reason each, not a physical model; docs/sensors.md names their sources.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ WeatherName: TypeAlias = Literal["default", "cloudy", "rain", "night"]
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """Factors in (0, 1] by which ranges and friction shrink."""
+    """Factors in (0, 1] on sensor ranges and friction."""
 
     name: WeatherName
     objects_range: float
@@ -35,13 +35,13 @@ WEATHERS: Mapping[WeatherName, Weather] = MappingProxyType(
 
 
 class FrictionMode(StrEnum):
-    """How slippery roads are."""
+    """Source of the road friction."""
 
     DRY = "dry"
     """Dry in every weather."""
     WEATHER = "weather"
-    """As the scenario's weather makes them."""
+    """According to the scenario's weather."""
 
     def grip_in(self, weather: WeatherName) -> float:
-        """Share of the friction of a dry road, in (0, 1]."""
+        """Return the share of the friction of a dry road, in (0, 1]."""
         return WEATHERS[weather].grip if self is FrictionMode.WEATHER else 1.0

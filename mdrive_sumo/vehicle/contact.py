@@ -1,8 +1,8 @@
-"""What happens when boxes meet: they never pass through each other.
+"""Contacts between boxes: CAVs never pass through anything.
 
 A contact is a planar, perfectly plastic impulse with friction at one point. It is a surrogate of CARLA's rigid-body
-physics: no crumpling, no bouncing, no third dimension, and whatever is no CAV (background vehicles, pedestrians,
-props, walls) is immovable. Pairs that crossed within the tick are found too, so nothing tunnels (impact.py).
+physics: no crumpling, no bouncing, no third dimension, and everything that is not a CAV (background vehicles,
+pedestrians, props, walls) is immovable. Detection is swept over the tick, so that nothing tunnels (impact.py).
 """
 
 import math
@@ -15,19 +15,27 @@ import shapely
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.core.state import DT, Actors, Contact, Kind
 from mdrive_sumo.vehicle.dynamics import VehicleParameters, VehicleState
-from mdrive_sumo.vehicle.impact import Points, Pose, RigidBody, box, meeting, resolve_collision, wall
+from mdrive_sumo.vehicle.impact import (
+    Points,
+    Pose,
+    RigidBody,
+    build_box_body,
+    build_static_body,
+    find_contact,
+    resolve_collision,
+)
 
-PASSES = 16
-"""Most rounds of pushing apart in a tick; a car squeezed between immovable things stays squeezed."""
-JUMP = 5.0
-"""An actor that moved further in a tick [m] (100 m/s) was put there: it does not sweep what lies between."""
-MARGIN = 1.0
+MAX_PASSES = 16
+"""Most rounds of pushing apart in a tick; a car squeezed between immovable bodies stays squeezed."""
+MAX_SWEEP_M = 5.0
+"""An actor that moves further in a tick [m] (100 m/s) was relocated: its path is not swept."""
+MARGIN_M = 1.0
 """Slack of the broad phase [m]: how far a car may be pushed in a tick and still meet only known candidates."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObstacleMotion:
-    """Boxes that nobody can push, at the start and the end of one tick, row by row the same."""
+    """Immovable boxes at the start and the end of one tick, with the same rows."""
 
     before: Actors
     after: Actors
@@ -35,7 +43,7 @@ class ObstacleMotion:
 
 @dataclass(frozen=True, slots=True)
 class BuildingWalls:
-    """Convex polygons that never move, made once an episode."""
+    """Convex static polygons, built once per episode."""
 
     pieces: tuple[Points, ...]
     centre: Float
@@ -45,7 +53,7 @@ class BuildingWalls:
 
 
 def build_obstacle_motion(before: Actors, after: Actors) -> ObstacleMotion:
-    """The actors of two successive ticks; one that is new in this tick stands where it appeared."""
+    """Return the actors of two successive ticks; an actor that is new in this tick has no motion."""
     if before.ids is after.ids or before.ids == after.ids:
         return ObstacleMotion(before, after)
     row = {actor: i for i, actor in enumerate(before.ids)}
@@ -57,7 +65,7 @@ def build_obstacle_motion(before: Actors, after: Actors) -> ObstacleMotion:
 
 
 def build_walls(rings: Iterable[Float]) -> BuildingWalls:
-    """Walls around buildings whose outlines (N, 2) [m] are given; concave ones are cut into triangles."""
+    """Return the walls of buildings with these outlines (N, 2) [m]; concave ones are cut into triangles."""
     pieces = [piece for ring in rings for piece in _convex_pieces(ring)]
     low = np.array([np.min(piece, axis=0) for piece in pieces]).reshape(-1, 2).T
     high = np.array([np.max(piece, axis=0) for piece in pieces]).reshape(-1, 2).T
@@ -74,17 +82,17 @@ def _convex_pieces(ring: Float) -> Iterator[Points]:
             yield tuple((float(x), float(y)) for x, y in piece.exterior.coords[:-1])
 
 
-Key = str | int
+BodyKey = str | int
 """A CAV's id, an actor's index, or ~index of a piece of wall (negative)."""
-Link = tuple[str, Key]
-"""A CAV and what it may meet."""
+ContactPair = tuple[str, BodyKey]
+"""A CAV and a body that it may touch."""
 Axes = Float | tuple[Float, Float]
 """Two rows (N,), along x and along y."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Scene:
-    """Everything in one tick."""
+class _TickState:
+    """All inputs of one tick."""
 
     before: Mapping[str, VehicleState]
     after: Mapping[str, VehicleState]
@@ -100,28 +108,30 @@ def resolve_contacts(
     actors: ObstacleMotion,
     buildings: BuildingWalls,
 ) -> tuple[dict[str, VehicleState], tuple[Contact, ...]]:
-    """Ego bodies at the end of the tick that do not overlap anything, and what they met (sorted, unique).
+    """Return ego states at the end of the tick without overlaps, and the contacts (sorted, unique).
 
-    `before` and `after` are the bodies at the start and, as the dynamics propose, at the end of the tick. Bodies
-    closer than 1 cm are reported on every tick as long as they stay so; who counts collisions has to merge them.
+    `before` and `after` are the states at the start and, as the dynamics propose, at the end of the tick. Bodies
+    closer than 1 cm are reported on every tick as long as they stay so; a collision counter must merge them.
     """
-    scene = _Scene(before, after, vehicles, actors, buildings)
-    pairs = _close_pairs(scene)
+    scene = _TickState(before, after, vehicles, actors, buildings)
+    pairs = _find_close_pairs(scene)
     if not pairs:
         return dict(after), ()
-    things = {key: _thing(key, scene) for pair in pairs for key in pair}
-    untouched = dict(things)
-    met: set[Link] = set()
-    for _ in range(PASSES):
-        pushed = [_parted(pair, things, met) for pair in pairs]
+    bodies = {key: _build_body(key, scene) for pair in pairs for key in pair}
+    untouched = dict(bodies)
+    met: set[ContactPair] = set()
+    for _ in range(MAX_PASSES):
+        pushed = [_separate_pair(pair, bodies, met) for pair in pairs]
         if not any(pushed):
             break
-    changed = {ego for ego in after if things.get(ego) is not untouched.get(ego)}
-    settled = {ego: _body(scene, ego, things[ego]) if ego in changed else body for ego, body in after.items()}
-    return settled, _contacts(met, actors.after)
+    changed = {ego for ego in after if bodies.get(ego) is not untouched.get(ego)}
+    settled = {
+        ego: _to_vehicle_state(scene, ego, bodies[ego]) if ego in changed else body for ego, body in after.items()
+    }
+    return settled, _list_contacts(met, actors.after)
 
 
-def _contacts(met: set[Link], actors: Actors) -> tuple[Contact, ...]:
+def _list_contacts(met: set[ContactPair], actors: Actors) -> tuple[Contact, ...]:
     found: set[Contact] = set()
     for ego, other in met:
         if isinstance(other, str):
@@ -133,32 +143,32 @@ def _contacts(met: set[Link], actors: Actors) -> tuple[Contact, ...]:
     return tuple(sorted(found, key=lambda contact: (contact.ego, contact.other)))
 
 
-def _close_pairs(scene: _Scene) -> list[Link]:
-    """Pairs whose bounding squares may meet in this tick: CAVs in order of their ids, then actors, then walls."""
+def _find_close_pairs(scene: _TickState) -> list[ContactPair]:
+    """Return pairs with overlapping swept bounding squares: CAVs in order of their ids, then actors, then walls."""
     egos = sorted(scene.after)
-    spots = [(ego, _spot(scene, ego)) for ego in egos]
-    pairs: list[Link] = [
+    spots = [(ego, _compute_reach(scene, ego)) for ego in egos]
+    pairs: list[ContactPair] = [
         (first, second)
         for i, (first, (x, y, reach)) in enumerate(spots)
         for second, (u, v, other) in spots[i + 1 :]
         if abs(u - x) < reach + other and abs(v - y) < reach + other
     ]
     if len(scene.actors.after):
-        centre, half = _squares(scene.actors)
-        pairs += [(ego, j) for ego, spot in spots for j in _near(spot, centre, half)]
+        centre, half = _compute_bounding_squares(scene.actors)
+        pairs += [(ego, j) for ego, spot in spots for j in _find_near(spot, centre, half)]
     if scene.walls.pieces:
-        pairs += [(ego, ~j) for ego, spot in spots for j in _near(spot, scene.walls.centre, scene.walls.half)]
+        pairs += [(ego, ~j) for ego, spot in spots for j in _find_near(spot, scene.walls.centre, scene.walls.half)]
     return pairs
 
 
-def _spot(scene: _Scene, ego: str) -> Pose:
+def _compute_reach(scene: _TickState, ego: str) -> Pose:
     """Centre of a CAV and the half side of a square that holds it during the tick [m]."""
     start, end, vehicle = scene.before[ego], scene.after[ego], scene.vehicles[ego]
     swept = max(abs(end.x - start.x), abs(end.y - start.y))
-    return end.x, end.y, (vehicle.length + vehicle.width) / 2 + swept + MARGIN
+    return end.x, end.y, (vehicle.length + vehicle.width) / 2 + swept + MARGIN_M
 
 
-def _squares(actors: ObstacleMotion) -> tuple[Axes, Axes]:
+def _compute_bounding_squares(actors: ObstacleMotion) -> tuple[Axes, Axes]:
     """Centres and half sizes [m] of squares that hold the actors during the tick."""
     start, end = actors.before, actors.after
     swept = np.maximum(np.abs(end.x - start.x), np.abs(end.y - start.y))
@@ -166,70 +176,70 @@ def _squares(actors: ObstacleMotion) -> tuple[Axes, Axes]:
     return (end.x, end.y), (radius, radius)
 
 
-def _near(spot: Pose, centre: Axes, half: Axes) -> list[int]:
+def _find_near(spot: Pose, centre: Axes, half: Axes) -> list[int]:
     """Which rectangles the spot's square meets."""
     x, y, reach = spot
     gap = np.maximum(np.abs(centre[0] - x) - half[0], np.abs(centre[1] - y) - half[1])
     return (gap < reach).nonzero()[0].tolist()
 
 
-def _thing(key: Key, scene: _Scene) -> RigidBody:
+def _build_body(key: BodyKey, scene: _TickState) -> RigidBody:
     if isinstance(key, str):
-        return _ego(scene.before[key], scene.after[key], scene.vehicles[key])
-    return _actor(scene.actors, key) if key >= 0 else wall(scene.walls.pieces[~key])
+        return _build_ego_body(scene.before[key], scene.after[key], scene.vehicles[key])
+    return _build_actor_body(scene.actors, key) if key >= 0 else build_static_body(scene.walls.pieces[~key])
 
 
-def _ego(before: VehicleState, after: VehicleState, vehicle: VehicleParameters) -> RigidBody:
+def _build_ego_body(before: VehicleState, after: VehicleState, vehicle: VehicleParameters) -> RigidBody:
     sin, cos = math.sin(after.yaw), math.cos(after.yaw)
     return replace(
-        box((before.x, before.y, before.yaw), (after.x, after.y, after.yaw), vehicle.length, vehicle.width),
+        build_box_body((before.x, before.y, before.yaw), (after.x, after.y, after.yaw), vehicle.length, vehicle.width),
         velocity=(cos * after.vx - sin * after.vy, sin * after.vx + cos * after.vy),
         yaw_rate=after.yaw_rate,
-        per_mass=1 / vehicle.mass,
-        per_inertia=1 / vehicle.yaw_inertia,
+        inverse_mass=1 / vehicle.mass,
+        inverse_inertia=1 / vehicle.yaw_inertia,
     )
 
 
-def _actor(actors: ObstacleMotion, row: int) -> RigidBody:
+def _build_actor_body(actors: ObstacleMotion, row: int) -> RigidBody:
     end = actors.after
-    x1, y1, yaw1 = _pose(end, row)
-    x0, y0, yaw0 = _pose(actors.before, row)
-    if max(abs(x1 - x0), abs(y1 - y0)) > JUMP:
+    x1, y1, yaw1 = _pose_of_row(end, row)
+    x0, y0, yaw0 = _pose_of_row(actors.before, row)
+    if max(abs(x1 - x0), abs(y1 - y0)) > MAX_SWEEP_M:
         x0, y0, yaw0 = x1, y1, yaw1
     return replace(
-        box((x0, y0, yaw0), (x1, y1, yaw1), float(end.length[row]), float(end.width[row])),
+        build_box_body((x0, y0, yaw0), (x1, y1, yaw1), float(end.length[row]), float(end.width[row])),
         velocity=((x1 - x0) / DT, (y1 - y0) / DT),
         yaw_rate=wrap_angle(yaw1 - yaw0) / DT,
     )
 
 
-def _pose(actors: Actors, row: int) -> Pose:
+def _pose_of_row(actors: Actors, row: int) -> Pose:
     return float(actors.x[row]), float(actors.y[row]), float(actors.yaw[row])
 
 
-def _parted(pair: Link, things: dict[Key, RigidBody], met: set[Link]) -> bool:
-    """Whether a pair had to be pushed apart; notes in `met` that it was in contact."""
-    first, second = things[pair[0]], things[pair[1]]
-    met_now = meeting(first, second)
-    if met_now is None:
+def _separate_pair(pair: ContactPair, bodies: dict[BodyKey, RigidBody], met: set[ContactPair]) -> bool:
+    """Separate a pair and return whether that was necessary; adds the pair to `met` if it is in contact."""
+    first, second = bodies[pair[0]], bodies[pair[1]]
+    contact = find_contact(first, second)
+    if contact is None:
         return False
     met.add(pair)
-    if met_now.depth == 0.0:
+    if contact.depth == 0.0:
         return False
-    things[pair[0]], things[pair[1]] = resolve_collision(first, second, met_now)
+    bodies[pair[0]], bodies[pair[1]] = resolve_collision(first, second, contact)
     return True
 
 
-def _body(scene: _Scene, ego: str, thing: RigidBody) -> VehicleState:
+def _to_vehicle_state(scene: _TickState, ego: str, rigid_body: RigidBody) -> VehicleState:
     body = scene.after[ego]
     sin, cos = math.sin(body.yaw), math.cos(body.yaw)
-    vx = cos * thing.velocity[0] + sin * thing.velocity[1]
+    vx = cos * rigid_body.velocity[0] + sin * rigid_body.velocity[1]
     return replace(
         body,
-        x=thing.centre[0],
-        y=thing.centre[1],
+        x=rigid_body.centre[0],
+        y=rigid_body.centre[1],
         vx=vx,
-        vy=cos * thing.velocity[1] - sin * thing.velocity[0],
-        yaw_rate=thing.yaw_rate,
+        vy=cos * rigid_body.velocity[1] - sin * rigid_body.velocity[0],
+        yaw_rate=rigid_body.yaw_rate,
         acceleration=(vx - scene.before[ego].vx) / DT,
     )

@@ -1,4 +1,4 @@
-"""How a CAV moves: a single-track model with slipping tyres, real pedals and a real steering wheel.
+"""Vehicle dynamics of a CAV: a single-track model with tyre slip and actuator lags.
 
 The model is the linear single-track model (Riekert and Schunck 1940; Rajamani, Vehicle Dynamics and Control,
 ch. 2) with three additions: axle forces are limited by friction; slip angles are taken against at least
@@ -83,7 +83,7 @@ MKZ_2017 = VehicleParameters()
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """The whole state of a moving car: pose of the box centre, velocity in the car's own frame, actuators."""
+    """The complete state of a moving car: pose of the box centre, velocity in the car's own frame, actuators."""
 
     x: float
     y: float
@@ -109,12 +109,12 @@ def initial_state(x: float, y: float, yaw: float, speed: float = 0.0) -> Vehicle
 
 
 def to_ego_state(body: VehicleState) -> EgoState:
-    """What the world sees of a body; speed is signed, along yaw."""
+    """Return the externally visible state; speed is signed, along yaw."""
     return EgoState(body.x, body.y, body.yaw, body.vx, body.acceleration, body.yaw_rate, body.steer_angle)
 
 
 def to_vehicle_facts(vehicle: VehicleParameters) -> VehicleFacts:
-    """What an agent is told about its car."""
+    """Return the facts about the car that an agent gets in its briefing."""
     return VehicleFacts(
         length=vehicle.length,
         width=vehicle.width,
@@ -131,10 +131,10 @@ def to_vehicle_facts(vehicle: VehicleParameters) -> VehicleFacts:
 def step(
     body: VehicleState, control: Control, vehicle: VehicleParameters, dt: float = DT, sub_steps: int = SUB_STEPS
 ) -> VehicleState:
-    """The body `dt` seconds later under a constant control.
+    """Return the state `dt` seconds later under a constant control.
 
-    There is no reverse gear: nothing but a push from outside makes vx negative, and a car that stands without
-    throttle stays exactly where it is.
+    There is no reverse gear: only an external impulse makes vx negative, and a standing car without throttle stays
+    exactly where it is.
     """
     h = dt / sub_steps
     x, y, yaw, steer_angle, drive, brake = body.x, body.y, body.yaw, body.steer_angle, body.drive, body.brake
@@ -147,12 +147,12 @@ def step(
     u, v, yaw_rate = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy, body.yaw_rate
     for _ in range(sub_steps):
         # Leapfrog: half a sub-step of motion, the forces there with the actuators' mean, the other half of motion.
-        turn = _within(most_turn, (target - steer_angle) * turned)
+        turn = _clamp(most_turn, (target - steer_angle) * turned)
         press, clamp = (control.throttle - drive) * pressed, (pedal - brake) * clamped
         x, y, yaw = x + h / 2 * u, y + h / 2 * v, yaw + h / 2 * yaw_rate
         sin, cos = math.sin(yaw), math.cos(yaw)
         motion = cos * u + sin * v, cos * v - sin * u, yaw_rate
-        vx, vy, yaw_rate = _accelerated(
+        vx, vy, yaw_rate = _apply_forces(
             motion, steer_angle + turn / 2, drive + press / 2, brake + clamp / 2, vehicle, h
         )
         u, v = cos * vx - sin * vy, sin * vx + cos * vy
@@ -160,26 +160,26 @@ def step(
         steer_angle, drive, brake = steer_angle + turn, drive + press, brake + clamp
     sin, cos = math.sin(yaw), math.cos(yaw)
     vx, vy = cos * u + sin * v, cos * v - sin * u
-    if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # tyres that stand stick
+    if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # static friction of standing tyres
         vx = vy = yaw_rate = 0.0
     return VehicleState(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / dt)
 
 
-def _within(limit: float, value: float) -> float:
-    """The value, or the nearer of +-limit. Not max(min()): those calls would cost more than the forces."""
+def _clamp(limit: float, value: float) -> float:
+    """Return the value clamped to +-limit. Not max(min()): those calls would cost more than the forces."""
     return value if -limit <= value <= limit else math.copysign(limit, value)
 
 
-def _accelerated(
+def _apply_forces(
     motion: Triple, steer_angle: float, drive: float, brake: float, vehicle: VehicleParameters, h: float
 ) -> Triple:
     """Motion (vx, vy, yaw rate) after all forces have acted for h seconds, in the same frame."""
-    grip = _grip(motion[0], drive, brake, vehicle)
-    vx, vy, yaw_rate = _slipped(motion, steer_angle, grip, vehicle, h)
-    return _driven(vx, drive, brake, vehicle, h), vy, yaw_rate
+    grip = _compute_lateral_limit(motion[0], drive, brake, vehicle)
+    vx, vy, yaw_rate = _apply_lateral_forces(motion, steer_angle, grip, vehicle, h)
+    return _apply_longitudinal_forces(vx, drive, brake, vehicle, h), vy, yaw_rate
 
 
-def _grip(vx: float, drive: float, brake: float, vehicle: VehicleParameters) -> float:
+def _compute_lateral_limit(vx: float, drive: float, brake: float, vehicle: VehicleParameters) -> float:
     """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
     braking = brake * vehicle.max_deceleration
     used = drive * vehicle.max_acceleration + (braking if vx < 0.0 else -braking)
@@ -187,7 +187,9 @@ def _grip(vx: float, drive: float, brake: float, vehicle: VehicleParameters) -> 
     return math.sqrt(left) if left > 0.0 else 0.0
 
 
-def _slipped(motion: Triple, steer_angle: float, grip: float, vehicle: VehicleParameters, h: float) -> Triple:
+def _apply_lateral_forces(
+    motion: Triple, steer_angle: float, grip: float, vehicle: VehicleParameters, h: float
+) -> Triple:
     """Motion after the lateral forces of both axles have acted for h seconds."""
     vx, vy, yaw_rate = motion
     mass, inertia, b = vehicle.mass, vehicle.yaw_inertia, vehicle.rear_to_centre
@@ -214,10 +216,10 @@ def _axle_force(rolling: float, sliding: float, stiffness: float, response: floa
     """
     rolling = abs(rolling) if abs(rolling) > SLIP_SPEED else SLIP_SPEED
     force = -stiffness * math.atan(sliding / rolling) / (1 + stiffness * response / (2 * rolling))
-    return _within(limit, force)
+    return _clamp(limit, force)
 
 
-def _driven(vx: float, drive: float, brake: float, vehicle: VehicleParameters, h: float) -> float:
+def _apply_longitudinal_forces(vx: float, drive: float, brake: float, vehicle: VehicleParameters, h: float) -> float:
     """Forward speed after engine, air, brake and rolling resistance have acted for h seconds."""
     power = vehicle.max_power / vehicle.mass
     most = vehicle.max_acceleration if vx * vehicle.max_acceleration < power else power / vx
@@ -227,6 +229,6 @@ def _driven(vx: float, drive: float, brake: float, vehicle: VehicleParameters, h
     pull, limit = drive * most, vehicle.grip * vehicle.max_acceleration
     pull = pull if pull < limit else limit  # traction control
     vx += h * (pull - 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass)
-    # What only resists can stop a car but never turn it round.
+    # Resistance can stop a car but never reverse it.
     resisted = h * (brake * vehicle.max_deceleration + vehicle.rolling_resistance * GRAVITY)
     return vx - math.copysign(resisted, vx) if abs(vx) > resisted else 0.0

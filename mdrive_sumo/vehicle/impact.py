@@ -1,4 +1,4 @@
-"""One pair: do two convex bodies meet within a tick, and how do they leave each other?
+"""Contact of one pair of convex bodies within a tick: detection and response.
 
 Detection is a swept separating-axis test (Ericson, Real-Time Collision Detection, 5.5), response a perfectly plastic
 planar impulse with Coulomb friction (Hahn 1988; no restitution, so energy can only shrink).
@@ -12,9 +12,9 @@ Pair = tuple[float, float]
 Pose = tuple[float, float, float]
 Points = tuple[Pair, ...]
 
-TOLERANCE = 1e-3
+PENETRATION_TOLERANCE_M = 1e-3
 """Bodies may overlap by this much [m] before they are pushed apart, so that one sliding along another never snags."""
-TOUCH = 0.01
+CONTACT_DISTANCE_M = 0.01
 """Bodies closer than this [m] are in contact."""
 FRICTION = 0.5
 """Coulomb friction between bodies. Assumption: sheet metal on sheet metal."""
@@ -33,20 +33,20 @@ class RigidBody:
     centre: Pair = (0.0, 0.0)
     velocity: Pair = (0.0, 0.0)
     yaw_rate: float = 0.0
-    per_mass: float = 0.0
-    """1 / mass [1/kg]; 0 for what cannot be pushed."""
-    per_inertia: float = 0.0
+    inverse_mass: float = 0.0
+    """1 / mass [1/kg]; 0 for immovable bodies."""
+    inverse_inertia: float = 0.0
     """1 / yaw inertia [1/(kg m2)]"""
 
 
-def wall(piece: Points) -> RigidBody:
-    """A convex polygon [m] that stands for ever."""
+def build_static_body(piece: Points) -> RigidBody:
+    """Return an immovable body for a convex polygon [m]."""
     sides = [(x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in zip(piece, piece[1:] + piece[:1], strict=True)]
     return RigidBody(piece, piece, tuple((dy / math.hypot(dx, dy), -dx / math.hypot(dx, dy)) for dx, dy in sides))
 
 
-def box(before: Pose, after: Pose, length: float, width: float) -> RigidBody:
-    """A box at its poses (x, y, yaw) at the start and the end of the tick, without velocity or mass."""
+def build_box_body(before: Pose, after: Pose, length: float, width: float) -> RigidBody:
+    """A build_box_body at its poses (x, y, yaw) at the start and the end of the tick, without velocity or mass."""
     yaws = (after[2],) if after[2] == before[2] else (after[2], before[2])
     normals = [(math.cos(yaw), math.sin(yaw)) for yaw in yaws]
     normals += [(-y, x) for x, y in normals]
@@ -59,7 +59,7 @@ def box(before: Pose, after: Pose, length: float, width: float) -> RigidBody:
 
 
 def _corners(x: float, y: float, yaw: float, ahead: float, left: float) -> Points:
-    # As geometry.box_corners, but scalar: numpy costs ten times more for one box.
+    # As geometry.box_corners, but scalar: numpy costs ten times more for one build_box_body.
     sin, cos = math.sin(yaw), math.cos(yaw)
     ax, ay, lx, ly = ahead * cos, ahead * sin, -left * sin, left * cos
     return (
@@ -72,92 +72,94 @@ def _corners(x: float, y: float, yaw: float, ahead: float, left: float) -> Point
 
 @dataclass(frozen=True, slots=True)
 class ContactManifold:
-    """Two things met."""
+    """Contact of two bodies."""
 
     normal: Pair
     """Unit vector from the first to the second."""
     depth: float
-    """Overlap along it [m]; 0 if they only touch."""
+    """Penetration along the normal [m]; 0 if they only touch."""
 
 
-def meeting(first: RigidBody, second: RigidBody) -> ContactManifold | None:
-    """How two things met in this tick, or None. Gaps are taken to change linearly between start and end."""
+def find_contact(first: RigidBody, second: RigidBody) -> ContactManifold | None:
+    """Return the contact of two bodies in this tick, or None; gaps change linearly between start and end."""
     entered, left, gap, apart = 0.0, 1.0, -math.inf, False
     best = (
         -1,
         -math.inf,
     )  # (0, least overlap) among directions that overlapped at the start, then (1, latest entry)
     meeting = ContactManifold((1.0, 0.0), 0.0)
-    for normal in _directions(first, second):
-        start, end = _gap(first.start, second.start, normal), _gap(first.end, second.end, normal)
+    for normal in _separating_axes(first, second):
+        start, end = _compute_gap(first.start, second.start, normal), _compute_gap(first.end, second.end, normal)
         gap = max(gap, end)
-        if start > -TOLERANCE and end > -TOLERANCE:
-            if end > TOUCH:
+        if start > -PENETRATION_TOLERANCE_M and end > -PENETRATION_TOLERANCE_M:
+            if end > CONTACT_DISTANCE_M:
                 return None
             apart = True
             continue
-        at = (start + TOLERANCE) / (start - end) if start != end else 0.0
-        if start <= -TOLERANCE < end:
+        at = (start + PENETRATION_TOLERANCE_M) / (start - end) if start != end else 0.0
+        if start <= -PENETRATION_TOLERANCE_M < end:
             left = min(left, at)
-        rank = (1, at) if start > -TOLERANCE else (0, start)
+        rank = (1, at) if start > -PENETRATION_TOLERANCE_M else (0, start)
         if rank > best:
             best, entered, meeting = rank, at if rank[0] else 0.0, ContactManifold(normal, -end)
-    if apart or entered > left or (best[0] == 0 and gap > -TOLERANCE):
-        return ContactManifold(meeting.normal, 0.0) if gap <= TOUCH else None
+    if apart or entered > left or (best[0] == 0 and gap > -PENETRATION_TOLERANCE_M):
+        return ContactManifold(meeting.normal, 0.0) if gap <= CONTACT_DISTANCE_M else None
     return meeting
 
 
-def _directions(first: RigidBody, second: RigidBody) -> Iterator[Pair]:
+def _separating_axes(first: RigidBody, second: RigidBody) -> Iterator[Pair]:
     for x, y in first.normals + second.normals:
         yield x, y
         yield -x, -y
 
 
-def _gap(first: Points, second: Points, normal: Pair) -> float:
-    """Free distance [m] from the first to the second along a direction; negative where they overlap."""
+def _compute_gap(first: Points, second: Points, normal: Pair) -> float:
+    """Return the gap [m] from the first to the second body along a direction; negative if they overlap."""
     nx, ny = normal
     return min([x * nx + y * ny for x, y in second]) - max([x * nx + y * ny for x, y in first])
 
 
 def resolve_collision(first: RigidBody, second: RigidBody, meeting: ContactManifold) -> tuple[RigidBody, RigidBody]:
-    """Both without overlap (each yields by its share of 1 / mass) and without approaching at the contact point."""
+    """Return both bodies separated (in proportion to their inverse masses) and not approaching at the contact point."""
     nx, ny = meeting.normal
-    share = meeting.depth / (first.per_mass + second.per_mass)
-    first = _shifted(first, -nx * share * first.per_mass, -ny * share * first.per_mass)
-    second = _shifted(second, nx * share * second.per_mass, ny * share * second.per_mass)
+    share = meeting.depth / (first.inverse_mass + second.inverse_mass)
+    first = _shift(first, -nx * share * first.inverse_mass, -ny * share * first.inverse_mass)
+    second = _shift(second, nx * share * second.inverse_mass, ny * share * second.inverse_mass)
     point = _contact_point(first.end, second.end, meeting.normal)
     # One after the other, normal then friction: each only takes energy away.
-    first, second, press = _stopped(first, second, point, meeting.normal, (0.0, math.inf))
+    first, second, press = _apply_stopping_impulse(first, second, point, meeting.normal, (0.0, math.inf))
     rub = FRICTION * press
-    first, second, _ = _stopped(first, second, point, (-ny, nx), (-rub, rub))
+    first, second, _ = _apply_stopping_impulse(first, second, point, (-ny, nx), (-rub, rub))
     return first, second
 
 
-def _shifted(thing: RigidBody, dx: float, dy: float) -> RigidBody:
-    if not thing.per_mass:
+def _shift(thing: RigidBody, dx: float, dy: float) -> RigidBody:
+    if not thing.inverse_mass:
         return thing
     end = tuple((x + dx, y + dy) for x, y in thing.end)
     return replace(thing, end=end, centre=(thing.centre[0] + dx, thing.centre[1] + dy))
 
 
 def _contact_point(first: Points, second: Points, normal: Pair) -> Pair:
-    """Middle of the stretch that the touching features (corner or side) of both share."""
+    """Return the middle of the interval that the touching features (corner or side) of both share."""
     nx, ny = normal
     most, least = max(x * nx + y * ny for x, y in first), min(x * nx + y * ny for x, y in second)
-    a = [y * nx - x * ny for x, y in first if x * nx + y * ny > most - TOUCH]
-    b = [y * nx - x * ny for x, y in second if x * nx + y * ny < least + TOUCH]
+    a = [y * nx - x * ny for x, y in first if x * nx + y * ny > most - CONTACT_DISTANCE_M]
+    b = [y * nx - x * ny for x, y in second if x * nx + y * ny < least + CONTACT_DISTANCE_M]
     along = (max(min(a), min(b)) + min(max(a), max(b))) / 2
     return most * nx - along * ny, most * ny + along * nx
 
 
-def _stopped(
+def _apply_stopping_impulse(
     first: RigidBody, second: RigidBody, point: Pair, axis: Pair, limits: Pair
 ) -> tuple[RigidBody, RigidBody, float]:
-    """After the impulse [N s] within `limits` that best stops the relative motion of the point along the axis."""
+    """Apply the impulse [N s] within `limits` that best stops the relative motion at the point along the axis."""
     speed = _speed_at(second, point, axis) - _speed_at(first, point, axis)
-    per_mass = sum(thing.per_mass + thing.per_inertia * _lever(thing, point, axis) ** 2 for thing in (first, second))
-    impulse = max(limits[0], min(limits[1], -speed / per_mass))
-    return _pushed(first, point, axis, -impulse), _pushed(second, point, axis, impulse), impulse
+    inverse_mass = sum(
+        thing.inverse_mass + thing.inverse_inertia * _lever(thing, point, axis) ** 2 for thing in (first, second)
+    )
+    impulse = max(limits[0], min(limits[1], -speed / inverse_mass))
+    return _apply_impulse(first, point, axis, -impulse), _apply_impulse(second, point, axis, impulse), impulse
 
 
 def _lever(thing: RigidBody, point: Pair, axis: Pair) -> float:
@@ -169,12 +171,12 @@ def _speed_at(thing: RigidBody, point: Pair, axis: Pair) -> float:
     return straight + thing.yaw_rate * _lever(thing, point, axis)
 
 
-def _pushed(thing: RigidBody, point: Pair, axis: Pair, impulse: float) -> RigidBody:
-    if not thing.per_mass:
+def _apply_impulse(thing: RigidBody, point: Pair, axis: Pair, impulse: float) -> RigidBody:
+    if not thing.inverse_mass:
         return thing
-    change = impulse * thing.per_mass
+    change = impulse * thing.inverse_mass
     return replace(
         thing,
         velocity=(thing.velocity[0] + change * axis[0], thing.velocity[1] + change * axis[1]),
-        yaw_rate=thing.yaw_rate + impulse * thing.per_inertia * _lever(thing, point, axis),
+        yaw_rate=thing.yaw_rate + impulse * thing.inverse_inertia * _lever(thing, point, axis),
     )

@@ -28,7 +28,7 @@ class WindowPid:
         self._errors = deque([0.0] * window, maxlen=window)
 
     def __call__(self, error: float) -> float:
-        """The PID's answer to the next error."""
+        """Return the PID output for the next error."""
         p, i, d = self._gains
         previous = self._errors[-1]
         self._errors.append(error)
@@ -121,7 +121,7 @@ def _timed_pid(errors: deque[float], error: float, gains: tuple[float, float, fl
 
 @dataclass(frozen=True, slots=True)
 class DualPidParameters:
-    """What tells UniAD's and VAD's controller from LMDrive's."""
+    """Parameters in which UniAD's and VAD's controller differ from LMDrive's."""
 
     turn_gains: tuple[float, float, float]
     aim_m: float | None

@@ -1,4 +1,4 @@
-"""What all controllers share: reading a plan that may be old, short, repeated or behind the car."""
+"""Common to all controllers: reading a plan that may be old, short, repetitive or behind the car."""
 
 import math
 from typing import Protocol
@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, EgoState
 
 OwnMotion = EgoState | OwnState
-"""Either tells x, y, yaw and speed."""
+"""Both have x, y, yaw and speed."""
 
 NEAR = 0.5
 """A goal closer than this [m] has no useful direction."""
@@ -20,19 +20,19 @@ class Controller(Protocol):
     """Follows one CAV's plans through one episode."""
 
     def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
-        """The control of this tick. The plan was made `age_ticks` ago (0: now); it may be valid for many ticks.
+        """Return the control of this tick. The plan was built `age_ticks` ago (0: now); it may be valid for many ticks.
 
-        A plan whose last point is overdue asks to stand at that point.
+        A plan with an overdue last point means standing at that point.
         """
         ...
 
 
 def round_control(throttle: float, brake: float, steer: float) -> Control:
-    """A control inside its limits, rounded to `CONTROL_STEP` as the contract stores it."""
-    return Control(_rounded(throttle, 0.0), _rounded(brake, 0.0), _rounded(steer, -1.0))
+    """Return a control within its limits, rounded to `CONTROL_STEP` as the contract stores it."""
+    return Control(_round_to_step(throttle, 0.0), _round_to_step(brake, 0.0), _round_to_step(steer, -1.0))
 
 
-def _rounded(value: float, low: float) -> float:
+def _round_to_step(value: float, low: float) -> float:
     return round(round(max(low, min(1.0, value)) / CONTROL_STEP) * CONTROL_STEP, 4)
 
 
@@ -48,13 +48,13 @@ def find_remaining_points(plan: Plan, own: OwnMotion, age_ticks: int) -> tuple[F
 
 
 def to_ego_frame(points: Float, own: OwnMotion) -> Float:
-    """World points (N, 2) [m] seen from the car: x ahead, y left of the box centre."""
+    """Return world points (N, 2) [m] in the ego frame: x ahead, y left of the box centre."""
     sin, cos = math.sin(own.yaw), math.cos(own.yaw)
     return (points - (own.x, own.y)) @ np.array(((cos, -sin), (sin, cos)))
 
 
 def point_to_ego_frame(x: float, y: float, own: OwnMotion) -> tuple[float, float]:
-    """As `to_ego_frame`, one point [m], without the price of an array."""
+    """As `to_ego_frame` for one point [m], without the overhead of an array."""
     sin, cos = math.sin(own.yaw), math.cos(own.yaw)
     dx, dy = x - own.x, y - own.y
     return cos * dx + sin * dy, cos * dy - sin * dx

@@ -44,9 +44,9 @@ class Tracker:
 
     def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
-        soon = _predicted(own)
-        stations, hops = _line(plan, own, age_ticks * DT)
-        here = _nearest(hops, soon.x, soon.y)
+        soon = _predict_motion(own)
+        stations, hops = _build_line(plan, own, age_ticks * DT)
+        here = _project_on_line(hops, soon.x, soon.y)
         goal = _station(stations, plan.interval_s, age_ticks * DT)
         throttle, brake = self._pedals(soon.speed, goal - here)
         return round_control(throttle, brake, self._steer(hops, here, soon))
@@ -75,7 +75,7 @@ class Tracker:
         return math.atan(vehicle.wheelbase * curvature) / vehicle.max_steer_angle
 
 
-def _predicted(own: OwnMotion) -> EgoState:
+def _predict_motion(own: OwnMotion) -> EgoState:
     """The car `LAG_S` from now if nothing changes: where an answer given now begins to work."""
     speed = max(0.0, own.speed + own.acceleration * LAG_S) if own.speed >= 0.0 else own.speed
     way, turn = (own.speed + speed) / 2 * LAG_S, own.yaw_rate * LAG_S
@@ -83,7 +83,7 @@ def _predicted(own: OwnMotion) -> EgoState:
     return EgoState(own.x + way * math.cos(yaw), own.y + way * math.sin(yaw), own.yaw + turn, speed)
 
 
-def _line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], list[Hop]]:
+def _build_line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], list[Hop]]:
     """Arc length [m] of the plan's points, repeated ones too, and the line through them, prolonged at both ends.
 
     It ends where nothing that comes matters yet: beyond both `HORIZON_S` from now and `HORIZON_M`.
@@ -101,15 +101,15 @@ def _line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], list[H
         if s > HORIZON_M and len(stations) > enough:
             break
     if s < COLLAPSED:
-        return _line_to(x, y, len(stations), own)
+        return _build_line_to_point(x, y, len(stations), own)
     start, x, y, ux, uy, length = hops[0]
     hops[0] = start - ENDS, x - ENDS * ux, y - ENDS * uy, ux, uy, length + ENDS
     hops[-1] = *hops[-1][:5], hops[-1][5] + ENDS
     return stations, hops
 
 
-def _line_to(x: float, y: float, count: int, own: OwnMotion) -> tuple[list[float], list[Hop]]:
-    """As `_line`, of a plan that is one point: towards it, or straight ahead if it is too near or behind.
+def _build_line_to_point(x: float, y: float, count: int, own: OwnMotion) -> tuple[list[float], list[Hop]]:
+    """As `_build_line`, of a plan that is one point: towards it, or straight ahead if it is too near or behind.
 
     The car itself is at arc length 0.
     """
@@ -120,7 +120,7 @@ def _line_to(x: float, y: float, count: int, own: OwnMotion) -> tuple[list[float
     return [distance] * count, [(-ENDS, own.x - ENDS * cos, own.y - ENDS * sin, cos, sin, 2 * ENDS)]
 
 
-def _nearest(hops: list[Hop], x: float, y: float) -> float:
+def _project_on_line(hops: list[Hop], x: float, y: float) -> float:
     """Arc length [m] of the point of the line that is nearest to (x, y)."""
     least, here = math.inf, 0.0
     for start, px, py, ux, uy, length in hops:
