@@ -9,9 +9,9 @@ from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
-from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.report.run_report import save_run_report
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
-from mdrive_sumo.runs.evaluate import Progress, report_write_errors
+from mdrive_sumo.runs.evaluate import Progress
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
@@ -19,8 +19,6 @@ from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.v2x.comm_settings import CommSettings
-
-REPORT_FILE = "report.md"
 
 
 def evaluate(
@@ -87,8 +85,7 @@ def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
     Raises InputError and KeyboardInterrupt; the journal then keeps every finished scenario.
     """
     results = run_jobs(run, progress)
-    with report_write_errors(run.folder / REPORT_FILE):
-        (run.folder / REPORT_FILE).write_text(build_run_report(results), encoding="utf-8")
+    save_run_report(run.folder, results)
     return results
 
 

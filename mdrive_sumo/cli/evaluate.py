@@ -2,26 +2,27 @@
 
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from mdrive_sumo.api.evaluation import evaluate_run
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
-from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.evaluate import RESULTS_FILE, evaluate, report_write_errors
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, evaluate
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
-REPORT_FILE = "report.md"
 MODES = tuple(mode.value for mode in ScoreMode)
 EXECUTORS = ("local", "dask")
 
@@ -90,32 +91,34 @@ def command(
         **options,
     )
     run = prepare(config)
-    whole = evaluate_with_display(ctx, run)
+    whole = evaluate_with_display(ctx, run, evaluate_run)
     shares = with_references(ctx, whole, config) if captured else None
-    with report_write_errors(run.folder / REPORT_FILE):
-        (run.folder / REPORT_FILE).write_text(build_run_report(whole, shares))
+    if shares is not None:
+        save_run_report(run.folder, whole, shares)
     click.echo(format_summary(whole, shares))
     click.echo("\n" + _list_written_files(run))
     ctx.exit(1 if whole.void else 0)
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:
-    """CapturedCooperation cooperation of a run; its two references are found finished or driven. Raises InputError."""
+    """Return the captured cooperation of a run. Its references are driven unless finished. Raises InputError."""
 
     def evaluate_reference(run: PreparedRun) -> Results:
         click.echo(
             f"reference {run.config.agent.name}, --comm {run.config.options.comm.preset}: {run.folder}", err=True
         )
-        return evaluate_with_display(ctx, run)
+        return evaluate_with_display(ctx, run, evaluate)
 
     return evaluate_captured_cooperation(results, config, evaluate_reference)
 
 
-def evaluate_with_display(ctx: click.Context, run: PreparedRun) -> Results:
-    """Drives a run under the eyes of the user; Ctrl-C ends in exit code 130."""
+def evaluate_with_display(
+    ctx: click.Context, run: PreparedRun, drive: Callable[[PreparedRun, Progress], Results]
+) -> Results:
+    """Drive a run with a progress display on standard error; Ctrl-C exits with code 130."""
     progress = ProgressDisplay(sys.stderr)
     try:
-        return evaluate(run, progress)
+        return drive(run, progress)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         progress.close()

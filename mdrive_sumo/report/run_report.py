@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterable
+from pathlib import Path
 
 from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_table
 from mdrive_sumo.report.result_tables import (
@@ -16,6 +17,7 @@ from mdrive_sumo.report.result_tables import (
     format_captured,
     format_scores,
 )
+from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import (
     Results,
     ScenarioResult,
@@ -26,6 +28,7 @@ from mdrive_sumo.scoring import (
 )
 from mdrive_sumo.scoring.metrics import ScalarMetric, list_scalar_metrics
 
+REPORT_FILE = "report.md"
 HOW_TO_READ = """\
 DS, RC and SR are percentages, IP is a factor: the driving score of a CAV is DS = RC x IP, it succeeds with
 DS > 99.95. In score mode `mdrive` a scenario counts the mean over its CAVs; a bucket is the mean over its
@@ -42,7 +45,7 @@ less than 2 DS; scenarios that are void in one of the three runs are left out of
 
 
 def build_run_report(results: Results, captured: CapturedCooperation | None = None) -> str:
-    """The whole report: what ran, scores overall, per category and per scenario, and how to look closer."""
+    """Return the report: run, scores overall, per category and per scenario, and the commands for a closer look."""
     parts = (
         f"# {escape_markdown(results.run.suite)}: {escape_markdown(describe_agent(results))}",
         _facts(results),
@@ -63,6 +66,13 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _commands(),
     )
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def save_run_report(folder: Path, results: Results, captured: CapturedCooperation | None = None) -> None:
+    """Write `report.md` into a run folder. Raises InputError if that is not possible."""
+    path = folder / REPORT_FILE
+    with report_write_errors(path):
+        path.write_text(build_run_report(results, captured), encoding="utf-8")
 
 
 def _facts(results: Results) -> str:

@@ -18,6 +18,8 @@ from enum import StrEnum, auto
 from multiprocessing import current_process, get_context, parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Lock
+from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from mdrive_sumo.core.errors import InputError, WorldError
@@ -64,7 +66,7 @@ class WorkerProcess(Generic[J, R]):
         self._process = context.Process(
             target=_serve_jobs, args=(theirs, function), name="mdrive-sumo worker", daemon=True
         )
-        with block_interrupts():  # the child inherits it, until it has left our process group
+        with block_interrupts(), _hide_main_module():  # the child inherits the mask until it leaves our process group
             self._process.start()
         theirs.close()
 
@@ -113,6 +115,24 @@ def block_interrupts() -> Generator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_MAIN_MODULE_LOCK = Lock()
+
+
+@contextmanager
+def _hide_main_module() -> Generator[None]:
+    """Keep a spawned child from importing the caller's `__main__`.
+
+    A worker needs nothing of it, and the import would run a script that has no main guard a second time.
+    """
+    with _MAIN_MODULE_LOCK:
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
 
 
 def describe_write_error(error: OSError, path: str | Path | None) -> str:

@@ -30,7 +30,7 @@ def make_reference_configs(config: RunConfig) -> tuple[RunConfig, RunConfig]:
 
 
 def evaluate_captured_cooperation(results: Results, config: RunConfig, evaluate: Evaluate) -> CapturedCooperation:
-    """CapturedCooperation cooperation of a finished run; `evaluate` drives the references, or finds them finished.
+    """Return the captured cooperation of a finished run; `evaluate` drives the references unless they are finished.
 
     Raises InputError, and what `evaluate` raises.
     """

@@ -1,5 +1,7 @@
 """`evaluate` and the run that it returns."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -107,3 +109,16 @@ def test_a_changed_scenario_must_be_saved_first(tmp_path: Path) -> None:
         md.evaluate(other, out=tmp_path)
     with pytest.raises(md.InputError, match="seeds: expected at least one"):
         md.evaluate(suite, seeds=[], out=tmp_path)
+
+
+def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
+    """Worker processes are spawned: Python would import the script in each of them."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import mdrive_sumo as md\n"
+        "print('started')\n"
+        "run = md.evaluate('interdrive', 'constant-speed', scenario='i12*', workers=1, out='run', progress=False)\n"
+        "print(run.results[0].void)\n"
+    )
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert ended.stdout == "started\n0\n"

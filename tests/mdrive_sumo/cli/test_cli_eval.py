@@ -18,7 +18,7 @@ from testing.paths import TESTS
 
 from mdrive_sumo.cli import main
 
-FAKE_MAIN = [sys.executable, "-c", "import suite_fakes; suite_fakes.main()"]
+FAKE_MAIN = [sys.executable, "-c", "from testing import suite_fakes; suite_fakes.main()"]
 REAL_MAIN = [sys.executable, "-c", "from mdrive_sumo.cli import main; main()"]
 
 

@@ -97,7 +97,7 @@ def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) 
 PARENT = """
 import sys
 sys.path.insert(0, {here!r})
-import pool_fakes
+from testing import pool_fakes
 from mdrive_sumo.runs.process_pool import ProcessPool
 if __name__ == "__main__":
     with ProcessPool(pool_fakes.perform, 1, 600.0) as pool:
