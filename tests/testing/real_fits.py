@@ -16,7 +16,7 @@ from real2sim.network import build_network
 from real2sim.readers.interaction import read_interaction
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct_tracks
-from tests.real2sim.network.test_netbuild_real import LOGS, READ
+from tests.real2sim.network.test_network_builder_real import LOGS, READ
 
 NAMES = (*(name for name in READ if name != "interaction"), "interaction-0", "interaction-60")
 """Logs by name; of the long INTERACTION recording windows of 20 s, by the second in which they begin."""

@@ -93,7 +93,7 @@ def test_there_are_as_many_people_as_asked_for(roads: RoadMap) -> None:
     assert crowd(roads, 1) != actors
 
 
-def test_nobody_crosses_against_the_light(roads: RoadMap) -> None:
+def test_no_pedestrian_crosses_against_the_light(roads: RoadMap) -> None:
     for actor in of(crowd(roads), "crossing"):
         assert isinstance(actor.motion, ReplayMotion)
         (_, begin_s, _), stays = (pose[0] for pose in actor.motion.poses), actor.motion.stays
@@ -114,7 +114,7 @@ def test_walkers_keep_to_the_pavement_for_as_long_as_a_drive_may_last(roads: Roa
         assert way.length > (LATEST_START_S + WINDOW_S) * actor.motion.speed
 
 
-def test_cyclists_ride_where_nobody_parks(roads: RoadMap) -> None:
+def test_cyclists_ride_along_kerbs_without_parking(roads: RoadMap) -> None:
     actors = crowd(roads)
     parked = [shapely.Point(actor.start.x, actor.start.y) for actor in of(actors, "parked")]
     for actor in of(actors, "cyclist"):

@@ -132,7 +132,7 @@ def test_an_actor_in_a_cav_is_noted(directory: Directory, tmp_path: Path) -> Non
     assert set(scenario.notes) == {"a overlaps CAV 0 at the start", "b overlaps CAV 1 at the start"}
 
 
-def test_an_actor_that_nobody_sets_off_is_noted(directory: Directory, tmp_path: Path) -> None:
+def test_an_actor_that_no_cav_triggers_is_noted(directory: Directory, tmp_path: Path) -> None:
     for name, y in (("a", 18), ("b", 9), ("c", 30)):
         directory.add("pedestrian", f"{name}.xml", xml([(60, y, 0), (60, -6, 0)]), name=name)
     directory.behave("a", None, distance_m=10)
@@ -143,7 +143,7 @@ def test_an_actor_that_nobody_sets_off_is_noted(directory: Directory, tmp_path: 
     assert scenario.notes == (note,), "c moves from the beginning"
 
 
-def test_a_town_is_built_once_and_the_suite_tells_of_it(directory: Directory, tmp_path: Path) -> None:
+def test_a_town_is_built_once_and_reported(directory: Directory, tmp_path: Path) -> None:
     scene = directory.read()
     suite = convert(tmp_path / "out", scene, replace(scene, id="again"))
     assert [s.network for s in suite.scenarios] == ["TownXX", "TownXX"]
@@ -153,7 +153,7 @@ def test_a_town_is_built_once_and_the_suite_tells_of_it(directory: Directory, tm
     assert (report["waypoints"], len(report["towns"])) == (8, 1)
 
 
-def test_scenarios_of_one_vector_map_share_a_network_that_drives_as_they_do(tmp_path: Path) -> None:
+def test_scenarios_of_one_vector_map_share_a_network_directed_by_their_motion(tmp_path: Path) -> None:
     """The map does not tell the direction of its lane; the logged vehicles do."""
     directory = Directory(tmp_path)
     directory.add("npc", "a.xml", xml([(x, 0, 0, x / 10) for x in range(0, 180, 1)]), name="a")
@@ -169,7 +169,7 @@ def test_scenarios_of_one_vector_map_share_a_network_that_drives_as_they_do(tmp_
     assert isinstance(suite.scenarios[0].actors[0].motion, ReplayMotion)
 
 
-def test_a_trigger_on_nobody_is_refused(directory: Directory, tmp_path: Path) -> None:
+def test_a_trigger_on_an_unknown_vehicle_is_refused(directory: Directory, tmp_path: Path) -> None:
     directory.add("pedestrian", "a.xml", WALK, name="a")
     scene = directory.read()
     trigger = DistanceTrigger(vehicle="9")
@@ -270,6 +270,6 @@ def test_two_of_the_real_pedestrians_wait_for_ever(real: Suite) -> None:
 
 
 @needs_data
-def test_the_roundabout_needs_a_link_that_only_one_road_tells(real: Suite) -> None:
+def test_the_roundabout_needs_a_one_sided_link(real: Suite) -> None:
     towns = json.loads((real.folder / "conversion.json").read_text())["towns"]
     assert {town["name"]: len(town["repairs"]) for town in towns} == {"Town02": 0, "Town03": 1, "Town05": 0}

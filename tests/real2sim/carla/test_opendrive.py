@@ -155,7 +155,7 @@ def two_roads(link: str) -> str:
         ('<link><predecessor elementType="road" elementId="9" contactPoint="end"/></link>', "road 9"),
     ],
 )
-def test_a_link_that_one_road_alone_tells_is_mended(tmp_path: Path, link: str, was: str) -> None:
+def test_a_one_sided_link_is_repaired(tmp_path: Path, link: str, was: str) -> None:
     (tmp_path / "TownXX.xodr").write_text(two_roads(link))
     town = build_town_network("TownXX", tmp_path, tmp_path / "net")
     assert town.repairs == (f"road 8: its predecessor is road 7, which says so, not {was}",)
@@ -169,7 +169,7 @@ def networks_report(folder: Path, town: TownNetwork) -> str:
     return (folder / "networks.md").read_text()
 
 
-def test_links_that_both_roads_tell_are_let_be() -> None:
+def test_two_sided_links_are_unchanged() -> None:
     both = '<link><predecessor elementType="road" elementId="7" contactPoint="end"/></link>'
     root = ElementTree.fromstring(two_roads(both))
     before = ElementTree.tostring(root)

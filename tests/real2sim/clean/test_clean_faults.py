@@ -69,13 +69,13 @@ def rates(logs: Iterable[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], li
 
 
 @pytest.mark.parametrize("kind", sorted(PLANTS))
-def test_faults_of_one_kind_are_repaired_and_told(kind: str) -> None:
+def test_faults_of_one_kind_are_repaired_and_reported(kind: str) -> None:
     share, silent = rates([planted(observed(truth(seed), seed), seed, [kind]) for seed in range(4)])
     assert share[kind] >= SHARE
     assert silent == []
 
 
-def test_all_kinds_at_once_are_repaired_and_told() -> None:
+def test_all_kinds_at_once_are_repaired_and_reported() -> None:
     share, silent = rates([planted(observed(truth(seed), seed), seed) for seed in range(50, 56)])
     assert min(share.values()) >= SHARE, share
     assert silent == []

@@ -65,7 +65,7 @@ def test_it_can_be_driven(suite: Path, tmp_path: Path) -> None:
     assert result["ds"] > 90
 
 
-def test_quality_json_tells_all_steps(suite: Path) -> None:
+def test_quality_json_describes_all_steps(suite: Path) -> None:
     quality = load_quality(suite / "small" / "quality.json")
     assert (quality.source, quality.log, quality.window_s, quality.mode) == ("v2xpnp", "small", None, "reactive")
     assert quality.fidelity.moving_vehicles == 4
@@ -90,7 +90,7 @@ def test_quality_json_tells_all_steps(suite: Path) -> None:
     assert {target.name: target.met for target in quality.targets}["wrong-way frames"] is True
 
 
-def test_the_pages_lie_beside(suite: Path) -> None:
+def test_the_report_pages_are_in_the_suite(suite: Path) -> None:
     assert 'href="small/conversion.html"' in (suite / "conversion.html").read_text()
     assert "<svg" in (suite / "small" / "conversion.html").read_text()
 
@@ -123,7 +123,7 @@ def test_modes_cavs_agents_and_a_window(small: tuple[Path, Path], tmp_path: Path
     assert "1/1  small, window 1 s to 4 s: passed" in done.stderr
 
 
-def test_a_cav_of_the_source_that_will_not_do_is_told(tmp_path: Path) -> None:
+def test_an_unsuitable_cav_of_the_source_is_reported(tmp_path: Path) -> None:
     """The first car of the source stands for the whole log."""
     (tmp_path / "log").mkdir()
     log = recording()
@@ -151,7 +151,7 @@ def test_a_cav_is_named_by_source_scenario_or_how_it_begins() -> None:
         select_cav_tracks(("7",), cleaned, tracks, {})
 
 
-def test_an_odd_size_is_bounded_and_told() -> None:
+def test_an_implausible_size_is_clamped_and_reported() -> None:
     log = recording()
     tracks = tuple(
         replace(one, length=one.length * 12, width=one.width * 8) if one.id == "11" else one
@@ -261,7 +261,7 @@ def test_progress_is_one_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch
     assert half == "█" * 12 + "░" * 12 + " 1/2  first: passed"
 
 
-def test_authored_sources_have_the_same_door(tmp_path: Path, shared_data: Path) -> None:
+def test_authored_sources_share_the_command(tmp_path: Path, shared_data: Path) -> None:
     done = run(
         "mdrive", shared_data / "mdrive/interaction", "--towns", shared_data / "carla_towns", "--out", tmp_path / "a"
     )

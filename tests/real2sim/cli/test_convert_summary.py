@@ -48,7 +48,7 @@ def test_summary_adds_counts_and_takes_the_worst_error(suite: Path) -> None:
     assert found.by_sumo == 6
 
 
-def test_summary_tells_the_worst_vehicle_and_who_touches(suite: Path) -> None:
+def test_summary_names_the_worst_vehicle_and_contacts(suite: Path) -> None:
     one = load_quality(suite / "small" / "quality.json")
     far = tuple(error.model_copy(update={"worst": 7.5}) for error in one.closeness.errors)
     close = one.closeness.model_copy(update={"errors": far, "contacts": (("11", "12", 3),)})

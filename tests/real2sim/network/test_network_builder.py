@@ -88,7 +88,7 @@ def test_links_that_geometry_refutes_are_dropped_and_reported(tmp_path: Path) ->
 
 
 # --- edges and junctions ------------------------------------------------------------------------------------------
-def test_a_lane_beside_is_a_neighbour_only_where_it_runs(tmp_path: Path) -> None:
+def test_an_adjacent_lane_is_a_neighbour_only_along_its_length(tmp_path: Path) -> None:
     pocket = moved(EAST, y=3.5)[10:]
     report, roads = built(tmp_path, lanes_map(lane("through", EAST), lane("pocket", pocket)))
     before, beside, in_pocket = (on_lane(roads, x, y) for x, y in ((20.0, 0.0), (80.0, 0.0), (80.0, 3.5)))
@@ -113,7 +113,7 @@ def test_lanes_drawn_through_a_crossing_get_a_junction(tmp_path: Path) -> None:
     assert (report.edges, report.nodes) == (4, 5)
 
 
-def test_ways_through_several_connectors_become_one_connection(tmp_path: Path) -> None:
+def test_paths_through_several_connectors_become_one_connection(tmp_path: Path) -> None:
     half = moved(EAST[:11], x=100.0)
     lanes = lanes_map(
         lane("in", EAST, ("c1",)),
@@ -241,7 +241,7 @@ def nothing_found(_: str) -> None:
     return None
 
 
-def test_a_missing_netconvert_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_netconvert_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", nothing_found)
     monkeypatch.setattr("shutil.which", nothing_found)
     with pytest.raises(InputError, match=r"netconvert: expected SUMO's programs, found none \(pip install"):

@@ -93,7 +93,7 @@ def test_everything_of_the_real_log_is_there(sensor: Recording, sensor_folder: P
     assert set(sensor.map.lanes) == set(_raw_map(sensor_folder / "map")["lane_segments"])
 
 
-def test_standing_things_stand_in_the_city_while_the_ego_drives(sensor: Recording) -> None:
+def test_static_objects_stay_in_the_city_frame_while_the_ego_drives(sensor: Recording) -> None:
     """Boxes are told in the frame of the ego: a wrong pose or quaternion would smear them."""
     tracks = index_tracks(sensor)
     standing = [

@@ -198,7 +198,7 @@ def test_shapes_are_boxes_about_their_centre(write: Write, name: str) -> None:
     np.testing.assert_allclose((track.length[0], track.width[0]), size)
 
 
-def test_what_cannot_be_read_is_said(write: Write) -> None:
+def test_unreadable_obstacles_are_noted(write: Write) -> None:
     cloud = "<position><circle><radius>1</radius><center><x>1</x><y>2</y></center></circle></position>"
     vague = MOVES.replace("<position><point><x>13</x><y>0</y></point></position>", cloud)
     path = write(
@@ -272,5 +272,5 @@ def test_2018b_speed_limits_stay_in_their_file(write: Write) -> None:
     assert math.isnan(free.map.lanes["1"].speed_limit)
 
 
-def test_a_moving_thing_is_a_vehicle(write: Write) -> None:
+def test_a_moving_obstacle_of_unknown_type_is_a_vehicle(write: Write) -> None:
     assert _tracks(read_commonroad(write(LANE, CAR)))["7"].category.kind is Kind.VEHICLE

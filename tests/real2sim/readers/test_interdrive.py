@@ -96,7 +96,7 @@ def test_overlapping_starts_are_moved_apart_by_the_least_distance(work: Path) ->
     assert len(scenario.egos[1].route) == 66, "the route ends where it ended"
 
 
-def test_three_in_a_heap_are_moved_apart(work: Path) -> None:
+def test_three_overlapping_starts_are_separated(work: Path) -> None:
     scenario, report = converted(work, *([(20, 1.75), (90, 1.75)],) * 3)
     assert sorted(s["distance_m"] for s in report["shifts"]) == pytest.approx([5.0, 9.9], abs=0.11)
     assert not any(boxes_overlap(a, b) for a, b in combinations(start_boxes(scenario), 2))

@@ -57,7 +57,7 @@ def test_speed_limits(tmp_path: Path, text: str, limit: float) -> None:
     assert math.isnan(lanes["1"].speed_limit)
 
 
-def test_a_speed_limit_in_no_known_words_is_said(tmp_path: Path) -> None:
+def test_an_unreadable_speed_limit_is_noted(tmp_path: Path) -> None:
     road = build_street()
     road.rule(100, "speed_limit", sign_type="walking pace")
     road.lanelet(5, left=16, right=15, rules=(100,))

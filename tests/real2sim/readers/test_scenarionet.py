@@ -176,7 +176,7 @@ def test_a_map_of_nuplan_names_all_neighbours_and_rings_its_lanes(tmp_path: Path
     assert hd_map.stop_lines[0].line[:, 0].tolist() == [40.0, 40.0]
 
 
-def test_lanes_are_linked_only_where_nobody_links_them(tmp_path: Path) -> None:
+def test_lanes_are_linked_only_if_the_source_links_none(tmp_path: Path) -> None:
     ahead, back = straight(start=40.05, end=80.0), straight(start=80.0, end=40.0)
     hd_map = read(tmp_path, description(map_features={"7": straight(), "8": ahead, "9": back})).map
     assert (hd_map.lanes["7"].exits, hd_map.lanes["8"].entries) == (("8",), ("7",))
@@ -224,7 +224,7 @@ def test_what_is_skipped_is_noted(tmp_path: Path) -> None:
 
 @given(valid=st.lists(st.booleans(), min_size=FRAMES, max_size=FRAMES).filter(any), x=st.floats(-1e5, 1e5))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
-def test_rows_are_as_told_where_valid_and_nan_elsewhere(tmp_path: Path, valid: list[bool], x: float) -> None:
+def test_rows_equal_the_source_where_valid_and_are_nan_elsewhere(tmp_path: Path, valid: list[bool], x: float) -> None:
     raw = describe_track("VEHICLE", **(state(x) | {"valid": np.array(valid, dtype=np.float64)}))
     (only,) = read(tmp_path, description(tracks={"1": raw})).views[0].tracks
     assert only.valid.tolist() == valid
@@ -233,7 +233,7 @@ def test_rows_are_as_told_where_valid_and_nan_elsewhere(tmp_path: Path, valid: l
     np.testing.assert_array_equal(only.x[only.valid], raw["state"]["position"][only.valid, 0])
 
 
-def test_sizes_that_are_not_told_are_nan(tmp_path: Path) -> None:
+def test_missing_sizes_are_nan(tmp_path: Path) -> None:
     raw = describe_track("PEDESTRIAN", length=np.zeros(FRAMES), heading=np.full(FRAMES, np.nan))
     (only,) = read(tmp_path, description(tracks={"1": raw})).views[0].tracks
     assert np.isnan(only.length).all()

@@ -31,7 +31,7 @@ def test_units_and_frames(tmp_path: Path) -> None:
     assert read.notes == ("no vector map given",)
 
 
-def test_frames_without_the_thing_are_invalid(tmp_path: Path) -> None:
+def test_frames_without_the_object_are_invalid(tmp_path: Path) -> None:
     texts = [frame(), frame({3: thing(5.0, 5.0)}), frame({3: thing(6.0, 5.0), 7: thing(1.5, 2.0)})]
     first, second = read_v2xpnp(log(tmp_path / "a", {"1": texts}), ()).views[0].tracks
     assert (first.id, first.valid.tolist(), second.id, second.valid.tolist()) == (

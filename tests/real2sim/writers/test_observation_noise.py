@@ -97,7 +97,9 @@ def test_sizes_are_constant_in_a_view_and_differ_between_views(observed: tuple[R
         assert spread > 0.03 if one.category is ObjectCategory.PEDESTRIAN else spread < 1e-9, name
 
 
-def test_yaws_are_junk_for_walkers_exact_for_cars_and_late_in_turns(observed: tuple[Recording, Recording]) -> None:
+def test_yaws_are_random_for_pedestrians_exact_for_cars_and_delayed_in_turns(
+    observed: tuple[Recording, Recording],
+) -> None:
     first, second, cars, walkers = both(observed[1])
     for names, low, high in ((cars, 0.0, 1.0), (walkers, 20.0, 180.0)):
         apart = np.concatenate([np.abs(wrap_angles(first[k].yaw - second[k].yaw)) for k in names])

@@ -21,7 +21,7 @@ from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.writers.v2xpnp_map import write_vector_map
-from tests.real2sim.network.test_netbuild_real import READ
+from tests.real2sim.network.test_network_builder_real import READ
 
 SHARE = 0.98
 """Of the moving vehicles that were visible long enough, found again one to one."""
@@ -85,7 +85,7 @@ def seen_by(*tracks: RecordedTrack) -> Recording:
     return Recording("log", "test", 0.1, len(tracks[0].x), views, HdMap())
 
 
-def test_who_is_seen_by_turns_is_one_thing() -> None:
+def test_an_object_observed_alternately_is_one_track() -> None:
     """Never in one frame by both, as behind a row of cars that hides it now from one and now from the other."""
     turn = np.arange(80) // 8 % 2 == 0
     found = clean_recording(seen_by(car("7", turn), car("7", ~turn)))
@@ -94,7 +94,7 @@ def test_who_is_seen_by_turns_is_one_thing() -> None:
     assert np.hypot(*(track.xy - car("7", turn | ~turn).xy).T).max() < 0.3
 
 
-def test_what_nobody_saw_for_long_is_no_step() -> None:
+def test_motion_in_a_long_gap_is_no_step() -> None:
     """It turned meanwhile; where it is seen again it is where it was seen."""
     seen = np.ones(80, dtype=np.bool_)
     seen[20:60] = False

@@ -23,7 +23,7 @@ from real2sim.source_scene import SourceScene
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
-from tests.real2sim.network.test_netbuild_real import READ
+from tests.real2sim.network.test_network_builder_real import READ
 from tests.real2sim.writers.test_round_trip import real
 
 

@@ -111,7 +111,7 @@ def test_a_log_of_four_agents_and_84_actors_is_read_in_seconds(tmp_path: Path) -
 
 
 @needs_data
-def test_a_real_log_and_its_map_survive(tmp_path: Path) -> None:
+def test_a_real_log_and_its_map_are_read_back_unchanged(tmp_path: Path) -> None:
     real = read_scenarionet(REAL)
     cars = [one for one in real.views[0].tracks if one.valid.all() and one.category is ObjectCategory.CAR]
     cav = max(cars, key=lambda one: math.dist(one.xy[0], one.xy[-1]))

@@ -49,7 +49,7 @@ def test_cleaning_twice_is_cleaning_once(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [4, 5, 6])
-def test_views_become_one_track_a_thing_and_no_more(seed: int) -> None:
+def test_views_are_merged_into_one_track_per_object(seed: int) -> None:
     things = truth(seed)
     log = observed(things, seed)
     cleaned = clean_recording(log.recording)
@@ -87,7 +87,7 @@ def test_a_cav_takes_its_heading_from_the_boxes_of_others() -> None:
         assert track.length[0] == pytest.approx(thing.length[0], rel=0.07)
 
 
-def test_a_cav_nobody_sees_takes_its_heading_from_motion() -> None:
+def test_a_cav_without_observers_takes_its_heading_from_motion() -> None:
     things = truth(1)
     log = observed(things, 1)
     own = log.recording.views[0]
@@ -119,7 +119,7 @@ T = np.arange(100) * DT
 CAR = made(0, ObjectCategory.CAR, (8 * T, np.zeros(100), np.zeros(100)))
 
 
-def test_a_lasting_jump_nobody_corrects_is_spread() -> None:
+def test_an_uncorrected_lasting_jump_is_spread() -> None:
     """Which side is right nobody knows: the track stays one, and no step remains."""
     cleaned = clean_recording(recording(replace(CAR, y=2.0 * (T >= 5))))
     (track,) = cleaned.tracks
@@ -135,7 +135,7 @@ def test_frozen_frames_before_a_jump_are_motion() -> None:
     assert np.abs(track.x - 8 * T).max() < 0.3
 
 
-def test_a_long_gap_stays_and_is_told() -> None:
+def test_a_long_gap_stays_and_is_reported() -> None:
     cleaned = clean_recording(recording(without(CAR, np.arange(40, 70))))
     (track,) = cleaned.tracks
     assert not track.valid[40:70].any()
@@ -159,7 +159,7 @@ def test_a_standing_car_keeps_its_last_moving_heading() -> None:
     assert np.abs(track.yaw).max() < 0.01
 
 
-def test_headings_the_source_does_not_tell_come_from_motion() -> None:
+def test_missing_headings_come_from_motion() -> None:
     (track,) = clean_recording(recording(replace(CAR, yaw=np.full(100, np.nan)))).tracks
     assert np.abs(track.yaw).max() < 0.01
 
@@ -171,7 +171,7 @@ def test_sizes_are_the_median_of_all_observers() -> None:
     assert len(cleaned.report.list_changes(ChangeReason.SIZE)) == 1
 
 
-def test_sizes_nobody_tells_are_assumed_and_told() -> None:
+def test_missing_sizes_are_assumed_and_reported() -> None:
     cleaned = clean_recording(recording(replace(CAR, length=np.full(100, np.nan), width=np.full(100, np.nan))))
     assert cleaned.tracks[0].length[0] == pytest.approx(4.6)
     assert "assumed" in cleaned.report.list_changes(ChangeReason.SIZE)[0].detail
@@ -187,7 +187,7 @@ def test_labels_are_voted() -> None:
     assert len(cleaned.report.list_changes(ChangeReason.LABEL)) == 1
 
 
-def test_a_bin_that_drives_is_a_car_and_one_ten_metres_long_is_one_parked() -> None:
+def test_a_moving_bin_is_a_car_and_a_ten_metre_bin_a_parked_one() -> None:
     """Section 2.2: labels of static classes are unreliable (a TrashCan of 10 m x 3 m was seen)."""
     driving = replace(CAR, category=ObjectCategory.STATIC)
     parked = replace(driving, id="p", x=np.zeros(100), y=np.full(100, 50.0), length=np.full(100, 10.0))
@@ -198,7 +198,7 @@ def test_a_bin_that_drives_is_a_car_and_one_ten_metres_long_is_one_parked() -> N
     assert (cleaned["b"].category, cleaned["b"].parked) == (ObjectCategory.STATIC, True)
 
 
-def test_same_name_far_apart_is_two_things() -> None:
+def test_one_id_far_apart_is_two_objects() -> None:
     views = (ObserverView("1", (CAR,)), ObserverView("2", (replace(CAR, y=np.full(100, 20.0)),)))
     cleaned = clean_recording(replace(recording(CAR), views=views))
     assert sorted(track.id for track in cleaned.tracks) == ["100", "100_2"]

@@ -36,7 +36,7 @@ def settled(
     return kept, changes
 
 
-def test_things_apart_are_left_alone() -> None:
+def test_objects_without_overlap_are_unchanged() -> None:
     tracks = (car(0, 8 * T), car(1, 8 * T + 6.0), replace(car(2, HERE, 3.0), parked=True))
     assert settled(*tracks) == (tracks, ())
 
@@ -57,7 +57,7 @@ def test_boxes_a_little_too_large_become_smaller() -> None:
     assert np.allclose([track.length[0] for track in kept], 0.95 * 4.6)
 
 
-def test_what_lies_inside_another_goes_with_a_reason() -> None:
+def test_a_track_inside_another_is_dropped_with_a_reason() -> None:
     ghost = late(car(1, 8 * T + 1.5, 0.3), 10)
     (kept,), (change,) = settled(car(0, 8 * T), ghost)
     assert kept.id == "100"
@@ -71,7 +71,7 @@ def test_a_connected_vehicle_stays_whoever_came_first() -> None:
     assert change.track == "100"
 
 
-def test_cleaning_tells_of_it_and_lists_what_is_lost() -> None:
+def test_cleaning_reports_overlaps_and_dropped_tracks() -> None:
     walker = made(1, ObjectCategory.PEDESTRIAN, (8 * T + 0.5, HERE, HERE))
     view = ObserverView("log", (car(0, 8 * T), walker))
     cleaned = clean_recording(Recording("made", "made", DT, 60, (view,), HdMap()))
