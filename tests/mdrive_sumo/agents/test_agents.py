@@ -79,7 +79,7 @@ def test_constant_speed_is_blind() -> None:
 
 @pytest.mark.parametrize("agent", ["constant-speed", "idm", "omniscient"])
 @pytest.mark.parametrize("turn", ["left", "right", "straight"])
-def test_everyone_who_moves_stays_on_the_route(agent: str, turn: str) -> None:
+def test_moving_agents_stay_on_the_route(agent: str, turn: str) -> None:
     xy = crossing_route(turn, 0)
     episode = drive(agent, {"0": xy})
     last = episode.find_ending("0").tick
@@ -129,7 +129,7 @@ def test_idm_waits_at_a_red_light() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(CASES))
-def test_omniscient_meets_nobody_and_everyone_arrives(name: str) -> None:
+def test_omniscient_has_no_contacts_and_all_arrive(name: str) -> None:
     episode = drive("omniscient", CASES[name])
     assert not episode.contacts
     assert all_arrived(episode)

@@ -138,7 +138,7 @@ def test_the_compatible_rule_can_be_asked_for() -> None:
 
 
 @pytest.mark.parametrize("agent", sorted(TALKING))
-def test_what_is_sent(agent: str) -> None:
+def test_sent_message_types_and_intervals(agent: str) -> None:
     episode = driven(TOWN, agent)
     sent = {(s.message.sender, s.message.type) for s in episode.messages}
     assert sent == {(name, kind) for name in episode.ego_ids for kind in TALKING[agent]}
@@ -148,7 +148,7 @@ def test_what_is_sent(agent: str) -> None:
         assert ticks[0] <= 1
 
 
-def test_cams_tell_the_truth_about_their_sender() -> None:
+def test_cams_contain_the_true_state_of_their_sender() -> None:
     episode = driven(TOWN, "sharing")
     for sent in episode.messages[:40]:
         said, column = decode(sent.message), episode.ids.index(sent.message.sender)
@@ -178,7 +178,7 @@ def plan_of(agent: str, objects: Objects, *messages: Message) -> Float:
 
 
 @pytest.mark.parametrize("agent", ["sharing", "sharing+negotiation"])
-def test_who_shares_plans_around_what_others_see(agent: str) -> None:
+def test_sharing_agents_plan_around_objects_of_others(agent: str) -> None:
     told = encode(
         Cpm(ReferencePose(30.0, 20.0, 0.0, 0), 80.0, things((35.0, 0.0, 0.0, 0.0)), np.zeros(1, dtype=np.uint8))
     )
@@ -189,13 +189,13 @@ def test_who_shares_plans_around_what_others_see(agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", DRIVING)
-def test_all_wait_for_a_slow_one_from_the_right_and_leave_him_room_to_turn(agent: str) -> None:
+def test_all_wait_for_a_slow_car_from_the_right_and_leave_it_room_to_turn(agent: str) -> None:
     plan = plan_of(agent, things((20.0, -5.0, math.pi / 2, 1.0)))
     assert plan[24, 0] < 20.0 - 12.0  # after 5 s; without room for his turn it would be at 15 m
 
 
 @pytest.mark.parametrize("agent", ["colmdriver-rule", "sharing+negotiation"])
-def test_who_negotiates_believes_what_was_announced(agent: str) -> None:
+def test_negotiating_agents_rely_on_announcements(agent: str) -> None:
     """One from the right would go first; but he has said that he stops."""
     right = things((20.0, -13.0, math.pi / 2, 6.0))
     stopping = np.tile((20.0, -11.0), (50, 1))
@@ -205,7 +205,7 @@ def test_who_negotiates_believes_what_was_announced(agent: str) -> None:
     assert plan_of(agent, right, replace(encode(said), sender="b")) == pytest.approx(free)
 
 
-def test_who_negotiates_by_rule_stops_where_that_was_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rule_agent_stops_where_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
     def agreed(self: NegotiationInterface, seen: Observation, planner: SpaceTimePlanner) -> list[StopPoint]:
         return [StopPoint(20.0)]
 
@@ -214,7 +214,7 @@ def test_who_negotiates_by_rule_stops_where_that_was_agreed(monkeypatch: pytest.
     assert plan_of("sharing+negotiation", things())[-1, 0] > 60.0  # passes behind others, as planned
 
 
-def test_pose_errors_do_not_upset_who_shares() -> None:
+def test_sharing_agents_tolerate_pose_errors() -> None:
     """Cars that are taken for each other for a while once had the same name, which nobody could stand."""
     episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=PRESETS["paper-pose"]))
     assert [(ending.end, ending.text) for ending in episode.endings] == [(End.ARRIVED, "")] * episode.egos
@@ -258,14 +258,14 @@ def hidden_ticks(seen: Sequence[Observation]) -> list[int]:
     return [s.tick for s in seen if not knows(s.objects, HIDDEN.x, HIDDEN.y + HIDDEN.speed * s.tick * 0.05)]
 
 
-def test_who_drives_alone_does_not_know_what_a_house_hides() -> None:
+def test_single_does_not_know_an_occluded_car() -> None:
     _, drivers = past_the_house("single")
     assert set(range(40)) <= set(hidden_ticks(drivers["0"].seen))
     assert hidden_ticks(drivers["1"].seen)[:1] != [0]
     assert all(not one.messages for one in drivers["0"].seen)
 
 
-def test_who_shares_knows_what_a_house_hides(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sharing_knows_an_occluded_car(monkeypatch: pytest.MonkeyPatch) -> None:
     known: dict[tuple[int, int], Objects] = {}
     fuse = LateFusion.fuse
 

@@ -56,19 +56,19 @@ def told(ego: str) -> Briefing:
     return Briefing(ego, 0, 0.05, 100.0, CAR, route, yaw, s, np.full(101, 3.5), np.full(101, 13.0))
 
 
-def test_it_passes_a_parked_car_on_a_road_with_room() -> None:
+def test_omniscient_passes_a_parked_car() -> None:
     episode = drive("omniscient", {"0": EAST}, [Box(45.0, -0.9, 0.0)], two_lanes())
     assert all_arrived(episode)
     assert not episode.contacts
 
 
-def test_it_passes_a_parked_car_and_oncoming_cavs() -> None:
+def test_omniscient_passes_a_parked_car_with_oncoming_cavs() -> None:
     episode = drive("omniscient", {"0": EAST, "1": WEST}, [Box(45.0, -0.9, 0.0)], two_lanes())
     assert all_arrived(episode)
     assert not episode.contacts
 
 
-def test_everybody_finds_the_same_ways_around() -> None:
+def test_all_cavs_find_the_same_detours() -> None:
     seen = known(things((40.0, -0.5, 0.0, 0.0), (60.0, 4.0, 0.0, 0.0)))
     mine, theirs = plan_joint_detours(seen, told("0")), plan_joint_detours(seen, told("1"))
     for ego in ("0", "1"):
@@ -76,14 +76,14 @@ def test_everybody_finds_the_same_ways_around() -> None:
         assert np.abs(mine[ego].xy[:, 1] - (0.0, 3.5)[int(ego)]).max() > 0.5
 
 
-def test_every_thing_on_a_long_way_is_passed() -> None:
+def test_every_obstacle_on_a_long_path_is_passed() -> None:
     seen = known(things((25.0, -0.5, 0.0, 0.0), (75.0, -0.5, 0.0, 0.0)))
     path = plan_joint_detours(seen, told("0"))["0"]
     aside = np.interp((25.0, 50.0, 75.0), path.xy[:, 0], path.xy[:, 1])
     assert aside == pytest.approx((1.5, 0.0, 1.5), abs=0.05)
 
 
-def test_where_nothing_stands_in_the_way_the_path_is_the_plain_one() -> None:
+def test_without_obstacles_the_path_is_unchanged() -> None:
     seen = known(things((40.0, -4.0, 0.0, 0.0), (60.0, 0.0, 0.0, 3.0)))
     assert np.array_equal(plan_joint_detours(seen, told("0"))["0"].xy, build_path(EAST, CAR.rear_to_centre, 0.0).xy)
 
@@ -108,7 +108,7 @@ def straight() -> tuple[Way, Float]:
     return path, np.full(len(path.xy), 9.0)
 
 
-def test_it_slows_down_before_somebody_who_looks_across_the_road() -> None:
+def test_speed_is_reduced_before_a_pedestrian_who_faces_the_road() -> None:
     path, speeds = straight()
     slow = limit_speeds_near_pedestrians(
         path, speeds, things((50.0, -5.0, math.pi / 2, 0.0), kind=Kind.PEDESTRIAN), CAR
@@ -131,12 +131,12 @@ def test_it_slows_down_before_somebody_who_looks_across_the_road() -> None:
         ((50.0, -5.0, math.pi / 2, 0.0), Kind.STATIC),
     ],
 )
-def test_nobody_else_slows_it_down(row: tuple[float, float, float, float], kind: Kind) -> None:
+def test_other_road_users_do_not_reduce_the_speed(row: tuple[float, float, float, float], kind: Kind) -> None:
     path, speeds = straight()
     assert np.array_equal(limit_speeds_near_pedestrians(path, speeds, things(row, kind=kind), CAR), speeds)
 
 
-def test_who_has_set_off_and_waits_is_expected_to_walk_on() -> None:
+def test_a_waiting_pedestrian_who_has_started_walks_on() -> None:
     people = things((5.0, 0.0, 0.0, 0.0), (9.0, 0.0, 0.0, 0.0), (12.0, 0.0, 0.0, 0.8), kind=Kind.PEDESTRIAN)
     first = {"b0": (5.0, 0.0), "b1": (8.0, 0.0), "b2": (8.0, 0.0)}
     assert predict_walking_on(people, first).speed.tolist() == [0.0, PEDESTRIAN.walking_speed, 0.8]

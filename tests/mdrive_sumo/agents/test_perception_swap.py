@@ -40,7 +40,7 @@ def test_hazard_rule(ahead: float, aside: float, speed: float, found: bool, yaw:
     assert has_hazard(own(5.0, -3.0, yaw, speed), things((x, y, 0.0, 0.0))) is found
 
 
-def test_any_of_several_is_a_hazard_and_none_is_none() -> None:
+def test_one_of_several_objects_is_a_hazard() -> None:
     assert has_hazard(own(speed=5.0), things((50, 0, 0, 0), (8, 1, 0, 0)))
     assert not has_hazard(own(speed=5.0), NOTHING)
 
@@ -78,7 +78,7 @@ def test_on_a_free_road_it_drives_21_kmh() -> None:
     )
 
 
-def test_what_others_see_is_a_hazard_too() -> None:
+def test_received_objects_are_hazards() -> None:
     agent = started()
     told = encode(Cpm(ReferencePose(30.0, 10.0, 0.0, 0), 80.0, things((9, 0, 0, 0)), np.zeros(1, dtype=np.uint8)))
     now = Observation(1, own(speed=5.0), objects=NOTHING, messages=(replace(told, sender="b"),))
@@ -87,13 +87,13 @@ def test_what_others_see_is_a_hazard_too() -> None:
 
 
 @pytest.mark.parametrize(("away", "counts"), [(69.0, True), (71.0, False)])
-def test_who_is_far_away_is_not_listened_to(away: float, counts: bool) -> None:
+def test_distant_senders_are_ignored(away: float, counts: bool) -> None:
     told = encode(Cpm(ReferencePose(0.0, away, 0.0, 0), 80.0, things((9, 0, 0, 0)), np.zeros(1, dtype=np.uint8)))
     now = Observation(1, own(speed=5.0), objects=NOTHING, messages=(replace(told, sender="b"),))
     assert halts(started().act(now)) is counts
 
 
-def test_red_lights_are_minded_and_stop_signs_are_not_known() -> None:
+def test_red_lights_count_and_stop_signs_do_not() -> None:
     agent = started(TrafficLight("L", 12.0))
     red = replace(seen(0, own(speed=5.0), NOTHING), signals={"L": "r"})
     assert halts(agent.act(red))
@@ -104,6 +104,6 @@ def test_red_lights_are_minded_and_stop_signs_are_not_known() -> None:
     assert not halts(agent.act(red))
 
 
-def test_it_tells_what_it_sees() -> None:
+def test_detections_are_sent() -> None:
     reply = started().act(seen(0, own(), things((9, 0, 0, 0))))
     assert [message.type for message in reply.messages] == [CAM, CPM]

@@ -35,19 +35,19 @@ class Car:
     def __post_init__(self) -> None:
         about = briefing(self.route, name=self.name)
         self.planner = SpaceTimePlanner(about, self.state.yaw, 8.0)
-        self.parley = NegotiationInterface(about, RuleNegotiator(self.passing), self.stops)
+        self.interface = NegotiationInterface(about, RuleNegotiator(self.passing), self.stops)
         self.motions: list[PredictedMotion] = []
         self.names: frozenset[str] = frozenset()
-        self.barriers: list[StopPoint] = []
+        self.stop_points: list[StopPoint] = []
 
     def act(self, tick: int, heard: Sequence[Message]) -> list[Message]:
         now = seen(tick, self.state, things(), heard)
         self.planner.track_ego(tick, self.state)
-        self.parley.receive(now)
-        self.names, self.motions = self.parley.predict_announced_motions(now, self.planner)
-        self.barriers = self.parley.find_stop_points(now, self.planner)
-        self.planner.update(tick, self.state.speed, self.motions, self.barriers)
-        step = self.parley.negotiate(now, self.planner, self.planner.get_planned_points(tick))
+        self.interface.receive(now)
+        self.names, self.motions = self.interface.predict_announced_motions(now, self.planner)
+        self.stop_points = self.interface.find_stop_points(now, self.planner)
+        self.planner.update(tick, self.state.speed, self.motions, self.stop_points)
+        step = self.interface.negotiate(now, self.planner, self.planner.get_planned_points(tick))
         self.steps.append(step)
         return [replace(message, sender=self.name, tick=tick) for message in step.messages]
 
@@ -65,7 +65,7 @@ def table(ticks: int, stops: bool = True, passing: bool | None = None) -> tuple[
     return a, b
 
 
-def test_the_nearest_goes_first_and_both_know_it() -> None:
+def test_both_decide_that_the_nearest_goes_first() -> None:
     a, b = table(12)
     mine, theirs = a.steps[-1].decision, b.steps[-1].decision
     assert mine is not None
@@ -75,10 +75,10 @@ def test_the_nearest_goes_first_and_both_know_it() -> None:
     assert theirs.intention == Intention.STOP
 
 
-def test_who_agreed_to_stop_stops_before_the_others_way_until_it_is_free() -> None:
+def test_an_agreed_stop_lies_before_the_crossing_until_it_is_free() -> None:
     a, b = table(12)
-    assert a.barriers == []
-    (wait,) = b.barriers
+    assert a.stop_points == []
+    (wait,) = b.stop_points
     assert b.planner.s < wait.s < 40.0 - WIDTH / 2
     decision = b.steps[-1].decision
     assert decision is not None
@@ -86,17 +86,17 @@ def test_who_agreed_to_stop_stops_before_the_others_way_until_it_is_free() -> No
     assert wait.until_s > 0
 
 
-def test_who_plans_to_pass_behind_does_not_stop_even_if_that_was_agreed() -> None:
+def test_without_stops_an_agreed_stop_gives_no_stop_point() -> None:
     _, b = table(12, stops=False, passing=False)
     decision = b.steps[-1].decision
     assert decision is not None
     assert decision.intention == Intention.STOP
-    assert b.barriers == []
+    assert b.stop_points == []
 
 
-def test_who_passes_behind_is_not_told_where_to_stop() -> None:
+def test_passing_behind_gives_no_stop_point() -> None:
     a, b = table(12, stops=False)
-    assert a.barriers == b.barriers == []
+    assert a.stop_points == b.stop_points == []
     decision = b.steps[-1].decision
     assert decision is not None
     assert (decision.intention, decision.yield_to) == (Intention.SLOWER, {"a"})
@@ -104,7 +104,7 @@ def test_who_passes_behind_is_not_told_where_to_stop() -> None:
     assert b.motions[0].length == LENGTH
 
 
-def test_who_has_priority_minds_the_other_one_only_where_he_must_be() -> None:
+def test_a_yielding_car_is_avoided_for_two_seconds_only() -> None:
     a, b = table(12, stops=False)
     (minded,) = a.motions
     assert len(minded.poses) < len(TIMES) == len(b.motions[0].poses)
@@ -117,14 +117,14 @@ def test_who_has_priority_minds_the_other_one_only_where_he_must_be() -> None:
     assert at_crossing[0] < at_crossing[1]
 
 
-def test_whoever_has_announced_his_motion_is_not_guessed_at() -> None:
+def test_announced_cars_are_excluded_from_the_objects() -> None:
     a, _ = table(6)
     assert a.names == {"b"}
     left = exclude_objects(things((1, 0, 0, 0), (2, 0, 0, 0), ids=("b", "t00000001")), a.names)
     assert left.ids == ("t00000001",)
 
 
-def test_nobody_is_announced_before_the_first_message_and_after_a_second_of_silence() -> None:
+def test_no_announcement_before_the_first_message_and_after_silence() -> None:
     a, _ = table(1)
     assert (a.names, a.motions) == (frozenset(), [])
     a, _ = table(6)
@@ -144,23 +144,23 @@ def mcm(x: float, y: float, yaw: float, speed: float, tick: int = 0) -> Message:
 def minded(message: Message, tick: int = 0) -> list[PredictedMotion]:
     """What a car at (20, 0) that goes east at 6 m/s minds of it."""
     about = briefing()
-    planner, parley = SpaceTimePlanner(about, 0.0, 8.0), NegotiationInterface(about, RuleNegotiator(), stops=True)
+    planner, interface = SpaceTimePlanner(about, 0.0, 8.0), NegotiationInterface(about, RuleNegotiator(), stops=True)
     planner.s = 20.0
     now = Observation(tick, own(20.0, speed=6.0), objects=things(), messages=(message,))
     planner.track_ego(tick, now.own)
-    parley.receive(now)
-    names, motions = parley.predict_announced_motions(now, planner)
+    interface.receive(now)
+    names, motions = interface.predict_announced_motions(now, planner)
     assert names == {"b"}
     return motions
 
 
-def test_who_comes_behind_me_is_ignored() -> None:
+def test_announcements_of_followers_are_ignored() -> None:
     assert minded(mcm(10.0, 0.0, 0.0, 8.0)) == []
     assert minded(mcm(14.0, -3.5, 0.3, 8.0)) == []
     assert len(minded(mcm(10.0, -20.0, np.pi / 2, 8.0))) == 1  # he crosses
 
 
-def test_who_leads_may_brake_whatever_he_announced() -> None:
+def test_a_leader_may_brake_whatever_it_announced() -> None:
     (leader,) = minded(mcm(32.0, 0.0, 0.0, 6.0))
     assert leader.stands_at_end
     assert np.ptp(leader.poses[:, 0]) == pytest.approx(predict_yielding(6.0)[-1] - predict_yielding(6.0)[0], abs=0.05)
@@ -170,12 +170,12 @@ def test_who_leads_may_brake_whatever_he_announced() -> None:
     assert crossing.poses[:, 2] == pytest.approx(np.pi / 2, abs=1e-3)
 
 
-def test_announced_motions_are_made_up_for_their_age() -> None:
+def test_announced_motions_are_compensated_for_their_age() -> None:
     (crossing,) = minded(mcm(40.0, -20.0, np.pi / 2, 6.0), tick=10)
     assert crossing.poses[:, 1] == pytest.approx(-20.0 + 6.0 * (TIMES + 10 * DT), abs=0.05)
 
 
-def test_what_i_announce_is_my_plan() -> None:
+def test_the_announcement_is_the_own_plan() -> None:
     a, _ = table(1)
     said = decode(a.steps[0].messages[0])
     assert isinstance(said, Mcm)

@@ -63,7 +63,7 @@ def places(objects: Objects) -> list[tuple[float, float]]:
     return sorted((round(x, 1), round(y, 1)) for x, y in zip(objects.x.tolist(), objects.y.tolist(), strict=True))
 
 
-def test_own_and_told_things_are_one_list() -> None:
+def test_own_and_received_objects_form_one_list() -> None:
     told = things((30, 0, 0, 0), (30, 10, 0, 0))
     known = fused([cam("b", 20.0), cpm("b", told)], things((10, 0, 0, 0)))
     assert places(known) == [(10, 0), (20, 0), (30, 0), (30, 10)]
@@ -86,11 +86,11 @@ def test_association_is_one_to_one_from_the_nearest_pair() -> None:
 
 
 @pytest.mark.parametrize(("gap", "count"), [(FUSION.vehicle_gate_m - 0.1, 1), (FUSION.vehicle_gate_m + 0.1, 2)])
-def test_two_cars_are_one_within_the_gate(gap: float, count: int) -> None:
+def test_cars_within_the_gate_are_merged(gap: float, count: int) -> None:
     assert len(fused([cpm("b", things((20 + gap, 0, 0, 0)))], things((20, 0, 0, 0))).ids) == count
 
 
-def test_the_ghost_of_myself_is_removed() -> None:
+def test_reports_of_the_own_car_are_removed() -> None:
     me, other = (0.8, -0.6, 0.0, 3.0), (12.0, 0.0, 0.0, 3.0)
     assert places(fused([cpm("b", things(me, other))])) == [(12.0, 0.0)]
 
@@ -106,7 +106,7 @@ def test_pedestrians_are_not_cars() -> None:
 
 
 @given(st.floats(-3, 3), st.floats(0, 15), st.integers(0, FUSION.memory_ticks))
-def test_age_is_made_up_for_exactly_at_constant_velocity(yaw: float, speed: float, ticks: int) -> None:
+def test_age_is_compensated_exactly_at_constant_velocity(yaw: float, speed: float, ticks: int) -> None:
     way = np.array((math.cos(yaw), math.sin(yaw))) * speed * ticks * DT
     station = fused([cam("b", 100.0, 20.0, yaw, speed)], tick=ticks)
     seen = fused([cpm("b", things((100.0, 20.0, yaw, speed)))], tick=ticks)
@@ -121,7 +121,7 @@ def test_the_age_of_a_measurement_counts_too() -> None:
 
 
 @given(st.floats(-0.6, 0.6), st.integers(0, FUSION.memory_ticks))
-def test_stations_are_moved_on_along_their_bend(turn: float, ticks: int) -> None:
+def test_stations_are_advanced_along_arcs(turn: float, ticks: int) -> None:
     known = fused([cam("b", 60.0, 10.0, 0.3, 8.0, turn)], tick=ticks)
     x, y, yaw = 60.0, 10.0, 0.3
     step_s = ticks * DT / 300
@@ -133,12 +133,12 @@ def test_stations_are_moved_on_along_their_bend(turn: float, ticks: int) -> None
 
 
 @pytest.mark.parametrize(("ticks", "known"), [(FUSION.memory_ticks, 2), (FUSION.memory_ticks + 1, 0)])
-def test_what_is_older_than_a_second_is_forgotten(ticks: int, known: int) -> None:
+def test_messages_older_than_a_second_are_dropped(ticks: int, known: int) -> None:
     assert FUSION.memory_ticks * DT == 1.0
     assert len(fused([cam("b", 30.0), cpm("b", things((40, 0, 0, 0)))], tick=ticks).ids) == known
 
 
-def test_a_thing_keeps_its_name_when_i_see_it_myself() -> None:
+def test_a_received_object_keeps_its_name_when_detected() -> None:
     fusion = LateFusion(FACTS)
     fusion.receive([cam("b", 50.0, 50.0), cpm("b", things((20, 0, 0, 0), ids=("t0000000a",)))])
     assert fusion.fuse(0, own(), NOTHING).ids == ("b", "b:t0000000a")
@@ -149,7 +149,7 @@ def test_a_thing_keeps_its_name_when_i_see_it_myself() -> None:
     assert gone.ids == ("b:t0000000a",)
 
 
-def test_a_station_keeps_its_name_when_i_see_it_and_hear_it_no_more() -> None:
+def test_a_detected_station_keeps_its_name_without_messages() -> None:
     fusion = LateFusion(FACTS)
     mine = things((20, 0, 0, 0), ids=("t00000001",))
     fusion.receive([cam("b", 20.0)])
@@ -158,14 +158,14 @@ def test_a_station_keeps_its_name_when_i_see_it_and_hear_it_no_more() -> None:
     assert fusion.fuse(100, own(), mine).ids == ("b",)
 
 
-def test_a_thing_keeps_my_name_when_others_tell_of_it_and_i_lose_it() -> None:
+def test_a_detected_object_keeps_its_name_when_only_received() -> None:
     fusion = LateFusion(FACTS)
     fusion.receive([cpm("b", things((20, 0, 0, 0)))])
     assert fusion.fuse(0, own(), things((20.1, 0, 0, 0), ids=("t00000001",))).ids == ("t00000001",)
     assert fusion.fuse(1, own(), NOTHING).ids == ("t00000001",)
 
 
-def test_names_are_unique_when_two_things_were_one() -> None:
+def test_names_are_unique_after_a_merged_object_splits() -> None:
     fusion = LateFusion(FACTS)
     fusion.receive([cpm("b", things((20, 0, 0, 0)))])
     fusion.fuse(0, own(), things((20.1, 0, 0, 0), ids=("t00000001",)))
@@ -174,7 +174,7 @@ def test_names_are_unique_when_two_things_were_one() -> None:
     assert len(set(known.ids)) == len(known.ids) == 2
 
 
-def test_a_car_that_was_taken_for_a_station_gets_its_own_name_back() -> None:
+def test_a_car_confused_with_a_station_regains_its_name() -> None:
     fusion = LateFusion(FACTS)
     mine = things((20, 0, 0, 0), ids=("t00000001",))
     fusion.receive([cam("b", 20.5)])
@@ -203,7 +203,7 @@ def test_reach_picks_the_nearest_senders() -> None:
     assert len(fused(told).ids) == 6
 
 
-def test_what_cannot_be_read_is_noted_and_nothing_else_happens() -> None:
+def test_unreadable_messages_are_noted_and_ignored() -> None:
     fusion = LateFusion(FACTS)
     broken = [Message(CAM, b"\x01rubbish", "b"), Message(CPM, b"", "c"), Message("mine", b"x", "d")]
     notes = fusion.receive([*broken, cam("e", 30.0)])
@@ -212,7 +212,7 @@ def test_what_cannot_be_read_is_noted_and_nothing_else_happens() -> None:
     assert fusion.fuse(0, own(), NOTHING).ids == ("e",)
 
 
-def test_manoeuvre_messages_tell_where_a_station_is_but_a_cam_of_the_same_tick_tells_more() -> None:
+def test_an_mcm_gives_a_position_and_a_cam_of_the_same_tick_replaces_it() -> None:
     mcm = Mcm(ReferencePose(30.0, 0.0, 0.0, 0), 4.0, Intention.KEEP, Direction.FOLLOW, 0.2, np.zeros((1, 2)))
     said = sent(encode(mcm), "b")
     assert fused([said]).length.tolist() == [FACTS.length]
@@ -227,9 +227,7 @@ CARS = st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60), st.floats(-3, 
 
 @settings(max_examples=60)
 @given(CARS, CARS, CARS)
-def test_there_are_no_fewer_things_than_anybody_sees_and_no_more_than_all(
-    mine: Rows, first: Rows, second: Rows
-) -> None:
+def test_the_number_of_objects_is_between_the_maximum_and_the_sum(mine: Rows, first: Rows, second: Rows) -> None:
     def away(rows: Rows) -> Rows:  # the own place is kept free
         return [row for row in rows if math.hypot(row[0], row[1]) > FUSION.vehicle_gate_m + 0.1]
 
@@ -249,7 +247,7 @@ def test_the_order_of_messages_within_a_tick_does_not_matter(first: Rows, second
     assert np.array_equal(one.x, other.x)
 
 
-def test_what_was_said_earlier_and_comes_later_does_not_count() -> None:
+def test_older_messages_that_arrive_later_are_ignored() -> None:
     fusion = LateFusion(FACTS)
     fusion.receive([cam("b", 20.0, tick=8), cpm("c", things((40.0, 0.0, 0.0, 0.0)), tick=8)])
     fusion.receive([cam("b", 90.0, tick=2), cpm("c", things((90.0, 9.0, 0.0, 0.0)), tick=2)])

@@ -40,7 +40,7 @@ class Driver:
         return self.foresight.predict(state, objects, self.planner)
 
 
-def test_who_comes_from_the_right_goes_first_and_from_the_left_does_not() -> None:
+def test_traffic_from_the_right_goes_first_and_from_the_left_does_not() -> None:
     moving = own(speed=8.0)
     (right,), waits = expected(moving, (20.0, -20.0, RIGHT, 8.0))
     assert len(waits) == 1
@@ -51,18 +51,18 @@ def test_who_comes_from_the_right_goes_first_and_from_the_left_does_not() -> Non
     assert left.poses[-1, 1] == pytest.approx(20.0 - predict_yielding(8.0)[-1])  # he brakes for me
 
 
-def test_who_is_there_first_goes_first_wherever_he_comes_from() -> None:
+def test_the_first_to_arrive_goes_first_from_any_side() -> None:
     assert len(expected(own(speed=8.0), (20.0, 12.0, LEFT, 8.0))[1]) == 1
     assert expected(own(speed=8.0), (20.0, -36.0, RIGHT, 8.0))[1] == []
 
 
-def test_the_barrier_leaves_room_and_opens_when_he_has_passed() -> None:
+def test_the_stop_point_leaves_room_and_ends_after_the_crossing() -> None:
     _, (wait,) = expected(own(speed=4.0), (20.0, -8.0, RIGHT, 5.0))
     assert 8.0 < wait.s < 20.0 - LENGTH / 2 - 0.9
     assert 2.0 < wait.until_s < 5.0
 
 
-def test_who_cannot_stop_any_more_is_not_told_to() -> None:
+def test_no_stop_point_if_the_car_cannot_stop() -> None:
     close = (20.0, -6.0, RIGHT, 8.0)
     motions, waits = expected(own(x=12.0, speed=8.0), close)
     assert (len(motions), waits) == (1, [])
@@ -76,7 +76,7 @@ def turning_left() -> Float:
     return np.vstack((straight(10.0), bend, np.column_stack((np.full(20, 18.0), 8.0 + np.arange(1.0, 21.0)))))
 
 
-def test_who_turns_lets_the_oncoming_one_go_who_does_not() -> None:
+def test_a_turning_car_yields_to_oncoming_traffic() -> None:
     oncoming = (28.0, 3.5, math.pi, 5.0)
     motions, waits = expected(own(speed=5.0), oncoming, route=turning_left())
     assert len(motions) == len(waits) == 1
@@ -84,17 +84,17 @@ def test_who_turns_lets_the_oncoming_one_go_who_does_not() -> None:
     assert expected(own(speed=5.0), oncoming) == ([], [])  # straight on he is in nobody's way
 
 
-def test_who_follows_me_is_ignored() -> None:
+def test_followers_are_ignored() -> None:
     assert expected(own(x=30.0, speed=4.0), (22.0, 0.0, 0.0, 8.0)) == ([], [])
     assert expected(own(x=30.0, speed=4.0), (29.0, 3.0, -0.15, 8.0)) == ([], [])  # beside me, coming into my way
     assert len(expected(own(x=30.0, speed=4.0), (34.0, 3.0, -0.15, 8.0))[0]) == 1  # that one is ahead
 
 
-def test_who_comes_to_where_i_am_already_is_ignored() -> None:
+def test_a_conflict_at_the_own_position_is_ignored() -> None:
     assert expected(own(x=30.0), (30.0, -8.0, RIGHT, 5.0)) == ([], [])
 
 
-def test_who_leads_may_brake_at_any_time_and_follows_the_way() -> None:
+def test_a_leader_is_predicted_to_brake_along_the_path() -> None:
     (leader,), waits = expected(own(speed=8.0), (15.0, 0.0, 0.0, 6.0))
     assert waits == []
     assert leader.stands_at_end
@@ -103,7 +103,7 @@ def test_who_leads_may_brake_at_any_time_and_follows_the_way() -> None:
     assert turner.poses[-1, 1] > 0.5  # along my bend, not straight on
 
 
-def test_what_stands_on_the_way_stays_there() -> None:
+def test_a_standing_object_on_the_path_stays() -> None:
     (box,), waits = expected(own(speed=8.0), (25.0, 0.5, 1.0, 0.0), kind=Kind.STATIC)
     assert waits == []
     assert box.stands_at_end
@@ -111,7 +111,7 @@ def test_what_stands_on_the_way_stays_there() -> None:
     assert box.poses[0] == pytest.approx((25.0, 0.5, 1.0))
 
 
-def test_who_merges_before_me_may_hesitate() -> None:
+def test_a_merging_vehicle_may_hesitate() -> None:
     (merging,), waits = expected(own(speed=8.0), (12.0, -3.5, 0.35, 8.0))
     assert waits == []
     assert len(merging.poses) < len(TIMES)
@@ -120,7 +120,7 @@ def test_who_merges_before_me_may_hesitate() -> None:
 
 
 @pytest.mark.parametrize(("side", "waits"), [(1.0, 0), (-1.0, 1)])
-def test_when_two_stand_who_would_meet_head_on_the_one_further_west_goes(side: float, waits: int) -> None:
+def test_of_two_standing_oncoming_cars_the_one_further_west_goes(side: float, waits: int) -> None:
     """The same place twice, the second time turned by half a circle."""
     driver, yaw = Driver(side * straight(60.0)), math.radians(0 if side > 0 else 180)
     driver.planner = SpaceTimePlanner(briefing(side * straight(60.0)), yaw, 8.0)
@@ -128,12 +128,12 @@ def test_when_two_stand_who_would_meet_head_on_the_one_further_west_goes(side: f
     assert len(driver.looks(own(side * 8.0, 0.0, yaw), askew)[1]) == waits
 
 
-def test_who_stands_from_the_right_of_a_standing_one_goes_first() -> None:
+def test_of_two_standing_cars_the_one_from_the_right_goes_first() -> None:
     assert len(expected(own(x=10.0), (20.0, -4.0, RIGHT, 0.0))[1]) == 1
     assert expected(own(x=10.0), (20.0, 4.0, LEFT, 0.0))[1] == []
 
 
-def test_who_gave_way_does_not_change_his_mind_at_once() -> None:
+def test_yielding_has_hysteresis() -> None:
     driver = Driver()
     assert driver.looks(own(speed=8.0), things((20.0, -18.0, RIGHT, 8.0)))[1]
     slightly_later = things((20.0, -25.0, RIGHT, 8.0))

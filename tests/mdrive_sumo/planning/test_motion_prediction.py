@@ -34,7 +34,7 @@ def one(x: float, y: float, yaw: float, speed: float, kind: Kind = Kind.VEHICLE)
 
 
 @given(SPEEDS)
-def test_nobody_is_expected_to_reverse(speed: float) -> None:
+def test_predictions_never_reverse(speed: float) -> None:
     for travelled in (
         predict_constant_speed(speed),
         predict_acceleration(speed),
@@ -47,26 +47,26 @@ def test_nobody_is_expected_to_reverse(speed: float) -> None:
 
 
 @given(SPEEDS)
-def test_who_hesitates_is_behind_who_goes_on_and_that_one_behind_who_takes_his_turn(speed: float) -> None:
+def test_hesitation_constant_speed_and_acceleration_are_ordered(speed: float) -> None:
     assert np.all(predict_hesitation(speed) <= predict_constant_speed(speed) + 1e-9)
     assert np.all(predict_constant_speed(speed) <= predict_acceleration(speed) + 1e-9)
     assert np.all(predict_yielding(speed) <= predict_constant_speed(speed) + 1e-9)
 
 
 @given(SPEEDS)
-def test_who_gives_way_stops_after_his_reaction_and_braking_way(speed: float) -> None:
+def test_a_yielding_road_user_stops_after_reaction_and_braking_distance(speed: float) -> None:
     way = speed * MOTION.reaction_s + speed**2 / (2 * MOTION.yielding_braking)
     assert predict_yielding(speed)[-1] == pytest.approx(way, abs=1e-9)
 
 
 @given(SPEEDS, SPEEDS)
-def test_who_is_faster_is_expected_further_ahead(one_speed: float, other_speed: float) -> None:
+def test_a_faster_road_user_is_predicted_further_ahead(one_speed: float, other_speed: float) -> None:
     slow, fast = sorted((one_speed, other_speed))
     for motion in (predict_constant_speed, predict_acceleration, predict_hesitation, predict_yielding):
         assert np.all(motion(slow) <= motion(fast) + 1e-9)
 
 
-def test_who_takes_his_turn_speeds_up_to_eight_and_not_beyond() -> None:
+def test_acceleration_ends_at_the_top_speed() -> None:
     rates = np.diff(predict_acceleration(0.0)) / np.diff(TIMES)
     assert predict_acceleration(0.0)[0] == pytest.approx(TIMES[0] ** 2)  # 2 m/s2
     assert rates[-1] == pytest.approx(MOTION.top_speed)
@@ -74,7 +74,7 @@ def test_who_takes_his_turn_speeds_up_to_eight_and_not_beyond() -> None:
     assert predict_acceleration(12.0) == pytest.approx(12.0 * TIMES)  # who is faster already keeps his speed
 
 
-def test_who_hesitates_loses_a_metre_and_a_half_a_second_and_may_stand() -> None:
+def test_hesitation_costs_1_5_m_per_second() -> None:
     assert np.diff(predict_hesitation(8.0))[-1] == pytest.approx(6.5 * (TIMES[-1] - TIMES[-2]))
     assert np.all(predict_hesitation(1.0)[TIMES >= 1.0] == predict_hesitation(1.0)[-1])
 
@@ -104,7 +104,7 @@ def bent_route() -> Float:
     return np.vstack((east, np.column_stack((np.full(31, 20.0), np.arange(31.0)))))
 
 
-def test_who_is_on_a_path_follows_its_bends() -> None:
+def test_an_object_on_a_path_follows_its_bends() -> None:
     path = build_path(bent_route(), REAR)
     poses = place_on_path(path, 5.0, predict_constant_speed(5.0))
     at = [int(np.argmin(np.abs(TIMES - t))) for t in (1.0, 5.0)]
@@ -114,7 +114,7 @@ def test_who_is_on_a_path_follows_its_bends() -> None:
     assert place_on_path(path, 5.0, predict_constant_speed(0.0))[-1] == pytest.approx((5.0, 0.0, 0.0), abs=0.05)
 
 
-def test_who_is_on_foot_does_not_become_fast() -> None:
+def test_pedestrians_stay_slow() -> None:
     assert get_top_speed(one(0, 0, 0, 1, Kind.PEDESTRIAN), 0) == MOTION.walking_top_speed
     assert get_top_speed(one(0, 0, 0, 1), 0) == MOTION.top_speed
     assert predict_acceleration(1.0, MOTION.walking_top_speed)[-1] < MOTION.walking_top_speed * TIMES[-1]

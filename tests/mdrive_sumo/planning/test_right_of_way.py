@@ -50,7 +50,7 @@ def test_right_of_way(other: right_of_way.CrossingConflict, yields: bool) -> Non
     assert right_of_way.must_yield(mover(), other, yielded_before=False, is_impatient=False) is yields
 
 
-def test_who_gave_way_goes_on_to_do_so_and_the_bold_do_not() -> None:
+def test_yielding_continues_unless_the_car_is_impatient() -> None:
     slightly_later = crossing(math.pi / 2, 3.0, 4.0)
     assert right_of_way.must_yield(mover(), slightly_later, yielded_before=True, is_impatient=False)
     assert not right_of_way.must_yield(mover(), slightly_later, yielded_before=True, is_impatient=True)
@@ -64,7 +64,7 @@ def test_time_to_a_distance_is_the_motion_inverted(speed: float, distance: float
     assert speed * ramp + ramp**2 + cruise * (t - ramp) == pytest.approx(distance, abs=1e-6)
 
 
-def test_leaders_are_seen_but_for_followers_beside() -> None:
+def test_lead_objects_exclude_followers_beside() -> None:
     path = build_path(np.column_stack((np.arange(61.0), np.zeros(61))), REAR)
     ahead = right_of_way.preview_path(path, 10.0, _vehicle())
     found = right_of_way.find_lead_objects(

@@ -46,14 +46,14 @@ def test_on_a_free_road_it_speeds_up_to_the_cruising_speed() -> None:
     assert np.all(np.diff(found) >= -1e-6)
 
 
-def test_it_stops_before_a_standing_car_and_keeps_the_margin() -> None:
+def test_the_plan_stops_before_a_standing_car_with_the_margin() -> None:
     planner = planned(8.0, [standing(30.0, 0.0)])
     gap = 30.0 - LENGTH - stations(planner)[-1]
     assert speeds(planner)[-1] < 1.0
     assert MARGIN_M <= gap < MARGIN_M + 1.0
 
 
-def test_beyond_what_is_known_only_what_stands_is_in_the_way() -> None:
+def test_after_a_prediction_ends_only_standing_objects_block() -> None:
     known = int((TIMES <= 2.0).sum())
     stays = replace(standing(60.0, 0.0), poses=standing(60.0, 0.0).poses[:known])
     gone = replace(stays, stands_at_end=False)
@@ -61,13 +61,13 @@ def test_beyond_what_is_known_only_what_stands_is_in_the_way() -> None:
     assert stations(planned(8.0, [stays]))[-1] < 60.0 - LENGTH
 
 
-def test_what_stands_beside_the_way_is_passed() -> None:
+def test_a_standing_object_beside_the_path_is_passed() -> None:
     aside = WIDTH + MARGINS.plan.lateral + 0.1
     assert stations(planned(8.0, [standing(40.0, aside)]))[-1] > 60
     assert stations(planned(8.0, [standing(40.0, aside - 0.2)]))[-1] < 40
 
 
-def test_it_passes_behind_one_who_crosses() -> None:
+def test_the_plan_passes_behind_a_crossing_car() -> None:
     crossing = moving(30.0, -20.0, math.pi / 2, 5.0)  # on my way from 3.4 to 4.7 s; I would be there after 3.75 s
     planner = planned(8.0, [crossing])
     there = float(AFTER[np.argmax(stations(planner) > 30.0)])
@@ -76,7 +76,7 @@ def test_it_passes_behind_one_who_crosses() -> None:
     assert float(AFTER[np.argmax(stations(planned(8.0)) > 30.0)]) < 4.0  # nobody there: no waiting
 
 
-def test_it_passes_before_one_who_crosses_late() -> None:
+def test_the_plan_passes_before_a_late_crossing_car() -> None:
     late = moving(30.0, -40.0, math.pi / 2, 5.0)
     assert stations(planned(8.0, [late])) == pytest.approx(stations(planned(8.0)))
 
@@ -88,7 +88,7 @@ def test_a_barrier_holds_until_its_time_and_no_longer() -> None:
     assert s[AFTER <= 7.0].max() > 15.0
 
 
-def test_it_does_not_dawdle_on_the_way_to_where_it_must_wait() -> None:
+def test_the_plan_closes_up_early_to_its_waiting_position() -> None:
     s = stations(planned(4.0, barriers=[StopPoint(20.0)]))
     assert s[AFTER <= 4.0].max() > 14.0
 
@@ -98,18 +98,18 @@ def test_a_barrier_without_end_is_never_passed() -> None:
     assert 28.0 < stations(planner)[-1] < 30.0
 
 
-def test_who_is_shut_in_stands() -> None:
+def test_an_enclosed_car_stands() -> None:
     walls = [standing(LENGTH + 0.5, 0.0), standing(-LENGTH - 0.5, 0.0), standing(0.0, 2.0), standing(0.0, -2.0)]
     assert stations(planned(0.0, walls)) == pytest.approx(0.0, abs=0.3)
 
 
-def test_who_cannot_avoid_somebody_brakes() -> None:
+def test_a_car_that_cannot_avoid_a_collision_brakes() -> None:
     found = speeds(planned(8.0, [standing(8.0, 0.0)]))
     assert found[-1] == 0
     assert np.all(np.diff(found) <= 1e-6)
 
 
-def test_who_has_stood_long_squeezes_past() -> None:
+def test_after_a_long_wait_the_margin_shrinks() -> None:
     planner, beside = SpaceTimePlanner(briefing(), 0.0, 8.0), [standing(10.0, WIDTH + 0.25)]
     ends: list[float] = []
     for tick in range(0, 2 * PLANNER.deadlock_ticks, 2):
@@ -120,7 +120,7 @@ def test_who_has_stood_long_squeezes_past() -> None:
     assert ends[-1] > 30.0
 
 
-def test_who_must_wait_waits_for_as_long_as_it_takes() -> None:
+def test_a_car_that_must_wait_waits_without_limit() -> None:
     """The omniscient planner moves a little every 24 s."""
     plans: list[Float] = []
     for tick in (0, 400):
@@ -185,7 +185,7 @@ def test_a_car_that_goes_astray_makes_a_new_profile() -> None:
     assert planner.get_planned_points(3)[0, 0] == pytest.approx(8.0 * 0.15 + 1.1 + 8.0 * PLANNER.interval_s, abs=0.05)
 
 
-def test_a_good_plan_is_kept_and_one_that_meets_somebody_is_made_anew() -> None:
+def test_a_safe_profile_is_kept_and_an_unsafe_one_replaced() -> None:
     planner = planned(8.0)
     before = planner.get_planned_points(4)
     planner.track_ego(4, own(x=1.6, speed=8.0))
@@ -222,7 +222,7 @@ def crossers(draw: st.DrawFn) -> PredictedMotion:
 
 @settings(max_examples=60)
 @given(speed=st.integers(0, 8), motions=st.lists(crossers(), min_size=1, max_size=4))
-def test_a_plan_never_meets_anybody(speed: int, motions: list[PredictedMotion]) -> None:
+def test_a_plan_never_overlaps_a_prediction(speed: int, motions: list[PredictedMotion]) -> None:
     """An independent oracle: polygons of shapely at times that are none of the planner's own."""
     planner = planned(float(speed), motions)
     met: list[float] = []

@@ -23,7 +23,7 @@ def no(line: float) -> bool:
     return False
 
 
-def test_a_stop_sign_is_minded_until_one_has_stood_before_it() -> None:
+def test_a_stop_sign_counts_until_the_car_has_stopped() -> None:
     lines = StopLines([30.0], ())
     before = [30.0 - STOP_LINE.sign_gap_m]
     assert lines.find_stop_stations(10.0, 8.0, {}, yes) == before
@@ -33,7 +33,7 @@ def test_a_stop_sign_is_minded_until_one_has_stood_before_it() -> None:
     assert lines.find_stop_stations(28.5, 2.0, {}, yes) == []  # and it is not minded again
 
 
-def test_a_stop_sign_that_has_been_passed_is_not_minded() -> None:
+def test_a_passed_stop_sign_is_ignored() -> None:
     assert StopLines([30.0], ()).find_stop_stations(30.1, 8.0, {}, yes) == []
 
 
@@ -47,11 +47,11 @@ def test_lights_by_their_colour(letter: str, here: float, can_stop: Callable[[fl
     assert found == ([50.0 - STOP_LINE.light_gap_m] if held else [])
 
 
-def test_a_light_that_shows_nothing_is_green() -> None:
+def test_a_light_without_state_is_green() -> None:
     assert StopLines([], LIGHTS).find_stop_stations(20.0, 8.0, {}, yes) == []
 
 
-def test_lines_are_told_along_the_path_and_signs_can_be_left_out() -> None:
+def test_stop_lines_are_converted_to_the_path_and_signs_can_be_excluded() -> None:
     about = replace(briefing(), stop_signs=(StopSign(30.0),), traffic_lights=LIGHTS)
     path = build_path(about.route_xy, about.vehicle.rear_to_centre, 0.0)
     red = {"L": "r"}

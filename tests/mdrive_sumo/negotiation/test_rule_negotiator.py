@@ -1,30 +1,16 @@
-"""Intentions, conflict graphs, the common view, and the rule that settles who goes first."""
+"""The peer table, claims, and the rule that decides which CAV goes first."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from testing.negotiation_fakes import crossing, member, talk
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation import NegotiationMember, RuleNegotiator
 from mdrive_sumo.negotiation.conflict_graph import (
     build_conflict_graph,
-    build_trajectory_graph,
-    compute_free_distance,
-    compute_safety,
-)
-from mdrive_sumo.negotiation.intention import (
-    build_line,
-    classify_acceleration,
-    classify_direction,
-    convert_to_acceleration,
-    predict_trajectory,
-    replace_slow_keep,
 )
 from mdrive_sumo.negotiation.peer_table import MEMORY_TICKS, PeerTable
 from mdrive_sumo.negotiation.right_of_way_claims import NegotiationTerms, build_mcm_message, collect_claims
@@ -32,155 +18,12 @@ from mdrive_sumo.negotiation.rule_negotiator import apply_rule, find_leader_pair
 from mdrive_sumo.planning.precedence import order_by_urgency
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, decode
 
-STRAIGHT = np.array(((0.0, 0.0), (100.0, 0.0)))
-
-
-@pytest.mark.parametrize(
-    ("intention", "nearest", "vehicles", "expected"),
-    [
-        (Intention.STOP, math.inf, 0, -10.0),
-        (Intention.STOP, 5.0, 19, -10.0),
-        (Intention.KEEP, 20.0, 3, 0.0),
-        (Intention.SLOWER, 50.0, 0, -1.0),
-        (Intention.SLOWER, 5.0, 19, -8.0),
-        (Intention.FASTER, 50.0, 0, 5.0),
-        (Intention.FASTER, 5.0, 19, 1.0),
-        (Intention.FASTER, 27.5, 0, 4.0),  # (3 by distance + 5 by number) / 2
-        (Intention.FASTER, 50.0, 9, (5 + 1 / (1 / 5 + (1 - 1 / 5) * 9 / 19)) / 2),
-    ],
-)
-def test_intentions_mean_the_documented_accelerations(
-    intention: Intention, nearest: float, vehicles: int, expected: float
-) -> None:
-    assert convert_to_acceleration(intention, nearest, vehicles) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("value", "label"),
-    [(-4.1, Intention.STOP), (-4.0, Intention.SLOWER), (-0.6, Intention.SLOWER), (-0.5, Intention.KEEP),
-     (0.5, Intention.KEEP), (0.6, Intention.FASTER)],
-)  # fmt: skip
-def test_labels_of_accelerations(value: float, label: Intention) -> None:
-    assert classify_acceleration(value) == label
-
-
-def test_trajectories_keep_speeds_within_0_and_8() -> None:
-    faster = predict_trajectory(STRAIGHT, 6.0, 5.0)
-    assert faster.shape == (20, 2)
-    assert faster[0] == pytest.approx((6 * 0.2 + 5 * 0.02, 0.0))
-    assert np.diff(faster[:, 0])[5:] == pytest.approx(8 * 0.2)  # 8 m/s after 0.4 s
-    stopping = predict_trajectory(STRAIGHT, 6.0, -10.0)
-    assert stopping[-1] == pytest.approx((1.8, 0.0))  # v^2 / 2 a
-    assert predict_trajectory(STRAIGHT, 12.0, 0.0)[0, 0] == pytest.approx(1.6)
-
-
-def test_trajectories_go_straight_on_beyond_their_way() -> None:
-    bend = np.array(((0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (3.0, 2.0)))
-    points = predict_trajectory(bend, 5.0, 0.0)
-    assert points[2] == pytest.approx((3.0, 0.0))
-    assert points[-1] == pytest.approx((3.0, 17.0))
-
-
-@settings(max_examples=50)
-@given(st.floats(0, 8), st.floats(-10, 5), st.floats(-3, 3))
-def test_trajectories_never_reverse_nor_exceed_8(speed: float, accelerating: float, yaw: float) -> None:
-    way = np.array(((0.0, 0.0), (40 * math.cos(yaw), 40 * math.sin(yaw))))
-    gone = predict_trajectory(way, speed, accelerating) @ (math.cos(yaw), math.sin(yaw))
-    steps = np.diff(np.concatenate(((0.0,), gone)))
-    assert (steps > -1e-9).all() and (steps < 8 * 0.2 + 1e-9).all()
-
-
-def test_keeping_a_low_speed_becomes_going_faster() -> None:
-    assert replace_slow_keep(Intention.KEEP, 3.9) == Intention.FASTER
-    assert replace_slow_keep(Intention.KEEP, 4.0) == Intention.KEEP
-    assert replace_slow_keep(Intention.SLOWER, 1.0) == Intention.SLOWER
-
-
-def test_a_standing_car_would_go_straight_on() -> None:
-    standing = np.zeros((20, 2))
-    assert build_line(0.0, 0.0, math.pi / 2, standing)[-1] == pytest.approx((0.0, 1.0))
-
-
-S = np.arange(0.0, 31.0)
-LANE_CHANGE = 1.75 * (1 + np.tanh((S - 15) / 3))
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "direction"),
-    [
-        (S, 0 * S, Direction.FOLLOW),
-        (np.sin(S / 20) * 20, 20 - np.cos(S / 20) * 20, Direction.LEFT),
-        (np.sin(S / 20) * 20, np.cos(S / 20) * 20 - 20, Direction.RIGHT),
-        (S, LANE_CHANGE, Direction.CHANGE_LEFT),
-        (S, -LANE_CHANGE, Direction.CHANGE_RIGHT),
-    ],
-)
-def test_directions_by_the_shape_of_the_way(x: Float, y: Float, direction: Direction) -> None:
-    assert classify_direction(np.column_stack((x, y))) == direction
-
-
-def test_safety_is_the_protocols() -> None:
-    assert compute_safety(3.0) == 0.5
-    assert compute_safety(3.549) < 0.75 < compute_safety(3.55)
-    assert compute_safety(3.42) < 0.7 < compute_safety(3.43)
-    assert compute_safety(1e6) == 1.0 and compute_safety(0.0) == pytest.approx(0.00247, abs=1e-4)
-
-
-def test_edges_need_the_same_place_at_the_same_time() -> None:
-    same_place_later = {"a": member("a", -10, 0, 0.0), "b": member("b", 0, -16, math.pi / 2)}
-    together = crossing(10, 12)
-    assert build_conflict_graph(list(together.values())).find_group("a") == ("a", "b")
-    assert build_conflict_graph(list(same_place_later.values())).find_group("a") == ()
-
-
-def test_parallel_cars_in_lanes_3_6_m_apart_are_no_conflict_and_3_5_m_apart_are() -> None:
-    for gap, group in ((3.6, ()), (3.5, ("a", "b"))):
-        assert build_conflict_graph([member("a", 0, 0, 0.0), member("b", 0, gap, 0.0)]).find_group("a") == group
-
-
-def test_groups_are_connected_components() -> None:
-    cars = [member("a", 0, 0, 0), member("b", 0, 3, 0), member("c", 0, 6, 0), member("d", 0, 20, 0)]
-    graph = build_conflict_graph(cars)
-    assert graph.find_group("c") == ("a", "b", "c")
-    assert graph.find_group("d") == ()
-    assert graph.find_opponents("a") == {"b"}
-
-
-def test_time_of_conflict_is_4_ticks_a_step() -> None:
-    graph = build_conflict_graph([member("a", -6, 0, 0.0, 5.0), member("b", 0, -6, math.pi / 2, 5.0)])
-    assert graph.step[0, 1] == 5  # 1.2 s
-    assert graph.count_conflict_ticks(("a", "b")) == 24
-    assert graph.get_distance_to_conflict("a") == pytest.approx(5.0)  # from its first point, 1 m ahead, to the middle
-
-
-def test_who_is_nearer_to_the_crossing_enters_it_first() -> None:
-    graph = build_conflict_graph(list(crossing(12, 10).values()))
-    assert graph.get_distance_to_conflict("a") == pytest.approx(
-        graph.get_distance_to_conflict("b")
-    )  # the protocol's measure cannot tell
-    assert graph.get_entry_time("b") < graph.get_entry_time("a") < np.inf
-    assert build_conflict_graph([member("a", 0, 0, 0)]).get_entry_time("a") == np.inf
-
-
-def test_a_lone_car_is_1000_m_from_its_conflict() -> None:
-    assert build_conflict_graph([member("a", 0, 0, 0)]).get_distance_to_conflict("a") == 1000.0
-    assert build_trajectory_graph((), {}).ids == ()
-
-
-def test_the_room_before_those_who_go_first() -> None:
-    a, b = crossing(10, 20).values()
-    far = member("c", 0, 50, math.pi / 2)
-    assert compute_free_distance(a, [b, far]) == pytest.approx(7.2)  # the sixth point, 2.8 m before the crossing
-    assert compute_free_distance(b, [a]) == pytest.approx(16.8)
-    assert compute_free_distance(a, [far]) == compute_free_distance(a, []) == math.inf
-    assert compute_free_distance(a, [a]) == 0.0
-
 
 def announced(car: NegotiationMember, tick: int, terms: NegotiationTerms | None = None) -> Message:
     return build_mcm_message(car, tick, terms or NegotiationTerms())
 
 
-def test_the_view_makes_up_for_age() -> None:
+def test_members_are_compensated_for_age() -> None:
     roster = PeerTable()
     roster.receive(announced(member("a", 0, 0, 0.0, 6.0), 0))
     (seen,) = roster.predict_members(10)
@@ -201,14 +44,14 @@ def test_a_car_that_waits_still_desires_the_same() -> None:
     assert seen.speed == 0.0
 
 
-def test_who_is_silent_for_more_than_a_second_is_forgotten() -> None:
+def test_a_station_silent_for_more_than_a_second_is_dropped() -> None:
     roster = PeerTable()
     roster.receive(announced(member("a", 0, 0, 0.0), 5))
     assert len(roster.predict_members(5 + MEMORY_TICKS)) == 1
     assert roster.predict_members(6 + MEMORY_TICKS) == ()
 
 
-def test_an_older_message_that_comes_later_changes_nothing_and_garbage_is_ignored() -> None:
+def test_older_and_unreadable_messages_are_ignored() -> None:
     roster = PeerTable()
     roster.receive(announced(member("a", 10, 0, 0.0), 8))
     roster.receive(announced(member("a", 0, 0, 0.0), 4))
@@ -247,7 +90,7 @@ def test_order_keeps_to_claims_and_urgency_is_inherited() -> None:
     assert sorted(order_by_urgency(("a", "b"), urgency, frozenset({("a", "b"), ("b", "a")}))) == ["a", "b"]
 
 
-def test_who_is_in_front_goes_first() -> None:
+def test_a_leader_goes_first() -> None:
     cars = [member("back", 0, 0, 0.0, 8.0), member("front", 8, 0, 0.0, 2.0), member("oncoming", 12, 0, math.pi)]
     assert find_leader_pairs(cars) == {("front", "back")}
 
@@ -289,7 +132,7 @@ def test_manoeuvre_messages_come_every_4_ticks() -> None:
     assert [tick for tick in steps if steps[tick]["a"].messages] == [0, 4, 8]
 
 
-def test_who_claimed_first_stays_first_when_the_other_gets_nearer() -> None:
+def test_a_claim_holds_when_the_other_car_gets_nearer() -> None:
     negotiators = {"a": RuleNegotiator(), "b": RuleNegotiator()}
     cars = crossing(10, 11)
     talk(cars, negotiators, 8)
@@ -364,7 +207,7 @@ def test_under_loss_the_latecomer_learns_from_later_messages() -> None:
     assert steps[16]["b"].decision is not None and steps[16]["b"].decision.yield_to == {"a"}
 
 
-def test_the_originals_slip_stops_the_first_station_while_others_negotiate() -> None:
+def test_the_original_defect_stops_the_first_station() -> None:
     def last(compat: bool) -> Intention:
         cars = crossing()
         negotiators = {name: RuleNegotiator(compat_ego0=compat) for name in "abcd"}
