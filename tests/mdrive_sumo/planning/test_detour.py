@@ -1,7 +1,6 @@
 """Detours: clear of obstacles, on the road, drivable."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +11,11 @@ from testing.agents_driving import ego
 from testing.bent_road import CAR, WIDTH, bent, box, road, told
 
 from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.detour import compute_box_extents, find_detour
 from mdrive_sumo.planning.parameters import DETOUR
 from mdrive_sumo.planning.path_overlap import compute_footprints, find_cells
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path
-from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.route_room import compute_route_room
 
@@ -155,22 +153,3 @@ def test_no_detour_at_a_speed_too_high_for_the_transition() -> None:
     car = box(me.route_xy, 20, 0.0, 4.5, 1.8)[None]
     assert find_detour(path, 0.0, 3.0, car, me) is not None
     assert find_detour(path, 0.0, 10.0, car, me) is None
-
-
-@dataclass(frozen=True)
-class Thing:
-    """A box that goes straight on at its speed [m/s], or stands; pose [m, m, rad] and size [m]."""
-
-    kind: Kind
-    x: float
-    y: float
-    yaw: float
-    speed: float = 0.0
-    length: float = 4.5
-    width: float = 1.8
-
-
-def beside(lane: Lane, s: float, aside: float, kind: Kind, size: tuple[float, float] = (4.5, 1.8)) -> Thing:
-    """Something that stands in or beside a lane."""
-    (x, y), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
-    return Thing(kind, x - math.sin(yaw) * aside, y + math.cos(yaw) * aside, yaw, 0.0, *size)
