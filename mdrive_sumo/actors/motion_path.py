@@ -10,18 +10,28 @@ from mdrive_sumo.roads import RoadMap, build_lane_route
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion, ReplayMotion, StandingMotion
 
-SPACING_M = 0.5
-"""Distance [m] of the knots that are added between the points of a path."""
-AXLES = 0.3
-"""A vehicle's axles lie this share of its length before and behind its centre; its heading is their chord."""
-TURN_M = 0.2
-"""Length [m] before a corner over which a pedestrian turns."""
-BLEND_M = 15.0
-"""Least length [m] over which an actor that starts beside its lane merges onto it."""
-KEEP_M, CHANGE_M = 5.0, 25.0
-"""Lengths [m] of a lane change: straight on, then across to the adjacent lane (protocol 3.4)."""
-WALK_ON_M = 5000.0
-"""Length [m] by which a pedestrian's path is prolonged, in effect without end (protocol 3.5)."""
+
+@dataclass(frozen=True, slots=True)
+class PathParams:
+    """Geometry of scripted paths. Assumptions unless a source is given."""
+
+    knot_spacing_m: float = 0.5
+    """Distance of the knots that are added between the points of a path."""
+    axle_share: float = 0.3
+    """A vehicle's axles lie this share of its length before and behind its centre; its heading is their chord."""
+    pedestrian_turn_m: float = 0.2
+    """Length before a corner over which a pedestrian turns."""
+    merge_m: float = 15.0
+    """Least length over which an actor that starts beside its lane merges onto it."""
+    lane_change_keep_m: float = 5.0
+    """Length straight on before a lane change (protocol 3.4)."""
+    lane_change_m: float = 25.0
+    """Length of a lane change (protocol 3.4)."""
+    walk_on_m: float = 5000.0
+    """Length by which a pedestrian's path is prolonged, in effect without end (protocol 3.5)."""
+
+
+PARAMS = PathParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +70,13 @@ def build_motion_path(actor: Actor, roads: RoadMap) -> MotionPath | None:
 def build_path_along(line: Polyline, actor: Actor) -> MotionPath:
     """Return a path along a polyline, with headings as the kind of the actor has them."""
     if actor.kind == "pedestrian":
-        end = line.at(line.length + WALK_ON_M)
+        end = line.at(line.length + PARAMS.walk_on_m)
         line = Polyline(np.vstack((line.xy, [end])))
-        s = np.union1d(line.s, np.maximum(line.s[1:-1] - TURN_M, 0.0))
+        s = np.union1d(line.s, np.maximum(line.s[1:-1] - PARAMS.pedestrian_turn_m, 0.0))
         reach = 0.0
     else:
-        s = np.union1d(line.s, line.stations(SPACING_M))
-        reach = AXLES * actor.length
+        s = np.union1d(line.s, line.stations(PARAMS.knot_spacing_m))
+        reach = PARAMS.axle_share * actor.length
     x, y = (np.interp(s, line.s, line.xy[:, axis]) for axis in (0, 1))
     return MotionPath(s, s, x, y, _compute_headings(line, s, reach))
 
@@ -100,7 +110,7 @@ def _build_lane_line(lanes: Sequence[str], start: Pose, roads: RoadMap) -> Polyl
     s = min(s, first.length - 0.1)
     line = Polyline(build_lane_route(roads, lanes, s, roads.lanes[lanes[-1]].centre.length).xy)
     gap = np.array((start.x, start.y)) - line.xy[0]
-    share = np.clip(1.0 - line.s / max(BLEND_M, 5.0 * abs(aside)), 0.0, 1.0)
+    share = np.clip(1.0 - line.s / max(PARAMS.merge_m, 5.0 * abs(aside)), 0.0, 1.0)
     weight = share**2 * (3.0 - 2.0 * share)
     return build_polyline(line.xy + weight[:, None] * gap)
 
@@ -113,7 +123,7 @@ def build_lane_change_path(path: MotionPath, since: float, aside: float, actor: 
     first = max(int(np.searchsorted(path.s, since, side="right")) - 1, 0)
     first = min(first, len(path.s) - 2)
     s, x, y, yaw = (column[first:] for column in (path.s, path.x, path.y, path.yaw))
-    share = np.clip((s - since - KEEP_M) / CHANGE_M, 0.0, 1.0)
+    share = np.clip((s - since - PARAMS.lane_change_keep_m) / PARAMS.lane_change_m, 0.0, 1.0)
     weight = aside * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     line = build_polyline(np.column_stack((x - weight * np.sin(yaw), y + weight * np.cos(yaw))))
     return build_path_along(line, actor), since - float(path.s[first])

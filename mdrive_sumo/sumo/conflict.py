@@ -10,13 +10,24 @@ from mdrive_sumo.sumo.logged_poses import LoggedPoses
 
 PREDICTION_TICKS = np.arange(0, 61, 3)
 """Ticks ahead (J,) for which a road user is extrapolated: now to 3 s."""
-MARGIN_M = 0.1
-"""Boxes nearer than this [m] are in conflict."""
-BRAKING, SPEEDING = -3.0, 2.0
-"""Plausible accelerations [m/s2] of a driver. A conflict counts only if neither they nor constant speed avoid it;
-otherwise every CAV that is about to brake behind a logged car would count as one."""
-REACH_M = 20.0
-"""Allowance [m] for box dimensions, acceleration and margin in the search of candidates."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConflictParams:
+    """When the situation differs from the log: assumptions."""
+
+    margin_m: float = 0.1
+    """Boxes nearer than this are in conflict."""
+    braking: float = -3.0
+    """[m/s2] Plausible deceleration of a driver. A conflict counts only if neither it nor `accelerating` nor constant
+    speed avoids it; otherwise every CAV that is about to brake behind a logged car would be in conflict."""
+    accelerating: float = 2.0
+    """[m/s2]"""
+    search_margin_m: float = 20.0
+    """Allowance for box dimensions, acceleration and margin in the search of candidates."""
+
+
+PARAMS = ConflictParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +54,17 @@ def build_moving_box(actors: Actors, i: int, off_log: bool = False) -> MovingBox
 def find_conflicts(poses: LoggedPoses, tick: int, is_candidate: Bool, mover: MovingBox) -> Bool:
     """Return a (V,) mask of the candidate vehicles that are in conflict with the mover now, or inevitably will be."""
     now = poses.poses[:, tick]
-    reach = REACH_M + (mover.speed + np.abs(now[:, 3])) * PREDICTION_TICKS[-1] * DT
+    reach = PARAMS.search_margin_m + (mover.speed + np.abs(now[:, 3])) * PREDICTION_TICKS[-1] * DT
     near = np.flatnonzero(is_candidate & (np.hypot(now[:, 0] - mover.x, now[:, 1] - mover.y) < reach))
     in_conflict = np.zeros_like(is_candidate)
     if len(near):
         ticks = np.minimum(tick + PREDICTION_TICKS, poses.present.shape[1] - 1)
         present = poses.present[near][:, ticks] & (tick + PREDICTION_TICKS == ticks)
         x, y, yaw, _ = np.moveaxis(poses.poses[near][:, ticks], -1, 0)
-        boxes = boxes_corners(x, y, yaw, *(poses.dimensions[near].T[:, :, None] + 2 * MARGIN_M))
+        boxes = boxes_corners(x, y, yaw, *(poses.dimensions[near].T[:, :, None] + 2 * PARAMS.margin_m))
         as_now, *others = (
-            present & boxes_overlap(boxes, _extrapolate_boxes(mover, a)) for a in (0.0, BRAKING, SPEEDING)
+            present & boxes_overlap(boxes, _extrapolate_boxes(mover, a))
+            for a in (0.0, PARAMS.braking, PARAMS.accelerating)
         )
         inevitable = np.all([hit.any(axis=1) for hit in (as_now, *others)], axis=0)
         in_conflict[near] = as_now[:, 0] | (as_now.any(axis=1) if mover.off_log else inevitable)

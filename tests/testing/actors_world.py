@@ -19,13 +19,13 @@ Egos = Callable[[int], dict[str, EgoState]]
 Row = tuple[float, float, float, float]
 
 
-def nobody(tick: int) -> dict[str, EgoState]:
+def no_egos(tick: int) -> dict[str, EgoState]:
     """No CAV near: one far away."""
     return {"0": EgoState(1000.0, 1000.0, 0.0, 0.0)}
 
 
 def standing_car(x: float, y: float, until: int = 10**9) -> Egos:
-    """CAV 0 stands there with its side to whoever comes along y, and vanishes to far away at a tick."""
+    """CAV 0 stands there across the path along y, and is moved far away at a tick."""
     return lambda tick: {"0": EgoState(x, y, 0.0, 0.0) if tick < until else EgoState(1000.0, 1000.0, 0.0, 0.0)}
 
 
@@ -66,7 +66,7 @@ class Film:
         self,
         *actors: Actor,
         seconds: float = 20.0,
-        egos: Egos = nobody,
+        egos: Egos = no_egos,
         mode: ActorMode = ActorMode.DEFAULT,
         roads: RoadMap | None = None,
         struck: Callable[[int], Collection[str]] = lambda tick: (),

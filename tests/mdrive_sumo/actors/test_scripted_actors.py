@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.actors_world import Film, actor, nobody, standing_car, two_lanes
+from testing.actors_world import Film, actor, no_egos, standing_car, two_lanes
 from testing.worlds import straight_road
 
 from mdrive_sumo.actors import ActorMode
@@ -114,7 +114,7 @@ def test_a_vehicle_brakes_comfortably_before_whatever_stands_in_its_way(what: st
     film = Film(
         actor("v", "vehicle", points=[(0, 0), (200, 0)], speed=10),
         *others,
-        egos=standing_car(80, 0) if what == "cav" else nobody,
+        egos=standing_car(80, 0) if what == "cav" else no_egos,
         background=car if what == "background" else None,
     )
     x, _, _, v = film.of("v").T

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.actors_world import Egos, Film, actor, nobody, two_lanes
+from testing.actors_world import Egos, Film, actor, no_egos, two_lanes
 
 from mdrive_sumo.actors.pacing import compute_initial_speed, compute_paced_speed
 from mdrive_sumo.core.state import EgoState
@@ -83,7 +83,7 @@ def test_hard_brake_stops_with_all_it_has_holds_and_resumes() -> None:
         "v", "vehicle", points=[(0, 0), (300, 0)], speed=8, start_speed=8,
         trigger=TimeTrigger(at_s=1.0), action=HardBrake(hold_s=2.0, resume_speed=5.0),
     )  # fmt: skip
-    v = Film(car, egos=nobody, seconds=20).of("v")[:, 3]
+    v = Film(car, egos=no_egos, seconds=20).of("v")[:, 3]
     assert v[59] == 8.0  # triggered after 1 s, but it has to have driven for 3 s
     braking = int(np.argmax(v < 8.0))
     assert braking in (60, 61)

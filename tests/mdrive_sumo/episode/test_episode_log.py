@@ -58,7 +58,7 @@ def episode(*last: int) -> EpisodeRecord:
     return recorder.finish([Ending(ego, tick, End.ARRIVED) for ego, tick in zip(ids, last, strict=True)])
 
 
-def test_everybody_is_there_at_ten_hertz_with_name_kind_and_size() -> None:
+def test_all_road_users_are_listed_at_ten_hertz_with_id_kind_and_dimensions() -> None:
     found = record_episode(episode(TICKS - 1), scenario("0"), ROADS)
     assert (found.id, found.dt_s, found.frame_count, found.cavs, found.notes) == ("straight", 0.1, 20, ("0",), ())
     whole, post = found.views

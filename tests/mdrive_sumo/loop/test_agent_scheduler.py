@@ -64,7 +64,7 @@ def test_the_recording_tells_what_was_said_and_what_became_of_it() -> None:
     assert [sent.message.tick for sent in episode.messages] == list(range(len(episode.messages)))
 
 
-def test_whoever_has_ended_hears_and_says_nothing() -> None:
+def test_a_cav_that_has_ended_receives_and_sends_nothing() -> None:
     speaker, listener = pair()
     scenario = straight_scenario(straight_ego("0", x=50, length=60), straight_ego("1", x=10, length=10))
     episode = drive({"0": speaker, "1": listener}, scenario)
@@ -87,7 +87,7 @@ def test_a_road_side_unit_tells_what_it_sees() -> None:
     assert len(told.objects.free_m)
 
 
-def test_notes_are_kept_and_nobody_hears_them() -> None:
+def test_notes_are_recorded_and_not_delivered() -> None:
     noting = Says(lambda seen: replace(QUIET, notes=(Note("why", "because"),) if seen.tick == 3 else ()))
     episode = drive({"0": noting, "1": Says(lambda seen: QUIET)})
     assert [(n.tick, n.ego, n.note) for n in episode.notes] == [(3, "0", Note("why", "because"))]
@@ -103,7 +103,7 @@ def test_while_an_agent_thinks_its_last_control_is_applied_again_and_it_is_not_a
     assert pedal[4:16, 0] == pytest.approx([0.1] * 4 + [0.2] * 4 + [0.1] * 4)
 
 
-def test_who_thinks_speaks_when_it_has_thought_and_loses_no_message() -> None:
+def test_a_thinking_agent_sends_with_its_reply_and_loses_no_message() -> None:
     speaker, listener = Says(saying(str)), Says(lambda seen: QUIET)
     drive({"0": speaker, "1": listener}, clock=parse_clock("fixed:100"))
     heard = [(seen.tick, m.tick, m.payload) for seen in listener.seen for m in seen.messages]

@@ -49,7 +49,7 @@ def test_frames_are_seen_before_the_control_of_the_same_tick_acts() -> None:
         assert seen.own.speed == episode.speed[seen.tick, 0]
 
 
-def test_everyone_answers_the_same_frame() -> None:
+def test_all_agents_reply_to_the_same_frame() -> None:
     agents = {name: Says(lambda seen: go, SensorSpec("objects", range_m=500.0)) for name in ("0", "1")}
     drive(straight_scenario(straight_ego("0", x=50), straight_ego("1", x=10)), agents)
     for mine, other in zip(agents["0"].seen, agents["1"].seen, strict=False):
@@ -153,7 +153,7 @@ def test_standing_for_more_than_thirty_seconds_blocks() -> None:
     assert (episode.find_ending("0").end, episode.find_ending("0").tick) == (End.BLOCKED, 601)
 
 
-def test_the_time_out_is_that_of_ego_0_for_everybody() -> None:
+def test_the_time_limit_of_ego_0_holds_for_all_cavs() -> None:
     def crawl(seen: Observation) -> Reply:
         return pedals(throttle=0.3) if seen.own.speed < 0.7 else pedals(brake=0.3)
 

@@ -127,7 +127,7 @@ def standing(speeds: dict[int, float], ticks: int) -> list[int]:
     return blocked
 
 
-def test_who_never_launches_is_blocked_after_more_than_30_s() -> None:
+def test_a_cav_that_never_starts_is_blocked_after_more_than_30_s() -> None:
     assert standing({}, 602) == [601]
 
 

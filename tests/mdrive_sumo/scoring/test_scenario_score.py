@@ -59,7 +59,7 @@ def walk(legs: list[tuple[float, float, float, int]], y: float) -> list[Row]:
 def episodes(draw: st.DrawFn) -> EpisodeRecord:
     drives = {one: walk(draw(st.lists(steps, min_size=1, max_size=6)), 3.2 * int(one)) for one in "01"}
     hits = sorted(draw(contacts))
-    return judged(PAIR, drives, [(tick, Contact(who, other, kind)) for tick, who, other, kind in hits])
+    return judged(PAIR, drives, [(tick, Contact(ego_id, other, kind)) for tick, ego_id, other, kind in hits])
 
 
 def rescored(recorded: EpisodeRecord, about: Scenario, mode: ScoreMode) -> ScenarioResult:

@@ -69,7 +69,7 @@ def test_interdrive_asis_counts_the_other_egos_and_forgives_only_ego_0() -> None
     assert numbers([record(), STOPPED_AND_HIT], "interdrive_asis") == (48.0, 0.0, 100.0, 0.48)
 
 
-def test_interdrive_fixed_divides_out_everyones_stops_and_reds() -> None:
+def test_interdrive_fixed_divides_out_stop_signs_and_red_lights_of_all_egos() -> None:
     """RC (100 + 50) / 2 = 75; IP 0.48 * 0.7 = 0.336; over 0.8 and 0.7 that is 0.6: DS 45."""
     found = numbers([STOPPED_AND_HIT, record("red-light", rc=50.0)], "interdrive_fixed")
     assert found == (45.0, 0.0, 75.0, 0.336)

@@ -14,7 +14,7 @@ from mdrive_sumo.sumo.ghost_placement import SourceBox, find_ghosts
 
 AWAY = {"e": EgoState(60, 60, 0, 0)}
 ONE_LANE = ("c", "d")
-"""Northbound, x = -1.6: nobody can pass on another lane."""
+"""Northbound, x = -1.6: no vehicle can pass on another lane."""
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +78,14 @@ def test_a_follower_goes_on_when_the_thing_has_gone(roads: RoadMap) -> None:
     assert around.y[0] > -60.0
 
 
-def test_a_follower_keeps_behind_a_cyclist_who_rides_ahead(roads: RoadMap) -> None:
+def test_a_follower_keeps_behind_a_cyclist_ahead(roads: RoadMap) -> None:
     path = [thing(lane_x(roads), -110.0 + 0.2 * i, (1.8, 0.6), 4.0, Kind.CYCLIST) for i in range(300)]
     around, overlaps = driven(roads, path)
     assert overlaps == 0
     assert around.speed[0] == pytest.approx(4.0, abs=0.7)
 
 
-def test_a_person_who_walks_onto_the_lane_and_stops_is_waited_for(roads: RoadMap) -> None:
+def test_traffic_waits_for_a_pedestrian_that_stops_on_the_lane(roads: RoadMap) -> None:
     x = lane_x(roads)
     path = [thing(x + max(6.0 - 0.07 * i, 0.0), -40.0, (0.5, 0.5), 1.4 * (i < 86), Kind.PEDESTRIAN) for i in range(400)]
     around, overlaps = driven(roads, path)

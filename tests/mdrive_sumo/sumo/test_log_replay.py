@@ -74,7 +74,7 @@ def test_hybrid_is_replay_where_no_cav_comes_in_the_way(roads: RoadMap) -> None:
     assert_same(run(roads, "hybrid", vehicles, beside), run(roads, "replay", vehicles, beside))
 
 
-def test_a_cav_that_brakes_behind_or_drives_off_in_front_releases_nobody(roads: RoadMap) -> None:
+def test_a_cav_that_brakes_behind_or_drives_off_in_front_releases_no_vehicle(roads: RoadMap) -> None:
     """As in a queue of a log: the CAV stops behind a slow vehicle; and it starts just before the vehicle behind it."""
     slow = logged(4.0)
     x, speed, braking = -150.0, 10.0, []
@@ -143,7 +143,7 @@ def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
     assert max(frame.speed[0] for frame in frames[200:] if len(frame)) == pytest.approx(12.0, abs=0.1)
 
 
-def test_whoever_is_about_to_hit_a_released_vehicle_is_released_too(roads: RoadMap) -> None:
+def test_a_vehicle_about_to_hit_a_released_vehicle_is_released_as_well(roads: RoadMap) -> None:
     """The CAV is gone before the second, fast vehicle comes near; the first one has just begun to drive again."""
     first, second = logged(), logged(20.0, name="second")
     second = second.model_copy(update={"log": tuple((t, x - 167.5, y, yaw) for t, x, y, yaw in second.log)})

@@ -101,11 +101,13 @@ def test_a_follower_keeps_its_distance_to_a_slow_ego(roads: RoadMap) -> None:
         (EgoState(-60.0, -3.2, math.pi / 2, 0.0), 1),
     ],
 )
-def test_nobody_drives_through_an_ego_that_straddles_or_stands_across(roads: RoadMap, ego: EgoState, lane: int) -> None:
+def test_no_vehicle_drives_through_an_ego_that_straddles_or_stands_across(
+    roads: RoadMap, ego: EgoState, lane: int
+) -> None:
     overlaps, actors = standing(roads, ego, car("bg", lane=lane), ticks=400)
     assert overlaps == 0
     if ego.yaw == math.pi / 2:
-        assert actors.x[0] < ego.x  # both lanes are shut: nobody gets past
+        assert actors.x[0] < ego.x  # both lanes are blocked: no vehicle gets past
         assert actors.speed[0] < 0.1
 
 

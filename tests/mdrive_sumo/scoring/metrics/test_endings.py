@@ -16,12 +16,12 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.scoring.metrics import EpisodeMismatch, build_ego_records
 
 
-def test_a_clean_drive_completes_with_nothing() -> None:
+def test_a_clean_drive_has_no_infractions() -> None:
     found = record(arriving(), End.ARRIVED)
     assert (found.rc, found.ip, found.infractions) == (100.0, 1.0, ())
 
 
-def test_completion_of_who_did_not_arrive() -> None:
+def test_completion_of_a_cav_that_did_not_arrive() -> None:
     """41 ticks: x = 20 at last, and point 19 is the last one passed."""
     assert record(straight(41)).rc == 19.0
 

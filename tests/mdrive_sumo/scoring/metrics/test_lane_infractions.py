@@ -79,7 +79,7 @@ def wrongs(rows: Sequence[Row], on: RoadMap) -> list[bool]:
     return find_wrong_lane(build_ego_track(recorded, about, on, 0)).tolist()
 
 
-def test_who_starts_on_the_oncoming_lane_is_not_found_wrong() -> None:
+def test_a_cav_that_starts_on_the_oncoming_lane_is_not_on_a_wrong_lane() -> None:
     """A quirk of the original: no change of lanes, no verdict; moving over to one's own lane makes it wrong."""
     rows = [*straight(3, y=WIDTH), *straight(2, y=0.0, begin=2.0)]
     assert wrongs(rows, street()) == [False] * 3 + [True] * 2
