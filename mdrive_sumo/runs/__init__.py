@@ -1,4 +1,4 @@
-"""Suites through worker processes into results: pool, journal, resume.
+"""Runs: a suite is driven in worker processes into results, with a journal to resume from.
 
-Nothing is imported here, so that a worker process starts with `suite.pool` alone.
+Nothing is imported here, so that a worker process imports only what it needs.
 """

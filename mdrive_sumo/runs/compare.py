@@ -1,4 +1,4 @@
-"""Two runs side by side: paired by scenario, differences with bootstrap confidence intervals."""
+"""Compare two runs: differences paired by scenario, with bootstrap confidence intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,9 +71,9 @@ class RunComparison:
 
 
 def compare(a: Results, b: Results) -> RunComparison:
-    """Pairs two runs by scenario id; void scenarios are left out, for they say nothing about the agents.
+    """Pair two runs by scenario id; void scenarios are left out, because they say nothing about the agents.
 
-    Raises InputError when the numbers mean different things (score mode) or no scenario is left.
+    Raises InputError for runs of different score modes, and if no scenario is left.
     """
     if a.run.score_mode != b.run.score_mode:
         raise InputError(
@@ -118,7 +118,7 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
 
 
 def comparison_table(comparison: RunComparison) -> str:
-    """The comparison for the terminal: what to beware of, overall, then scenario by scenario."""
+    """Return the comparison for the terminal: warnings, means, then scenario by scenario."""
     wins, ties, losses = comparison.count_wins_ties_losses()
     means = format_text_table(
         ("B - A", "mean", "95 % from", "to"),

@@ -1,8 +1,8 @@
-"""The Executor on a Dask cluster: its workers hand each job to a child process, whose main thread drives.
+"""DaskExecutor: an Executor on a Dask cluster, whose workers run each job in the main thread of a child process.
 
-A worker of Dask runs tasks in threads, but a simulation, and boxes, want a process. Whatever a job reads must be at the
-same path on every machine, and the code must be the same: workers that have another are refused. Dask unpickles what it
-is sent, so its ports are for a trusted network only.
+A worker of Dask runs tasks in threads, but a simulation and boxes need a process. The files that a job reads must be at
+the same path on every machine, and the code must be the same: other workers are refused. Dask unpickles what it
+receives, so its ports are for a trusted network only.
 """
 
 import os
@@ -28,20 +28,20 @@ R = TypeVar("R")
 
 CONNECT_S = 15.0
 CHECK_INTERVAL_S = 1.0
-"""How often the scheduler is asked how many workers there are, and whether it is there at all."""
+"""How often the scheduler is asked for its number of workers [s]."""
 MAX_WORKERLESS_S = 60.0
-"""So long a run waits for workers to come back."""
+"""How long a run waits for workers to come back [s]."""
 
 
 class ExecutorLostError(InputError):
-    """The engine is gone, with every job that was running."""
+    """The executor is lost, with every running job."""
 
 
 class DaskExecutor(Generic[J, R]):
-    """See Executor. Use it as a context manager, in one thread."""
+    """See Executor. A context manager for one thread."""
 
     def __init__(self, function: Callable[[J], R], scheduler: str, limit_s: float) -> None:
-        """Raises InputError where no scheduler answers."""
+        """Connect to a scheduler. Raises InputError if none answers."""
         self._function, self._address, self._limit_s = function, scheduler, limit_s
         try:
             self._client = Client(scheduler, timeout=CONNECT_S, set_as_default=False, name="mdrive-sumo")
@@ -124,7 +124,7 @@ class DaskExecutor(Generic[J, R]):
         return ExecutorLostError(f"the Dask scheduler at {self._address} is lost: {why}")
 
     def _take_over_outcome(self, key: Key, future: Future[Any]) -> None:
-        """In a thread of Dask's: takes the outcome over at once, for with its worker it would be lost."""
+        """Fetch the outcome at once, in a thread of Dask's: it would be lost with its worker."""
         try:
             outcome = future.result(timeout=CONNECT_S) if future.status == "finished" else _describe_failure(future)
         except Exception as error:  # noqa: BLE001 - whatever Dask raises, the job has no result
@@ -147,7 +147,7 @@ class DaskExecutor(Generic[J, R]):
 
 
 def _describe_failure(future: Future[Any]) -> WorkerFailure | None:
-    """None where the job was not at fault: nobody but a lost scheduler cancels what is still wanted."""
+    """Return the failure of a job; None if the connection to the scheduler broke."""
     if future.status != "error":
         return None
     return WorkerFailure(FailureKind.DIED, f"Dask: {future.exception()!r:.300}")
@@ -160,13 +160,13 @@ def _read_code_state() -> dict[str, str]:
 
 _local = threading.local()
 _jobs: dict[str, WorkerProcess[Any, Any]] = {}
-"""On a worker: what runs, for `end_task`."""
+"""On a Dask worker: the running jobs by task name, for `end_task`."""
 
 
 def run_in_child_process(
     name: str, function: Callable[[J], R], job: J, limit_s: float, code: dict[str, str]
 ) -> R | WorkerFailure:
-    """On a worker, in a thread of it: does a job in this thread's child process."""
+    """Run a job in the child process of this thread of a Dask worker."""
     here = _read_code_state()
     if here != code:
         differing = ", ".join(f"{key} {here.get(key)}" for key in sorted(code) if here.get(key) != code[key])
@@ -186,14 +186,14 @@ def run_in_child_process(
 
 
 def end_task(name: str) -> None:
-    """On a worker: ends that job, if it runs there."""
+    """End a job on a Dask worker if it runs there."""
     worker = _jobs.get(name)
     if worker is not None:
         worker.kill()
 
 
 def _get_worker_process(function: Callable[[Any], Any]) -> WorkerProcess[Any, Any]:
-    """This thread's child, kept from job to job: it ends with the thread."""
+    """Return this thread's child process, which is reused and ends with the thread."""
     pickled = pickle.dumps(function)
     kept: tuple[bytes, WorkerProcess[Any, Any]] | None = getattr(_local, "kept", None)
     if kept is not None and kept[0] == pickled and kept[1].is_usable:

@@ -1,4 +1,4 @@
-"""`evaluate`: scenarios through worker processes into results, with a journal that survives everything."""
+"""`evaluate`: drive the scenarios of a run in worker processes; a journal keeps every finished one."""
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -22,14 +22,14 @@ from mdrive_sumo.scoring import Results, ScenarioResult, make_void_result, save_
 
 RESULTS_FILE = "results.json"
 TRIES = 2
-"""A scenario without a result is tried once more, after all others; then it is void."""
+"""How often a scenario without a result is tried: once more after all others, then it is void."""
 
 
 class Progress(Protocol):
-    """Who wants to know how far a run has come."""
+    """Receives the progress of a run."""
 
     def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
-        """Told once: how many scenarios there are, and the results of an earlier start that are kept."""
+        """The run begins: the number of scenarios, and the results by scenario id kept from an earlier start."""
         ...
 
     def done(self, result: ScenarioResult) -> None:
@@ -37,15 +37,15 @@ class Progress(Protocol):
         ...
 
     def note(self, text: str) -> None:
-        """Something worth a line: a failed try, a dropped line of the journal."""
+        """A message for the user: a failed try, a dropped line of the journal."""
         ...
 
 
 def evaluate(run: PreparedRun, progress: Progress) -> Results:
-    """Drives what the journal does not hold yet, and writes `results.json`.
+    """Drive the scenarios that the journal does not hold yet, write `results.json`, and return the results.
 
     Results of earlier starts are kept, void ones are tried again. Raises InputError and KeyboardInterrupt;
-    the journal then keeps what was finished.
+    the journal then keeps every finished scenario.
     """
     with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
         found = _load_kept_results(run, journal)
@@ -69,7 +69,7 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
 
 
 def _write_whole_transcript(run: PreparedRun) -> None:
-    """Puts what language models said into one file, which `eval --transcript` replays."""
+    """Concatenate the transcripts of language models into one file, which `eval --transcript` replays."""
     text = concatenate_transcripts(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
     if text:
         (run.folder / TRANSCRIPT_FILE).write_text(text, encoding="utf-8")
@@ -77,7 +77,7 @@ def _write_whole_transcript(run: PreparedRun) -> None:
 
 @contextmanager
 def report_write_errors(path: Path) -> Generator[None]:
-    """Turns a full disk or a missing permission into an InputError."""
+    """Turn a full disk or a missing permission in the block into an InputError."""
     try:
         yield
     except OSError as error:
@@ -85,7 +85,7 @@ def report_write_errors(path: Path) -> Generator[None]:
 
 
 def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
-    """Results of earlier starts: not void, and with their recording if there shall be one."""
+    """Return the results of earlier starts that are not void and have their recording if the run records."""
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
     except ValidationError as error:
@@ -100,7 +100,7 @@ def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[str, Scenario
 def _drive(
     run: PreparedRun, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
 ) -> Generator[ScenarioResult]:
-    """A result for every scenario as they finish. Long ones start first: no worker idles at the end."""
+    """Yield the result of every scenario as it finishes. Long ones start first so that no worker idles at the end."""
     jobs = [run.make_job(scenario) for scenario in sorted(todo.values(), key=_estimate_cost, reverse=True)]
     workers = min(run.config.workers, len(jobs))
     scheduler = run.config.scheduler
@@ -125,6 +125,6 @@ def _drive(
 
 
 def _estimate_cost(scenario: Scenario) -> int:
-    """Roughly how long an episode takes: its limit grows with the first route, a tick with the road users."""
+    """Estimate the duration of an episode: its limit grows with the first route, a tick with the road users."""
     road_users = 4 * len(scenario.egos) + len(scenario.background.vehicles)
     return len(scenario.egos[0].route) * road_users

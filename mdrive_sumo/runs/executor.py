@@ -1,7 +1,7 @@
-"""Executor: where jobs run, on this machine (`pool`) or on others (`dask_executor`). Results are the same, bit for bit.
+"""Executor: the interface to worker processes on this machine (`process_pool`) or on others (`dask_executor`).
 
-A job may run more than once (workers die, engines repeat), but gives one outcome. The executor knows jobs by keys of
-its user's making.
+Results are the same bit for bit. A job may run more than once, because workers die, but has one outcome. The caller
+names every job by a key.
 """
 
 from collections import deque
@@ -25,29 +25,29 @@ class Executor(Protocol[J_contra, R]):
 
     @property
     def free_slots(self) -> int:
-        """How many more jobs would begin at once. Raises InputError if there is nobody left to run any."""
+        """Number of jobs that would start at once. Raises InputError if no worker is left."""
         ...
 
     def submit(self, key: Key, job: J_contra) -> None:
-        """Begins a job."""
+        """Start a job."""
         ...
 
     def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()
     ) -> list[tuple[Key, R | WorkerFailure]]:
-        """Outcomes that are there, after waiting for one, for something to read in `also`, or for the time to be over.
+        """Wait for an outcome, for something to read in `also` or for the time-out, and return all available outcomes.
 
-        None waits for ever. Each outcome is given once.
+        None waits without limit. Each outcome is returned once.
         """
         ...
 
     def cancel(self, key: Key) -> None:
-        """Ends a job and whatever it started; it will have no outcome. Nothing happens if it had one."""
+        """End a job and every process that it started; it has no outcome then. A finished job is left alone."""
         ...
 
 
 def run_jobs(executor: Executor[J, R], jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
-    """Every job with its result or failure, in the order in which they finish."""
+    """Run the jobs and yield each with its result or failure, in the order in which they finish."""
     queue = deque(enumerate(jobs))
     running: dict[Key, J] = {}
     while queue or running:

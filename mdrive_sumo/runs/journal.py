@@ -1,4 +1,4 @@
-"""The journal of a run: JSON lines, only ever appended to, so an interrupted run loses no finished episode.
+"""The journal of a run: JSON lines that are only appended, so an interrupted run loses no finished episode.
 
 Line 1 is the header: format and fingerprint, i.e. everything that makes two runs the same run. Every other
 line is `{"result": {...}}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a try without one.
@@ -30,19 +30,19 @@ class Journal:
         """Whether the last line was incomplete (power cut, full disk) and has been dropped."""
 
     def add_result(self, result: Mapping[str, Any]) -> None:
-        """Keeps a finished scenario, on the disk when this returns."""
+        """Append a finished scenario; it is on the disk when this returns."""
         _append(self._path, self._descriptor, {"result": result})
 
     def add_failure(self, scenario: str, reason: str) -> None:
-        """Keeps the reason why a try gave no result."""
+        """Append the reason why a try had no result."""
         _append(self._path, self._descriptor, {"failed": {"scenario": scenario, "reason": reason}})
 
 
 @contextmanager
 def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Generator[Journal]:
-    """The journal of a run folder, new or continued; raises InputError.
+    """Open the journal of a run folder, new or continued; it is locked until the block ends. Raises InputError.
 
-    It is locked while it is open, so that two processes cannot work on one run. `fresh` drops what it held.
+    fresh: drop the content of an earlier run.
     """
     path = folder / JOURNAL_FILE
     descriptor = _open(path)
@@ -91,7 +91,7 @@ def _append(path: Path, descriptor: int, line: Mapping[str, Any]) -> None:
 
 
 def _read(path: Path) -> tuple[list[dict[str, Any]], int, bool]:
-    """The good lines, how many bytes they take, and whether an incomplete line follows them."""
+    """Return the complete lines, their length in bytes, and whether an incomplete line follows them."""
     raw = path.read_bytes()
     lines: list[dict[str, Any]] = []
     good_bytes = 0
@@ -139,7 +139,7 @@ def _shorten(value: object) -> str:
 
 
 def read_fingerprint(folder: Path) -> dict[str, Any]:
-    """The fingerprint of a run folder; raises InputError. Works while the run is going on."""
+    """Return the fingerprint of a run folder, also while the run is going on. Raises InputError."""
     path = folder / JOURNAL_FILE
     try:
         lines, _, _ = _read(path)

@@ -1,4 +1,4 @@
-"""Chooses the executor of a run."""
+"""Choose the executor of a run."""
 
 import importlib.util
 import re
@@ -18,10 +18,10 @@ ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):\d{1,5}")
 def make_executor(
     function: Callable[[J], R], workers: int, limit_s: float, scheduler: str = ""
 ) -> AbstractContextManager[Executor[J, R]]:
-    """`workers` processes here, or those of the Dask cluster whose scheduler is named.
+    """Return an executor with `workers` processes here, or with the workers of a Dask scheduler.
 
-    `function` is top-level and picklable, a job may take `limit_s` [s, wall clock]. Raises InputError where there is no
-    such scheduler, or no Dask.
+    function: top-level and picklable. limit_s: wall clock of one job [s]. Raises InputError without such a scheduler or
+    without Dask.
     """
     if not scheduler:
         return ProcessPool[J, R](function, workers, limit_s)
@@ -32,7 +32,7 @@ def make_executor(
 
 
 def check_scheduler_address(scheduler: str) -> None:
-    """Raises InputError for what is no address (Dask needs half a minute for that), and where Dask is not installed."""
+    """Raise InputError for an unusable address (Dask itself needs half a minute for it), and without Dask."""
     if ADDRESS.fullmatch(scheduler) is None:
         raise InputError(f"--scheduler: expected tcp://HOST:PORT of a Dask scheduler, found {scheduler!r:.80}")
     if importlib.util.find_spec("distributed") is None:

@@ -1,4 +1,4 @@
-"""A small pool of worker processes on this machine that survives whatever happens to one of them."""
+"""ProcessPool: worker processes on this machine; the death of one costs only its job."""
 
 import os
 import time
@@ -30,7 +30,7 @@ class _BusyWorker(Generic[J, R]):
 
 
 class ProcessPool(Generic[J, R]):
-    """The local Executor: runs `function` (top-level, picklable) in `workers` processes; use it as a context manager.
+    """The local Executor: a context manager that runs `function` (top-level, picklable) in `workers` processes.
 
     A job that takes longer than `limit_s` [s, wall clock] is ended. Workers are reused, dead ones replaced.
     """
@@ -50,7 +50,7 @@ class ProcessPool(Generic[J, R]):
             self._idle, self._busy = [], []
 
     def run(self, jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
-        """Every job with its result or failure, in the order in which they finish."""
+        """Run the jobs and yield each with its result or failure, in the order in which they finish."""
         return run_jobs(self, jobs)
 
     @property
@@ -105,5 +105,5 @@ class ProcessPool(Generic[J, R]):
 
 
 def count_available_cores() -> int:
-    """Cores that this process may use: what `--workers auto` means."""
+    """Return the number of cores that this process may use: what `--workers auto` means."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

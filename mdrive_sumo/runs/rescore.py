@@ -1,4 +1,4 @@
-"""`rescored`: recordings into results, in any score mode, without a simulation."""
+"""Score the recordings of a run again, in any score mode, without a simulation."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, save_results
 
 
 def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
-    """Scores every recording anew; void ones stay void. Raises InputError, for a corrupt recording too."""
+    """Return the results in another score mode; void scenarios stay void. Raises InputError."""
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
@@ -26,7 +26,7 @@ def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
 
 
 def save_rescored(run: PreparedRun, results: Results) -> Path:
-    """Writes RUN/results-MODE.json beside the run's own results; returns its path. Raises InputError."""
+    """Write RUN/results-MODE.json beside the run's own results and return its path. Raises InputError."""
     path = run.folder / f"results-{results.run.score_mode}.json"
     with report_write_errors(path):
         save_results(results, path)

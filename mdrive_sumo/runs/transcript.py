@@ -1,4 +1,4 @@
-"""Transcripts: every exchange with a language model as a line of JSON, so that a run can be repeated without one."""
+"""Transcripts: every exchange with a language model as a line of JSON, so that a run can be repeated without it."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ TRANSCRIPT_FILE = "transcript.jsonl"
 
 
 def transcript_path(folder: Path, scenario: str) -> Path:
-    """Where the transcript of one scenario lies."""
+    """Return the path of the transcript of one scenario."""
     return folder / f"{scenario}.jsonl"
 
 
 def save_transcript(episode: EpisodeRecord, folder: Path) -> None:
-    """Writes the exchanges of an episode in the order in which they happened to FOLDER/SCENARIO.jsonl, if any."""
+    """Write the exchanges of an episode in their order to FOLDER/SCENARIO.jsonl, if there are any."""
     lines = [record.note.text for record in episode.notes if record.note.kind == EXCHANGE]
     path = transcript_path(folder, episode.scenario)
     if lines:
@@ -26,6 +26,6 @@ def save_transcript(episode: EpisodeRecord, folder: Path) -> None:
 
 
 def concatenate_transcripts(folder: Path, scenarios: tuple[str, ...]) -> str:
-    """The transcripts of these scenarios, one after the other; "" if there are none."""
+    """Return the transcripts of the scenarios one after the other; "" if there are none."""
     paths = (transcript_path(folder, scenario) for scenario in scenarios)
     return "".join(path.read_text(encoding="utf-8") for path in paths if path.is_file())

@@ -1,4 +1,4 @@
-"""`verify`: executes a run again and compares the digest of every tick with the recording."""
+"""`verify`: execute a run again and compare the digest of every tick with the recording."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ CONTROL_NAMES = ("throttle", "brake", "steer")
 
 @dataclass(frozen=True, slots=True)
 class VerificationJob:
-    """A scenario to execute again, and the digest that it had: all there is without a recording."""
+    """A scenario to execute again, and its final digest, the only reference without a recording."""
 
     job: EpisodeJob
     digest: str
@@ -31,7 +31,7 @@ class VerificationJob:
 
 @dataclass(frozen=True, slots=True)
 class VerificationResult:
-    """Whether a scenario came out the same, and what the comparison found."""
+    """Whether a scenario is reproduced, and a sentence about the comparison."""
 
     scenario: str
     identical: bool
@@ -40,16 +40,16 @@ class VerificationResult:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeDifference:
-    """The first tick in which two episodes differ, and one thing that differs in it."""
+    """The first tick in which two episodes differ, and one difference in it."""
 
     tick: int
     text: str
 
 
 def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
-    """The scenarios to verify, in the order of the suite: all that are not void, or `size` of them.
+    """Return the scenarios to verify in the order of the suite: all that are not void, or `size` of them.
 
-    Which ones depends on the run's seed and their ids only.
+    The choice depends only on the run's seed and the scenario ids.
     """
     found = [result for result in results.scenarios if result.status != "void"]
     drawn = sorted(found, key=lambda result: derive_seed(results.run.seed, result.id, "verify"))[:size]
@@ -57,7 +57,7 @@ def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, 
 
 
 def verify(run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int) -> Iterator[VerificationResult]:
-    """A verdict for every chosen scenario, in the order in which they finish. Raises InputError."""
+    """Yield the comparison of every chosen scenario, in the order in which they finish. Raises InputError."""
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
     checks = [VerificationJob(run.make_job(scenarios[result.id]), result.digest) for result in chosen]
     with ProcessPool[VerificationJob, VerificationResult](
@@ -96,7 +96,7 @@ def verify_episode(check: VerificationJob) -> VerificationResult:
 
 
 def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:
-    """Where and in what `again` leaves `recorded`; None if every tick and every ending is the same."""
+    """Return the first difference between two episodes; None if every tick and every ending is the same."""
     ticks = min(recorded.ticks, again.ticks)
     differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
     if len(differing):
@@ -114,7 +114,7 @@ def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Epis
 
 
 def _find_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
-    """What differs in one tick: who is there, states, controls, signals, contacts."""
+    """Yield the differences of one tick: messages, road users, states, controls, signals, contacts."""
     if (heard := _read_arrivals(again, tick)) != (had := _read_arrivals(recorded, tick)):
         yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
     yield from _compare_states(_read_states(recorded, tick), _read_states(again, tick))
@@ -141,7 +141,7 @@ def _compare_controls(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) 
 
 
 def _read_states(episode: EpisodeRecord, tick: int) -> dict[str, Float]:
-    """Recorded state (4,) of everyone who is there."""
+    """Return the state (4,) of every present road user by id."""
     present = np.flatnonzero(episode.valid[tick])
     return {episode.ids[i]: from_quanta(episode.quanta[tick, i]) for i in present}
 

@@ -1,8 +1,8 @@
-"""Hand: one worker process that does one job at a time, and may be ended at any moment.
+"""WorkerProcess: a child process that runs one job at a time and can be ended at any moment.
 
 libsumo holds one simulation a process and may crash it, so every worker is a fresh interpreter ("spawn") in a
 process group of its own: Ctrl-C reaches only the parent, and a worker ends with the agents that it started. Jobs run in
-its main thread, which boxes ask for. A worker ends with the *thread* that made it: use a hand in one thread.
+its main thread, which boxes require. A worker ends with the *thread* that created it: use it in one thread only.
 """
 
 import ctypes
@@ -35,18 +35,18 @@ class FailureKind(StrEnum):
     """Why a job has no result."""
 
     DIED = auto()
-    """The worker was killed, crashed or left."""
+    """The worker was killed, crashed or exited."""
     HUNG = auto()
     """The job was ended because it took longer than the limit."""
     RAISED = auto()
     """The function raised an exception."""
     INPUT = auto()
-    """The user has to mend something: an InputError, a full disk."""
+    """The user has to correct something: an InputError, a full disk."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorkerFailure:
-    """A job that has no result; `reason` is one sentence."""
+    """Why a job has no result; `reason` is one sentence."""
 
     kind: FailureKind
     reason: str
@@ -61,8 +61,8 @@ class WorkerProcess(Generic[J, R]):
             current_process().daemon = False
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        """To wait on: readable when there is an outcome."""
-        # A daemon: should a second Ctrl-C come before its owner holds it back, the interpreter still ends the worker.
+        """Readable when there is an outcome."""
+        # A daemon: the interpreter still ends the worker if a second Ctrl-C comes before its owner blocks it.
         self._process = context.Process(
             target=_serve_jobs, args=(theirs, function), name="mdrive-sumo worker", daemon=True
         )
@@ -72,16 +72,16 @@ class WorkerProcess(Generic[J, R]):
 
     @property
     def is_usable(self) -> bool:
-        """Whether it can take another job; not after `end`."""
+        """Whether it can run another job; False after `end`."""
         return not self.pipe.closed
 
     def start_job(self, job: J) -> None:
-        """Starts a job; the one before must be over."""
-        with suppress(BrokenPipeError, ConnectionResetError):  # died idle: seen as a dead worker by `outcome`
+        """Start a job; the previous one must be finished."""
+        with suppress(BrokenPipeError, ConnectionResetError):  # died idle: `poll_outcome` reports it
             self.pipe.send(job)
 
     def poll_outcome(self) -> R | WorkerFailure | None:
-        """Of the job, None if it still runs. After DIED the hand is ended."""
+        """Return the outcome of the job, None while it runs. After DIED the worker is ended."""
         try:
             return self.pipe.recv() if self.pipe.poll() else None
         except (EOFError, OSError):  # OSError: it died while it was sending
@@ -90,7 +90,7 @@ class WorkerProcess(Generic[J, R]):
             return WorkerFailure(FailureKind.DIED, _describe_exit(self._process.exitcode))
 
     def kill(self) -> None:
-        """Ends the job with its worker, also from another thread; `outcome` then says DIED."""
+        """End the job with its worker, also from another thread; `poll_outcome` then returns DIED."""
         if self.is_usable:
             self._kill()
 
@@ -101,7 +101,7 @@ class WorkerProcess(Generic[J, R]):
         self._process.kill()
 
     def end(self) -> None:
-        """Ends the worker, dead or alive, and the agents that it started."""
+        """End the worker, dead or alive, and the agents that it started."""
         self.pipe.close()
         self._kill()
         self._process.join()
@@ -109,7 +109,7 @@ class WorkerProcess(Generic[J, R]):
 
 @contextmanager
 def block_interrupts() -> Generator[None]:
-    """Holds SIGINT back until the end of the block."""
+    """Block SIGINT until the end of the block."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -136,7 +136,7 @@ def _hide_main_module() -> Generator[None]:
 
 
 def describe_write_error(error: OSError, path: str | Path | None) -> str:
-    """One sentence for a full disk, a missing permission and the like."""
+    """Return one sentence about a full disk, a missing permission or a similar error."""
     return f"{path or 'the run folder'}: cannot be written: {error.strerror}"
 
 
@@ -147,7 +147,7 @@ def _describe_exit(exit_code: int | None) -> str:
 
 
 def _serve_jobs(pipe: Connection, function: Callable[[Any], Any]) -> None:
-    """A worker's life: answers jobs until the parent closes the pipe or dies."""
+    """Run jobs in the worker until the parent closes the pipe or dies."""
     _ignore_terminal_signals()
     _die_with_parent()
     while True:
@@ -165,7 +165,7 @@ def _ignore_terminal_signals() -> None:
 
 
 def _die_with_parent() -> None:
-    """Asks Linux for SIGKILL when the parent dies; elsewhere the closed pipe ends a worker after its job."""
+    """Ask Linux for SIGKILL when the parent dies; elsewhere the closed pipe ends a worker after its job."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     parent = parent_process()
