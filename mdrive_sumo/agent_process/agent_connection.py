@@ -1,7 +1,7 @@
-"""The line to an agent's process: requests out, answers in, and every way in which that can go wrong.
+"""AgentConnection: sends requests to an agent's process, reads its answers, and enforces deadlines and sizes.
 
-One request, one answer, in turns; each answer names the tick of its request. What an agent sends is read by `replies`.
-Deadlines cover whole messages, both ways: an agent that does not read, or that sends a byte a second, runs out of time.
+Requests and answers alternate; each answer names the tick of its request. `reply_decoding` reads the answers. Deadlines
+cover whole messages in both directions: an agent that does not read, or that sends a byte a second, times out.
 """
 
 import bisect
@@ -22,17 +22,17 @@ from mdrive_sumo.loop.agent_driver import AgentFailure
 
 T = TypeVar("T")
 HISTOGRAM_MS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
-"""Upper ends of the classes in which times for an answer are counted; one more counts what took longer."""
+"""Upper ends of the histogram of think times [ms]; one more class counts longer ones."""
 AT_ONCE = 2**18
-"""Taken from the socket at once [bytes]: more than its buffer, so that one that came in time is read in one piece."""
+"""Read from the socket at once [bytes]: more than its buffer, so that a timely answer is read in one piece."""
 
 
 @dataclass(frozen=True, slots=True)
 class AgentLimits:
-    """What an agent may take: wall-clock seconds, and bytes of an answer."""
+    """Limits of an agent: wall-clock seconds, and bytes of its answers."""
 
     start_s: float = 60.0
-    """To be imported and created, and again to be briefed."""
+    """For import and creation, and again for the briefing."""
     tick_s: float = 5.0
     """For one answer."""
     episode_s: float = 600.0
@@ -40,25 +40,25 @@ class AgentLimits:
     reply_bytes: int = 65536
     """Longest answer: control or plan, messages and notes together."""
     episode_bytes: int = 2**24
-    """All answers of an episode together: messages and notes are kept in memory and go into its recording."""
+    """All answers of an episode together: their messages and notes are kept in memory and recorded."""
 
 
 class AgentConnection:
-    """To one process. Every method but `close` raises AgentFailure; after one the process is gone."""
+    """The connection to one process. Every method but `close` raises AgentFailure; after that the process is gone."""
 
     def __init__(self, child: AgentProcess, frames: FrameFolder, limits: AgentLimits) -> None:
-        """Owns both."""
+        """Take ownership of the process and the frame folder."""
         self._child, self._frames, self.limits = child, frames, limits
         self._call, self._tick, self._requested_at, self._used_s, self._received_bytes = "", 0, 0.0, 0.0, 0
         self._open = True
         self.failure = ""
-        """Why it ended, if the agent failed."""
+        """Why the connection ended, if the agent failed."""
         self.think_times_s: list[float] = []
-        """How long the agent took for each answer of the episode."""
+        """Think time of each answer of the episode."""
         child.socket.setblocking(False)
 
     def send(self, call: str, tick: int, value: object) -> None:
-        """Makes a request. An answer that is there already answers nothing."""
+        """Send a request. An answer that has arrived before it ends the agent."""
         self._call, self._tick = call, tick
         if self._receive_available(1, socket.MSG_PEEK):
             self._fail(FailureReason.INVALID, "expected no answer before the request, found one")
@@ -70,7 +70,7 @@ class AgentConnection:
         self._requested_at = time.monotonic()
 
     def receive(self, read: Callable[[Any], T]) -> T:
-        """The answer to the last request, as `read` (of `replies`) makes it of plain values."""
+        """Return the answer to the last request. read: a function of `reply_decoding` that checks plain values."""
         if self._tick < 0:
             return self._read_answer(time.monotonic() + self.limits.start_s, read)
         left_s = self.limits.episode_s - self._used_s
@@ -80,13 +80,13 @@ class AgentConnection:
         return answer
 
     def fail(self, failure: FailureReason, text: str) -> NoReturn:
-        """Ends the process for what its answers say; raises AgentFailure."""
+        """End the process for the content of its answers; raises AgentFailure."""
         self.failure = text
         self.close()
         raise AgentFailure(failure, text) from None
 
     def close(self) -> None:
-        """Ends the process. Raises BoxError only."""
+        """End the process. Raises BoxError only."""
         if self._open:
             self._open = False
             try:
@@ -109,7 +109,7 @@ class AgentConnection:
             self.fail(error.failure, error.text)
 
     def _read(self, deadline: float) -> bytes:
-        """One frame. Its length is believed only below the limit, and nothing may follow it."""
+        """Read one frame. Its length must be below the limit, and no byte may follow it."""
         data, size, most = b"", 0, self.limits.reply_bytes
         while not size or len(data) < wire_protocol.LENGTH.size + size:
             if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
@@ -124,7 +124,7 @@ class AgentConnection:
         return data[wire_protocol.LENGTH.size :]
 
     def _receive_available(self, size: int, flags: int = 0) -> bytes:
-        """What is there, b"" if nothing is yet. `recv` drops descriptors that were passed along."""
+        """Return the available bytes, b"" if there are none yet. `recv` drops passed file descriptors."""
         try:
             data = self._child.socket.recv(size, flags)
         except BlockingIOError:
@@ -134,7 +134,7 @@ class AgentConnection:
         return data or self._fail_process_ended()
 
     def _write(self, data: bytes, limit_s: float) -> None:
-        """Never waits longer than the agent may think: it may have stopped reading."""
+        """Send bytes within the agent's time limit: it may have stopped reading."""
         left, deadline = memoryview(data), time.monotonic() + limit_s
         while left:
             try:
@@ -148,7 +148,7 @@ class AgentConnection:
         while not select.select([], [self._child.socket], [], 0.01)[1]:
             if time.monotonic() > deadline:
                 self._fail(FailureReason.TIMEOUT, "the agent does not read within the time limit")
-            self._child.wait_readable(0.0)  # what it prints must flow, or it waits for us
+            self._child.wait_readable(0.0)  # its output must be drained, or it blocks
 
     def _fail_process_ended(self) -> NoReturn:
         how = self._child.describe_exit() if self._open else "it was ended"
@@ -158,7 +158,7 @@ class AgentConnection:
         self.fail(failure, f"{self._call}: {text}")
 
     def usage_record(self) -> dict[str, Any]:
-        """Of a closed line: how the process ended, what it used, how long it thought [ms, by `HISTOGRAM_MS`]."""
+        """Return how the process of a closed connection ended, its resources, and its think times [ms]."""
         thought_ms = sorted(round(1000 * seconds, 3) for seconds in self.think_times_s)
         count = len(thought_ms)
         return {
@@ -176,5 +176,5 @@ class AgentConnection:
 
 
 def _count_up_to(thought_ms: list[float]) -> list[int]:
-    """How many of the sorted times are below each end of a class."""
+    """Return how many of the sorted times are within each upper end of the histogram."""
     return [bisect.bisect_right(thought_ms, end) for end in HISTOGRAM_MS]

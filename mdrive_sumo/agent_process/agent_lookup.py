@@ -1,4 +1,4 @@
-"""What a user may write after --agent: a built-in name, module:Class, path.py:Class, or carla:path.py."""
+"""Agent locators as in `--agent`: a built-in name, module:Class, path.py:Class, or carla:path.py."""
 
 import importlib
 import importlib.util
@@ -12,18 +12,18 @@ from mdrive_sumo.core.errors import InputError
 
 Config = Mapping[str, Any]
 CARLA_PREFIX = "carla:"
-"""Before the file of an agent of the CARLA leaderboard, which drives all CAVs of a scenario together."""
+"""Prefix of the file of a CARLA leaderboard agent, which drives all CAVs of a scenario together."""
 
 
 def find_carla_file(locator: str) -> Path | None:
-    """The file of an agent of the CARLA leaderboard; None for other agents."""
+    """Return the file of a CARLA leaderboard agent; None for other locators."""
     if not locator.startswith(CARLA_PREFIX) or not locator.endswith(".py"):
         return None
     return Path(locator.removeprefix(CARLA_PREFIX))
 
 
 def split_locator(locator: str) -> tuple[str, str]:
-    """(module or path, class name) of a locator with a colon; raises InputError for anything else."""
+    """Return (module or path, class name) of a locator. Raises InputError for anything else."""
     place, colon, name = locator.rpartition(":")
     if not colon or not place or not name.isidentifier():
         raise InputError(
@@ -34,7 +34,7 @@ def split_locator(locator: str) -> tuple[str, str]:
 
 
 def load_agent_class(locator: str) -> Callable[[Config], Agent]:
-    """Imports the class that `module:Class` or `path.py:Class` names; raises InputError. Runs the user's code."""
+    """Import the class that `module:Class` or `path.py:Class` names; runs the user's code. Raises InputError."""
     place, name = split_locator(locator)
     module = load_module_from_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = getattr(module, name, None)
@@ -51,7 +51,7 @@ def _import_module(name: str) -> Any:
 
 
 def load_module_from_file(path: Path) -> Any:
-    """Runs a Python file as a module of its name, with its folder to import from; raises InputError."""
+    """Execute a Python file as the module of its name, with its folder on the path. Raises InputError."""
     if not path.is_file():
         raise InputError(f"agent file {path}: expected a Python file, found none")
     spec = importlib.util.spec_from_file_location(path.stem, path)

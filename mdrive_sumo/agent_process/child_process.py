@@ -1,6 +1,6 @@
-"""The process in which a third-party agent lives: a plain child of ours, or one in a box.
+"""The process of a third-party agent: a plain child process, or a boxed one.
 
-Either has a socket, and runs `agents.host`, which finds its end of it and the frame folder by its arguments.
+Either has a socket and runs `host`, which gets its end of the socket and the frame folder as arguments.
 """
 
 import select
@@ -19,16 +19,16 @@ from mdrive_sumo.agent_process import sandbox
 HOST = "mdrive_sumo.agent_process.host"
 PACKAGE = Path(__file__).parents[1]
 HIDDEN = frozenset({"scenarios"})
-"""Of our package, what a box does not see. Compiled code is seen: nobody has to compile it anew for every box."""
+"""Parts of our package that are not mounted in a box. Compiled code is mounted, so it is compiled only once."""
 KIT, SITE, PYTHON, FRAMES = "/kit", "/site", "/python", "/frames"
-"""Where a box sees our code, the environment's packages, its interpreter, and the frames; the agent is in /agent."""
+"""Paths in a box of our code, the environment's packages, its interpreter, and the frames; the agent is in /agent."""
 AGENT_FD = 3
 ENDING_S = 2.0
-"""How long a process may take to end after it has closed its socket."""
+"""How long a process may take to end after it has closed its socket [s]."""
 
 
 class AgentProcess(Protocol):
-    """A process with a socket."""
+    """An agent's process with a socket."""
 
     @property
     def socket(self) -> socket.socket:
@@ -36,25 +36,25 @@ class AgentProcess(Protocol):
         ...
 
     def wait_readable(self, timeout_s: float) -> bool:
-        """Waits until there is something to read, or nobody who could write; keeps what it prints flowing."""
+        """Wait until the socket is readable or closed, and return whether it is; drains the output of the process."""
         ...
 
     def describe_exit(self) -> str:
-        """How a process ended that has closed its socket, e.g. "exit code 3"; it is gone afterwards."""
+        """Return how a process ended that has closed its socket, e.g. "exit code 3"; it is gone afterwards."""
         ...
 
     def close(self) -> None:
-        """Ends it."""
+        """End the process."""
         ...
 
     def usage_record(self) -> Mapping[str, Any]:
-        """Of a process that is gone: how it ended and what it used, plain values for a file."""
+        """Return how an ended process ended and its resources, as plain values for a file."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class AgentProgram:
-    """What a child runs: a style of agent that `host` knows, where it is, and where its output goes."""
+    """The program of an agent's process: its style, its place, and the file for its output."""
 
     locator: str
     """`module:Class`, `path.py:Class`, for the style carla `path.py`, for the style pickle "": paths of the child."""
@@ -65,7 +65,7 @@ class AgentProgram:
     """Style pickle: the agent's class; `open_agent_connection` writes it into a file of the child."""
 
     def arguments(self, fd: int, frames: str) -> tuple[str, ...]:
-        """The command line after the interpreter."""
+        """Return the command line after the interpreter."""
         return ("-m", HOST, self.style, self.locator, str(fd), frames)
 
 
@@ -85,7 +85,7 @@ class AgentBox:
 
 
 class PlainAgentProcess:
-    """As free as the user who started it: only the clock and the contract are enforced."""
+    """A child process with the rights of the user: only the clock and the contract are enforced."""
 
     def __init__(self, program: AgentProgram, frames: Path) -> None:
         """Raises OSError."""
@@ -103,29 +103,29 @@ class PlainAgentProcess:
         self._poller.register(self.socket, select.POLLIN)
 
     def wait_readable(self, timeout_s: float) -> bool:
-        """See Child."""
+        """See AgentProcess."""
         return bool(self._poller.poll(max(timeout_s, 0.0) * 1000))
 
     def describe_exit(self) -> str:
-        """See Child."""
+        """See AgentProcess."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=ENDING_S)
         self.close()
         return f"exit code {self._process.returncode}"
 
     def close(self) -> None:
-        """See Child."""
+        """See AgentProcess."""
         self._process.kill()
         self.socket.close()
         self._process.wait()
 
     def usage_record(self) -> Mapping[str, Any]:
-        """See Child."""
+        """See AgentProcess."""
         return {"backend": "", "exit_code": self._process.returncode}
 
 
 class BoxedAgentProcess:
-    """In a box of its own. Only from the main thread, see `sandbox.open_box`."""
+    """A process in a box of its own. Only from the main thread, see `sandbox.open_box`."""
 
     def __init__(self, program: AgentProgram, frames: Path, box: AgentBox) -> None:
         """Raises InputError if there is no such box here, and BoxError."""
@@ -133,7 +133,7 @@ class BoxedAgentProcess:
         spec = sandbox.BoxSpec(
             command=(interpreter, *_interpreter_options(box), *program.arguments(AGENT_FD, FRAMES)),
             readonly={box.folder: "/agent", frames: FRAMES} | shown | _list_library_mounts(box.backend),
-            # A fixed hash seed: what an agent does with sets and dictionaries shall not differ from run to run.
+            # A fixed hash seed: the order of an agent's sets must not differ between runs.
             env={"PYTHONPATH": f"{KIT}:{SITE}" if box.site else KIT, "PYTHONHASHSEED": "0"},
             limits=box.limits,
             backend=box.backend,
@@ -145,15 +145,15 @@ class BoxedAgentProcess:
 
     @property
     def socket(self) -> socket.socket:
-        """See Child."""
+        """See AgentProcess."""
         return self._box.socket
 
     def wait_readable(self, timeout_s: float) -> bool:
-        """See Child."""
+        """See AgentProcess."""
         return self._box.ready(max(timeout_s, 0.0))
 
     def describe_exit(self) -> str:
-        """See Child."""
+        """See AgentProcess."""
         end = time.monotonic() + ENDING_S
         while self._box.alive() and time.monotonic() < end:
             self._box.pump()
@@ -166,7 +166,7 @@ class BoxedAgentProcess:
         return f"exit code {report.exit_code if report.signal is None else -report.signal}"
 
     def close(self) -> None:
-        """See Child. Raises BoxError if it was the box that failed."""
+        """See AgentProcess. Raises BoxError if it was the box that failed."""
         if self._report is None:
             if self._log is not None:
                 self._box.pump()
@@ -175,18 +175,18 @@ class BoxedAgentProcess:
                 self._log.write_bytes(self._box.log())
 
     def usage_record(self) -> Mapping[str, Any]:
-        """See Child."""
+        """See AgentProcess."""
         assert self._report is not None
         return {"backend": self._backend, **asdict(self._report)}
 
 
 def _interpreter_options(box: AgentBox) -> tuple[str, ...]:
-    """No packages but those of the environment, if it has some: what else a host has would change results."""
+    """Exclude packages outside of the environment: those of a host would change results."""
     return ("-s", "-S") if box.site else ("-s",)
 
 
 def _locate_interpreter(box: AgentBox) -> tuple[str, dict[Path, str]]:
-    """The interpreter's path in the box, and what must be shown for it."""
+    """Return the interpreter's path in the box, and the mounts that it needs."""
     shown = {box.site: SITE} if box.site else {}
     path = Path(box.python)
     if box.rootfs or path.resolve().is_relative_to("/usr"):
@@ -196,7 +196,7 @@ def _locate_interpreter(box: AgentBox) -> tuple[str, dict[Path, str]]:
 
 
 def _list_library_mounts(backend: str) -> dict[Path, str]:
-    """Our own code, without the scenarios that agents are tried on. Without a box nothing can be hidden."""
+    """Return the mounts of our code without the scenarios. Without a box nothing can be hidden."""
     if backend == "none":
         return {PACKAGE.parent: KIT}
     return {entry: f"{KIT}/{PACKAGE.name}/{entry.name}" for entry in PACKAGE.iterdir() if entry.name not in HIDDEN}

@@ -1,8 +1,8 @@
 """The frame file: large arrays of an observation reach the agent through memory that it can only read.
 
-The trusted side writes and never reads it; the socket carries the offsets. There are two files, used by turns, so that
-what an agent reads late is the frame before and never half of the next one. Mapped, not written and read: that is ten
-times faster (400 kB: 4 against 40 microseconds).
+The trusted side writes and never reads it; the socket carries the offsets. Two files alternate, so that a late reader
+gets the previous frame and never half of the next one. The files are memory-mapped, which is ten times faster than
+writing and reading (400 kB: 4 against 40 microseconds).
 """
 
 import fcntl
@@ -21,16 +21,16 @@ PREFIX = "mdrive-frames-"
 NAMES = ("0", "1")
 ALIGNMENT = 64
 LEAST_BYTES = 2**16
-"""Of a file that holds anything."""
+"""Smallest size of a file that holds an array [bytes]."""
 MEMORY = Path("/dev/shm")
-"""Where a folder of our own is made; only that one is shown to a box."""
+"""Where the folder of an agent is created; a box sees only its own."""
 
 
 class FrameFolder:
-    """The folder of one agent: `path`. Written here, mounted read-only for the agent."""
+    """The folder `path` of one agent: written here, mounted read-only for the agent."""
 
     def __init__(self, place: Path | None = None) -> None:
-        """place: where to make it; None: in memory if there is such a place. Raises OSError."""
+        """place: the parent folder; None: in memory if possible. Raises OSError."""
         place = place or (MEMORY if os.access(MEMORY, os.W_OK) else Path(tempfile.gettempdir()))
         _remove_abandoned_folders(place)
         self.path = Path(tempfile.mkdtemp(prefix=".new-", dir=place))
@@ -38,7 +38,7 @@ class FrameFolder:
         self._files = [os.open(self.path / name, flags, 0o644) for name in NAMES]
         fcntl.flock(
             self._files[0], fcntl.LOCK_EX | fcntl.LOCK_NB
-        )  # who is alive holds it, see `_remove_abandoned_folders`
+        )  # held while its owner lives, see `_remove_abandoned_folders`
         if os.getuid() == 0:
             self.path.chmod(0o755)  # a boxed agent has a user id of its own
         self.path = self.path.rename(place / (PREFIX + self.path.name.removeprefix(".new-")))  # locked: may be swept
@@ -46,11 +46,11 @@ class FrameFolder:
         self._turn, self._end = 0, 0
 
     def begin(self) -> None:
-        """A new frame: the one before the last is overwritten."""
+        """Begin a new frame, which overwrites the one before the last."""
         self._turn, self._end = 1 - self._turn, 0
 
     def store(self, array: npt.NDArray[Any]) -> int:
-        """Writes a contiguous array; its place, to be told to the agent. Raises OSError (no space)."""
+        """Write a contiguous array and return its place for `FrameReader.load`. Raises OSError (no space)."""
         offset, end = self._end, self._end + array.nbytes
         if end > len(self._maps[self._turn]):
             self._grow(end)
@@ -59,13 +59,13 @@ class FrameFolder:
         return offset * len(NAMES) + self._turn
 
     def _grow(self, size: int) -> None:
-        """Room is taken before it is mapped: a full disk is an error then, and no SIGBUS later."""
+        """Allocate space before it is mapped: a full disk is an error then, and no SIGBUS later."""
         size = max(LEAST_BYTES, 1 << (size - 1).bit_length())
         os.posix_fallocate(self._files[self._turn], 0, size)
         self._maps[self._turn] = np.frombuffer(mmap.mmap(self._files[self._turn], size), np.uint8)
 
     def close(self) -> None:
-        """Removes it; never raises."""
+        """Remove the folder; never raises."""
         shutil.rmtree(self.path, ignore_errors=True)
         for file in self._files:
             os.close(file)
@@ -73,7 +73,7 @@ class FrameFolder:
 
 
 class FrameReader:
-    """The agent's side."""
+    """Reads frames in the agent's process."""
 
     def __init__(self, path: Path) -> None:
         """Raises OSError."""
@@ -81,7 +81,7 @@ class FrameReader:
         self._maps: list[npt.NDArray[np.uint8]] = [np.zeros(0, np.uint8) for _ in NAMES]
 
     def load(self, array: npt.NDArray[Any], place: int) -> None:
-        """Fills an array with what was stored there: a copy, which an agent may keep. Raises OSError."""
+        """Fill an array with the stored values: a copy, which an agent may keep. Raises OSError."""
         offset, turn = divmod(place, len(NAMES))
         end = offset + array.nbytes
         if end > len(self._maps[turn]):
@@ -100,9 +100,9 @@ def _view_bytes(array: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
 
 
 def _remove_abandoned_folders(place: Path) -> None:
-    """Removes what killed processes left: nobody holds the lock of their first file any more."""
+    """Remove the folders of killed processes: the lock of their first file is free."""
     for folder in place.glob(f"{PREFIX}*"):
-        with suppress(OSError):  # somebody else's, in use, just being made, or removed meanwhile
+        with suppress(OSError):  # of another user, in use, just being created, or removed meanwhile
             file = os.open(folder / NAMES[0], os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,8 +1,8 @@
-"""The process in which a third-party agent lives: `python -m mdrive_sumo.agent_process.host STYLE LOCATOR FD FRAMES`.
+"""The main program of an agent's process: `python -m mdrive_sumo.agent_process.host STYLE LOCATOR FD FRAMES`.
 
-It answers framed requests on the socket FD, one answer a request, each stamped with the tick of its request; large
-arrays of a request lie in the folder FRAMES. What the agent prints is its own affair. Nothing heavier than numpy and
-msgpack is imported: this also runs in boxes that have nothing else.
+It answers framed requests on the socket FD with one answer each, stamped with the tick of the request; large arrays of
+a request are in the folder FRAMES. It imports nothing heavier than numpy and msgpack, because boxes may have nothing
+else.
 """
 
 import ctypes
@@ -28,14 +28,14 @@ Handler = Callable[[str, Any], Any]
 
 
 def main() -> None:
-    """Serves one agent until the line is closed. Any exception of the agent is an answer, not a traceback."""
+    """Serve one agent until the connection is closed. An exception of the agent is an answer, not a traceback."""
     style, locator, fd, frames = sys.argv[1:]
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
         libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # never outlive a killed worker
         _keep_freed_memory(libc)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # what the agent prints survives its end
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # the agent's output survives its end
     os.set_inheritable(int(fd), False)
     line, reader = socket.socket(fileno=int(fd)), FrameReader(Path(frames))
     handle = _handle_carla_agent(locator) if style == "carla" else _handle_agent(locator, style)
@@ -49,10 +49,10 @@ def main() -> None:
 
 
 def _keep_freed_memory(libc: ctypes.CDLL) -> None:
-    """Has freed memory kept for the next observation.
+    """Keep freed memory for the next observation.
 
-    By default glibc gives the arrays of one back to the kernel and asks for them anew with the next, page by page:
-    that took longer (0.1 ms) than copying them. musl has no such knobs.
+    By default glibc returns the arrays of an observation to the kernel and requests them again for the next, page by
+    page: that took longer (0.1 ms) than copying them. musl has no such options.
     """
     if hasattr(libc, "mallopt"):
         libc.mallopt(M_MMAP_THRESHOLD, HEAP_ARRAY_BYTES)
@@ -60,7 +60,7 @@ def _keep_freed_memory(libc: ctypes.CDLL) -> None:
 
 
 def _read_exactly(line: socket.socket, size: int) -> bytearray | None:
-    """So many bytes; None at the end of the stream."""
+    """Read `size` bytes; None at the end of the stream."""
     data = bytearray(size)
     view = memoryview(data)
     while view:

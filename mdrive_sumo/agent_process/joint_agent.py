@@ -1,6 +1,6 @@
 """Joint agents: one program drives all CAVs of a scenario, as in the original code base. Labelled `joint` in results.
 
-What one CAV knows all know, so no limit of communication holds for them: they are another kind of competitor.
+Its CAVs share all knowledge without a channel, so they are ranked separately.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,16 +21,16 @@ LABEL = "joint"
 
 
 class JointAgentSession:
-    """The program and its CAVs; `drivers` has a Driver for each of them.
+    """One agent process for all CAVs; `drivers` maps each CAV id to its AgentDriver.
 
-    It is asked once a tick for all CAVs that are asked in that tick. If it fails, all of them fail; if its reply for
-    one CAV is none, that CAV fails.
+    It gets one request per tick with the observations of all CAVs that are asked in that tick. If it fails, all CAVs
+    fail; if its reply for one CAV is invalid, that CAV fails.
     """
 
     def __init__(
         self, line: AgentConnection, config: Mapping[str, Any], egos: Sequence[str], check: SensorCheck | None = None
     ) -> None:
-        """Owns the line. check: refuses sensors by an exception."""
+        """Take ownership of the connection. check: raises an exception for refused sensors."""
         self._line, self._egos, self._check_sensors = line, tuple(egos), check
         self._declared: reply_decoding.AgentDeclaration | None = None
         self._failure: AgentFailure | None = None
@@ -43,11 +43,11 @@ class JointAgentSession:
             line.send("create", CREATE_TICK, {"config": dict(config), "cavs": self._egos})
 
     def fail(self, error: AgentFailure) -> None:
-        """From now on everything raises this."""
+        """Keep a failure, which every later call raises."""
         self._failure = error
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """What every CAV shall have."""
+        """Return the sensors of every CAV."""
         self._check()
         if self._declared is None:
             with _FailureKeeper(self):
@@ -59,7 +59,7 @@ class JointAgentSession:
         return self._declared.sensors
 
     def brief(self, briefing: Briefing) -> None:
-        """The program is briefed when all CAVs are."""
+        """Keep the briefing of a CAV; the program is briefed when all CAVs are."""
         self._check()
         self._briefings[briefing.ego_id] = briefing
         if len(self._briefings) == len(self._egos):
@@ -70,12 +70,12 @@ class JointAgentSession:
             self._check()
 
     def ask(self, ego: str, seen: Observation) -> None:
-        """Kept until the first CAV wants its answer."""
+        """Keep an observation until the first answer is requested."""
         self._check()
         self._asked[ego] = seen
 
     def answer(self, ego: str) -> Reply:
-        """That CAV's part of the answer."""
+        """Return the reply for one CAV."""
         if self._asked:
             self._request_replies()
         self._check()
@@ -85,11 +85,11 @@ class JointAgentSession:
             raise AgentFailure(FailureReason.INVALID, f"{ego}: {error}") from None
 
     def close(self) -> None:
-        """Ends the program."""
+        """End the program."""
         self._line.close()
 
     def usage_record(self) -> Mapping[str, Any]:
-        """Of a closed crew, see `Line.record`."""
+        """See `AgentConnection.usage_record`."""
         return self._line.usage_record()
 
     def _request_replies(self) -> None:
@@ -108,7 +108,7 @@ class JointAgentSession:
 
 
 class _FailureKeeper:
-    """Keeps a failure of the program for all CAVs instead of raising it for one."""
+    """Context manager that keeps a failure for all CAVs instead of raising it for one."""
 
     def __init__(self, session: JointAgentSession) -> None:
         self._session = session
@@ -124,7 +124,7 @@ class _FailureKeeper:
 
 
 class JointDriver:
-    """One CAV's Driver: a part of a crew."""
+    """The AgentDriver of one CAV of a joint agent."""
 
     label = LABEL
 
@@ -133,31 +133,31 @@ class JointDriver:
 
     @property
     def think_time_s(self) -> float:
-        """See Driver: the whole program's time."""
+        """See AgentDriver: the whole program's time."""
         return self._session.think_time_s
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """See Driver."""
+        """See AgentDriver."""
         return self._session.sensors()
 
     def start(self, briefing: Briefing) -> None:
-        """See Driver."""
+        """See AgentDriver."""
         self._session.brief(briefing)
 
     def ask(self, seen: Observation) -> None:
-        """See Driver."""
+        """See AgentDriver."""
         self._session.ask(self._ego, seen)
 
     def answer(self) -> Reply:
-        """See Driver."""
+        """See AgentDriver."""
         return self._session.answer(self._ego)
 
     def close(self) -> None:
-        """See Driver: the first CAV's end is that of all, for the loop closes them only after the last tick."""
+        """See AgentDriver: closing one closes all, because the loop closes them only after the last tick."""
         self._session.close()
 
 
 def _to_gnss_points(briefing: Briefing) -> Any:
-    """The route (N, 3): latitude and longitude [degrees], altitude [m]."""
+    """Return the route (N, 3): latitude and longitude [degrees], altitude [m]."""
     points = [to_gnss(x, y) for x, y in briefing.route_xy.tolist()]
     return np.array([(point.latitude_deg, point.longitude_deg, point.altitude_m) for point in points])

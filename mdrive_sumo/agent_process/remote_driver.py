@@ -1,4 +1,4 @@
-"""RemoteDriver: one CAV's agent in a process of its own, so that one that hangs in C code can be ended."""
+"""RemoteDriver: one CAV's agent in a process of its own, which can be ended even if it hangs in C code."""
 
 import pickle
 import sys
@@ -21,10 +21,10 @@ SensorCheck = Callable[[tuple[SensorSpec, ...]], None]
 
 
 class RemoteDriver:
-    """A Driver whose agent runs in `host`. Every method raises AgentFailure; after one the process is gone."""
+    """An AgentDriver whose agent runs in `host`. Every method raises AgentFailure; after that the process is gone."""
 
     def __init__(self, line: AgentConnection, config: Mapping[str, Any], check: SensorCheck | None = None) -> None:
-        """Owns the line; the agent is being made when this returns. check: refuses sensors by an exception."""
+        """Take ownership of the connection and begin to create the agent. check: raises for refused sensors."""
         self._line, self._check = line, check
         self._declared: reply_decoding.AgentDeclaration | None = None
         self._failure: AgentFailure | None = None
@@ -32,44 +32,44 @@ class RemoteDriver:
         try:
             line.send("create", CREATE_TICK, dict(config))
         except AgentFailure as error:
-            self._failure = error  # raised when somebody asks: who makes drivers is not prepared for it
+            self._failure = error  # raised by the next call: callers of the constructor expect no failure of an agent
 
     @property
     def label(self) -> str:
-        """What the agent calls itself."""
+        """The label that the agent declares."""
         label = self._declaration().label
         if label not in LABELS:
             self._line.fail(FailureReason.INVALID, f"label: expected one of {', '.join(LABELS)}, found {label!r:.60}")
         return label
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        """See Driver; raises what the check raises, too."""
+        """See AgentDriver; raises what the check raises, too."""
         sensors = self._declaration().sensors
         if self._check is not None:
             self._check(sensors)
         return sensors
 
     def start(self, briefing: Briefing) -> None:
-        """See Driver."""
+        """See AgentDriver."""
         self._line.send("start", START_TICK, briefing)
         self._line.receive(reply_decoding.read_none)
 
     def ask(self, seen: Observation) -> None:
-        """See Driver."""
+        """See AgentDriver."""
         self._line.send("act", seen.tick, seen)
 
     def answer(self) -> Reply:
-        """See Driver."""
+        """See AgentDriver."""
         reply = self._line.receive(reply_decoding.read_reply)
         self.think_time_s = self._line.think_times_s[-1]
         return reply
 
     def close(self) -> None:
-        """See Driver."""
+        """See AgentDriver."""
         self._line.close()
 
     def usage_record(self) -> Mapping[str, Any]:
-        """Of a closed driver, see `Line.record`."""
+        """See `AgentConnection.usage_record`."""
         return self._line.usage_record()
 
     def _declaration(self) -> reply_decoding.AgentDeclaration:

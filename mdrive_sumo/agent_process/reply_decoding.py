@@ -1,7 +1,8 @@
-"""What an agent's process answers, read as hostile input: nothing is constructed that has not been checked before.
+"""Decode the answers of an agent's process as hostile input: every value is checked before it is used.
 
-Every answer is one msgpack map: the tick that was asked, and either what was asked for or why there is none. Types are
-exact (a bool is no number), keys are known, all are there and none twice, and arrays hold what they say they hold.
+Every answer is one msgpack map: the tick of the request, and either the value or the reason for its absence. Types are
+exact (a bool is no number), all keys are known, present and unique, and the bytes of an array match its dtype and
+shape.
 """
 
 import math
@@ -19,7 +20,7 @@ from mdrive_sumo.loop.agent_driver import shorten, validate_reply
 T = TypeVar("T")
 
 MAX_ITEMS = 4096
-"""Of one array; msgpack makes room for as many as are declared, at every level."""
+"""Items of one array: msgpack allocates as many as are declared, at every level."""
 MAX_KEYS = 256
 MAX_SENSORS = 64
 MAX_OPTIONS = 64
@@ -27,7 +28,7 @@ MAX_DIMENSIONS = 2
 
 
 class InvalidReplyError(ValueError):
-    """An answer that is none; the text says what was expected and what was found."""
+    """An invalid answer; the text says what was expected and what was found."""
 
 
 class AgentCrashError(Exception):
@@ -36,14 +37,14 @@ class AgentCrashError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class AgentDeclaration:
-    """What an agent says of itself."""
+    """Label and sensors that an agent declares."""
 
     label: str
     sensors: tuple[SensorSpec, ...]
 
 
 def decode_answer(data: bytes, tick: int) -> Any:
-    """The plain value of the answer to the request of a tick. Raises InvalidReplyError and AgentCrashError."""
+    """Return the plain value of the answer to the request of a tick. Raises InvalidReplyError and AgentCrashError."""
     answer = _unpack(data)
     if type(answer) is not dict or len(answer) != 2 or "tick" not in answer:
         raise InvalidReplyError(f"expected a tick and a value, found {_describe_value(answer)}")
@@ -58,13 +59,13 @@ def decode_answer(data: bytes, tick: int) -> Any:
 
 
 def read_none(value: object) -> None:
-    """The answer to a briefing."""
+    """Check the answer to a briefing."""
     if value is not None:
         raise InvalidReplyError(f"expected no value, found {_describe_value(value)}")
 
 
 def read_declaration(value: object) -> AgentDeclaration:
-    """The answer to a creation."""
+    """Return the answer to a creation."""
     names = ("label", "sensors")
     fields = _check_names(_read_mapping(value, "what an agent declares", len(names)), names, "what an agent declares")
     sensors = _check_list(fields["sensors"], "sensors()", MAX_SENSORS)
@@ -72,7 +73,7 @@ def read_declaration(value: object) -> AgentDeclaration:
 
 
 def read_reply(value: object) -> Reply:
-    """One CAV's reply, checked; raises AgentFailure too."""
+    """Return one CAV's checked reply; raises AgentFailure, too."""
     if value is None:
         return validate_reply(None)
     fields = _check_fields(value, "Reply", ("control", "plan", "messages", "notes"))
@@ -87,7 +88,7 @@ def read_reply(value: object) -> Reply:
 
 
 def read_replies_by_ego(value: object, egos: tuple[str, ...]) -> Mapping[str, object]:
-    """A joint agent's answer: for every CAV that was asked one plain value, for `reply`."""
+    """Return a joint agent's answer: the plain reply, for `read_reply`, of every CAV that was asked."""
     items = _read_mapping(value, "a reply for every CAV", len(egos))
     if items.keys() != set(egos):
         raise InvalidReplyError(f"expected replies for {', '.join(egos)}, found {_describe_value(dict(items))}")
@@ -169,7 +170,7 @@ def _read_message(value: object) -> Message:
     fields = _check_fields(value, "Message", ("type", "payload", "sender", "tick"))
     _check_type(fields["sender"], str, "messages: sender")
     _check_type(fields["tick"], int, "messages: tick")
-    # Sender and tick are the channel's to fill in: what an agent puts there is not even read.
+    # The channel fills in sender and tick: the values of an agent are not read.
     return Message(
         _check_type(fields["type"], str, "messages: type"), _check_type(fields["payload"], bytes, "messages: payload")
     )
@@ -198,7 +199,7 @@ def _read_option(value: object, name: str) -> float | str | bool:
 
 
 def _check_fields(value: object, cls: str, names: tuple[str, ...]) -> dict[str, object]:
-    """The fields of what says to be of a class, if they are these; without the name of the class."""
+    """Return the fields of an encoded dataclass without its class name, if class and fields are as expected."""
     if type(value) is not dict or cast("dict[str, object]", value).get("") != cls:
         raise InvalidReplyError(f"expected a {cls}, found {_describe_value(value)}")
     fields = cast("dict[str, object]", value)
@@ -212,7 +213,7 @@ def _check_names(fields: dict[str, object], names: tuple[str, ...], what: str) -
 
 
 def _read_mapping(value: object, what: str, most: int) -> dict[str, object]:
-    """A mapping as it travels: a list of keys and values."""
+    """Return an encoded mapping, which is a list of keys and values."""
     if type(value) is not dict or value.keys() != {"", "items"} or cast("dict[str, object]", value)[""] != "map":
         raise InvalidReplyError(f"{what}: expected a mapping, found {_describe_value(value)}")
     pairs = [_check_list(pair, what, 2) for pair in _check_list(cast("dict[str, object]", value)["items"], what, most)]
@@ -240,7 +241,7 @@ def _check_type(value: object, kind: Callable[..., T], what: str) -> T:
 
 
 def _describe_value(value: object) -> str:
-    """What to call something that was not expected: short, whatever it is."""
+    """Return a short description of an unexpected value."""
     if type(value) is dict:
         fields = cast("dict[str, object]", value)
         name = fields.get("")

@@ -1,7 +1,6 @@
 """The contract as bytes: msgpack, dataclasses by name, arrays as (dtype, shape, bytes). Never a pickle.
 
-`unpacked` is for what comes from the trusted side; what comes from an agent is read by `replies`, which believes
-nothing.
+`decode` reads messages of the trusted side; `reply_decoding` reads those of an agent.
 """
 
 import struct
@@ -21,11 +20,11 @@ MAX_BYTES = 64 * 2**20
 LARGE_BYTES = 4096
 """Longer arrays go into the frame file, if there is one."""
 LENGTH = struct.Struct("<I")
-"""What stands before every frame: how many bytes follow."""
+"""Prefix of every frame: the number of bytes that follow."""
 CREATE_TICK, START_TICK = -2, -1
-"""The ticks that requests before the first observation are stamped with."""
+"""Ticks of the requests before the first observation."""
 DTYPES = ("<f8", "<f4", "|u1", "<i8", "<i4")
-"""What an array may hold."""
+"""Element types of arrays."""
 
 Array = npt.NDArray[Any]
 _CLASSES = {
@@ -40,11 +39,11 @@ _CLASSES = {
 
 
 class WireError(ValueError):
-    """Bytes that are no message of ours."""
+    """Bytes that are not a valid message."""
 
 
 def encode_frame(fields: Mapping[str, object], store: Callable[[Array], int] | None = None) -> bytes:
-    """A request or an answer as it travels: its length [4 bytes, little-endian], and a map of its fields' `plain`s."""
+    """Return a request or an answer as bytes: length [4 bytes, little-endian], and a map of its fields."""
     data = cast(
         bytes, msgpack.packb({name: to_plain(field, store) for name, field in fields.items()}, use_bin_type=True)
     )
@@ -52,14 +51,14 @@ def encode_frame(fields: Mapping[str, object], store: Callable[[Array], int] | N
 
 
 def encode(message: object) -> bytes:
-    """Any value of the contract as bytes; TypeError for others."""
+    """Return a value of the contract as bytes. Raises TypeError for others."""
     return cast(bytes, msgpack.packb(to_plain(message), use_bin_type=True))
 
 
 def decode(data: bytes | bytearray, load: Callable[[Array, int], None] | None = None) -> Any:
-    """The inverse of `packed`; tuples come back as tuples. Raises WireError.
+    """Return the value that `encode` has written; sequences become tuples. Raises WireError.
 
-    load: fills an array with what was stored at an offset.
+    load: fills an array with the values stored at an offset.
     """
     try:
         return _from_plain(msgpack.unpackb(data, raw=False, use_list=False), load)
@@ -68,9 +67,9 @@ def decode(data: bytes | bytearray, load: Callable[[Array, int], None] | None = 
 
 
 def to_plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
-    """What msgpack can carry of a value of the contract (dataclasses, mappings, tuples, arrays, scalars).
+    """Return a value of the contract (dataclass, mapping, tuple, array, scalar) in the types of msgpack.
 
-    store: takes a large array somewhere else and says at which offset; None keeps all arrays in the message.
+    store: stores a large array elsewhere and returns its offset; None keeps all arrays in the message.
     Raises TypeError for any other value.
     """
     if value is None or isinstance(value, bool | int | float | str | bytes):
