@@ -24,7 +24,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
     "generate": ("generate", "Generate scenarios: proposed, placed, checked, driven."),
     "schema": ("schema", "Print a file format as JSON Schema."),
-    "doctor": ("doctor", "Say what is installed and what is missing for which command."),
+    "doctor": ("doctor", "Show what is installed and what is missing for which command."),
 }
 """Command -> its module in this package and one line of help."""
 
@@ -39,25 +39,25 @@ class CommandLine(click.Group):
     """The commands of `COMMANDS` and of other packages, imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
-        """Own commands in the order of a user's life, then those of other packages."""
+        """Return the own commands in the order of their use, then those of other packages."""
         return [*COMMANDS, *sorted(_plug_ins())]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Imports a command."""
+        """Import a command."""
         if cmd_name in COMMANDS:
             return import_module(f"mdrive_sumo.cli.{COMMANDS[cmd_name][0]}").command
         plug_in = _plug_ins().get(cmd_name)
         return plug_in.load() if plug_in else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """One line a command, without importing any."""
+        """Write one line per command without importing any."""
         own = [(name, text) for name, (_, text) in COMMANDS.items()]
         others = [(name, _line(plug_in)) for name, plug_in in sorted(_plug_ins().items())]
         with formatter.section("Commands"):
             formatter.write_dl([*own, *others])
 
     def invoke(self, ctx: click.Context) -> object:
-        """Runs a command; what the user can mend ends in one sentence and exit code 2, Ctrl-C in 130."""
+        """Run a command; an InputError ends in one sentence and exit code 2, Ctrl-C in 130."""
         try:
             return super().invoke(ctx)
         except InputError as error:
@@ -71,10 +71,10 @@ def _plug_ins() -> dict[str, EntryPoint]:
 
 
 def _line(plug_in: EntryPoint) -> str:
-    """What the package that brings a command says of it in its `COMMANDS`, else of itself in its docstring."""
+    """Return the help line of a plug-in: from `COMMANDS` of its package, else from the package's docstring."""
     package = import_module(plug_in.module.partition(".")[0])
-    said: Mapping[str, str] = getattr(package, "COMMANDS", {})
-    return said.get(plug_in.name) or (package.__doc__ or "").strip().partition("\n")[0]
+    help_lines: Mapping[str, str] = getattr(package, "COMMANDS", {})
+    return help_lines.get(plug_in.name) or (package.__doc__ or "").strip().partition("\n")[0]
 
 
 @click.command(cls=CommandLine, context_settings={"help_option_names": ["-h", "--help"]})

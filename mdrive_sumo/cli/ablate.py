@@ -32,9 +32,9 @@ HEADER = ("without", "messages", "DS", "change", "SR", "min TTC [s]", "change", 
 @click.command("ablate")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--scenario", default="*", metavar="GLOB", help="Which episode of the run; it must fit exactly one.")
-@click.option("--mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Mute these messages, alone; * is any.")
+@click.option("--mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Mute only these messages; * is any.")
 @click.option("--each-message", metavar="TYPE", help="Mute every message of that type, each alone.")
-@click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="At most so many runs.")
+@click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="Largest number of runs.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
 @workers_option
@@ -45,8 +45,8 @@ def command(
     """The value of a message: execute a recorded episode again without it.
 
     Everything else is as `verify` does it. Without --mute and --each-message every sender and every type of
-    message that reached somebody is muted, each alone. Reported are the driving score, the least time to
-    collision, and the first tick in which somebody is somewhere else. The largest effect comes first.
+    delivered message is muted, each alone. Reported are the driving score, the least time to
+    collision, and the first tick in which a road user is somewhere else. The largest effect comes first.
 
     Exit codes: 0 done, 1 the recording itself comes out differently, 2 unusable input, 130 interrupted.
     """
@@ -74,7 +74,7 @@ def _find_recorded(run: PreparedRun, results: Results, pattern: str) -> Scenario
 
 
 def _collect_effects(effects: Iterator[MuteEffect], total: int) -> list[MuteEffect]:
-    """All effects; a line on stderr as each comes."""
+    """Return all effects and print a line on stderr for each."""
     found: list[MuteEffect] = []
     for effect in effects:
         found.append(effect)
@@ -83,7 +83,7 @@ def _collect_effects(effects: Iterator[MuteEffect], total: int) -> list[MuteEffe
 
 
 def format_ablation_table(found: AblationResult) -> str:
-    """For the terminal: what was, then what would have been."""
+    """Return the table for the terminal: the recorded episode, then every effect."""
     was = found.recorded
     rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _format_seconds(was.min_ttc), "", "")]
     rows += [_format_cells(was, effect) for effect in found.effects]
@@ -109,7 +109,7 @@ def _format_seconds(value: float | None) -> str:
 
 
 def format_ablation_json(found: AblationResult) -> str:
-    """All of it, for programs."""
+    """Return all effects as JSON."""
     was = found.recorded
     page = {
         "format": "mdrive-sumo/ablation/1",

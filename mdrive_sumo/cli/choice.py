@@ -1,4 +1,4 @@
-"""Which scenario a user means."""
+"""Find the one scenario that a glob names."""
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import Scenario
@@ -6,7 +6,7 @@ from mdrive_sumo.scenario.suite import Suite
 
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
-    """The only scenario whose id (or category) fits a glob; raises InputError if none or several do."""
+    """Return the only scenario whose id or category fits a glob. Raises InputError if none or several fit."""
     found = suite.select(pattern)
     if len(found) == 1:
         return found[0]

@@ -20,7 +20,7 @@ _OPTIONS = (
     click.option("--comm-latency", metavar="TICKS", help=f"Delay, {_EACH}6,text=20 or cpm=2."),
     click.option("--comm-loss", metavar="P", help=f"Probability of loss, {_EACH}0.1,cam=0."),
     click.option("--comm-range", metavar="M", help=f"Reach in metres or inf, {_EACH}200,cpm=70."),
-    click.option("--comm-budget", metavar="BYTES_PER_S", help="What a station may send in a second, or inf."),
+    click.option("--comm-budget", metavar="BYTES_PER_S", help="Bytes that a station may send per second, or inf."),
     click.option(
         "--pose-error",
         metavar="POS_M,ROT_DEG[,episode]",
@@ -28,7 +28,11 @@ _OPTIONS = (
     ),
     click.option("--comm-mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Drop these messages; * is any."),
     click.option(
-        "--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured", help="Cost of thinking."
+        "--agent-clock",
+        default="ideal",
+        show_default=True,
+        metavar="ideal|fixed:MS|measured",
+        help="Cost of think time.",
     ),
 )
 
@@ -64,7 +68,7 @@ def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
 
 
 def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:
-    """The channel of a preset, except for options that are given (as typed; None: not given). Raises InputError."""
+    """Return the channel of a preset with the given options changed (text; None: not given). Raises InputError."""
     if comm not in PRESETS:
         raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
     comm_settings = PRESETS[comm]
@@ -94,7 +98,7 @@ def _set_option(comm: CommSettings, option: str, text: str) -> CommSettings:
 
 
 def _split_by_type(text: str) -> dict[str, list[str]]:
-    """Values by type of message, "" for all types, which come first: "0.6,0.6,cam=0,0" -> {"": [...], "cam": [...]}."""
+    """Split values by type of message, "" for all types: "0.6,0.6,cam=0,0" -> {"": [...], "cam": [...]}."""
     found: dict[str, list[str]] = {"": []}
     name = ""
     for part in text.split(","):

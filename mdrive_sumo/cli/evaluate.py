@@ -35,9 +35,11 @@ EXECUTORS = ("local", "dask")
     default="idm",
     show_default=True,
     metavar="NAME|module:Class|path.py:Class|carla:path.py",
-    help="Who drives: one instance of it in every CAV.",
+    help="The agent; every CAV gets an instance of it.",
 )
-@click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Its options, a JSON object.")
+@click.option(
+    "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, a JSON object."
+)
 @episode_options
 @click.option(
     "--transcript",
@@ -45,16 +47,16 @@ EXECUTORS = ("local", "dask")
     metavar="FILE",
     help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
 )
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all randomness.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Seed of all randomness.")
 @workers_option
 @click.option(
     "--executor",
     type=click.Choice(EXECUTORS),
     default=EXECUTORS[0],
     show_default=True,
-    help="Who works: processes here, or the workers of a Dask cluster.",
+    help="Where episodes run: processes here, or the workers of a Dask cluster.",
 )
-@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Of the Dask cluster.")
+@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Address of the Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
 @click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")

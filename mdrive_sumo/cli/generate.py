@@ -34,7 +34,7 @@ from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 LEAST_SECRET = 16
-"""Characters of a private seed: its hashes are published with nothing, but shall not be guessed either."""
+"""Least length of a private seed [characters], so that it cannot be guessed."""
 
 
 def _model_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -112,7 +112,7 @@ def _choose_proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
 
 
 def _read_recorded_model(folder: Path) -> str:
-    """Name of the model whose exchanges a folder keeps."""
+    """Return the name of the model whose exchanges a folder holds."""
     try:
         with sorted(folder.glob("*.jsonl"))[0].open(encoding="utf-8") as lines:
             return str(json.loads(lines.readline())["request"]["model"])
@@ -156,7 +156,7 @@ def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Pat
 
 
 def _list_known(order: GenerationRequest) -> list[Scenario]:
-    """Public scenarios: what is generated shall not be like them."""
+    """Return the public scenarios, which generated ones must differ from."""
     known = [scenario for scenario in load_packaged_generated() if scenario.category == order.category]
     return known + list(build_public_counterparts(order)) if order.split == "hidden" else known
 

@@ -34,7 +34,7 @@ def _format_suite(suite: Suite) -> str:
 
 
 def _format_categories(suite: Suite) -> str:
-    """Means of every category, and the paper's where it has a table of them."""
+    """Return the means of every category, with the paper's where it has a table of them."""
     rows: list[TableRow] = []
     for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
         found = compute_suite_statistics([scenario for scenario in suite.scenarios if scenario.category == name])
@@ -122,7 +122,7 @@ LISTS: Mapping[str, Callable[[str], str]] = {
 
 @click.command("list")
 @click.argument("what", type=click.Choice(tuple(LISTS)))
-@click.option("--suite", default="interdrive", show_default=True, help="Whose scenarios: a name or a folder.")
+@click.option("--suite", default="interdrive", show_default=True, help="Suite of the scenarios: a name or a folder.")
 @click.option(
     "--occluded/--not-occluded", default=None, help="Only scenarios with, or without, an occlusion certificate."
 )

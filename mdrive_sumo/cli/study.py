@@ -49,16 +49,16 @@ class StudyDisplay(ProgressDisplay):
         self._name = ""
 
     def run(self, name: str) -> None:
-        """See study.runs.StudyProgress."""
+        """See StudyProgress."""
         self._name = name
         self.note(f"{name}:")
 
     def spared(self, scenarios: int) -> None:
-        """See study.runs.StudyProgress."""
+        """See StudyProgress."""
         self._total -= scenarios
 
     def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
-        """See suite.Progress: one of the study's runs begins."""
+        """See Progress: one of the study's runs begins."""
         self._kept += len(kept)
         self._results += kept.values()
         if kept:
@@ -72,18 +72,25 @@ class StudyDisplay(ProgressDisplay):
 @command.command("comm")
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
 @click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
-@click.option("--agents", required=True, metavar="A,B,...", help="Who drives, as --agent of `eval`.")
-@click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one of them, a JSON object.")
+@click.option("--agents", required=True, metavar="A,B,...", help="Agents, each as --agent of `eval`.")
+@click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one agent, a JSON object.")
 @click.option("--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured")
 @click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The base channel.")
 @click.option("--latency", metavar="TICKS,...", help="Latencies, in ticks of 0.05 s.")
 @click.option("--loss", metavar="P,...", help="Probabilities of loss.")
 @click.option("--pose-error", metavar="M,...", help="Standard deviations of senders' poses, in metres.")
 @click.option("--rotation-error", metavar="DEG,...", help="The same in degrees [default: --pose-error's numbers].")
-@click.option("--grid", type=click.Choice(GRIDS), default=GRIDS[0], show_default=True, help="What is combined.")
+@click.option(
+    "--grid", type=click.Choice(GRIDS), default=GRIDS[0], show_default=True, help="Combination of the factors."
+)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
-@click.option("--captured/--no-captured", default=True, show_default=True, help="Drive the references for it too.")
+@click.option(
+    "--captured/--no-captured",
+    default=True,
+    show_default=True,
+    help="Captured cooperation; drives its references, too.",
+)
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, verify or ablate of single runs.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
@@ -128,7 +135,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _StudyOptions:
-    """The options of `study comm`, as typed."""
+    """The options of `study comm`."""
 
     suite: str
     scenario: str
@@ -150,13 +157,13 @@ class _StudyOptions:
     workers: int
 
     def base(self) -> CommSettings:
-        """The base channel; raises InputError."""
+        """Return the base channel. Raises InputError."""
         if self.comm not in PRESETS:
             raise InputError(f"--comm: expected one of {', '.join(PRESETS)}, found {self.comm!r:.40}")
         return PRESETS[self.comm]
 
     def varied(self) -> dict[str, tuple[Level, ...]]:
-        """The levels of every factor that is varied; raises InputError."""
+        """Return the levels of every varied factor. Raises InputError."""
         found: dict[str, tuple[Level, ...]] = {}
         for name, text in (("latency", self.latency), ("loss", self.loss)):
             if text is not None:
@@ -170,7 +177,7 @@ class _StudyOptions:
         return found
 
     def study(self, found: tuple[ChannelCondition, ...]) -> Study:
-        """Tries every agent; raises InputError."""
+        """Return the study; creates every agent once. Raises InputError."""
         names = [name.strip() for name in self.agents.split(",")]
         if "" in names or len(set(names)) < len(names):
             raise InputError(

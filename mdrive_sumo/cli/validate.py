@@ -25,7 +25,7 @@ from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionC
     metavar="N",
     help="Drive only N scenarios, always the same ones, of a suite's parts in proportion.",
 )
-@click.option("--write", is_flag=True, help="Keep the occlusion certificates beside the suite or each of its parts.")
+@click.option("--write", is_flag=True, help="Write the occlusion certificates beside the suite or each of its parts.")
 @workers_option
 @click.pass_context
 def command(ctx: click.Context, suite: str, sample: int | None, write: bool, workers: int) -> None:
@@ -33,12 +33,12 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
 
     \b
     Every scenario must be
-      sound      lanes connect, nobody starts inside anybody else or a building
+      sound      lanes connect, no road user starts inside another or a building
       difficult  constant-speed driving has a near miss (TTC < 0.9 s)
       solvable   `omniscient` reaches DS 100
-    Of recordings (buckets V2XPnP, Real2Sim) difficulty is told, not demanded, and solvable means RC 100.
+    For recordings (buckets V2XPnP, Real2Sim) difficulty is reported, not required, and solvable means RC 100.
 
-    Suites named as the paper's are held against its tables: scenarios, CAVs, routes, actors, categories, weather, and
+    Suites named as the paper's are compared with its tables: scenarios, CAVs, routes, actors, categories, weather, and
     how many conflicts are hidden until late. Kept certificates and recipes must belong to the scenarios.
 
     Exit codes: 0 everything passes, 1 something fails, 2 unusable input.

@@ -19,7 +19,7 @@ def command(ctx: click.Context, run_folder: Path, sample: int | None, suite: str
     """Execute the scenarios of a run again and compare the digest of every tick.
 
     Names the first tick that differs and what differs in it. Failures of agents are replayed from the
-    recording, for a time-out cannot be computed anew. Without recordings only final digests are compared.
+    recording, because a time-out is not reproducible. Without recordings only final digests are compared.
 
     Exit codes: 0 all identical, 1 something differs, 2 unusable input.
     """

@@ -1,10 +1,10 @@
-"""The option `--workers`, without what drives in them."""
+"""The option `--workers`, which imports no simulator."""
 
 import click
 
 
 def parse_worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
-    """The option --workers: a positive number, or every core that this process may use."""
+    """Return the value of --workers: a positive number; "auto" is every core that this process may use."""
     if value == "auto":
         from mdrive_sumo.runs.process_pool import (
             count_available_cores,  # here, so that `convert --help` need not import it

@@ -1,4 +1,4 @@
-"""The value of a message: a recorded episode executed again without some of its messages."""
+"""The value of a message: execute a recorded episode again without some of its messages."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ Mute = tuple[str, ...]
 
 @dataclass(frozen=True, slots=True)
 class AblationJob:
-    """A job whose recording is to be executed again without some messages."""
+    """A recorded job to execute again without some messages."""
 
     job: EpisodeJob
     mute: Mute
@@ -31,36 +31,36 @@ class AblationJob:
 
 @dataclass(frozen=True, slots=True)
 class MuteEffect:
-    """What became of the episode without those messages."""
+    """The episode without those messages."""
 
     mute: Mute
     messages: int
-    """How many the recording has that are muted."""
+    """Number of muted messages in the recording."""
     result: ScenarioResult
     parted: int | None
-    """The first tick in which somebody is somewhere else (or how long the shorter episode lasts); None: nowhere."""
+    """The first tick in which a road user's state differs, or the length of the shorter episode; None: no tick."""
     difference: str
-    """The first difference of any kind, what is heard included; "" if there is none."""
+    """The first difference of any kind, received messages included; "" if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class AblationResult:
-    """An episode, and what it would have been without single senders, types or messages."""
+    """An episode, and its changes without single senders, types or messages."""
 
     recorded: ScenarioResult
     effects: tuple[MuteEffect, ...]
-    """The largest change of DS first, then of minimum TTC, then the earliest parting."""
+    """The largest change of DS first, then of minimum TTC, then the earliest divergence."""
 
 
 def list_sender_and_type_patterns(messages: Sequence[SentMessage]) -> tuple[str, ...]:
-    """Every sender and every type of message that reached somebody, each alone."""
+    """Return a pattern for every sender and every type of delivered messages."""
     reached = [sent.message for sent in messages if _was_delivered(sent)]
     senders, types = ({getattr(message, name) for message in reached} for name in ("sender", "type"))
     return (*(f"{sender}/*" for sender in sorted(senders)), *(f"*/{kind}" for kind in sorted(types)))
 
 
 def list_message_patterns(messages: Sequence[SentMessage], kind: str) -> tuple[str, ...]:
-    """Every message of a type that reached somebody, each alone; several that one sender sent in a tick go together."""
+    """Return a pattern for every delivered message of a type; messages of one sender and tick share a pattern."""
     reached = (sent.message for sent in messages if sent.message.type == kind and _was_delivered(sent))
     return tuple(dict.fromkeys(f"{message.sender}/{kind}@{message.tick}" for message in reached))
 
@@ -89,7 +89,7 @@ def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], wor
 
 
 def ablate_episode(ablation: AblationJob) -> MuteEffect:
-    """Executes one episode again, as `verify` does: failures, thinking times and transcripts are replayed."""
+    """Execute one episode again, as `verify` does: failures, think times and transcripts are replayed."""
     job = ablation.job
     assert job.recording is not None
     recorded = load_episode(job.recording)
@@ -107,7 +107,7 @@ def ablate_episode(ablation: AblationJob) -> MuteEffect:
 
 
 def rank_effects(recorded: ScenarioResult, effects: Sequence[MuteEffect]) -> AblationResult:
-    """The effects by their size."""
+    """Return the effects sorted by size."""
 
     def sort_key(effect: MuteEffect) -> tuple[float, float, float, Mute]:
         was, now = (HORIZON_S if one.min_ttc is None else one.min_ttc for one in (recorded, effect.result))
@@ -118,16 +118,16 @@ def rank_effects(recorded: ScenarioResult, effects: Sequence[MuteEffect]) -> Abl
 
 
 def compute_ttc_change(recorded: ScenarioResult, again: ScenarioResult) -> float | None:
-    """Change of minimum TTC [s]; None if either was never within the horizon."""
+    """Return the change of minimum TTC [s]; None if either was never within the horizon."""
     if recorded.min_ttc is None or again.min_ttc is None:
         return None
     return again.min_ttc - recorded.min_ttc
 
 
 def find_divergence_tick(recorded: EpisodeRecord, again: EpisodeRecord) -> int | None:
-    """The first tick in which states differ: unlike digests, what was heard does not count. None: in no tick.
+    """Return the first tick in which states differ, regardless of received messages; None if there is none.
 
-    Where one episode goes on alone, it is the length of the other.
+    Where one episode is longer, it is the length of the other.
     """
     ticks = min(recorded.ticks, again.ticks)
     differing = np.zeros(ticks, dtype=np.bool_)
@@ -140,7 +140,7 @@ def find_divergence_tick(recorded: EpisodeRecord, again: EpisodeRecord) -> int |
 
 
 def _differs(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: int) -> Bool:
-    """Where a road user's state differs (ticks,)."""
+    """Return a mask (ticks,) of the ticks in which a road user's state differs."""
     if name not in recorded.ids or name not in again.ids:
         only = recorded if name in recorded.ids else again
         return only.valid[:ticks, only.ids.index(name)]
@@ -158,9 +158,9 @@ def _mute(job: EpisodeJob, mute: Mute) -> EpisodeJob:
 def choose_mutes(
     messages: Sequence[SentMessage], given: Sequence[str], each: str | None = None, most: int = 100
 ) -> tuple[str, ...]:
-    """What to mute, each alone: `given` patterns and `each` message of a type; without either every sender and type.
+    """Return the patterns to mute one by one: `given` ones and `each` message of a type, or every sender and type.
 
-    Raises InputError for what does not occur, and for more than `most` runs.
+    Raises InputError for patterns that fit no message, and for more than `most` runs.
     """
     if not messages:
         raise InputError("ablate: expected an episode in which something is said, found no message in it")

@@ -1,4 +1,4 @@
-"""Captured cooperation: how much of what perfect cooperation would gain an agent gains over its channel."""
+"""Captured cooperation: the share of the gain of perfect cooperation that an agent reaches over its channel."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +16,7 @@ from mdrive_sumo.scoring import (
 from mdrive_sumo.scoring.summary import compute_bucket_means
 
 LEAST_GAIN_DS = 2.0
-"""Where perfect cooperation gains less driving score than this, a share of it would be noise and is left blank."""
+"""Least gain of perfect cooperation [DS]: the share of a smaller gain would be noise and is left blank."""
 
 
 def compute_captured_cooperation(agent: Results, off: Results, omniscient: Results) -> CapturedCooperation:
@@ -63,7 +63,7 @@ def compute_captured_from_scenarios(
 
 
 def compute_captured_share(agent: float, off: float, omniscient: float) -> float | None:
-    """The share of omniscient's gain [DS] that the agent gains; None if that gain is under `LEAST_GAIN_DS`."""
+    """Return the agent's share of omniscient's gain [DS]; None if that gain is below `LEAST_GAIN_DS`."""
     gain = omniscient - off
     return (agent - off) / gain if gain >= LEAST_GAIN_DS else None
 

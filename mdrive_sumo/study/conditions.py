@@ -1,4 +1,4 @@
-"""Conditions: the channels of a study, made from a base channel and values of factors."""
+"""Conditions: the channels of a study, from a base channel and levels of factors."""
 
 import math
 import re
@@ -21,24 +21,24 @@ class ChannelFactor:
 
     name: str
     axis: str
-    """What plots call it, with its unit."""
+    """Label of the axis in plots, with the unit."""
     fields: tuple[str, ...]
     """The fields of `Link` that a level sets."""
     unit: str
 
     def of(self, comm: CommSettings) -> Level | None:
-        """The level that a channel has; None if it is not the same for all types of message."""
+        """Return the level of a channel; None if it differs between types of message."""
         levels = {tuple(getattr(link, field) for field in self.fields) for link in (comm.link, *comm.by_type.values())}
         return levels.pop() if len(levels) == 1 else None
 
     def set(self, comm: CommSettings, level: Level) -> CommSettings:
-        """The channel with that level for every type of message."""
+        """Return the channel with a level for every type of message."""
         fields = dict(zip(self.fields, level, strict=True))
         links = {name: replace(link, **fields) for name, link in comm.by_type.items()}
         return replace(comm, link=replace(comm.link, **fields), by_type=links)
 
     def text(self, level: Level) -> str:
-        """A level for people, e.g. "latency 6 ticks"."""
+        """Return a level as text, e.g. "latency 6 ticks"."""
         numbers = [str(value).removesuffix(".0") for value in level]
         return f"{self.name} " + (f"{numbers[0]} m {numbers[1]}°" if len(level) > 1 else f"{numbers[0]}{self.unit}")
 
@@ -67,14 +67,14 @@ class ChannelCondition:
 
     @property
     def folder(self) -> str:
-        """The name as that of a folder."""
+        """The name of the condition's folder."""
         return re.sub(r"[^A-Za-z0-9.+-]+", "_", self.name).strip("_")
 
 
 def make_conditions(
     base: CommSettings, varied: Mapping[str, Sequence[Level]], grid: str
 ) -> tuple[ChannelCondition, ...]:
-    """The base condition first, then all others once each. Raises InputError for unusable levels.
+    """Return the base condition first, then all others once each. Raises InputError for unusable levels.
 
     varied: levels by factor. grid: "one-at-a-time" sets one factor at a time and leaves the others at the base
     channel's, "full" makes every combination.
@@ -92,7 +92,7 @@ def make_conditions(
 
 
 def make_off_condition() -> ChannelCondition:
-    """The reference: nothing is ever delivered."""
+    """Return the reference condition, in which no message is delivered."""
     return ChannelCondition("off", PRESETS["off"], MappingProxyType({}))
 
 
@@ -116,12 +116,12 @@ def _make_condition(base: CommSettings, levels: Mapping[str, Level]) -> ChannelC
 
 
 def parse_levels(name: str, text: str) -> tuple[Level, ...]:
-    """The levels that a user lists, e.g. "0,2,6"; latencies are whole numbers. Raises InputError."""
+    """Return the levels of a list such as "0,2,6"; latencies are whole numbers. Raises InputError."""
     return tuple((_parse_number(name, part.strip()),) for part in text.split(","))
 
 
 def parse_pose_levels(metres: str, degrees: str | None) -> tuple[Level, ...]:
-    """Pairs of metres and degrees; without degrees they have the metres' numbers, as the paper's 0.6 m and 0.6°."""
+    """Return pairs of metres and degrees; without degrees the numbers are equal, as the paper's 0.6 m and 0.6°."""
     rows = [
         parse_levels("pose-error", metres),
         parse_levels("rotation-error", degrees if degrees is not None else metres),

@@ -1,7 +1,7 @@
-"""Occlusion certificates: when, on the way to a conflict, one is hidden from a CAV but known to somebody else.
+"""Occlusion certificates: the intervals before a conflict in which a CAV cannot see a road user that others see.
 
-That is what perception sharing can be worth in a scenario. Two drives are looked at: blind at constant speed, where
-conflicts become collisions, and the omniscient one, where they are passed in good order. `mdrive-sumo validate SUITE
+They show what perception sharing can gain in a scenario. Two drives are analysed: at constant speed, where conflicts
+become collisions, and the omniscient one, where conflicts are resolved. `mdrive-sumo validate SUITE
 --write` keeps the certificates beside the suite; `mdrive-sumo list scenarios` shows them and filters by them.
 """
 
@@ -28,17 +28,17 @@ from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 CERTIFICATE_FILE = "occlusion.json"
 EVERY_TICKS = 4
 RANGE_M = 80.0
-"""How far a CAV could see."""
+"""Range of vision of a CAV."""
 MIN_VISIBLE_SHARE = 0.1
-"""Less of something than this share of its angular width counts as hidden."""
+"""A road user with a smaller visible share of its angular width counts as hidden."""
 ENCROACHMENT_S = 3.0
 """Two road users are in conflict if they use the same place within this time."""
 CLEARANCE_M = 0.3
 """Boxes never overlap in a recording, not even in a collision: they are grown by this for the test."""
 MIN_INTERVAL_S = 1.0
-"""A shorter interval is worth no message."""
+"""A shorter interval does not matter."""
 MAX_LEAD_S = 4.0
-"""An interval matters if it ends less than this before the conflict: from then on braking is all that is left."""
+"""An interval matters if it ends less than this before the conflict: later only braking is left."""
 
 ReferenceDrive = Literal["constant-speed", "omniscient"]
 DRIVES: tuple[ReferenceDrive, ...] = ("constant-speed", "omniscient")
@@ -49,7 +49,7 @@ class _FilePart(BaseModel):
 
 
 class OccludedInterval(_FilePart):
-    """From start_s to end_s `actor` is hidden from `ego`, which meets it at conflict_s, but known to each of `by`."""
+    """`actor` is hidden from `ego` from start_s to end_s, is known to each of `by`, and is met at conflict_s."""
 
     drive: ReferenceDrive
     ego: str
@@ -62,29 +62,29 @@ class OccludedInterval(_FilePart):
 
     @property
     def matters(self) -> bool:
-        """Long enough to be told of, and late enough to be worth telling."""
+        """Whether the interval is long and late enough for a message to help."""
         return self.end_s - self.start_s >= MIN_INTERVAL_S and self.conflict_s - self.end_s < MAX_LEAD_S
 
 
 class OcclusionCertificate(_FilePart):
-    """All such intervals of a scenario; empty if there are none."""
+    """All occluded intervals of a scenario."""
 
     scenario: str
     hidden: tuple[OccludedInterval, ...]
 
     @property
     def occluded(self) -> bool:
-        """Whether anything that matters is hidden."""
+        """Whether an interval matters."""
         return any(interval.matters for interval in self.hidden)
 
     @property
     def longest_s(self) -> float:
-        """Length of the longest interval that matters [s]."""
+        """Length of the longest interval that matters [s]; 0 if there is none."""
         return max((interval.end_s - interval.start_s for interval in self.hidden if interval.matters), default=0.0)
 
     @property
     def by_third(self) -> bool:
-        """Whether somebody besides the hidden one itself knows of anything that matters."""
+        """Whether a station other than the hidden road user itself knows of it in an interval that matters."""
         return any(set(interval.by) - {interval.actor} for interval in self.hidden if interval.matters)
 
 
@@ -96,21 +96,21 @@ class OcclusionCertificateFile(_FilePart):
     certificates: tuple[OcclusionCertificate, ...]
 
     def of(self, suite: Suite) -> Mapping[str, OcclusionCertificate]:
-        """By scenario; none if they were made for anything else than this very suite."""
+        """Return the certificates by scenario id; none if they belong to another version of the suite."""
         return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
 
 
 def load_certificates(suite: Suite) -> Mapping[str, OcclusionCertificate]:
-    """Certificates by scenario that lie beside a suite, or beside its parts; none of one that has changed since.
+    """Return the certificates beside a suite or its parts by scenario id; none of a suite that has changed since.
 
-    Raises InputError for a file that is not readable as one.
+    Raises InputError for an unreadable file.
     """
     files = ((part, read_certificates(part.folder)) for part in suite.parts or (suite,))
     return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
 
 
 def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
-    """The certificates in the folder of a suite, whatever it was when they were made; raises InputError."""
+    """Return the certificates in a suite's folder, also of another version of the suite. Raises InputError."""
     path = folder / CERTIFICATE_FILE
     if not path.is_file():
         return None
@@ -123,7 +123,7 @@ def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
 
 
 def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
-    """Writes `occlusion.json`, one certificate a line."""
+    """Write `occlusion.json`, one certificate per line."""
     lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
     head = content.model_dump_json(include={"format", "suite_checksum"})
     (folder / CERTIFICATE_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
@@ -132,7 +132,7 @@ def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
 def find_occluded_intervals(
     drive: ReferenceDrive, episode: EpisodeRecord, scenario: Scenario, roads: RoadMap
 ) -> tuple[OccludedInterval, ...]:
-    """The intervals of one recorded drive, by CAV and time."""
+    """Return the intervals of one recorded drive, sorted by CAV and time."""
     analysis = _VisibilityAnalysis(episode, scenario, roads)
     found = [hidden for ego in range(episode.egos) for hidden in analysis.of(drive, ego)]
     return tuple(sorted(found, key=lambda hidden: (hidden.ego, hidden.start_s, hidden.actor)))
@@ -140,7 +140,7 @@ def find_occluded_intervals(
 
 @dataclass(frozen=True)
 class _VisibilityAnalysis:
-    """Who sees whom in a recording, at every `EVERY_TICKS`-th tick (K of them)."""
+    """Visibility between road users in a recording, at every `EVERY_TICKS`-th tick (K ticks, N road users)."""
 
     episode: EpisodeRecord
     scenario: Scenario
@@ -169,7 +169,7 @@ class _VisibilityAnalysis:
 
     @cached_property
     def seen(self) -> Mapping[str, Bool]:
-        """Observer -> (K, N) whether it sees each road user; an observer that is not there sees nobody."""
+        """Observer id -> (K, N) whether it sees each road user; an absent observer sees none."""
         buildings = BuildingEdges(self.roads)
         views = {name: np.zeros((len(self.ticks), len(self.episode.ids)), dtype=np.bool_) for name in self._observers}
         for k, tick in enumerate(self.ticks.tolist()):
@@ -198,14 +198,14 @@ class _VisibilityAnalysis:
             yield rsu.id, SensorPose(rsu.x, rsu.y, 0.0, None)
 
     def of(self, drive: ReferenceDrive, ego: int) -> Iterator[OccludedInterval]:
-        """The intervals of one CAV."""
+        """Yield the intervals of one CAV."""
         for actor in range(len(self.episode.ids)):
             meeting = self._find_meeting(ego, actor) if actor != ego else None
             if meeting is not None:
                 yield from self._find_intervals(drive, ego, actor, meeting)
 
     def _find_meeting(self, ego: int, actor: int) -> int | None:
-        """Index of the first tick in which the CAV is where the actor is within `ENCROACHMENT_S`; None if never."""
+        """Return the first tick index at which CAV and actor use one place within `ENCROACHMENT_S`, or None."""
         reach = round(ENCROACHMENT_S / DT / EVERY_TICKS)
         valid, (mine, theirs) = self.episode.valid[self.ticks], (self.centres[:, i] for i in (ego, actor))
         room = self.radii[ego] + self.radii[actor]
@@ -237,14 +237,14 @@ class _VisibilityAnalysis:
 
 
 def _find_runs(mask: Bool) -> Iterator[tuple[int, int]]:
-    """(first, last) index of every run of True."""
+    """Yield (first, last) index of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(((False,), mask, (False,))).astype(np.int8)))
     for first, after in edges.reshape(-1, 2).tolist():
         yield first, after - 1
 
 
 def _build_frame(episode: EpisodeRecord, tick: int, columns: Int) -> Frame:
-    """A recorded frame, as far as sight needs it."""
+    """Return a recorded frame with the fields that visibility needs."""
     e, cars, rest = episode, columns[columns < episode.egos], columns[columns >= episode.egos]
     egos = {
         e.ids[i]: EgoState(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), float(e.speed[tick, i]))

@@ -16,7 +16,7 @@ from mdrive_sumo.study.conditions import ChannelCondition, ChannelFactor, Level
 from mdrive_sumo.study.study_summary import StudyLine
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette (Color Universal Design, 2008), which people with colour blindness can tell apart."""
+"""Okabe and Ito's palette (Color Universal Design, 2008), safe for colour blindness."""
 MARKERS = "os^Dv<>"
 SCORES = (("ds", "driving score DS [%]"), ("sr", "success rate SR [%]"))
 STYLE: Mapping[Any, Any] = {
@@ -41,7 +41,7 @@ class FactorCurve:
 
 
 def make_curves(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> tuple[FactorCurve, ...]:
-    """A curve for every agent that has two levels or more while all other factors are the base channel's."""
+    """Return a curve for every agent with two levels or more while the other factors are the base channel's."""
     agents = dict.fromkeys(line.row.agent for line in lines)
     found = (_make_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
     return tuple(curve for curve in found if len(curve.lines) > 1)
@@ -59,7 +59,7 @@ def _make_curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: Channel
 
 
 def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str, stem: Path) -> tuple[Path, Path]:
-    """Writes STEM.png and STEM.svg, the same bytes for the same numbers. Raises InputError if it cannot."""
+    """Write STEM.png and STEM.svg, the same bytes for the same numbers, and return the paths. Raises InputError."""
     places = _place_levels({level for curve in found for level in curve.lines})
     with rc_context(dict(STYLE)):
         figure = Figure(figsize=(9.0, 4.2), layout="constrained")
@@ -77,14 +77,14 @@ def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str,
 
 
 def _place_levels(levels: Collection[Level]) -> dict[Level, float]:
-    """Where levels are on the axis: at their first number, or evenly spaced where that is not unique."""
+    """Return the place of each level on the axis: its first number, or evenly spaced if that is not unique."""
     order = sorted(levels)
     unique = len({level[0] for level in order}) == len(order)
     return {level: level[0] if unique else float(i) for i, level in enumerate(order)}
 
 
 def _format_tick(level: Level) -> str:
-    """A level at the axis; of a pose error both numbers where they differ."""
+    """Return the label of a level; of a pose error both numbers if they differ."""
     same = len(set(level)) == 1
     return f"{level[0]:g}" if same else f"{level[0]:g} m\n{level[1]:g}°"
 
@@ -96,7 +96,7 @@ def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, 
     x, values = [at for at, _ in known], [value for _, value in known]
     axes.fill_between(x, [v.low for v in values], [v.high for v in values], color=colour, alpha=0.15, linewidth=0)
     silent = any(line.row.reused for line in curve.lines.values())
-    label = curve.agent + (" (says nothing)" if silent else "")
+    label = curve.agent + (" (no messages)" if silent else "")
     width = max(2.6 - 0.5 * i, 1.2)  # later curves are thinner: where curves coincide all of them are seen
     axes.plot(
         x,

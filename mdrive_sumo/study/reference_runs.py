@@ -1,4 +1,4 @@
-"""The two reference runs of captured cooperation: found finished in their default folders, or driven."""
+"""The two reference runs of captured cooperation: loaded from their default folders, or driven."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -26,7 +26,7 @@ DS and SR are means over scenarios and seeds in percent. In brackets are 95 % bo
 scenarios are drawn anew, with more than one seed also the seeds within each. `DS - base` and `SR - base` are
 the differences to the same agent over the base channel, paired by scenario and seed: an interval without 0
 tells an effect. `off` is the agent with the channel switched off. Scenarios that are void with any seed are
-left out. An agent that says nothing (*) was driven over the base channel only, for no channel can change it."""
+left out. An agent that sends no messages (*) is driven over the base channel only: no channel can change it."""
 CAPTURED = """\
 Captured cooperation is (agent - agent with the channel off) / (omniscient - agent with the channel off), on
 the scenario mean of DS; blank where perfect cooperation gains less than 2 DS."""
@@ -34,7 +34,7 @@ the scenario mean of DS; blank where perfect cooperation gains less than 2 DS.""
 
 @dataclass(frozen=True, slots=True)
 class StudyDescription:
-    """What was asked for."""
+    """The study as the user asked for it."""
 
     suite: str
     scenario: str
@@ -45,7 +45,7 @@ class StudyDescription:
 
 
 def study_json(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
-    """All numbers; a line's runs name the folders' seeds, scores, minimum TTC and what the channel counted."""
+    """Return all numbers as JSON; each line holds seed, scores, minimum TTC and channel counts of its runs."""
     run = lines[0].row.results[0].run
     page = {
         "format": FORMAT,
@@ -85,7 +85,7 @@ def _run_to_dict(results: Results) -> dict[str, Any]:
 
 
 def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures: Sequence[Path]) -> str:
-    """The study as a page: what ran, how to read it, the table, the pictures that lie beside it."""
+    """Return the study as a page: facts, how to read it, the table, and the plots beside it."""
     header, rows = table_of(lines)
     parts = (
         f"# {about.suite}: the channel and what it does",
@@ -116,7 +116,7 @@ def _format_facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
 
 
 def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[TableRow, list[TableRow]]:
-    """Header and rows; `brief`: for the terminal, with intervals of DS only."""
+    """Return header and rows; brief: for the terminal, with intervals of DS only."""
     header, rows = (
         (BRIEF, [_format_brief_cells(line) for line in lines])
         if brief

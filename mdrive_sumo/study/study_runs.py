@@ -16,28 +16,28 @@ from mdrive_sumo.study.conditions import ChannelCondition
 
 RUNS_FOLDER = "runs"
 BEST = "omniscient"
-"""The agent that stands for perfect cooperation."""
+"""The agent with perfect cooperation."""
 
 
 class StudyProgress(Progress, Protocol):
-    """Who wants to know how far a study has come."""
+    """Receives the progress of a study."""
 
     def run(self, name: str) -> None:
         """A run begins."""
         ...
 
     def spared(self, scenarios: int) -> None:
-        """So many episodes need not be driven."""
+        """A number of episodes need not be driven."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What to run. `agents`: by name, prepared with the base channel and the first seed."""
+    """The runs of a study. agents: by name, prepared with the base channel and the first seed."""
 
     agents: Mapping[str, PreparedRun]
     best: PreparedRun | None
-    """The omniscient agent, if captured cooperation is wanted."""
+    """The omniscient agent, for captured cooperation; None without it."""
     conditions: tuple[ChannelCondition, ...]
     """The base condition first."""
     off: ChannelCondition | None
@@ -46,7 +46,7 @@ class Study:
     folder: Path
 
     def episodes(self) -> int:
-        """How many there are at most."""
+        """Return the largest possible number of episodes."""
         whole = [len(run.scenarios) * len(self._all_conditions()) for run in self.agents.values()]
         reference = len(self.best.scenarios) if self.best and BEST not in self.agents else 0
         return (sum(whole) + reference) * len(self.seeds)
@@ -56,7 +56,7 @@ class Study:
         return (base, *([self.off] if self.off else ()), *others)
 
     def rows(self, progress: StudyProgress) -> Iterator["StudyRow"]:
-        """Drives what is not finished yet. Raises InputError and KeyboardInterrupt; what is finished is kept."""
+        """Drive the unfinished runs and yield the rows. Raises InputError and KeyboardInterrupt."""
         for name, prepared in self.agents.items():
             yield from self._drive_agent(name, prepared, progress)
         if self.best and BEST not in self.agents:
@@ -70,7 +70,7 @@ class Study:
             for condition in others:
                 yield self._drive_row(name, prepared, condition, progress)
             return
-        progress.note(f"{name} says nothing: its base runs stand for all conditions")
+        progress.note(f"{name} sends no messages: its base runs stand for all conditions")
         progress.spared(len(others) * len(self.seeds) * len(prepared.scenarios))
         for condition in others:
             yield replace(first, condition=condition, reused=True)
@@ -88,22 +88,22 @@ class Study:
 
 @dataclass(frozen=True, slots=True)
 class StudyRow:
-    """One agent in one condition: a result for every seed."""
+    """One agent in one condition, with the results of every seed."""
 
     agent: str
     condition: ChannelCondition
     results: tuple[Results, ...]
     reused: bool
-    """Whether these are the base condition's, because the agent says nothing."""
+    """Whether these are the results of the base condition, because the agent sends no messages."""
 
     @property
     def scenarios(self) -> tuple[ScenarioResult, ...]:
-        """Of all seeds."""
+        """The scenarios of all seeds."""
         return tuple(scenario for results in self.results for scenario in results.scenarios)
 
 
 def is_silent(row: StudyRow) -> bool:
-    """Whether nobody said anything in any scenario: no channel can make a difference. Void ones tell nothing."""
+    """Return whether no scenario has a message, so that no channel makes a difference; False if one is void."""
     return all(scenario.status == "ok" and not scenario.comm for scenario in row.scenarios)
 
 

@@ -1,4 +1,4 @@
-"""What a channel study found: a line of numbers for every agent in every condition."""
+"""Summary of a channel study: a line of numbers for every agent in every condition."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class StudyLine:
 
 
 def summarise_rows(rows: Sequence[StudyRow]) -> tuple[StudyLine, ...]:
-    """A line for every row; captured cooperation where the rows of the references are there."""
+    """Return a line for every row, with captured cooperation where the rows of the references exist."""
     by_name = {(row.agent, row.condition.name): row for row in rows}
     return tuple(_summarise_row(row, by_name) for row in rows)
 

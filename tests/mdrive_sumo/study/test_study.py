@@ -331,7 +331,7 @@ def test_who_says_nothing_is_driven_once_and_finished_runs_never_again(suite: Pa
     drivers = [call.split()[0] for call in calls]
     assert {name: drivers.count(name) for name in set(drivers)} == {"stationary": 16, "idm": 4, "omniscient": 4}
     assert len(set(calls)) == len(calls)
-    assert "idm says nothing: its base runs stand for all conditions" in ended.stderr
+    assert "idm sends no messages: its base runs stand for all conditions" in ended.stderr
     assert "24/24" in ended.stderr.splitlines()[-1]
     before = (tmp_path / "out" / "study.json").read_bytes(), (tmp_path / "out" / "latency.svg").read_bytes()
     study(tmp_path, *SWEEP)
