@@ -1,10 +1,10 @@
-"""The challenge server: takes agents in over HTTP, drives them in boxes of their own, ranks them."""
+"""The challenge server: accepts agents over HTTP, runs them in sandboxes, and ranks their results."""
 
 COMMANDS = {
-    "admin": "Look after a challenge: teams, tokens, phases, backups.",
-    "check": "Check an agent before it is submitted.",
-    "init-agent": "Write a sample agent to begin with.",
-    "serve": "Serve a challenge: API, pages and workers.",
-    "submit": "Submit an agent to a challenge, or try it here.",
+    "admin": "Administer a challenge: teams, tokens, phases, backups.",
+    "check": "Check an agent before submission.",
+    "init-agent": "Write a sample agent as a starting point.",
+    "serve": "Serve a challenge: API, web pages and workers.",
+    "submit": "Submit an agent to a challenge, or test it locally.",
 }
-"""One line of help for each command that this package adds to `mdrive-sumo`."""
+"""Help line of each command that this package adds to `mdrive-sumo`."""

@@ -1,62 +1,62 @@
-"""The words of the challenge: states and verdicts that the database, the API and the pages share."""
+"""Enumerations that the database, the API and the pages share: states, verdicts, tracks, scopes."""
 
 from enum import StrEnum, auto
 
 MIN_HIDDEN_SCENARIOS = 5
-"""Scenarios that a mean of a hidden phase is taken of: fewer, and it would be the result of single ones."""
+"""Scenarios in a mean of a hidden phase at least: a mean of fewer would disclose single results."""
 
 
 class ChallengeTrack(StrEnum):
-    """Leaderboards of a phase. Cooperation is what the messages of an agent's CAVs were, not what it calls itself."""
+    """Leaderboards of a phase. The channel enforces the track, whatever the agent declares."""
 
     SINGLE = "single-agent"
     SHARING = "perception-sharing"
     NEGOTIATION = "negotiation"
     JOINT = "joint"
-    """One program drives all CAVs of a scenario: no limit of communication holds, so it is ranked apart."""
+    """One program drives all CAVs of a scenario, without limits of communication; ranked separately."""
 
 
 class TokenScope(StrEnum):
-    """What a token allows."""
+    """Permissions of a token."""
 
     SUBMIT = auto()
-    """Everything a team does."""
+    """All actions of a team."""
     ADMIN = auto()
     WORKER = auto()
 
 
 class SubmissionState(StrEnum):
-    """Of a submission."""
+    """State of a submission."""
 
     QUEUED = auto()
     RUNNING = auto()
     DONE = auto()
     """Every scenario has its result; failures of the agent are results."""
     REJECTED = auto()
-    """The archive or what it asks for is refused; nothing was driven."""
+    """The archive or what the agent requires is refused."""
     CANCELLED = auto()
     FAILED_OURS = "failed-ours"
-    """Our fault, after every retry; it counts against no quota."""
+    """Our evaluation failed after every retry; does not count against a quota."""
     DISQUALIFIED = auto()
 
 
 class JobState(StrEnum):
-    """Of one scenario and seed of a submission."""
+    """State of one scenario and seed of a submission."""
 
     QUEUED = auto()
     RUNNING = auto()
     DONE = auto()
     FAILED = auto()
-    """Ours, after every retry."""
+    """Our evaluation failed after every retry."""
     CANCELLED = auto()
 
 
 class ScenarioVerdict(StrEnum):
-    """What became of a scenario."""
+    """Verdict on a scenario."""
 
     OK = auto()
     AGENT_FAILED = "agent-failed"
-    """At least one CAV's agent failed; `Reason` says how. The scenario is scored."""
+    """At least one CAV's agent failed, see `FailureReason`. The scenario is scored."""
     FAILED_OURS = "failed-ours"
 
 

@@ -1,4 +1,4 @@
-"""The environments that agents run in: named and made beforehand; no participant's code has a part in that."""
+"""The environments that agents run in: named, and built before any participant's code runs."""
 
 import hashlib
 import json
@@ -15,30 +15,30 @@ from mdrive_sumo.core.errors import InputError
 ABOUT_FILE = "environment.json"
 BUILD_S = 1800.0
 IMAGE_PYTHON = "/opt/agent/bin/python"
-"""Where the agent image of `docker/Dockerfile` has its interpreter."""
+"""Interpreter in the agent image of `docker/Dockerfile`."""
 PROGRAMS = ("opt", "usr")
-"""Where images have programs."""
+"""Folders of an image that contain programs."""
 PROBE = """
 import importlib.metadata as metadata, sys
 print("%d.%d" % sys.version_info[:2])
 for name, version in sorted({(found.name.lower(), found.version) for found in metadata.distributions()}):
     print(name + "==" + version)
 """
-"""What an image is asked about itself."""
+"""Program that lists an image's Python version and packages."""
 PROBE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentRecipe:
-    """What an environment is made of."""
+    """Contents of a named environment."""
 
     name: str
     python: str
     """Version of the interpreter: major.minor."""
     packages: tuple[str, ...]
-    """Exact, because an agent's results depend on them. `msgpack` is what the line to the evaluator needs."""
+    """Exact, because an agent's results depend on them. The connection to the evaluator needs `msgpack`."""
     memory_bytes: int
-    """What a box needs for this environment at least."""
+    """Least memory of a sandbox with this environment."""
 
 
 MEBIBYTE = 1024 * 1024
@@ -55,30 +55,30 @@ RECIPES: Mapping[str, EnvironmentRecipe] = {
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """One that is made, as `AgentBox` expects it."""
+    """A built environment, for an `AgentBox`."""
 
     name: str
     python: Path
-    """Interpreter; with `rootfs` as seen in there."""
+    """Interpreter; a path inside `rootfs` if there is one."""
     site: Path | None
-    """Folder with the packages; None: the interpreter finds them by itself."""
+    """Folder with the packages; None if the interpreter finds them itself."""
     packages: tuple[str, ...]
-    """Everything in it, name==version: the same archive drives as before only with the same ones."""
+    """All packages, name==version: results are reproducible only with the same ones."""
     rootfs: Path | None = None
-    """Unpacked image that boxes see in place of their host's programs."""
+    """Unpacked image that sandboxes see instead of the host's programs."""
     image: str = ""
-    """Checksum of the names and sizes of its programs, as it was imported."""
+    """Checksum of the names and sizes of the image's programs when it was imported."""
 
 
 def find_recipe(name: str) -> EnvironmentRecipe:
-    """Raises InputError, which names those that there are."""
+    """Return the recipe of that name. Raises InputError, which lists the known names."""
     if name not in RECIPES:
         raise InputError(f"environment: expected one of {', '.join(RECIPES)}, found {name!r:.60}")
     return RECIPES[name]
 
 
 def load_environment(name: str, folder: Path) -> Environment:
-    """A built one of a folder of environments. Raises InputError if there is none of that name, or it is not built."""
+    """Load a built environment from a folder of environments. Raises InputError if it is unknown or not built."""
     find_recipe(name)
     about = folder / name / ABOUT_FILE
     try:
@@ -94,7 +94,7 @@ def load_environment(name: str, folder: Path) -> Environment:
 
 
 def compute_digest(name: str, folder: Path) -> str | None:
-    """Of what a built environment holds; None where there is none, which whoever drives with it will say."""
+    """Return a digest of an environment's contents; None if it is not built, which a later use reports."""
     try:
         found = load_environment(name, folder)
     except InputError:
@@ -103,13 +103,13 @@ def compute_digest(name: str, folder: Path) -> str | None:
 
 
 def list_built(folder: Path) -> list[str]:
-    """Names of those that a folder of environments has."""
+    """Return the names of the environments built in a folder."""
     return [name for name in RECIPES if (folder / name / ABOUT_FILE).is_file()]
 
 
 def current_environment() -> Environment:
-    """This interpreter with its own packages: for a dry run where nothing is built. It may have more than the named."""
-    import msgpack  # what every environment has; they are asked for their folder, which may be any on the path
+    """Return this interpreter with its packages, for dry runs where nothing is built; it may have further packages."""
+    import msgpack  # every environment has both; their folder may be any on the path
     import numpy
 
     site = Path(numpy.__file__).parents[1]
@@ -119,19 +119,19 @@ def current_environment() -> Environment:
 
 
 def build_environment(name: str, folder: Path, pip_options: Sequence[str] = ()) -> Environment:
-    """Makes an environment with venv and the interpreter's own pip, wheels only; pip's settings name the index.
+    """Build an environment with venv and the interpreter's pip, from wheels only; pip's settings name the index.
 
-    It counts as built when all is there, and is not built over: boxes may be using it. Raises InputError.
+    An existing environment is not overwritten, since sandboxes may use it. Raises InputError.
     """
-    made_of = find_recipe(name)
+    recipe = find_recipe(name)
     target = folder / name
     if (target / ABOUT_FILE).exists():
         raise InputError(f"environment {name}: already built in {folder}; remove {target} to build it again")
-    interpreter = f"python{made_of.python}"
+    interpreter = f"python{recipe.python}"
     _run((interpreter, "-m", "venv", "--clear", "--without-pip", str(target)), name)
     python = target / "bin" / "python"
     pip = (interpreter, "-m", "pip", "--python", str(python), "--disable-pip-version-check", "--no-input")
-    _run((*pip, "install", "--no-cache-dir", "--only-binary=:all:", *pip_options, *made_of.packages), name)
+    _run((*pip, "install", "--no-cache-dir", "--only-binary=:all:", *pip_options, *recipe.packages), name)
     packages = tuple(_run((*pip, "freeze", "--all"), name).split())
     site = target / "lib" / interpreter / "site-packages"
     return _write_description(Environment(name, python.absolute(), site.absolute(), packages), target)
@@ -140,23 +140,23 @@ def build_environment(name: str, folder: Path, pip_options: Sequence[str] = ()) 
 def import_image(
     name: str, folder: Path, rootfs: Path, python: str = IMAGE_PYTHON, limits: BoxLimits | None = None
 ) -> Environment:
-    """Notes an unpacked image as the environment. It is not copied: it must be at this path wherever boxes are opened.
+    """Register an unpacked image as the environment. It is not copied: it must be at this path on every worker.
 
-    What it holds is asked in a box, because it may be a stranger's work. A newer image may replace an imported one,
-    never one that was built here. Only in the main thread, as boxes want it. Raises InputError.
+    Its packages are listed in a sandbox, because the image is untrusted. A newer image may replace an imported one,
+    but not one that was built here. Needs the main thread. Raises InputError.
     """
-    made_of = find_recipe(name)
+    recipe = find_recipe(name)
     target = folder / name
     if (target / ABOUT_FILE).exists() and load_environment(name, folder).rootfs is None:
         raise InputError(f"environment {name}: built in {folder}; remove {target} to import an image in its place")
     limits = limits or BoxLimits()
-    limits = replace(limits, memory_bytes=max(limits.memory_bytes, made_of.memory_bytes))
+    limits = replace(limits, memory_bytes=max(limits.memory_bytes, recipe.memory_bytes))
     version, *packages = _list_packages(
         name, BoxSpec((python, "-c", PROBE), {}, limits=limits, rootfs=rootfs.resolve())
     )
-    if version != made_of.python:
-        raise InputError(f"environment {name}: expected Python {made_of.python} in {rootfs}, found {version:.20}")
-    if missing := [package for package in made_of.packages if package not in packages]:
+    if version != recipe.python:
+        raise InputError(f"environment {name}: expected Python {recipe.python} in {rootfs}, found {version:.20}")
+    if missing := [package for package in recipe.packages if package not in packages]:
         raise InputError(
             f"environment {name}: expected {', '.join(missing)} in {rootfs}, found {' '.join(packages):.300}"
         )
@@ -166,29 +166,29 @@ def import_image(
 
 
 def _checksum_programs(rootfs: Path) -> str:
-    """Of names and sizes: contents would take minutes, and those of other programs hardly ever have all the same."""
-    told = hashlib.sha256()
+    """Return a checksum of names and sizes: reading all contents would take minutes."""
+    digest = hashlib.sha256()
     for folder, folders, files in (found for part in PROGRAMS for found in os.walk(rootfs / part)):
         folders.sort()
         for file in sorted(files):
             path = Path(folder, file)
-            told.update(os.fsencode(f"{path.relative_to(rootfs)}\0{path.lstat().st_size}\0"))
-    return told.hexdigest()
+            digest.update(os.fsencode(f"{path.relative_to(rootfs)}\0{path.lstat().st_size}\0"))
+    return digest.hexdigest()
 
 
 def _list_packages(name: str, spec: BoxSpec) -> list[str]:
-    """Major.minor of its interpreter, and its packages."""
+    """Return major.minor of an image's interpreter, then its packages."""
     try:
         with open_box(spec) as box:
             box.ready(PROBE_S)
             report = box.close()
-        told, failed = box.log().decode(errors="replace").split(), report.exit_code != 0
-    except BoxError as error:  # also where the image has no such program
-        told, failed = str(error).split(), True
-    if failed or not told:
-        said = " ".join(told)[-300:] or "nothing was said"
-        raise InputError(f"environment {name}: {spec.command[0]} of {spec.rootfs} does not tell its packages: {said}")
-    return told
+        words, failed = box.log().decode(errors="replace").split(), report.exit_code != 0
+    except BoxError as error:  # also if the image has no such program
+        words, failed = str(error).split(), True
+    if failed or not words:
+        output = " ".join(words)[-300:] or "no output"
+        raise InputError(f"environment {name}: {spec.command[0]} of {spec.rootfs} does not list its packages: {output}")
+    return words
 
 
 def _write_description(made: Environment, target: Path) -> Environment:
@@ -205,6 +205,6 @@ def _run(command: tuple[str, ...], name: str) -> str:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise InputError(f"environment {name}: {command[0]} cannot be run: {error}") from None
     if done.returncode:
-        said = (done.stderr.strip() or done.stdout.strip() or "nothing was said").splitlines()
-        raise InputError(f"environment {name}: {' '.join(command[1:4])} failed: {said[-1]:.300}")
+        output = (done.stderr.strip() or done.stdout.strip() or "no output").splitlines()
+        raise InputError(f"environment {name}: {' '.join(command[1:4])} failed: {output[-1]:.300}")
     return done.stdout

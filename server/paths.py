@@ -1,11 +1,11 @@
-"""Where the files of a submission lie: the evaluation writes them, the API hands them out.
+"""Paths of the files of a submission: the evaluation writes them, the API returns them.
 
-data/archives/<sha256>.zip                                  what the team sent
+data/archives/<sha256>.zip                                  the archive
 data/recordings/<submission>/<seed>/<scenario>.npz          the episode
-data/recordings/<submission>/<seed>/<scenario>.html         its replay page, made when first asked for
-data/recordings/<submission>/<seed>/<scenario>.<cav>.log    what an agent wrote (`all` for a joint agent)
+data/recordings/<submission>/<seed>/<scenario>.html         its replay page, written at the first request
+data/recordings/<submission>/<seed>/<scenario>.<cav>.log    the log of an agent (`all` for a joint agent)
 
-Of hidden phases there are no recordings and no logs.
+Hidden phases have no recordings and no logs.
 """
 
 from pathlib import Path
@@ -13,29 +13,29 @@ from pathlib import Path
 from server.settings import ServerSettings
 
 JOINT_CAV = "all"
-"""Stands for the CAV in the log of a joint agent."""
+"""Replaces the CAV's id in the log of a joint agent."""
 
 
 def archive_path(settings: ServerSettings, sha256: str) -> Path:
-    """What the team sent."""
+    """Return the path of an archive."""
     return settings.archives / f"{sha256}.zip"
 
 
 def recordings_folder(settings: ServerSettings, submission: str, seed: int) -> Path:
-    """Of all scenarios with one seed: `Job.log_folder`."""
+    """Return the folder of all scenarios with one seed."""
     return settings.recordings / submission / str(seed)
 
 
 def recording_path(settings: ServerSettings, submission: str, scenario: str, seed: int) -> Path:
-    """The episode of one scenario and seed."""
+    """Return the path of a recorded episode."""
     return recordings_folder(settings, submission, seed) / f"{scenario}.npz"
 
 
 def replay_path(settings: ServerSettings, submission: str, scenario: str, seed: int) -> Path:
-    """The page that replays it."""
+    """Return the path of its replay page."""
     return recordings_folder(settings, submission, seed) / f"{scenario}.html"
 
 
 def log_path(settings: ServerSettings, submission: str, scenario: str, seed: int, cav: str) -> Path:
-    """What the agent of one CAV wrote; `ALL` for a joint agent."""
+    """Return the path of the log of one CAV's agent; `JOINT_CAV` for a joint agent."""
     return recordings_folder(settings, submission, seed) / f"{scenario}.{cav}.log"

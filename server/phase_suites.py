@@ -1,4 +1,4 @@
-"""The suites of the phases: which jobs a submission has, and what evaluates it."""
+"""Suites of the phases: the jobs of a submission and the description of its evaluator."""
 
 from threading import Lock
 from typing import Any, Protocol
@@ -14,53 +14,53 @@ from server.store.tables import PhaseRow
 
 
 class PhaseSuites(Protocol):
-    """What taking in a submission has to know of a phase's suite."""
+    """What accepting a submission needs of a phase's suite."""
 
     def jobs(self, phase: PhaseRow) -> list[tuple[str, int]]:
-        """Scenario and seed of each. Raises InputError for a suite that cannot be read or is too small to be hidden."""
+        """Return (scenario, seed) of each job. Raises InputError for an unreadable or, if hidden, too small suite."""
         ...
 
     def evaluator(self, phase: PhaseRow, environment: str) -> dict[str, Any]:
-        """What `Submission.evaluator` is for an agent of this environment."""
+        """Return `SubmissionRow.evaluator` for an agent of this environment."""
         ...
 
 
 class LoadedPhaseSuites:
-    """Suites of this machine, each read once: a server is restarted to take another version of one."""
+    """Suites on this machine, each read once: a changed suite needs a restart."""
 
     def __init__(self, settings: ServerSettings) -> None:
         self._settings = settings
         self._lock = Lock()
-        self._known: dict[str, tuple[Suite, str]] = {}
+        self._suites: dict[str, tuple[Suite, str]] = {}
         self._code = read_versions() | {"code": compute_code_checksum()}
 
     def jobs(self, phase: PhaseRow) -> list[tuple[str, int]]:
-        """By scenario, then seed. Raises InputError, see `Suites`."""
-        suite, _ = self._loaded(phase.suite)
+        """See `PhaseSuites`; by scenario, then seed."""
+        suite, _ = self._load(phase.suite)
         if not phase.public and (found := len(suite.scenarios)) < MIN_HIDDEN_SCENARIOS:
-            why = "so that their mean says nothing about single ones"
+            why = "so that their mean does not disclose single ones"
             raise InputError(
                 f"phase {phase.id}: expected at least {MIN_HIDDEN_SCENARIOS} hidden scenarios, {why}; found {found}"
             )
         return [(scenario.id, seed) for scenario in suite.scenarios for seed in range(phase.seeds)]
 
     def evaluator(self, phase: PhaseRow, environment: str) -> dict[str, Any]:
-        """Versions, checksums of code and suite, what the settings demand of boxes, and what the environment holds.
+        """Return versions, checksums of code and suite, sandbox settings, and a digest of the environment.
 
-        That one is looked at every time: it may be imported anew while a server runs.
+        The digest is read every time: an environment can be imported again while the server runs.
         """
-        _, checksum = self._loaded(phase.suite)
-        boxes = self._settings.sandbox.model_dump(mode="json", exclude={"log_bytes"})
-        holds = environments.compute_digest(environment, self._settings.environments)
-        return {**self._code, "suite": checksum, "seeds": phase.seeds, "sandbox": boxes, ENVIRONMENT: holds}
+        _, checksum = self._load(phase.suite)
+        sandbox = self._settings.sandbox.model_dump(mode="json", exclude={"log_bytes"})
+        digest = environments.compute_digest(environment, self._settings.environments)
+        return {**self._code, "suite": checksum, "seeds": phase.seeds, "sandbox": sandbox, ENVIRONMENT: digest}
 
     def suite(self, phase: PhaseRow) -> Suite:
-        """The suite itself."""
-        return self._loaded(phase.suite)[0]
+        """Return the suite of a phase."""
+        return self._load(phase.suite)[0]
 
-    def _loaded(self, name: str) -> tuple[Suite, str]:
+    def _load(self, name: str) -> tuple[Suite, str]:
         with self._lock:
-            if name not in self._known:
+            if name not in self._suites:
                 suite = load_suite(name)
-                self._known[name] = suite, suite.checksum()
-            return self._known[name]
+                self._suites[name] = suite, suite.checksum()
+            return self._suites[name]

@@ -1,4 +1,4 @@
-"""How a server is set up: a TOML file, and environment variables over it, checked whole before anything starts.
+"""Settings of a server: a TOML file overridden by environment variables, validated before anything starts.
 
 `MDRIVE_DATA=/srv/mdrive` sets `data`, `MDRIVE_LIMITS__ARCHIVE_BYTES=1000` sets `archive_bytes` of `[limits]`.
 """
@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from mdrive_sumo.agent_process.agent_connection import AgentLimits as LineLimits
+from mdrive_sumo.agent_process.agent_connection import AgentLimits as ConnectionLimits
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error
@@ -22,11 +22,11 @@ from server.store.retention import RetentionPolicy
 
 PREFIX = "MDRIVE_"
 OTHER_VARIABLES = ("MDRIVE_STRICT_SKIPS", "MDRIVE_SETTINGS", "MDRIVE_TOKEN", "MDRIVE_SERVER")
-"""Variables of this project that are no settings of the server."""
+"""Variables of this project that are not server settings."""
 MIB = 1024 * 1024
 
 _BOX = BoxLimits()
-_LINE = LineLimits()
+_LINE = ConnectionLimits()
 _POLICY = RetentionPolicy()
 Count = Annotated[int, Field(ge=1)]
 
@@ -36,21 +36,21 @@ class _SettingsModel(BaseModel):
 
 
 class ArchiveSettings(_SettingsModel):
-    """Of what a team sends."""
+    """Limits of an archive."""
 
     archive_bytes: Count = 64 * MIB
     unpacked_bytes: Count = 256 * MIB
     entries: Count = 2000
     ratio: Count = 200
-    """Unpacked over packed, of each entry."""
+    """Unpacked size over packed size of each entry."""
 
 
 class SandboxSettings(_SettingsModel):
-    """In which boxes agents run. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
+    """Sandboxes of the agents. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
 
     backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
     required: tuple[str, ...] = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
-    """Layers of `mdrive-sumo doctor --sandbox` without which no agent is run."""
+    """Layers of `mdrive-sumo doctor --sandbox` that a machine must have to run agents."""
     memory_bytes: Count = _BOX.memory_bytes
     processes: Count = _BOX.processes
     cpu_s: Count = _BOX.cpu_s
@@ -59,32 +59,32 @@ class SandboxSettings(_SettingsModel):
     open_files: Count = _BOX.open_files
     log_bytes: Count = _BOX.log_bytes
     tick_s: Annotated[float, Field(gt=0)] = 10.0
-    """Wall time an agent has for one reply."""
+    """Wall time of an agent for one reply."""
     episode_s: Annotated[float, Field(gt=0)] = _LINE.episode_s
-    """Wall time it has for all replies of an episode: what one CAV can hold a worker for."""
+    """Wall time of an agent for all replies of an episode: bounds how long one CAV can occupy a worker."""
     reply_bytes: Count = 64 * 1024
 
     def box_limits(self) -> BoxLimits:
-        """For the sandbox."""
+        """Return the limits of a sandbox."""
         return BoxLimits(**{field.name: getattr(self, field.name) for field in fields(BoxLimits)})
 
-    def line_limits(self) -> LineLimits:
-        """For the line to an agent."""
-        return LineLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
+    def line_limits(self) -> ConnectionLimits:
+        """Return the limits of the connection to an agent."""
+        return ConnectionLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
 
 
 class WorkerSettings(_SettingsModel):
-    """Who drives."""
+    """Workers that run the jobs."""
 
     processes: Annotated[int, Field(ge=0)] = 2
-    """Worker processes of this server; 0 where others work for it."""
+    """Worker processes of this server; 0 if others work for it."""
     scheduler: str = ""
-    """Address of a Dask scheduler, tcp://...; "" for processes of our own."""
+    """Address of a Dask scheduler, tcp://...; "" for local processes."""
     lease_s: Annotated[int, Field(ge=40)] = 60
-    """More than the 30 s that a writer may wait for the database."""
+    """Must exceed the 30 s that a writer may wait for the database."""
     heartbeat_s: Count = 10
     spot_check: Annotated[float, Field(ge=0, le=1)] = 0.02
-    """Share of finished submissions that are driven once more and compared."""
+    """Share of finished submissions of which one scenario is run again and compared."""
 
     @model_validator(mode="after")
     def _beats_in_time(self) -> Self:
@@ -96,27 +96,27 @@ class WorkerSettings(_SettingsModel):
 
 
 class RetentionSettings(_SettingsModel):
-    """For how many days files stay; see `store.keep.Policy`."""
+    """Retention of files in days; see `store.retention.RetentionPolicy`."""
 
     archive_days: Count = _POLICY.archive_days
     refused_days: Count = _POLICY.refused_days
     recording_days: Count = _POLICY.recording_days
 
     def policy(self) -> RetentionPolicy:
-        """For the store."""
+        """Return the policy for the store."""
         return RetentionPolicy(**self.model_dump())
 
 
 class RegistrationSettings(_SettingsModel):
-    """Whether everybody may make a team."""
+    """Self-registration of teams."""
 
     open: bool = False
     per_day: Count = 20
-    """Teams of one UTC day, over all who ask."""
+    """Registrations of all teams per UTC day."""
 
 
 class PhaseSettings(_SettingsModel):
-    """One `[[phases]]`."""
+    """One `[[phases]]` section."""
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
     title: Annotated[str, Field(min_length=1, max_length=120)]
@@ -138,7 +138,7 @@ class PhaseSettings(_SettingsModel):
         return self
 
     def as_new(self) -> NewPhase:
-        """For the store."""
+        """Return the phase for the store."""
         copied = self.model_dump(exclude={"opens", "closes"})
         return NewPhase(opens_us=_to_us(self.opens), closes_us=_to_us(self.closes), **copied)
 
@@ -152,11 +152,11 @@ WARM_UP = PhaseSettings(
     closes=datetime(2100, 1, 1, tzinfo=UTC),
     per_day=100,
 )
-"""What `mdrive-sumo serve` has where nobody says anything."""
+"""Default phase of `mdrive-sumo serve` without settings."""
 
 
 class ServerSettings(_SettingsModel):
-    """The whole file. Without phases nothing can be submitted; all else has a default."""
+    """The whole file. Without phases nothing can be submitted; everything else has a default."""
 
     data: Path = Path("mdrive-data")
     """Archives, recordings, and the database unless `database` says otherwise."""
@@ -180,22 +180,22 @@ class ServerSettings(_SettingsModel):
 
     @property
     def database_url(self) -> str:
-        """For `Store`."""
+        """URL for `Store`."""
         return self.database or f"sqlite:///{self.data.absolute() / 'challenge.sqlite'}"
 
     @property
     def archives(self) -> Path:
-        """`<sha256>.zip` each."""
+        """Folder of the archives `<sha256>.zip`."""
         return self.data / "archives"
 
     @property
     def recordings(self) -> Path:
-        """A folder for each submission."""
+        """Folder with one folder per submission."""
         return self.data / "recordings"
 
     @property
     def environments(self) -> Path:
-        """What agents run with, a folder for each, see `server.environments`."""
+        """Folder of the environments, see `server.environments`."""
         return self.data / "environments"
 
 
@@ -207,12 +207,12 @@ _SECTIONS: Mapping[str, Mapping[str, object]] = {
     "keep": RetentionSettings.model_fields,
     "registration": RegistrationSettings.model_fields,
 }
-_NOT_TEXT = (*_SECTIONS, "phases")
-"""What no single variable can say."""
+_NOT_SCALAR = (*_SECTIONS, "phases")
+"""Settings that no single variable can express."""
 
 
 def load_settings(file: Path | None, environ: Mapping[str, str] = os.environ) -> ServerSettings:
-    """The settings of `file` (None: all defaults), with MDRIVE_* of `environ` over them; raises InputError."""
+    """Load the settings of `file` (None: defaults), overridden by MDRIVE_* of `environ`. Raises InputError."""
     content = _read_file(file) if file is not None else {}
     for name in sorted(environ):
         if name.startswith(PREFIX) and name not in OTHER_VARIABLES:
@@ -235,12 +235,12 @@ def _read_file(file: Path) -> dict[str, Any]:
 def _apply_variable(content: dict[str, Any], name: str, text: str) -> None:
     section, _, field = name.removeprefix(PREFIX).lower().rpartition("__")
     known = _SECTIONS.get(section, {})
-    if field not in known or field in _NOT_TEXT:
-        raise InputError(f"environment: {name} is no setting of the server; unset it or correct its name")
-    place = content.setdefault(section, {}) if section else content
-    if not isinstance(place, dict):
-        raise InputError(f"settings: {section}: expected a table, found {place!r}")
-    place[field] = text.split(",") if field == "required" else text  # the only list among the settings
+    if field not in known or field in _NOT_SCALAR:
+        raise InputError(f"environment: {name} is not a setting of the server; unset it or correct its name")
+    table = content.setdefault(section, {}) if section else content
+    if not isinstance(table, dict):
+        raise InputError(f"settings: {section}: expected a table, found {table!r}")
+    table[field] = text.split(",") if field == "required" else text  # the only list among the settings
 
 
 def _to_us(moment: datetime) -> int:

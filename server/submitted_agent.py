@@ -1,4 +1,4 @@
-"""An unpacked archive as an agent that may be asked and driven: one description for the server and for dry runs."""
+"""An unpacked archive as an agent that can be inspected and run, on the server and in dry runs."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,24 +23,24 @@ TRACK_BY_LABEL = {
     "negotiation": ChallengeTrack.NEGOTIATION,
     "joint": ChallengeTrack.JOINT,
 }
-"""What an agent calls itself, and the track that it therefore means."""
+"""Track that corresponds to the label that an agent declares."""
 
 
 @dataclass(frozen=True, slots=True)
 class SubmittedAgent:
-    """What is known of an agent that is to drive here."""
+    """An unpacked agent and the sandbox that it runs in."""
 
     manifest: Manifest
     folder: Path
-    """Where its archive is unpacked."""
+    """Folder with its unpacked archive."""
     environment: Environment | None
-    """None: a plain child of ours, for a user's own agent on their own machine."""
+    """None: a plain child process, for a user's own agent on their own machine."""
     box: BoxLimits = field(default_factory=BoxLimits)
     limits: AgentLimits = field(default_factory=AgentLimits)
     backend: str = "bubblewrap"
 
     def agent_box(self) -> AgentBox | None:
-        """Return its box; an environment that needs more memory than a box usually has gets it."""
+        """Return its sandbox, with the memory that its environment needs; None for a plain child process."""
         if self.environment is None:
             return None
         recipe = RECIPES[self.manifest.environment]
@@ -62,13 +62,13 @@ class SubmittedAgent:
         return AgentSpec(self.manifest.entry, self.manifest.agent_config(), self.limits, box)
 
 
-def read_declaration(entrant: SubmittedAgent) -> AgentDeclaration:
-    """What the agent declares, if it may have that. Only from the main thread, if it is in a box.
+def read_declaration(agent: SubmittedAgent) -> AgentDeclaration:
+    """Start the agent and return its declaration. A sandboxed agent needs the main thread.
 
-    Raises ArchiveRefused: the submission is `rejected`; AgentFailure if it cannot even be made; InputError and BoxError
-    where it is the box that cannot be had.
+    Raises ArchiveRefused if a declared sensor is not allowed (the submission is `rejected`); AgentFailure if the agent
+    cannot be created; InputError and BoxError if the sandbox cannot be opened.
     """
-    found = declare_agent(entrant.agent_spec())
+    found = declare_agent(agent.agent_spec())
     if found.label == "privileged" or any(sensor.kind == "privileged" for sensor in found.sensors):
         raise ArchiveRefused(
             "agent: expected sensors that a car can have, found the privileged one, which is not allowed"
@@ -81,7 +81,7 @@ def read_declaration(entrant: SubmittedAgent) -> AgentDeclaration:
 
 
 def find_verdict(result: ScenarioResult) -> tuple[ScenarioVerdict, FailureReason | None]:
-    """What became of a scenario; if several CAVs failed the reason is that of the first."""
+    """Return the verdict on a result, and the failure reason of the first CAV whose agent failed."""
     failed = [ego for ego in result.egos if ego.outcome == End.AGENT_FAILED]
     if not failed:
         return (ScenarioVerdict.OK if result.status == "ok" else ScenarioVerdict.FAILED_OURS), None

@@ -1,9 +1,9 @@
-"""Tracks: what the CAVs of an agent may say to each other. The channel keeps it, whatever the agent calls itself.
+"""Tracks: which messages the CAVs of an agent may exchange. The channel enforces it, whatever the agent declares.
 
 single-agent         the channel is off: no messages, none of road-side units either
-perception-sharing   CAM and CPM arrive; texts, manoeuvres (MCM) and types of the agents' own making are lost
+perception-sharing   CAM and CPM arrive; texts, manoeuvres (MCM) and own message types are lost
 negotiation          everything arrives
-joint                one program for all CAVs, which needs no messages; they arrive all the same
+joint                one program for all CAVs, which needs no messages; they arrive nevertheless
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The application: what it is made of, and the routes."""
+"""The ASGI application of the API: its services, middleware and routes."""
 
 from asyncio import create_task
 from collections.abc import AsyncGenerator, Callable
@@ -10,6 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from mdrive_sumo import __version__
 from server import clock
 from server.api import problems
+from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
 from server.api.dependencies import Services
 from server.api.leaderboard_cache import LeaderboardCache
@@ -18,7 +19,7 @@ from server.api.request_bodies import RequestBodyMiddleware
 from server.api.response_headers import ResponseHeadersMiddleware
 from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
 from server.api.subprocess_runner import CallRunner, SubprocessRunner
-from server.api.upload import Uploads
+from server.api.upload import MAX_UPLOADS
 from server.archive import ArchiveLimits
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
@@ -28,14 +29,14 @@ from server.store.phases import set_phases as put_phases
 
 API = "/api/v1"
 UPLOADS = (f"{API}/submissions", "/submit")
-"""Where archives are sent to: the second is the pages' form."""
+"""Paths that receive archives: the API's and that of the web form."""
 START_S = 60.0
 MAX_CHECKS, MAX_REPLAYS = 20, 12
-"""Archives that are checked and replay pages that are made at a time, all but one of each waiting for their turn: every
-one holds a thread, and there are 40 for all requests."""
+"""Archive checks and replay pages under way at a time, waiting ones included: each holds one of the 40 threads that
+serve all requests."""
 _ABOUT = """
-Send an agent, watch it drive, see it ranked. Everything that goes wrong is answered as problem details (RFC 9457):
-`detail` is one sentence that says what to do about it. Tokens are sent as `Authorization: Bearer TOKEN`.
+Submit an agent, follow its evaluation, see its rank. Errors are problem details (RFC 9457): `detail` is one sentence
+that says what to do. Send tokens as `Authorization: Bearer TOKEN`.
 """
 
 
@@ -43,36 +44,39 @@ def create_app(
     settings: ServerSettings,
     store: Store | None = None,
     suites: PhaseSuites | None = None,
-    aside: CallRunner | None = None,
+    runner: CallRunner | None = None,
     now: Callable[[], int] = clock.now_us,
 ) -> FastAPI:
-    """The API. What is not given is opened here; tests give their own. Pages are mounted on it by `server.web`.
+    """Return the API application; `server.web` mounts the pages on it.
 
-    `app.state.tools` has the settings, the store and the rest, `app.state.now` the clock. Raises InputError.
+    Services that are not given are created from the settings. `app.state.services` holds them, `app.state.now` the
+    clock [us since 1970]. Raises InputError.
     """
     reader = DirectDatabaseReader(store) if store is not None else SubprocessDatabaseReader(settings.database_url)
     store = store if store is not None else Store(settings.database_url)
-    tools = Services(
+    services = Services(
         settings,
         store,
         suites if suites is not None else LoadedPhaseSuites(settings),
-        aside if aside is not None else SubprocessRunner(MAX_CHECKS),
-        aside if aside is not None else SubprocessRunner(MAX_REPLAYS),
+        runner if runner is not None else SubprocessRunner(MAX_CHECKS),
+        runner if runner is not None else SubprocessRunner(MAX_REPLAYS),
         LeaderboardCache(reader),
-        Uploads(),
+        ConcurrencyLimit("upload", MAX_UPLOADS),
     )
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
-        await run_in_threadpool(prepare_storage, tools, now())
-        await tools.boards.make_all(now)
-        await run_in_threadpool(tools.aside.call, START_S, ArchiveLimits)  # so that the first upload waits for nothing
-        keeper = create_task(tools.boards.keep(now))
+        await run_in_threadpool(prepare_storage, services, now())
+        await services.leaderboards.refresh_all(now)
+        await run_in_threadpool(
+            services.check_runner.call, START_S, ArchiveLimits
+        )  # starts the child before the first upload needs it
+        refresher = create_task(services.leaderboards.refresh_forever(now))
         yield
-        keeper.cancel()
-        await run_in_threadpool(tools.boards.close)
-        for each in (tools.aside, tools.painter):
-            await run_in_threadpool(each.close)
+        refresher.cancel()
+        await run_in_threadpool(services.leaderboards.close)
+        for runner in (services.check_runner, services.replay_runner):
+            await run_in_threadpool(runner.close)
 
     app = FastAPI(
         title="mdrive-sumo challenge",
@@ -80,29 +84,32 @@ def create_app(
         description=_ABOUT,
         lifespan=lifespan,
         openapi_url=f"{API}/openapi.json",
-        docs_url=None,  # they load their scripts from other hosts
+        docs_url=None,  # FastAPI's documentation pages load scripts from other hosts
         redoc_url=None,
     )
-    app.state.tools, app.state.now = tools, now
+    app.state.services, app.state.now = services, now
     problems.install_handlers(app)
-    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, most=settings.limits.archive_bytes)
+    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=settings.limits.archive_bytes)
     app.add_middleware(ResponseHeadersMiddleware)
     app.include_router(_make_router(), prefix=API)
     app.openapi = make_openapi(app)
     return app
 
 
-def prepare_storage(tools: Services, now_us: int) -> None:
-    """Folders, tables, phases and the suites of all that are not over, as the settings say. Raises InputError."""
-    tools.settings.archives.mkdir(parents=True, exist_ok=True)
-    tools.settings.recordings.mkdir(parents=True, exist_ok=True)
-    tools.store.migrate()
-    with tools.store.write() as session:
-        put_phases(session, [phase.as_new() for phase in tools.settings.phases], now_us)
-    with tools.store.read() as session:
-        wanted = [phase for phase in every_phase(session) if now_us < phase.closes_us]
-    for phase in wanted:
-        tools.suites.jobs(phase)
+def prepare_storage(services: Services, now_us: int) -> None:
+    """Create folders and tables, write the phases of the settings, load the suites of unfinished phases.
+
+    Raises InputError.
+    """
+    services.settings.archives.mkdir(parents=True, exist_ok=True)
+    services.settings.recordings.mkdir(parents=True, exist_ok=True)
+    services.store.migrate()
+    with services.store.write() as session:
+        put_phases(session, [phase.as_new() for phase in services.settings.phases], now_us)
+    with services.store.read() as session:
+        unfinished = [phase for phase in every_phase(session) if now_us < phase.closes_us]
+    for phase in unfinished:
+        services.suites.jobs(phase)
 
 
 def _make_router() -> APIRouter:

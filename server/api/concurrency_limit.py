@@ -1,4 +1,4 @@
-"""How much of something may be under way at the same time, for one and the same team."""
+"""Limit of simultaneous operations of one team."""
 
 from collections import Counter
 from collections.abc import Generator
@@ -9,23 +9,23 @@ from server.api.problems import ProblemError
 
 
 class ConcurrencyLimit:
-    """What is under way, by team, or by whoever else it is; for one event loop."""
+    """Counts running operations by key (usually the team's id). Belongs to one event loop."""
 
-    def __init__(self, what: str, most: int) -> None:
-        """what: one of it, for the sentence; most: of one team."""
-        self._what, self._most = what, most
-        self._of: Counter[str] = Counter()
+    def __init__(self, operation: str, limit: int) -> None:
+        """Set the limit per key; `operation` names one operation in the error message."""
+        self._operation, self._limit = operation, limit
+        self._running: Counter[str] = Counter()
 
     @contextmanager
-    def another(self, of: str) -> Generator[None]:
-        """While it is under way. Raises ProblemError where too many are already."""
-        if self._of[of] >= self._most:
-            sentence = f"{self._what}: expected at most {self._most} of a team at a time, found another one"
+    def acquire(self, key: str) -> Generator[None]:
+        """Count one operation of `key` during the block. Raises ProblemError (429) at the limit."""
+        if self._running[key] >= self._limit:
+            sentence = f"{self._operation}: expected at most {self._limit} of a team at a time, found another one"
             raise ProblemError(HTTPStatus.TOO_MANY_REQUESTS, "over-limit", sentence, {"Retry-After": "60"})
-        self._of[of] += 1
+        self._running[key] += 1
         try:
             yield
         finally:
-            self._of[of] -= 1
-            if not self._of[of]:
-                del self._of[of]
+            self._running[key] -= 1
+            if not self._running[key]:
+                del self._running[key]

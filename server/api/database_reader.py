@@ -1,4 +1,4 @@
-"""Reads boards, and what is made of them, from the database: here, or in a process of its own."""
+"""Read leaderboards and pages made of them from the database, in this process or in a subprocess."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -10,61 +10,67 @@ from server.api.subprocess_runner import SubprocessRunner
 from server.store import Store, audit
 
 READ_S = 30.0
-"""Longest time for one look."""
+"""Time limit of one read [s]."""
 NICE = 5
-"""Of who makes boards: the old ones are handed out meanwhile."""
+"""Niceness of the reading process: requests come first and get the cached boards meanwhile."""
 _IRRELEVANT_ACTIONS = ("token-issued", "token-revoked", "team-created", "submission-accepted", "spot-check")
-"""Deeds that change no board. Any other may, those too that there are not yet."""
-_Made = TypeVar("_Made")
+"""Actions of the audit log that change no leaderboard; every other action may."""
+_Content = TypeVar("_Content")
 
 
 class DatabaseReader(Protocol):
-    """Reads boards and what is made of them from a database, one at a time."""
+    """Reads from a database, one call at a time."""
 
-    def look(self, make: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
-        """The stamp of now, and unless it is that one, what `make` makes. Raises what it raises, StoreUnavailable."""
+    def read(self, build: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
+        """Return the current stamp, and `build(session)` unless the stamp equals `stamp`.
+
+        The stamp is the hash of the last audit entry that may have changed a board. Raises StoreUnavailable and what
+        `build` raises.
+        """
         ...
 
     def close(self) -> None:
-        """Nothing is read any more."""
+        """End the reader."""
         ...
 
 
 class DirectDatabaseReader:
-    """In this process."""
+    """Reads in this process."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def look(self, make: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
-        """See Reader."""
-        return read_if_changed(self._store, make, stamp)
+    def read(self, build: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
+        """See `DatabaseReader`."""
+        return read_if_changed(self._store, build, stamp)
 
     def close(self) -> None:
-        """See Reader."""
+        """See `DatabaseReader`."""
 
 
 class SubprocessDatabaseReader:
-    """In a process of its own: a thread that reads would keep all answers waiting, row by row."""
+    """Reads in a subprocess: a reading thread would hold the interpreter lock and delay all requests."""
 
     def __init__(self, url: str) -> None:
-        """`url`: of the database."""
-        self._url, self._aside = url, SubprocessRunner(1, NICE)
+        """Prepare to read the database at `url`; the process starts with the first call."""
+        self._url, self._runner = url, SubprocessRunner(1, NICE)
 
-    def look(self, make: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
-        """See Reader. `make` is pickled. Raises ProblemError, too."""
-        return self._aside.call(READ_S, _read_in_child, self._url, make, stamp)
+    def read(self, build: Callable[[Session], Any], stamp: str | None) -> tuple[str, Any]:
+        """See `DatabaseReader`. `build` is pickled. Raises ProblemError, too."""
+        return self._runner.call(READ_S, _read_in_child, self._url, build, stamp)
 
     def close(self) -> None:
-        """See Reader."""
-        self._aside.close()
+        """See `DatabaseReader`."""
+        self._runner.close()
 
 
-def read_if_changed(store: Store, make: Callable[[Session], _Made], stamp: str | None) -> tuple[str, _Made | None]:
-    """See `Reader.look`."""
+def read_if_changed(
+    store: Store, build: Callable[[Session], _Content], stamp: str | None
+) -> tuple[str, _Content | None]:
+    """See `DatabaseReader.read`."""
     with store.read() as session:
         now = audit.find_last(session, _IRRELEVANT_ACTIONS)
-        return now, make(session) if now != stamp else None
+        return now, build(session) if now != stamp else None
 
 
 @lru_cache(maxsize=1)
@@ -72,5 +78,5 @@ def _open_store(url: str) -> Store:
     return Store(url)
 
 
-def _read_in_child(url: str, make: Callable[[Session], _Made], stamp: str | None) -> tuple[str, _Made | None]:
-    return read_if_changed(_open_store(url), make, stamp)
+def _read_in_child(url: str, build: Callable[[Session], _Content], stamp: str | None) -> tuple[str, _Content | None]:
+    return read_if_changed(_open_store(url), build, stamp)

@@ -1,4 +1,4 @@
-"""What requests are answered with: the store, the settings, the clock, and who asks."""
+"""Dependencies of the routes: services, the time of the request, the authenticated caller."""
 
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -13,42 +13,41 @@ from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.problems import ProblemError
 from server.api.subprocess_runner import CallRunner
-from server.api.upload import Uploads
 from server.enums import TokenScope
 from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store
 
 MAX_STREAMS = 16
-"""Of events, at a time, of one team: each asks the database once a second."""
+"""Event streams of one team at a time: each queries the database once a second."""
 _BEARER = "Bearer "
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
-"""For the description only: `anyone` reads the header itself, to tell a wrong one from none."""
+"""For OpenAPI only: `get_optional_caller` reads the header itself to distinguish a wrong token from none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """What the application is made of, in `app.state.tools`."""
+    """Shared objects of the application, in `app.state.services`."""
 
     settings: ServerSettings
     store: Store
     suites: PhaseSuites
-    aside: CallRunner
-    """Reads what strangers sent, in a process of its own."""
-    painter: CallRunner
-    """Makes replay pages: another process, for that takes seconds, and uploads are not to wait for it."""
-    boards: LeaderboardCache
-    uploads: Uploads
-    streams: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("stream of events", MAX_STREAMS))
+    check_runner: CallRunner
+    """Checks uploaded archives."""
+    replay_runner: CallRunner
+    """Writes replay pages; apart, because a page takes seconds and uploads must not wait for it."""
+    leaderboards: LeaderboardCache
+    upload_limit: ConcurrencyLimit
+    stream_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("stream of events", MAX_STREAMS))
 
 
 async def get_services(request: Request) -> Services:
-    """Of the application."""
-    return request.app.state.tools
+    """Return the services of the application."""
+    return request.app.state.services
 
 
 async def get_now(request: Request) -> int:
-    """The time of this request: the clock is read once."""
+    """Return the time of this request [us since 1970]; the clock is read once."""
     request.state.now_us = request.app.state.now()
     return request.state.now_us
 
@@ -58,42 +57,42 @@ Now = Annotated[int, Depends(get_now)]
 
 
 async def get_optional_caller(
-    request: Request, using: ServicesDep, _described: Annotated[object, Depends(_scheme)]
+    request: Request, services: ServicesDep, _described: Annotated[object, Depends(_scheme)]
 ) -> Caller | None:
-    """Who asks; None for nobody we know."""
+    """Return the caller, None without a token. Raises ProblemError (401) for an invalid token."""
     header = request.headers.get("authorization")
     if header is None:
         return None
     text = header[len(_BEARER) :].strip() if header[: len(_BEARER)].lower() == _BEARER.lower() else ""
-    found = await run_in_threadpool(find_caller, using.store, text) if text else None
+    found = await run_in_threadpool(find_caller, services.store, text) if text else None
     if found is None:
         raise _unauthorized("token: expected one that is valid, found none: it may be mistyped or revoked")
     return found
 
 
 async def require_caller(caller: Annotated[Caller | None, Depends(get_optional_caller)]) -> Caller:
-    """Who asks, with any token."""
+    """Return the caller. Raises ProblemError (401) without a token."""
     if caller is None:
         raise _unauthorized("token: expected the header `Authorization: Bearer TOKEN`, found none")
     return caller
 
 
 async def require_admin(caller: Annotated[Caller, Depends(require_caller)]) -> Caller:
-    """An admin."""
+    """Return the caller. Raises ProblemError (403) for others than admins."""
     if not caller.is_admin:
         raise _forbidden(TokenScope.ADMIN)
     return caller
 
 
 async def require_team(caller: Annotated[Caller, Depends(require_caller)]) -> tuple[Caller, str]:
-    """A team's token, and the team's id."""
+    """Return the caller and the id of its team. Raises ProblemError (403) for tokens without a team."""
     if caller.team is None:
         raise _forbidden(TokenScope.SUBMIT)
     return caller, caller.team
 
 
 async def require_operator(caller: Annotated[Caller, Depends(require_caller)]) -> Caller:
-    """An admin or a worker: who may see how the server is doing."""
+    """Return the caller. Raises ProblemError (403) for others than admins and workers."""
     if caller.scope is TokenScope.SUBMIT:
         raise _forbidden(TokenScope.WORKER)
     return caller

@@ -1,4 +1,4 @@
-"""Leaderboards, kept as they are sent until something happens: they are read far more often than they change."""
+"""Cache of leaderboards in the form in which they are sent: they are read far more often than they change."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Hashable
@@ -9,224 +9,131 @@ from functools import partial
 from time import monotonic
 from typing import Any, TypeVar
 
-from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.api import schemas, submission_views
 from server.api.database_reader import DatabaseReader
+from server.api.leaderboards import BoardKey, list_boards, read_leaderboard
 from server.api.problems import ProblemError
-from server.api.schemas import to_datetime
-from server.enums import ChallengeTrack
-from server.store import NotFound, StoreUnavailable, phases, published_results, queries, tables
+from server.store import NotFound, StoreUnavailable
 
 FRESH_US = 1_000_000
-"""So long a board is handed out without asking the database whether anything happened."""
+"""Age up to which an entry is returned without checking the database for changes [us]."""
 STALE_US = 10_000_000
-"""So long it is still handed out while it is looked after."""
+"""Age up to which an entry is returned while it is being checked [us]."""
 REFRESH_S = 1.0
-"""So often boards that have changed are made anew; where that takes longer, half of the time."""
+"""Pause between refreshes of all boards [s]; a refresh that takes longer is followed by a pause as long as itself."""
 _MAX_ENTRIES = 500
-"""Things that are kept; what clients ask for is without end."""
+"""Clients can request any number of different views."""
 _Content = TypeVar("_Content")
-
-
-@dataclass(frozen=True, slots=True)
-class BoardKey:
-    """One board."""
-
-    phase: str
-    track: ChallengeTrack | None
-    """None: all in which every CAV decides for itself."""
-    bucket: str | None
-    category: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class PhaseParts:
-    """Of a phase: what it has boards of, beside the whole."""
-
-    buckets: tuple[str, ...]
-    categories: tuple[str, ...]
-
-
 BoardBuilder = Callable[[BoardKey, int], Awaitable[object]]
-"""Makes a board in a form in which it is sent, to be kept; as it is at that time [us]."""
+"""Builds and caches one form of a board as of a time [us since 1970]."""
 
 
 @dataclass(frozen=True, slots=True)
 class _CacheEntry:
     content: Any
     stamp: str
-    """Of the audit log's last entry that may have changed it: nothing changes a board without one."""
+    """Hash of the last audit entry that may have changed the content: nothing changes a board without an entry."""
     checked_us: int
 
 
 class LeaderboardCache:
-    """Of one store; for one event loop. What is made of boards is kept here, too: pages, lists of phases."""
+    """Caches the boards of one store and what is made of them (pages, lists of phases). Belongs to one event loop."""
 
     def __init__(self, reader: DatabaseReader) -> None:
-        """Owns the reader."""
+        """Take over the reader: `close` closes it."""
         self._reader = reader
-        self._makers: list[BoardBuilder] = [partial(self.board, stale_us=FRESH_US)]
-        self._made: dict[Hashable, _CacheEntry] = {}
+        self._builders: list[BoardBuilder] = [partial(self.get_json, stale_us=FRESH_US)]
+        self._entries: dict[Hashable, _CacheEntry] = {}
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="boards")
 
-    def also(self, make: BoardBuilder) -> None:
-        """Has another form of all boards kept ready."""
-        self._makers.append(make)
+    def add_builder(self, builder: BoardBuilder) -> None:
+        """Keep another form of all boards fresh."""
+        self._builders.append(builder)
 
-    async def make_all(self, now: Callable[[], int]) -> None:
-        """Every board of the open phases, one after the other: what somebody asks for meanwhile comes in between.
+    async def refresh_all(self, now: Callable[[], int]) -> None:
+        """Refresh every board of the open phases one by one; requests come in between.
 
-        What cannot be made is left out: whoever asks for it is told why.
+        Skips what cannot be built: the request for it gets the error.
         """
         with suppress(StoreUnavailable, ProblemError, OSError):
-            every, at_us = await self.kept("every", _list_boards, now(), FRESH_US), now()
-            open_now = [which for opens_us, closes_us, which in every if opens_us <= at_us < closes_us]
-            for which in open_now[: _MAX_ENTRIES // (2 * len(self._makers))]:
-                for make in self._makers:
+            boards, at_us = await self.get("boards", list_boards, now(), FRESH_US), now()
+            open_now = [key for opens_us, closes_us, key in boards if opens_us <= at_us < closes_us]
+            for key in open_now[: _MAX_ENTRIES // (2 * len(self._builders))]:
+                for build in self._builders:
                     with suppress(NotFound):
-                        await make(which, now())
+                        await build(key, now())
 
-    async def keep(self, now: Callable[[], int]) -> None:
-        """Makes all again and again, without end, or the first who ask at once would wait for each other."""
+    async def refresh_forever(self, now: Callable[[], int]) -> None:
+        """Refresh all boards periodically, so that simultaneous first requests do not wait for each other."""
         while True:
             begun_s = monotonic()
-            await self.make_all(now)
+            await self.refresh_all(now)
             await asyncio.sleep(max(REFRESH_S, monotonic() - begun_s))
 
-    async def board(self, which: BoardKey, now_us: int, stale_us: int = STALE_US) -> bytes:
-        """JSON of `schemas.Leaderboard`. Raises NotFound and StoreUnavailable."""
-        return await self.kept(which, partial(_build_json, which=which), now_us, stale_us)
+    async def get_json(self, key: BoardKey, now_us: int, stale_us: int = STALE_US) -> bytes:
+        """Return a `schemas.LeaderboardOut` as JSON. Raises NotFound and StoreUnavailable."""
+        return await self.get(key, partial(_build_json, key=key), now_us, stale_us)
 
-    async def kept(
-        self, key: Hashable, make: Callable[[Session], _Content], now_us: int, stale_us: int = STALE_US
+    async def get(
+        self, key: Hashable, build: Callable[[Session], _Content], now_us: int, stale_us: int = STALE_US
     ) -> _Content:
-        """What `make` makes (always the same for a key and the same database); raises what it raises.
+        """Return the cached result of `build`, which depends on the key and the database only.
 
-        stale_us: so long it was not looked after when it is no longer handed out before that is done.
+        An entry older than `stale_us` is checked first; a younger one is returned while it is checked. Raises what
+        `build` raises.
         """
-        found = self._made.get(key)
-        age_us = abs(now_us - found.checked_us) if found else stale_us
-        if found is not None and age_us < FRESH_US:
-            return found.content
+        entry = self._entries.get(key)
+        age_us = abs(now_us - entry.checked_us) if entry else stale_us
+        if entry is not None and age_us < FRESH_US:
+            return entry.content
         task = self._tasks.get(key)
         if task is None or task.get_loop() is not asyncio.get_running_loop():
-            task = self._tasks[key] = asyncio.create_task(self._renew(key, make, now_us))
-            task.add_done_callback(lambda done: self._forget_task(key, done))
-        if found is not None and age_us < stale_us:
-            return found.content
-        return await asyncio.shield(task)  # a client that leaves does not take it from the others
+            task = self._tasks[key] = asyncio.create_task(self._check(key, build, now_us))
+            task.add_done_callback(lambda done: self._remove_task(key, done))
+        if entry is not None and age_us < stale_us:
+            return entry.content
+        return await asyncio.shield(task)  # a client that disconnects must not cancel it for the others
 
     def close(self) -> None:
-        """Nothing new is made from now on."""
+        """Stop building, and close the reader."""
         self._thread.shutdown(wait=False, cancel_futures=True)
         self._reader.close()
 
-    def forget(self) -> None:
-        """After a deed that is to be seen at once. What is being made is of before the deed, and forgotten, too."""
-        self._made, self._tasks = {}, {}
+    def invalidate(self) -> None:
+        """Drop all entries, also those being built: the next request sees the change just made."""
+        self._entries, self._tasks = {}, {}
 
-    async def _renew(self, key: Hashable, make: Callable[[Session], object], now_us: int) -> Any:
+    async def _check(self, key: Hashable, build: Callable[[Session], object], now_us: int) -> Any:
         return await asyncio.get_running_loop().run_in_executor(
-            self._thread, self._looked_after, self._made, key, make, now_us
+            self._thread, self._check_in_thread, self._entries, key, build, now_us
         )
 
-    def _looked_after(
-        self, kept: dict[Hashable, _CacheEntry], key: Hashable, make: Callable[[Session], object], now_us: int
+    def _check_in_thread(
+        self, entries: dict[Hashable, _CacheEntry], key: Hashable, build: Callable[[Session], object], now_us: int
     ) -> Any:
-        """Where nothing happened, all that is kept has been looked after at once."""
-        old = kept.get(key)
+        """Return the current content of an entry; an unchanged stamp also renews all other entries of that stamp."""
+        old = entries.get(key)
         if old is not None and abs(now_us - old.checked_us) < FRESH_US:
             return old.content
-        stamp, content = self._reader.look(make, old.stamp if old is not None else None)
-        found = replace(old, checked_us=now_us) if old and old.stamp == stamp else _CacheEntry(content, stamp, now_us)
-        if len(kept) >= _MAX_ENTRIES:  # what is asked for always was there first
-            for other in list(kept)[_MAX_ENTRIES // 2 :]:
-                del kept[other]
-        kept[key] = found
-        for other, made in list(kept.items()):
-            if made.stamp == found.stamp:
-                kept[other] = replace(made, checked_us=now_us)
-        return found.content
+        stamp, content = self._reader.read(build, old.stamp if old is not None else None)
+        new = replace(old, checked_us=now_us) if old and old.stamp == stamp else _CacheEntry(content, stamp, now_us)
+        if len(entries) >= _MAX_ENTRIES:  # the boards that are refreshed were inserted first
+            for other in list(entries)[_MAX_ENTRIES // 2 :]:
+                del entries[other]
+        entries[key] = new
+        for other, entry in list(entries.items()):
+            if entry.stamp == new.stamp:
+                entries[other] = replace(entry, checked_us=now_us)
+        return new.content
 
-    def _forget_task(self, key: Hashable, done: asyncio.Task[Any]) -> None:
+    def _remove_task(self, key: Hashable, done: asyncio.Task[Any]) -> None:
         if self._tasks.get(key) is done:
             del self._tasks[key]
         if not done.cancelled():
-            done.exception()  # whoever waits has it; nobody may wait
+            done.exception()  # mark it as retrieved: perhaps nothing awaits the task
 
 
-def _build_json(session: Session, which: BoardKey) -> bytes:
-    return read_leaderboard(session, which).model_dump_json().encode()
-
-
-def read_leaderboard(session: Session, which: BoardKey) -> schemas.LeaderboardOut:
-    """A board, from the database. Raises NotFound."""
-    phase = phases.get(session, which.phase)
-    rows = queries.find_leaderboard(session, phase.id, which.track, which.bucket, which.category)
-    whole = which.bucket is None and which.category is None
-    told = [_to_row(row) for row in rows if whole or _is_disclosable(session, phase, which, row)]
-    paper = [_to_row(row) for row in published_results.list_published(which.track, which.bucket, which.category)]
-    return schemas.LeaderboardOut(
-        phase=which.phase,
-        track=which.track,
-        bucket=which.bucket,
-        category=which.category,
-        rows=told,
-        published=paper,
-    )
-
-
-def list_parts(session: Session, phase_id: str) -> PhaseParts:
-    """Buckets and categories that have a board which may be told. Raises NotFound."""
-    phase = phases.get(session, phase_id)
-    most = func.max(tables.StandingRow.figures["scenarios"].as_integer())
-    slices = select(tables.StandingRow.slice, most).where(tables.StandingRow.phase == phase.id)
-    found = session.execute(slices.group_by(tables.StandingRow.slice).order_by(tables.StandingRow.slice)).all()
-    figures_by_part: dict[str, dict[str, dict[str, int]]] = {"bucket": {}, "category": {}}
-    for name, scenarios in found:
-        kind, _, part = name.partition(":")
-        figures_by_part.setdefault(kind, {})[part] = {"scenarios": scenarios or 0}
-    buckets, categories = (
-        submission_views.disclosable_parts(phase, figures_by_part[kind]) for kind in ("bucket", "category")
-    )
-    return PhaseParts(
-        tuple(name for name in figures_by_part["bucket"] if name in buckets),
-        tuple(name for name in figures_by_part["category"] if name in categories),
-    )
-
-
-def _list_boards(session: Session) -> list[tuple[int, int, BoardKey]]:
-    """With the times at which its phase opens and closes."""
-    found: list[tuple[int, int, BoardKey]] = []
-    for phase in phases.list_phases(session):
-        of_phase = list_parts(session, phase.id)
-        whole = [BoardKey(phase.id, track, None, None) for track in (None, *ChallengeTrack)]
-        buckets = [BoardKey(phase.id, None, bucket, None) for bucket in of_phase.buckets]
-        categories = [BoardKey(phase.id, None, None, category) for category in of_phase.categories]
-        found += [(phase.opens_us, phase.closes_us, which) for which in (*whole, *buckets, *categories)]
-    return found
-
-
-def _is_disclosable(session: Session, phase: tables.PhaseRow, which: BoardKey, row: queries.LeaderboardEntry) -> bool:
-    """Of a bucket or category, which depends on what else the submission has."""
-    submission = session.get(tables.SubmissionRow, row.submission) if not phase.public else None
-    if submission is None or submission.summary is None:
-        return phase.public
-    parts = submission.summary["buckets" if which.bucket is not None else "categories"]
-    return (which.bucket or which.category) in submission_views.disclosable_parts(phase, parts)
-
-
-def _to_row(row: queries.LeaderboardEntry) -> schemas.RowOut:
-    return schemas.RowOut(
-        rank=row.rank,
-        team=row.team,
-        method=row.method,
-        track=ChallengeTrack(row.track),
-        submission=row.submission,
-        figures=schemas.FiguresOut.model_validate(row.figures),
-        created=to_datetime(row.created_us) if row.created_us is not None else None,
-        published=row.published,
-    )
+def _build_json(session: Session, key: BoardKey) -> bytes:
+    return read_leaderboard(session, key).model_dump_json().encode()

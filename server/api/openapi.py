@@ -1,4 +1,4 @@
-"""The OpenAPI description, completed by what FastAPI cannot know."""
+"""The OpenAPI description with what FastAPI cannot derive: the problem schema and the published component names."""
 
 import json
 from collections.abc import Callable
@@ -13,7 +13,7 @@ _RENAMED = {"ChallengeTrack": "Track", "SubmissionState": "State", "TokenScope":
 
 
 def make_openapi(app: FastAPI) -> Callable[[], dict[str, Any]]:
-    """For `app.openapi`: made when first asked for."""
+    """Return a function for `app.openapi` that builds the description on its first call."""
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:

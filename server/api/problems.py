@@ -1,4 +1,4 @@
-"""Everything that goes wrong, as problem details (RFC 9457) with one sentence that says what to do about it."""
+"""Errors as problem details (RFC 9457), each with one sentence that says what to do."""
 
 import math
 from collections.abc import Awaitable, Callable, Mapping
@@ -19,7 +19,7 @@ from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
 MEDIA_TYPE = "application/problem+json"
 TYPE = "urn:mdrive-sumo:problem:"
 RETRY_AFTER_S = 5
-"""When to come back to a database that does not answer."""
+"""Retry-After where the database does not answer [s]."""
 
 
 class Problem(BaseModel):
@@ -36,7 +36,7 @@ class Problem(BaseModel):
 
 
 class ProblemError(Exception):
-    """An answer that is no success. `kind` is the last part of the problem's type."""
+    """An error response. `kind` is the last part of the problem's type."""
 
     def __init__(self, status: HTTPStatus, kind: str, detail: str, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(detail)
@@ -47,7 +47,7 @@ class ProblemError(Exception):
 
 
 class HiddenScenariosError(ProblemError):
-    """Something of a hidden scenario was asked for."""
+    """The request concerns a single hidden scenario."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -67,8 +67,8 @@ _DESCRIPTION_BY_STATUS: Mapping[int, str] = {
     413: "The archive or the body is too large.",
     415: "Another content type is expected.",
     422: "Something in the request is not as expected; the sentence says what.",
-    429: "A limit is reached; the sentence and Retry-After say when to come back.",
-    503: "The server cannot do it now; come back later.",
+    429: "A limit is reached; the sentence and Retry-After say when to try again.",
+    503: "The server cannot do it now; try again later.",
 }
 
 
@@ -81,7 +81,7 @@ _STATUS_BY_ERROR = (
 
 
 def document_problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """For `responses=`: these problems can be the answer. The database can always be away."""
+    """Return the OpenAPI responses of these statuses, and of 503, which every route can return."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     return {status: {"description": _DESCRIPTION_BY_STATUS[status], "content": content} for status in (*statuses, 503)}
 
@@ -89,17 +89,17 @@ def document_problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
 def problem_response(
     status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
 ) -> JSONResponse:
-    """A problem as a response; `more` are further members of it."""
+    """Return a problem as a response; `more` are further members of the JSON object."""
     content = {"type": TYPE + problem, "title": HTTPStatus(status).phrase, "status": status, "detail": detail, **more}
     return JSONResponse(content, status, headers=dict(headers or {}), media_type=MEDIA_TYPE)
 
 
 ErrorPage = Callable[[Request, int, str, Mapping[str, str]], Awaitable[Response]]
-"""Makes a page of a status, the sentence, and headers: `app.state.error_page`, where there are pages."""
+"""Renders status, sentence and headers as an HTML page: `app.state.error_page` where pages are mounted."""
 
 
 def install_handlers(app: FastAPI) -> None:
-    """From now on every error of `app` is a problem; outside /api it is a page, where there are pages."""
+    """Make every error of `app` a problem; outside /api it becomes a page where pages are mounted."""
     app.exception_handler(ProblemError)(_handle_problem)
     app.exception_handler(InputError)(_handle_input_error)
     app.exception_handler(StoreUnavailable)(_handle_store_unavailable)
@@ -129,7 +129,7 @@ async def _handle_input_error(request: Request, error: InputError) -> Response:
 
 
 def find_status(error: InputError) -> tuple[int, str]:
-    """With which status a refusal is answered, and the last part of its problem's type."""
+    """Return the HTTP status of an error and the last part of its problem's type."""
     for kind, status, name in _STATUS_BY_ERROR:
         if isinstance(error, kind):
             return status, name
@@ -137,7 +137,7 @@ def find_status(error: InputError) -> tuple[int, str]:
 
 
 async def _handle_over_limit(request: Request, error: OverLimit) -> Response:
-    """`request.state.now_us` is what the quota was counted at."""
+    """Add Retry-After, counted from `request.state.now_us`, the time at which the quota was counted."""
     if error.retry_us is None:
         return await _respond(request, 429, "over-limit", str(error), kind=error.kind)
     seconds = max(1, math.ceil((error.retry_us - request.state.now_us) / 1e6))
@@ -148,7 +148,7 @@ async def _handle_over_limit(request: Request, error: OverLimit) -> Response:
 
 
 async def _handle_store_unavailable(request: Request, error: StoreUnavailable) -> Response:  # noqa: ARG001 (Starlette's signature)
-    """What the database says is for the log: it can name files and hosts."""
+    """Return 503 without the database's message, which can name files and hosts."""
     return await _respond(
         request,
         503,
@@ -165,7 +165,7 @@ async def _handle_validation_error(request: Request, error: RequestValidationErr
         return await _respond(request, 422, "invalid", f"{place}: expected a value, found none")
     if first["type"] == "json_invalid":
         return await _respond(
-            request, 422, "invalid", f"body: expected JSON, found text that is none ({first['ctx']['error']})"
+            request, 422, "invalid", f"body: expected JSON, found other text ({first['ctx']['error']})"
         )
     said = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     said = said.replace(" should have ", " with ")
@@ -174,7 +174,7 @@ async def _handle_validation_error(request: Request, error: RequestValidationErr
 
 
 async def _handle_http_error(request: Request, error: HTTPException) -> Response:
-    """Of the framework: no such path or method, a body that is no JSON."""
+    """Handle the framework's errors: unknown path or method, a body that is not JSON."""
     found = f"{request.method} {request.url.path}"
     sentences = {404: f"there is nothing at {found:.200}", 405: f"{found:.200}: this method is not offered here"}
     return await _respond(
@@ -183,11 +183,11 @@ async def _handle_http_error(request: Request, error: HTTPException) -> Response
 
 
 async def _handle_os_error(request: Request, error: OSError) -> Response:
-    """A full disk, most of all."""
-    said = f"the server cannot write: {error.strerror or 'it does not say why'}; nothing was changed"
+    """Handle a full disk and the like."""
+    said = f"the server cannot write: {error.strerror or 'unknown reason'}; nothing was changed"
     return await _respond(request, 503, "unavailable", said, {"Retry-After": "60"})
 
 
 async def _handle_internal_error(request: Request, error: Exception) -> Response:  # noqa: ARG001
-    """Raised again after the answer, so that it stands in the server's log."""
-    return await _respond(request, 500, "ours", "something went wrong here; it is our fault and stands in our log")
+    """Return 500; Starlette raises the error again afterwards, so that the server logs it."""
+    return await _respond(request, 500, "ours", "internal error of the server; it is in the server's log")

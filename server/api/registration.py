@@ -1,4 +1,4 @@
-"""Teams that make themselves, where the settings let them: for the API and for the pages."""
+"""Self-registration of teams, where the settings allow it; for the API and for the pages."""
 
 from http import HTTPStatus
 from typing import NamedTuple
@@ -15,17 +15,20 @@ _ACTOR = "visitor"
 
 
 class RegisteredTeam(NamedTuple):
-    """A new team."""
+    """A new team and its first token."""
 
     team: tables.TeamRow
     token: str
-    """Its text, which nobody sees again."""
+    """Text of the token, which is not stored."""
 
 
 def register(store: Store, settings: RegistrationSettings, name: str, now_us: int) -> RegisteredTeam:
-    """A team and its token, or neither. Raises ProblemError where it is closed, OverLimit, InputError for the name."""
+    """Create a team and its token in one transaction.
+
+    Raises ProblemError (403) where registration is closed, OverLimit, and InputError for an unusable name.
+    """
     if not settings.open:
-        sentence = "teams are made by those who run this server: ask them for one, and for its token"
+        sentence = "registration is closed: ask the organisers for a team and its token"
         raise ProblemError(HTTPStatus.FORBIDDEN, "closed", sentence)
     with store.write() as session:
         today = (
@@ -33,9 +36,8 @@ def register(store: Store, settings: RegistrationSettings, name: str, now_us: in
         )
         if (session.scalar(today) or 0) >= settings.per_day:
             tomorrow = day_start_us(now_us) + DAY_US
-            sentence = (
-                f"all {settings.per_day} teams of today are made; the next one can be made at {format_utc(tomorrow)}"
-            )
+            retry = format_utc(tomorrow)
+            sentence = f"all {settings.per_day} registrations of today are used; the next one is possible at {retry}"
             raise OverLimit("day", sentence, tomorrow)
         team = teams.create(session, name, now_us, _ACTOR)
         return RegisteredTeam(team, tokens.issue(session, team, TokenScope.SUBMIT, now_us, _ACTOR))

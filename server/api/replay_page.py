@@ -1,4 +1,4 @@
-"""Makes the replay page of a recorded episode; in a process of its own, for it takes seconds and loads much."""
+"""Writes the replay page of a recorded episode; runs in a subprocess, because it takes seconds and much memory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,22 +8,22 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """Which page."""
+    """One page to write."""
 
     suite: str
     scenario: str
     result: Mapping[str, Any]
-    """`mdrive_sumo.scoring.ScenarioResult`."""
+    """A `mdrive_sumo.scoring.ScenarioResult` as plain values."""
     recording: Path
     page: Path
     """The file to write."""
 
 
-def write_replay_page(order: ReplayRequest) -> None:
-    """Writes the page, whole or not at all, unless it is there. Raises InputError and OSError."""
-    if order.page.is_file():  # somebody else wanted it, too, and had the turn before
+def write_replay_page(request: ReplayRequest) -> None:
+    """Write the page atomically unless it exists. Raises InputError and OSError."""
+    if request.page.is_file():  # written by the call before this one
         return
-    # Only where it runs: the process that answers requests needs none of this.
+    # Imported here: the process that answers requests must not load them.
     from mdrive_sumo.episode import load_episode
     from mdrive_sumo.report.replay_marks import find_marks
     from mdrive_sumo.report.replay_page import render_replay
@@ -31,11 +31,11 @@ def write_replay_page(order: ReplayRequest) -> None:
     from mdrive_sumo.scenario.suite import load_suite
     from mdrive_sumo.scoring import ScenarioResult
 
-    suite = load_suite(order.suite)
-    scenario = next(scenario for scenario in suite.scenarios if scenario.id == order.scenario)
-    episode = load_episode(order.recording)
+    suite = load_suite(request.suite)
+    scenario = next(scenario for scenario in suite.scenarios if scenario.id == request.scenario)
+    episode = load_episode(request.recording)
     roads = load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
-    marks = find_marks(episode, ScenarioResult.model_validate(order.result))
-    part = order.page.with_suffix(".part")
+    marks = find_marks(episode, ScenarioResult.model_validate(request.result))
+    part = request.page.with_suffix(".part")
     part.write_text(render_replay(episode, scenario, roads, marks), encoding="utf-8")
-    part.replace(order.page)
+    part.replace(request.page)

@@ -1,4 +1,4 @@
-"""Headers that every answer has, whoever makes it; and HEAD, which asks for nothing else."""
+"""Headers of every response, and support for HEAD."""
 
 from collections.abc import Iterable
 from http import HTTPStatus
@@ -6,11 +6,11 @@ from http import HTTPStatus
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _API = "/api/"
-_BARE = {HTTPStatus.NO_CONTENT, HTTPStatus.NOT_MODIFIED}
+_WITHOUT_BODY = {HTTPStatus.NO_CONTENT, HTTPStatus.NOT_MODIFIED}
 
 
 class ResponseHeadersMiddleware:
-    """Nobody guesses a content type, and nobody keeps what only one team may see."""
+    """Adds `nosniff` and cache headers to every response that lacks them; answers HEAD as GET without a body."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -20,21 +20,21 @@ class ResponseHeadersMiddleware:
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
 
-        async def completed(message: Message) -> None:
+        async def send_completed(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *_missing_headers(scope, message)]
             await send(message)
 
-        if scope["method"] == "HEAD" and not scope["path"].endswith("/events"):  # the server sends no body with it
-            return await self._app({**scope, "method": "GET"}, receive, completed)
-        return await self._app(scope, receive, completed)
+        if scope["method"] == "HEAD" and not scope["path"].endswith("/events"):  # uvicorn drops the body
+            return await self._app({**scope, "method": "GET"}, receive, send_completed)
+        return await self._app(scope, receive, send_completed)
 
 
 def _missing_headers(scope: Scope, start: Message) -> Iterable[tuple[bytes, bytes]]:
-    there = {name.lower() for name, _ in start["headers"]}
-    if b"x-content-type-options" not in there and start["status"] not in _BARE:
+    present = {name.lower() for name, _ in start["headers"]}
+    if b"x-content-type-options" not in present and start["status"] not in _WITHOUT_BODY:
         yield b"x-content-type-options", b"nosniff"
-    if b"cache-control" not in there and scope["path"].startswith(_API):
-        # `no-cache` may be kept, but is asked for again each time: what everybody may see today may be hidden tomorrow.
-        named = any(name == b"authorization" for name, _ in scope["headers"])
-        yield b"cache-control", b"no-store" if named else b"no-cache"
+    if b"cache-control" not in present and scope["path"].startswith(_API):
+        # `no-cache`: a client may store the response but must revalidate, because visible data may become hidden.
+        has_token = any(name == b"authorization" for name, _ in scope["headers"])
+        yield b"cache-control", b"no-store" if has_token else b"no-cache"

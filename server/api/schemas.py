@@ -1,4 +1,7 @@
-"""What goes in and out, as the OpenAPI description shows it. Times are ISO 8601 in UTC."""
+"""Request and response bodies of the API. Times are ISO 8601 in UTC.
+
+The OpenAPI description uses the class names without the suffixes `In` and `Out`.
+"""
 
 from datetime import UTC, datetime
 from typing import Annotated, Any
@@ -9,7 +12,7 @@ from server.enums import ChallengeTrack, JobState, SubmissionState, TokenScope
 
 
 def to_datetime(at_us: int) -> datetime:
-    """As the API writes times."""
+    """Convert microseconds since 1970 to a UTC datetime."""
     return datetime.fromtimestamp(at_us / 1e6, UTC)
 
 
@@ -20,11 +23,11 @@ def _printable(text: str) -> str:
 
 
 TeamName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
-"""Of a team, or its id."""
+"""Name of a team, or its id."""
 Id = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 PhaseId = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 ScenarioId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}$")]
-"""As in scenario files; also of a CAV."""
+"""Id of a scenario as in its file, or of a CAV."""
 Seed = Annotated[int, Field(ge=0, le=1_000_000)]
 PartName = Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]
 """A bucket or a category."""
@@ -39,38 +42,38 @@ class ResponseModel(BaseModel):
 
 
 class NewTeamIn(RequestModel):
-    """A team to be made."""
+    """A team to create."""
 
     name: TeamName
 
 
 class HideIn(RequestModel):
-    """Whether a team stands on leaderboards."""
+    """Whether a team is hidden from leaderboards."""
 
     hidden: bool
 
 
 class NewTokenIn(RequestModel):
-    """`submit` needs a team, `admin` and `worker` have none."""
+    """The scope `submit` needs a team, `admin` and `worker` have none."""
 
     scope: TokenScope = TokenScope.SUBMIT
     team: TeamName | None = None
 
 
 class ShowIn(RequestModel):
-    """Whether a submission may stand on the leaderboard."""
+    """Whether a submission may be on the leaderboard."""
 
     shown: bool
 
 
 class ReasonIn(RequestModel):
-    """Shown to everybody who may see the submission."""
+    """Shown to everyone who may see the submission."""
 
     reason: Annotated[str, Field(min_length=1, max_length=500), AfterValidator(_printable)]
 
 
 class TeamOut(ResponseModel):
-    """Who submits."""
+    """A participating team."""
 
     id: str
     name: str
@@ -85,7 +88,7 @@ class TeamsOut(ResponseModel):
 
 
 class TokenOut(ResponseModel):
-    """What is known of a token: never its text."""
+    """A token without its text, which is not stored."""
 
     id: str
     team: str | None
@@ -95,38 +98,38 @@ class TokenOut(ResponseModel):
 
 
 class TokensOut(ResponseModel):
-    """The oldest first."""
+    """Tokens, the oldest first."""
 
     items: list[TokenOut]
 
 
 class IssuedTokenOut(ResponseModel):
-    """The only time that anyone sees the text."""
+    """A new token; its text is shown this once."""
 
     token: str
 
 
 class RegisteredOut(ResponseModel):
-    """A team that made itself. Nobody sees the token again."""
+    """A registered team and its token, which is shown this once."""
 
     team: TeamOut
     token: str
 
 
 class MeOut(ResponseModel):
-    """Who holds the token."""
+    """The holder of the token."""
 
     scope: TokenScope
     team: TeamOut | None
 
 
 class PhaseOut(ResponseModel):
-    """When submissions are taken, on what, and how many of a team."""
+    """When submissions are accepted, on which suite, and how many per team."""
 
     id: str
     title: str
     suite: str | None
-    """Name of the suite; null where it is hidden."""
+    """Name of the suite; null if it is hidden."""
     public: bool
     open: bool
     opens: datetime
@@ -138,13 +141,13 @@ class PhaseOut(ResponseModel):
 
 
 class PhasesOut(ResponseModel):
-    """In the order in which they open."""
+    """Phases in the order in which they open."""
 
     items: list[PhaseOut]
 
 
 class QuotaOut(ResponseModel):
-    """What a team has used of a phase; the limits are those of the phase."""
+    """What a team has used of a phase's quota."""
 
     today: int
     in_parallel: int
@@ -175,12 +178,12 @@ class SummaryOut(ResponseModel):
 
 
 class QueueOut(ResponseModel):
-    """What is before an unfinished submission."""
+    """Position of an unfinished submission in the queue."""
 
     position: int
-    """1: nothing waits before it."""
+    """1: it is the next."""
     eta_s: int | None
-    """In minutes' steps; null where it is not known or would tell about hidden scenarios."""
+    """Estimated time to the result, in whole minutes; null if unknown or if it would disclose hidden scenarios."""
 
 
 class SubmissionOut(ResponseModel):
@@ -194,29 +197,29 @@ class SubmissionOut(ResponseModel):
     name: str
     state: SubmissionState
     why: str
-    """One sentence where it was rejected, disqualified or failed."""
+    """Reason in one sentence if it was rejected, disqualified or failed."""
     created: datetime
     finished: datetime | None
     counts: bool
     shown: bool
     summary: SummaryOut | None
     archive_sha256: str | None = None
-    """Null for others than its team and admins, as are environment, evaluator, progress and queue."""
+    """Null except for its team and admins, as are environment, evaluator, progress and queue."""
     archive_bytes: int | None = None
     environment: str | None = None
     evaluator: dict[str, Any] | None = None
     progress: dict[JobState, int] | None = None
-    """Scenarios by state; null where they are hidden."""
+    """Number of scenarios by state; null if they are hidden."""
     queue: QueueOut | None = None
     """Null when it is finished."""
 
 
 class SubmissionsOut(ResponseModel):
-    """The latest first."""
+    """Submissions, the latest first."""
 
     items: list[SubmissionOut]
     next: str | None
-    """For `before=`; null on the last page."""
+    """Value of `before` for the next page; null on the last one."""
 
 
 class EgoOut(ResponseModel):
@@ -247,15 +250,15 @@ class ScenarioOut(ResponseModel):
     egos: list[EgoOut] | None = None
     usage: dict[str, Any] | None = None
     recording: bool
-    """Whether there is one to fetch."""
+    """Whether a recording can be fetched."""
     logs: list[str]
-    """CAVs of which there are logs; empty for others than its team and admins."""
+    """CAVs that have logs; empty except for its team and admins."""
     failure: str | None = None
-    """What of ours went wrong; for admins."""
+    """Failure of the evaluation itself; for admins."""
 
 
 class ScenariosOut(ResponseModel):
-    """By name and seed."""
+    """Scenarios by name and seed."""
 
     items: list[ScenarioOut]
 
@@ -264,7 +267,7 @@ class RowOut(ResponseModel):
     """One line of a leaderboard."""
 
     rank: int | None
-    """Null where it is not comparable: driven by another evaluator, or published."""
+    """Null if it is not comparable: driven by another evaluator, or published."""
     team: str
     method: str
     track: ChallengeTrack
@@ -276,7 +279,7 @@ class RowOut(ResponseModel):
 
 
 class LeaderboardOut(ResponseModel):
-    """The best shown submission of each team; ties go to the earlier one. Published rows stand apart."""
+    """The best shown submission of each team; ties go to the earlier one. Published results are listed apart."""
 
     phase: str
     track: ChallengeTrack | None
@@ -297,7 +300,7 @@ class PointOut(ResponseModel):
 
 
 class HistoryOut(ResponseModel):
-    """The oldest first."""
+    """Finished submissions of a team, the oldest first."""
 
     team: str
     phase: str
@@ -305,16 +308,16 @@ class HistoryOut(ResponseModel):
 
 
 class HealthOut(ResponseModel):
-    """The server answers, and so does its database."""
+    """The server and its database answer."""
 
     status: str
     version: str
 
 
 class AuditOut(ResponseModel):
-    """What a walk along the chain of the audit log found."""
+    """Result of verifying the audit log's hash chain."""
 
     entries: int
     head: str
     broken: int | None
-    """The first entry that does not fit to the one before."""
+    """Id of the first entry whose hash does not fit the one before; null if all fit."""

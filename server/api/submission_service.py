@@ -1,4 +1,4 @@
-"""Takes an upload in as a submission: for the API and for the pages."""
+"""Turns an upload into a submission; for the API and for the pages."""
 
 import os
 from pathlib import Path
@@ -19,51 +19,53 @@ from server.store.submissions import NewSubmission
 from server.tracks import check_style
 
 CHECK_S = 60.0
-"""For an archive: 256 MiB to unpack and sum up take a few seconds."""
+"""Time limit of an archive's check [s]: unpacking and hashing 256 MiB takes a few seconds."""
 FIELDS = frozenset(("phase", "track", "name"))
-"""Of the form, besides the archive."""
+"""Fields of the form besides the archive."""
 
 
 class SubmissionService:
-    """One upload on its way to a submission; in a thread of its own."""
+    """Accepts one upload; runs in a worker thread."""
 
     def __init__(
-        self, using: Services, caller: tuple[Caller, str], upload: Upload, key: str | None, at_us: int
+        self, services: Services, caller: tuple[Caller, str], upload: Upload, idempotency_key: str | None, at_us: int
     ) -> None:
-        self._using, self._upload, self._key, self._at_us = using, upload, key, at_us
+        self._services, self._upload, self._key, self._at_us = services, upload, idempotency_key, at_us
         self._caller, self._team = caller
 
-    def granted(self) -> schemas.SubmissionOut:
-        """The submission. Raises InputError."""
-        limits = ArchiveLimits(**self._using.settings.limits.model_dump())
-        with self._using.store.read() as session:
+    def accept(self) -> schemas.SubmissionOut:
+        """Check the upload, move the archive to its place and insert the submission. Raises InputError."""
+        limits = ArchiveLimits(**self._services.settings.limits.model_dump())
+        with self._services.store.read() as session:
             phase = phases.get(session, self._field("phase"))
             self._check_first(session, phase)
-        manifest = self._using.aside.call(CHECK_S, check_archive, self._upload.file, limits)
+        manifest = self._services.check_runner.call(CHECK_S, check_archive, self._upload.file, limits)
         check_style(manifest.style, self._track())
         self._check_environment(manifest.environment)
-        new = self._new(phase, manifest.environment)
-        self._keep()
-        jobs = self._using.suites.jobs(phase)
-        with self._using.store.write() as session:
+        new = self._make_submission(phase, manifest.environment)
+        self._store_archive()
+        jobs = self._services.suites.jobs(phase)
+        with self._services.store.write() as session:
             accepted = submissions.accept(session, new, phase, jobs, self._at_us)
             return submission_views.to_submission(session, self._caller, accepted)
 
     def _check_first(self, session: Session, phase: tables.PhaseRow) -> None:
-        """What can be refused without looking into the archive; `accept` decides."""
+        """Refuse what needs no look into the archive; `submissions.accept` makes the final decision."""
         sent_before = submissions.find_environment(session, self._team, self._upload.sha256)
-        if submissions.find_known(session, self._new(phase, sent_before), phase) is None:
+        if submissions.find_known(session, self._make_submission(phase, sent_before), phase) is None:
             phases.check_open(phase, self._at_us)
             quota.check_quota(session, self._team, phase, self._at_us)
 
-    def _check_environment(self, wanted: str) -> None:
-        """Here, for in a worker it would be our failure."""
-        built = environments.list_built(self._using.settings.environments)
-        if wanted not in built:
-            offered = f"one of {', '.join(built)}" if built else "one that is built on this server, which has none yet"
-            raise ArchiveRefused(f"model_env.yaml: environment: expected {offered}, found {wanted}")
+    def _check_environment(self, environment: str) -> None:
+        """Refuse an environment that is not built here: in a worker that would count as a failure on our side."""
+        built = environments.list_built(self._services.settings.environments)
+        if environment not in built:
+            offered = (
+                f"one of {', '.join(built)}" if built else "one that is built on this server, which has none so far"
+            )
+            raise ArchiveRefused(f"model_env.yaml: environment: expected {offered}, found {environment}")
 
-    def _new(self, phase: tables.PhaseRow, environment: str) -> NewSubmission:
+    def _make_submission(self, phase: tables.PhaseRow, environment: str) -> NewSubmission:
         return NewSubmission(
             team=self._team,
             track=self._track(),
@@ -71,7 +73,7 @@ class SubmissionService:
             archive_sha256=self._upload.sha256,
             archive_bytes=self._upload.bytes,
             environment=environment,
-            evaluator=self._using.suites.evaluator(phase, environment),
+            evaluator=self._services.suites.evaluator(phase, environment),
             idempotency_key=self._key,
         )
 
@@ -87,9 +89,9 @@ class SubmissionService:
             raise InputError(f"track: expected one of {', '.join(ChallengeTrack)}, found {wanted!r:.60}")
         return ChallengeTrack(wanted)
 
-    def _keep(self) -> None:
-        """To where workers look for it; on the disk before the database says that it is there."""
-        target = paths.archive_path(self._using.settings, self._upload.sha256)
+    def _store_archive(self) -> None:
+        """Move the archive to where workers find it, and sync it to disk before the database refers to it."""
+        target = paths.archive_path(self._services.settings, self._upload.sha256)
         with self._upload.file.open("rb") as file:
             os.fsync(file.fileno())
         self._upload.file.replace(target)
@@ -97,7 +99,7 @@ class SubmissionService:
 
 
 def _sync_folder(folder: Path) -> None:
-    """A new name is safe only when the folder is written, too."""
+    """Write the folder to disk: only then does a new name survive a crash."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

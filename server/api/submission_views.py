@@ -1,4 +1,4 @@
-"""Submissions as each caller may see them. What of hidden scenarios leaves the server is decided here only."""
+"""Submissions as each caller may see them. Only this module decides what is disclosed of hidden scenarios."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,13 +14,13 @@ from server.store import NotFound, queries, submissions, tables, teams
 from server.store.quota import UNFINISHED
 
 _REJECTED = "the agent asks for something that is not offered; in a public phase the sentence says what"
-"""In hidden phases: the sentence itself holds text of the agent, which could be what the agent saw."""
+"""Reason shown in hidden phases: the original one contains text of the agent, which may describe the scenario."""
 
 
 def find_visible(session: Session, caller: Caller | None, submission_id: str) -> tables.SubmissionRow:
-    """One that the caller may see: its own, any for admins, those on leaderboards for everybody. Raises NotFound.
+    """Return a submission of the caller's team, any for admins, one on a leaderboard for everyone. Raises NotFound.
 
-    Whether there is one that the caller may not see is not told.
+    The error does not reveal whether the submission exists.
     """
     submission = submissions.get(session, submission_id)
     if may_see_all(caller, submission) or _is_published(session, submission):
@@ -29,7 +29,7 @@ def find_visible(session: Session, caller: Caller | None, submission_id: str) ->
 
 
 def find_own(session: Session, caller: Caller, submission_id: str) -> tables.SubmissionRow:
-    """One of the caller's team, or any for admins. Raises NotFound."""
+    """Return a submission of the caller's team, or any for admins. Raises NotFound."""
     submission = submissions.get(session, submission_id)
     if may_see_all(caller, submission):
         return submission
@@ -37,19 +37,19 @@ def find_own(session: Session, caller: Caller, submission_id: str) -> tables.Sub
 
 
 def may_see_all(caller: Caller | None, submission: tables.SubmissionRow) -> bool:
-    """Whether it is the caller's, who may then see more than everybody."""
+    """Return whether the caller may see everything of a submission: its own team, or an admin."""
     return caller is not None and (caller.is_admin or (caller.team is not None and caller.team == submission.team))
 
 
 def get_phase(session: Session, submission: tables.SubmissionRow) -> tables.PhaseRow:
-    """It is always there: a foreign key says so."""
+    """Return the phase of a submission; a foreign key guarantees that it exists."""
     phase = session.get(tables.PhaseRow, submission.phase)
     assert phase is not None
     return phase
 
 
 def to_submission(session: Session, caller: Caller | None, submission: tables.SubmissionRow) -> schemas.SubmissionOut:
-    """As the caller may see it."""
+    """Return the submission with the fields that the caller may see."""
     phase = get_phase(session, submission)
     finished = submission.finished_us
     more = _private_fields(session, phase, submission) if may_see_all(caller, submission) else {}
@@ -71,12 +71,12 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
 
 
 def visible_reason(phase: tables.PhaseRow, state: SubmissionState, said: str) -> str:
-    """The sentence that goes with a state."""
+    """Return the reason of a state as it may be disclosed."""
     return _REJECTED if said and state is SubmissionState.REJECTED and not phase.public else said
 
 
 def visible_summary(phase: tables.PhaseRow, stored: Mapping[str, Any] | None) -> schemas.SummaryOut | None:
-    """Only known figures; in hidden phases only means over enough scenarios: all of a phase are enough."""
+    """Return the figures that may be disclosed: in hidden phases only means over enough scenarios."""
     if stored is None:
         return None
     parts = {
@@ -90,10 +90,10 @@ def visible_summary(phase: tables.PhaseRow, stored: Mapping[str, Any] | None) ->
 
 
 def disclosable_parts(phase: tables.PhaseRow, parts: Mapping[str, Mapping[str, Any]]) -> set[str]:
-    """Of all buckets, or all categories, those whose figures say nothing about single hidden scenarios: all or none.
+    """Return the buckets (or categories) whose figures disclose no single hidden scenario: all or none.
 
-    With a small part among them, even one that is not shown, the small one would come out by subtraction: from the
-    whole, or buckets from the categories within them.
+    If one part is too small, showing the others would disclose it by subtraction from the overall figures, or from
+    those of the other partition.
     """
     if phase.public or all(of.get("scenarios", 0) >= MIN_HIDDEN_SCENARIOS for of in parts.values()):
         return set(parts)
@@ -101,7 +101,7 @@ def disclosable_parts(phase: tables.PhaseRow, parts: Mapping[str, Mapping[str, A
 
 
 def visible_event(phase: tables.PhaseRow, kind: str, data: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """What an event says; None for one that must not be told. Of hidden phases only states are."""
+    """Return the data of an event that may be disclosed, None for nothing. Hidden phases disclose only states."""
     if phase.public:
         return data
     if kind != "state":
@@ -111,7 +111,7 @@ def visible_event(phase: tables.PhaseRow, kind: str, data: Mapping[str, Any]) ->
 
 
 def _is_published(session: Session, submission: tables.SubmissionRow) -> bool:
-    """Done, shown by its team, and of a team that stands on leaderboards."""
+    """Return whether it is done, shown by its team, and the team is not hidden."""
     if submission.state != SubmissionState.DONE or not submission.shown:
         return False
     return not teams.get(session, submission.team).hidden
@@ -131,7 +131,7 @@ def _private_fields(session: Session, phase: tables.PhaseRow, submission: tables
 
 
 def _to_queue(session: Session, phase: tables.PhaseRow, submission: tables.SubmissionRow) -> schemas.QueueOut:
-    """No estimate where jobs of hidden scenarios are ahead or of its own: it would tell when each of them ends."""
+    """Omit the estimate while hidden scenarios are queued: it would disclose when each of them ends."""
     before = queries.find_queue_position(session, submission.id)
     eta_s = None
     if phase.public and before.job_us is not None and not _has_hidden_work(session):

@@ -1,7 +1,7 @@
-"""A process of its own for what takes long, or reads what strangers sent: it can be ended, a thread cannot.
+"""Runs slow calls, and calls on untrusted input, in a subprocess, because a process can be killed and a thread cannot.
 
-It is started when first needed, stays for the next call (starting takes longer than most calls), and is ended with a
-call that takes too long or breaks it.
+The child starts with the first call and stays for the next one, since starting takes longer than most calls. A call
+that exceeds its time limit or crashes ends the child.
 """
 
 import os
@@ -20,110 +20,113 @@ from server.store import StoreUnavailable
 
 P = ParamSpec("P")
 R = TypeVar("R")
-_END_S = 5.0
+_KILL_S = 5.0
 
 
 class CallRunner(Protocol):
-    """Where to do it."""
+    """Executes function calls under a time limit."""
 
-    def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
-        """What `deed` returns. Raises its InputErrors, OSErrors and StoreUnavailable; ProblemError if it takes too long
-        or breaks."""
+    def call(self, limit_s: float, function: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Return `function(*args, **kwargs)`.
+
+        Raises InputError, OSError and StoreUnavailable of the function; ProblemError (503) if it takes too long or
+        crashes.
+        """
         ...
 
     def close(self) -> None:
-        """No more calls."""
+        """End the runner."""
         ...
 
 
 class SubprocessRunner:
-    """In one child process, one call at a time. Safe to use from several threads."""
+    """Executes calls in one child process, one at a time. Thread-safe."""
 
-    def __init__(self, most: int, nice: int = 0) -> None:
-        """most: calls at a time; nice: how much others of this machine go before it, see `nice(2)`."""
+    def __init__(self, max_calls: int, nice: int = 0) -> None:
+        """Accept at most `max_calls` running and waiting calls; the child runs with that niceness (`nice(2)`)."""
         self._nice, self._closed = nice, False
-        self._places = BoundedSemaphore(most)
+        self._slots = BoundedSemaphore(max_calls)
         self._turn = Lock()
         self._child: tuple[BaseProcess, Connection] | None = None
 
-    def call(self, seconds: float, deed: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
-        """See `Aside`. Arguments and result are pickled; waiting for one's turn has the same limit again.
+    def call(self, limit_s: float, function: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
+        """See `CallRunner`. Arguments and result are pickled; waiting for earlier calls has the same time limit.
 
-        Of too many calls at a time the others are not done: ProblemError at once.
+        Raises ProblemError (503) at once where too many calls wait.
         """
-        if not self._places.acquire(blocking=False):
+        if not self._slots.acquire(blocking=False):
             raise _busy_error("too many at a time")
         try:
-            good, value = self._in_turn((deed, args, kwargs), seconds)
+            succeeded, value = self._wait_and_call((function, args, kwargs), limit_s)
         finally:
-            self._places.release()
-        if not good:
+            self._slots.release()
+        if not succeeded:
             raise value
         return value
 
     def close(self) -> None:
-        """Ends the child, whatever it is doing; whoever waits is refused."""
+        """Kill the child; waiting calls raise ProblemError."""
         self._closed = True
         if (child := self._child) is not None:
-            child[0].kill()  # whoever waits for its answer gives the turn back
+            child[0].kill()  # the call that waits for its answer then releases the lock
         with self._turn:
-            self._end()
+            self._end_child()
 
-    def _in_turn(self, question: object, seconds: float) -> tuple[bool, Any]:
-        if not self._turn.acquire(timeout=seconds):
+    def _wait_and_call(self, request: object, limit_s: float) -> tuple[bool, Any]:
+        if not self._turn.acquire(timeout=limit_s):
             raise _busy_error("too many at a time")
         try:
             if self._closed:
-                raise _busy_error("the server ends")
-            return self._asked(question, seconds)
+                raise _busy_error("the server is shutting down")
+            return self._send(request, limit_s)
         finally:
             self._turn.release()
 
-    def _asked(self, question: object, seconds: float) -> tuple[bool, Any]:
+    def _send(self, request: object, limit_s: float) -> tuple[bool, Any]:
         if self._child is None or not self._child[0].is_alive():
-            self._end()
+            self._end_child()
             self._child = _start_child(self._nice)
         pipe = self._child[1]
         try:
-            pipe.send(question)
-            if pipe.poll(seconds):
+            pipe.send(request)
+            if pipe.poll(limit_s):
                 return pipe.recv()
-            problem = f"it took longer than {seconds:g} s"
+            problem = f"it took longer than {limit_s:g} s"
         except (EOFError, OSError):
             problem = "its process ended"
-        self._end()
+        self._end_child()
         raise _busy_error(problem)
 
-    def _end(self) -> None:
+    def _end_child(self) -> None:
         if self._child is not None:
             process, pipe = self._child
             pipe.close()
             process.kill()
-            process.join(_END_S)
+            process.join(_KILL_S)
             self._child = None
 
 
 def _start_child(nice: int) -> tuple[BaseProcess, Connection]:
-    ours, its = get_context("spawn").Pipe()
-    process = get_context("spawn").Process(target=_run_child, args=(its, nice), daemon=True, name="mdrive-aside")
+    parent_end, child_end = get_context("spawn").Pipe()
+    process = get_context("spawn").Process(target=_run_child, args=(child_end, nice), daemon=True, name="mdrive-runner")
     process.start()
-    its.close()
-    return process, ours
+    child_end.close()
+    return process, parent_end
 
 
 def _run_child(pipe: Connection, nice: int) -> None:
-    """In the child: answers until the parent is gone."""
+    """Answer calls until the parent closes the pipe."""
     os.nice(nice)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while True:
-            deed, args, kwargs = pipe.recv()
+            function, args, kwargs = pipe.recv()
             try:
-                answer = True, deed(*args, **kwargs)
+                answer = True, function(*args, **kwargs)
             except (InputError, OSError, StoreUnavailable) as error:
                 answer = False, error
             pipe.send(answer)
 
 
 def _busy_error(problem: str) -> ProblemError:
-    sentence = f"this cannot be done now: {problem}; come back later"
+    sentence = f"this cannot be done now: {problem}; try again later"
     return ProblemError(HTTPStatus.SERVICE_UNAVAILABLE, "busy", sentence, {"Retry-After": "30"})

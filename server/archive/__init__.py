@@ -1,4 +1,4 @@
-"""Archives that participants send: checked whole before anything is unpacked, and unpacked into a fresh folder."""
+"""Archives of participants: checked as a whole before anything is unpacked into a new folder."""
 
 from server.archive.errors import ArchiveRefused
 from server.archive.extraction import extract_archive

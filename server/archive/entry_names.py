@@ -9,8 +9,8 @@ MAX_NAME_BYTES = 200
 """UTF-8; also less than the 255 that a file system allows for one part of a path."""
 
 
-def check_names(names: Iterable[str], most: int) -> None:
-    """Raises ArchiveRefused for paths that lead out, clash or are too many. Folders end in a slash."""
+def check_names(names: Iterable[str], max_count: int) -> None:
+    """Raise ArchiveRefused for paths that leave the folder, clash or are too many. Folders end in a slash."""
     listed: set[str] = set()
     folders: dict[str, bool] = {}
     spelled: dict[str, str] = {}
@@ -28,12 +28,12 @@ def check_names(names: Iterable[str], most: int) -> None:
                 raise ArchiveRefused(
                     f"archive: expected paths that differ in more than case, found {other!r:.80} and {part!r:.80}"
                 )
-        if len(folders) > most:
-            raise ArchiveRefused(f"archive: expected at most {most} files and folders, found more")
+        if len(folders) > max_count:
+            raise ArchiveRefused(f"archive: expected at most {max_count} files and folders, found more")
 
 
 def _check_name(name: str) -> None:
-    """One path on its own."""
+    """Check a single path."""
     shown = f"archive: entry {name!r:.80}: expected"
     if len(name.encode("utf-8", "surrogatepass")) > MAX_NAME_BYTES:
         raise ArchiveRefused(f"{shown} a path of at most {MAX_NAME_BYTES} bytes, found {len(name)} characters")

@@ -1,7 +1,7 @@
-"""What is wrong with an archive, in one sentence for who sent it."""
+"""The error for archives that are refused."""
 
 from mdrive_sumo.core.errors import InputError
 
 
 class ArchiveRefused(InputError):
-    """The archive or what it asks for is refused; nothing of it was run."""
+    """The archive or what its agent requires is refused; the sentence is for its team."""

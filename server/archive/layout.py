@@ -1,8 +1,8 @@
-"""What must be where in an archive: MDrive's own layout, or that in a single folder, as GitHub packs it.
+"""Layout of an archive: MDrive's own, or the same in a single folder, as in GitHub's archives.
 
 agents.py         get_entry_point() of a joint agent in the style of the CARLA leaderboard, or a class Agent
 model_env.yaml    the environment by name
-config/ src/ weights/ Dockerfile    optional; the Dockerfile is noted, never built
+config/ src/ weights/ Dockerfile    optional; the Dockerfile is recorded, not built
 """
 
 import re
@@ -15,9 +15,9 @@ AGENTS = "agents.py"
 MAX_AGENTS_BYTES = 1024 * 1024
 CONFIG = "config/"
 SUBMISSION_CONFIG = "config/submission_config.yaml"
-"""What MDrive tells an agent."""
+"""Configuration file of MDrive's own agents."""
 MAC_METADATA = ("__MACOSX/", ".DS_Store")
-"""What a Mac adds to archives: passed over."""
+"""Metadata that macOS adds to archives, which is ignored."""
 Style = Literal["agent", "joint"]
 
 _DEFINITION = re.compile(r"^(?:def|class)[ \t]+(\w+)|^(\w+)[ \t]*[:=]", re.MULTILINE)
@@ -25,12 +25,12 @@ _IMPORT = re.compile(r"^from[ \t]+\S+[ \t]+import[ \t]+(?:\(([^)]{0,1000})\)|([^
 
 
 def is_mac_metadata(name: str) -> bool:
-    """Whether nobody meant to send it."""
+    """Return whether an entry is metadata of macOS."""
     return name.startswith(MAC_METADATA[0]) or name.rpartition("/")[2] == MAC_METADATA[1]
 
 
 def find_root(names: Sequence[str]) -> str:
-    """What every path begins with: "" or a folder with its slash. Raises ArchiveRefused."""
+    """Return the common prefix of all paths: "" or a folder with its slash. Raises ArchiveRefused."""
     if AGENTS in names:
         return ""
     tops = {name.partition("/")[0] for name in names}
@@ -41,7 +41,7 @@ def find_root(names: Sequence[str]) -> str:
 
 
 def find_style(text: str) -> Style:
-    """Which kind of agent a module defines, read without running it. Raises ArchiveRefused."""
+    """Return which style of agent a module defines, without running it. Raises ArchiveRefused."""
     names = {found for pair in _DEFINITION.findall(text) for found in pair}
     for listed in _IMPORT.findall(text):
         names.update(re.findall(r"\w+", " ".join(listed)))
@@ -52,12 +52,15 @@ def find_style(text: str) -> Style:
     raise ArchiveRefused(f"{AGENTS}: expected a class Agent or a function get_entry_point in it, found neither")
 
 
-def find_config(files: Sequence[str], asked: str | None) -> str | None:
-    """What the agent is told: the file asked for, MDrive's, or the only one in config/. Raises ArchiveRefused."""
-    if asked is not None:
-        if asked not in files:
-            raise ArchiveRefused(f"model_env.yaml: config: expected a file of the archive, found {asked!r:.80}")
-        return asked
+def find_config(files: Sequence[str], requested: str | None) -> str | None:
+    """Return the agent's configuration file: the requested one, MDrive's, or the only one in config/.
+
+    Raises ArchiveRefused if the requested one is missing.
+    """
+    if requested is not None:
+        if requested not in files:
+            raise ArchiveRefused(f"model_env.yaml: config: expected a file of the archive, found {requested!r:.80}")
+        return requested
     configs = [name for name in files if name.startswith(CONFIG)]
     if SUBMISSION_CONFIG in configs:
         return SUBMISSION_CONFIG

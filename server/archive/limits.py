@@ -1,4 +1,4 @@
-"""How large an archive may be."""
+"""Size limits of an archive."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,13 @@ MEBIBYTE = 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class ArchiveLimits:
-    """Ceilings; the names are those of `server.settings.Limits`."""
+    """Upper limits; the field names are those of `server.settings.ArchiveSettings`."""
 
     archive_bytes: int = 64 * MEBIBYTE
-    """Of the file as it is sent."""
+    """Size of the archive file."""
     unpacked_bytes: int = 256 * MEBIBYTE
-    """Of all files together."""
+    """Total size of all files."""
     entries: int = 2000
-    """Files and folders, also folders that are only part of a path."""
+    """Number of files and folders, including folders that occur only as parts of paths."""
     ratio: int = 200
-    """Unpacked over packed, of each entry above 1 MiB."""
+    """Unpacked size over packed size of each entry above 1 MiB."""

@@ -1,10 +1,10 @@
-"""`model_env.yaml`: which environment an agent wants. A conda file is taken as it is, by its name.
+"""`model_env.yaml`: the environment that an agent needs. A conda file is accepted; its name counts.
 
-    environment: python3.11-numpy     # or `name:`, as conda says it
-    config: config/fast.yaml          # optional: the file that the agent is told
+    environment: python3.11-numpy     # or `name:`, as in conda files
+    config: config/fast.yaml          # optional: the agent's configuration file
 
-Only these lines, `python:` and conda's `- python=3.11` are read. No YAML parser: 5000 brackets keep one busy for a
-minute, and the file is a stranger's.
+Only these lines, `python:` and conda's `- python=3.11` are read. No YAML parser is used: the file is untrusted,
+and 5000 brackets occupy one for a minute.
 """
 
 import re
@@ -23,41 +23,41 @@ _MINOR = re.compile(r"\d+\.\d+")
 
 @dataclass(frozen=True, slots=True)
 class ModelEnv:
-    """What the file says."""
+    """The contents of the file."""
 
     environment: str
     config: str | None
 
 
 def parse_model_env(text: bytes) -> ModelEnv:
-    """Reads it; raises ArchiveRefused, which names the environments that there are."""
-    said = _parse_lines(text.decode("utf-8", errors="replace"))
-    name = said.get("environment") or said.get("name")
+    """Parse the file. Raises ArchiveRefused, which lists the known environments."""
+    values = _parse_lines(text.decode("utf-8", errors="replace"))
+    name = values.get("environment") or values.get("name")
     if not name:
         raise ArchiveRefused(f"{FILE}: expected a line `environment: {' | '.join(RECIPES)}`, found none")
     try:
         known = find_recipe(name)
     except InputError as error:
         raise ArchiveRefused(f"{FILE}: {error}") from None
-    if (python := said.get("python", known.python)) != known.python:
+    if (python := values.get("python", known.python)) != known.python:
         raise ArchiveRefused(f"{FILE}: python: expected {known.python}, which {name} has, found {python!r:.20}")
-    return ModelEnv(name, said.get("config"))
+    return ModelEnv(name, values.get("config"))
 
 
 def _parse_lines(text: str) -> dict[str, str]:
-    """What the lines of interest say; of several of one key the last."""
-    said: dict[str, str] = {}
+    """Return the values of the known keys; of several lines with one key the last counts."""
+    values: dict[str, str] = {}
     for line in text.splitlines():
         key, colon, value = line.partition(":")
         if colon and key.rstrip() in KEYS:
-            said[key.rstrip()] = _unquote(value)
+            values[key.rstrip()] = _unquote(value)
         elif found := _CONDA_PYTHON.match(line):
-            said["python"] = found[1]
-    if found := _MINOR.match(said.get("python", "")):
-        said["python"] = found[0]
-    return said
+            values["python"] = found[1]
+    if found := _MINOR.match(values.get("python", "")):
+        values["python"] = found[0]
+    return values
 
 
 def _unquote(value: str) -> str:
-    """Without comment and quotes."""
+    """Return a value without comment and quotes."""
     return value.partition(" #")[0].strip().strip("\"'")

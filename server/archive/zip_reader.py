@@ -1,4 +1,4 @@
-"""A zip file as hostile input: nothing is unpacked here, and nothing larger than the limits is read."""
+"""Reads zip files as untrusted input, on top of `zipfile`, which checks neither limits nor overlapping entries."""
 
 import errno
 import io
@@ -22,33 +22,33 @@ ENCRYPTED = 0x1 | 0x40 | 0x2000
 LOCAL_HEADER = struct.Struct("<4s22xHH")
 """Signature, lengths of name and extra field."""
 BYTES_PER_RECORD = 1024
-"""Of the directory, for one entry, generously: fixed part, name, extra fields, comment."""
+"""Upper bound of an entry's record in the directory: fixed part, name, extra fields, comment."""
 CHUNK = 1 << 16
 BAD_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, ValueError, NotImplementedError, EOFError, RuntimeError)
-"""What zipfile raises for files that somebody has tampered with."""
+"""Exceptions of zipfile for damaged or manipulated files."""
 
 
 class _BoundedFile(io.FileIO):
-    """A file of which no more is read at once than a directory of so many entries has: it is parsed as a whole."""
+    """A file that limits the size of a single read, because zipfile reads the directory as a whole."""
 
-    most = 0
+    max_read = 0
 
     def read(self, size: int | None = -1, /) -> bytes:
-        wished = size if size is not None and size >= 0 else os.fstat(self.fileno()).st_size - self.tell()
-        if wished > self.most:
+        wanted = size if size is not None and size >= 0 else os.fstat(self.fileno()).st_size - self.tell()
+        if wanted > self.max_read:
             raise ArchiveRefused("archive: expected fewer entries, found a directory that is too long")
         return super().read(size)
 
 
 @contextmanager
 def open_archive(path: Path, limits: ArchiveLimits) -> Generator[ZipFile]:
-    """The zip file with its entries checked; raises ArchiveRefused, also for what happens inside the block."""
+    """Open a zip file and check its entries. Raises ArchiveRefused, also for zip errors inside the block."""
     size = path.stat().st_size
     if not 0 < size <= limits.archive_bytes:
         found = f"{size} bytes" if size else "an empty file"
         raise ArchiveRefused(f"archive: expected a zip file of at most {limits.archive_bytes} bytes, found {found}")
     with translate_zip_errors(), _BoundedFile(path) as file:
-        file.most = max(limits.entries * BYTES_PER_RECORD, 2 * CHUNK)
+        file.max_read = max(limits.entries * BYTES_PER_RECORD, 2 * CHUNK)
         with ZipFile(file) as archive:
             _check_entries(archive, file, limits)
             yield archive
@@ -56,7 +56,7 @@ def open_archive(path: Path, limits: ArchiveLimits) -> Generator[ZipFile]:
 
 @contextmanager
 def translate_zip_errors() -> Generator[None]:
-    """Raises ArchiveRefused for what zipfile raises."""
+    """Raise ArchiveRefused for exceptions of zipfile."""
     try:
         yield
     except BAD_ZIP as error:
@@ -64,16 +64,16 @@ def translate_zip_errors() -> Generator[None]:
     except OSError as error:
         if error.errno != errno.EINVAL:
             raise
-        raise _damaged_error(error) from None  # a place before the beginning of the file
+        raise _damaged_error(error) from None  # a position before the beginning of the file
 
 
 def _damaged_error(error: Exception) -> ArchiveRefused:
-    said = " ".join(str(error).split())
-    return ArchiveRefused(f"archive: expected a whole zip file, found a damaged one ({said:.120})")
+    text = " ".join(str(error).split())
+    return ArchiveRefused(f"archive: expected a whole zip file, found a damaged one ({text:.120})")
 
 
 def read_entry(archive: ZipFile, info: ZipInfo) -> Generator[bytes]:
-    """A file in pieces. Raises ArchiveRefused or one of `BAD_ZIP` unless it has the size and checksum it declares."""
+    """Read an entry in chunks. Raises ArchiveRefused or one of `BAD_ZIP` unless size and checksum are as declared."""
     count = 0
     with archive.open(info) as stream:
         while piece := stream.read(CHUNK):
@@ -132,7 +132,7 @@ KINDS = {
 
 
 def _check_no_overlap(file: io.FileIO, infos: Sequence[ZipInfo], directory: int) -> None:
-    """No two entries share bytes: a small file could hold many large ones."""
+    """Refuse entries that share bytes: a small file could contain many large entries."""
     ends = 0
     for info in sorted(infos, key=lambda info: info.header_offset):
         if info.header_offset < ends:

@@ -33,7 +33,7 @@ _pass_admin = click.make_pass_decorator(_AdminContext)
 @data_option
 @click.pass_context
 def admin(ctx: click.Context, file: Path | None, data: Path | None) -> None:
-    """Look after a challenge: teams, tokens, phases, environments, backups. The server may be running."""
+    """Administer a challenge: teams, tokens, phases, environments, backups. The server may be running."""
     settings = load_settings_with(file, data)
     store = Store(settings.database_url)
     ctx.call_on_close(store.close)
@@ -45,61 +45,61 @@ def admin(ctx: click.Context, file: Path | None, data: Path | None) -> None:
 
 @admin.group()
 def team() -> None:
-    """Who submits."""
+    """Manage teams."""
 
 
 @team.command("create")
 @click.argument("name")
 @_pass_admin
-def create_team(found: _AdminContext, name: str) -> None:
-    """A new team; prints its token, which is shown this once only."""
-    with report_store_errors(), found.store.write() as session:
+def create_team(admin_context: _AdminContext, name: str) -> None:
+    """Create a team and print its token, which is shown only once."""
+    with report_store_errors(), admin_context.store.write() as session:
         text = tokens.issue(session, teams.create(session, name, now_us()), TokenScope.SUBMIT, now_us())
     click.echo(text)
 
 
 @team.command("list")
 @_pass_admin
-def list_teams(found: _AdminContext) -> None:
-    """Id, name, since when."""
-    with report_store_errors(), found.store.read() as session:
+def list_teams(admin_context: _AdminContext) -> None:
+    """List teams: id, name, time of creation."""
+    with report_store_errors(), admin_context.store.read() as session:
         for each in teams.list_teams(session):
             click.echo(f"{each.id}  {each.name}  {format_utc(each.created_us)}{'  hidden' if each.hidden else ''}")
 
 
 @team.command("hide")
 @click.argument("name")
-@click.option("--show", is_flag=True, help="The other way round.")
+@click.option("--show", is_flag=True, help="Show it again instead.")
 @_pass_admin
-def hide_team(found: _AdminContext, name: str, show: bool) -> None:
-    """Takes a team (name or id) off the leaderboards."""
-    with report_store_errors(), found.store.write() as session:
+def hide_team(admin_context: _AdminContext, name: str, show: bool) -> None:
+    """Hide a team (name or id) from the leaderboards."""
+    with report_store_errors(), admin_context.store.write() as session:
         teams.set_hidden(session, teams.get(session, name).id, not show, now_us())
 
 
 @admin.group()
 def token() -> None:
-    """What clients show to be let in."""
+    """Manage tokens of clients."""
 
 
 @token.command("issue")
-@click.option("--team", "name", help="Name or id; for the scope submit.")
+@click.option("--team", "name", help="Team (name or id), for the scope submit.")
 @click.option("--scope", type=click.Choice([scope.value for scope in TokenScope]), default="submit", show_default=True)
 @_pass_admin
-def issue_token(found: _AdminContext, name: str | None, scope: str) -> None:
-    """Prints a new token: the only time anyone sees it."""
-    with report_store_errors(), found.store.write() as session:
+def issue_token(admin_context: _AdminContext, name: str | None, scope: str) -> None:
+    """Issue and print a token, which is shown only once."""
+    with report_store_errors(), admin_context.store.write() as session:
         holder = teams.get(session, name) if name is not None else None
         text = tokens.issue(session, holder, TokenScope(scope), now_us())
     click.echo(text)
 
 
 @token.command("list")
-@click.option("--team", "name", help="Name or id [default: those of admins and workers].")
+@click.option("--team", "name", help="Team (name or id) [default: tokens of admins and workers].")
 @_pass_admin
-def list_tokens(found: _AdminContext, name: str | None) -> None:
-    """Id, scope, since when; never the token itself."""
-    with report_store_errors(), found.store.read() as session:
+def list_tokens(admin_context: _AdminContext, name: str | None) -> None:
+    """List tokens: id, scope, time of issue; never the token itself."""
+    with report_store_errors(), admin_context.store.read() as session:
         for each in tokens.list_tokens(session, teams.get(session, name) if name is not None else None):
             end = f"  revoked {format_utc(each.revoked_us)}" if each.revoked_us is not None else ""
             click.echo(f"{each.id}  {each.scope}  {format_utc(each.created_us)}{end}")
@@ -108,22 +108,22 @@ def list_tokens(found: _AdminContext, name: str | None) -> None:
 @token.command("revoke")
 @click.argument("token_id")
 @_pass_admin
-def revoke_token(found: _AdminContext, token_id: str) -> None:
-    """From now on nobody holds it."""
-    with report_store_errors(), found.store.write() as session:
+def revoke_token(admin_context: _AdminContext, token_id: str) -> None:
+    """Revoke a token."""
+    with report_store_errors(), admin_context.store.write() as session:
         tokens.revoke(session, token_id, now_us())
 
 
 @admin.group()
 def phase() -> None:
-    """When submissions are taken, and on what. Phases are written in the settings file."""
+    """Manage phases, which are defined in the settings file."""
 
 
 @phase.command("list")
 @_pass_admin
-def list_phases(found: _AdminContext) -> None:
-    """Those that the database knows."""
-    with report_store_errors(), found.store.read() as session:
+def list_phases(admin_context: _AdminContext) -> None:
+    """List the phases in the database."""
+    with report_store_errors(), admin_context.store.read() as session:
         for each in phases.list_phases(session):
             kind = "public" if each.public else "hidden"
             click.echo(f"{each.id}  {kind}  {format_utc(each.opens_us)} - {format_utc(each.closes_us)}  {each.suite}")
@@ -131,24 +131,24 @@ def list_phases(found: _AdminContext) -> None:
 
 @phase.command("apply")
 @_pass_admin
-def apply_phases(found: _AdminContext) -> None:
-    """Makes them as the settings say, without a restart."""
-    if not found.settings.phases:
-        raise InputError("phase apply: expected settings that name phases, found none; give --settings")
-    with report_store_errors(), found.store.write() as session:
-        phases.set_phases(session, [each.as_new() for each in found.settings.phases], now_us())
+def apply_phases(admin_context: _AdminContext) -> None:
+    """Apply the phases of the settings without a restart."""
+    if not admin_context.settings.phases:
+        raise InputError("phase apply: expected settings with phases, found none; give --settings")
+    with report_store_errors(), admin_context.store.write() as session:
+        phases.set_phases(session, [each.as_new() for each in admin_context.settings.phases], now_us())
 
 
 @admin.group()
 def environment() -> None:
-    """What agents run in."""
+    """Manage the environments of agents."""
 
 
 @environment.command("list")
 @_pass_admin
-def list_environments(found: _AdminContext) -> None:
-    """Which there are, and which are built."""
-    built = environments.list_built(found.settings.environments)
+def list_environments(admin_context: _AdminContext) -> None:
+    """List environments and whether they are built."""
+    built = environments.list_built(admin_context.settings.environments)
     for name in environments.RECIPES:
         click.echo(f"{name}  {'built' if name in built else 'not built'}")
 
@@ -157,9 +157,9 @@ def list_environments(found: _AdminContext) -> None:
 @click.argument("name")
 @click.argument("pip_options", nargs=-1, type=click.UNPROCESSED)
 @_pass_admin
-def build_environment(found: _AdminContext, name: str, pip_options: Sequence[str]) -> None:
-    """Builds one with venv and pip; options after the name are pip's (docs/server.md, Environments)."""
-    folder = found.settings.environments.absolute()
+def build_environment(admin_context: _AdminContext, name: str, pip_options: Sequence[str]) -> None:
+    """Build an environment with venv and pip; options after NAME go to pip (docs/server.md, Environments)."""
+    folder = admin_context.settings.environments.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     built = environments.build_environment(name, folder, pip_options)
     click.echo(f"{built.name}  {len(built.packages)} packages  {built.python}")
@@ -168,46 +168,55 @@ def build_environment(found: _AdminContext, name: str, pip_options: Sequence[str
 @environment.command("import")
 @click.argument("name")
 @click.argument("rootfs", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--python", default=environments.IMAGE_PYTHON, show_default=True, help="Interpreter, a path in there.")
+@click.option(
+    "--python", default=environments.IMAGE_PYTHON, show_default=True, help="Path of the interpreter in the image."
+)
 @_pass_admin
-def import_environment(found: _AdminContext, name: str, rootfs: Path, python: str) -> None:
-    """Takes an unpacked image for one; the folder stays where it is (docs/docker.md)."""
-    folder = found.settings.environments.absolute()
-    made = environments.import_image(name, folder, rootfs, python, found.settings.sandbox.box_limits())
+def import_environment(admin_context: _AdminContext, name: str, rootfs: Path, python: str) -> None:
+    """Register an unpacked image as an environment; the folder is not copied (docs/docker.md)."""
+    folder = admin_context.settings.environments.absolute()
+    made = environments.import_image(name, folder, rootfs, python, admin_context.settings.sandbox.box_limits())
     click.echo(f"{made.name}  {len(made.packages)} packages  {made.rootfs}")
 
 
 @admin.command()
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @_pass_admin
-def backup(found: _AdminContext, file: Path) -> None:
-    """Writes all tables into a new file, and prints the head of the audit log: note it elsewhere."""
+def backup(admin_context: _AdminContext, file: Path) -> None:
+    """Write all tables to a new file and print the head of the audit log; store it elsewhere."""
     with report_store_errors():
-        click.echo(write_backup(found.store, file))
+        click.echo(write_backup(admin_context.store, file))
 
 
 @admin.command()
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @_pass_admin
-def restore(found: _AdminContext, file: Path) -> None:
-    """Fills an empty database from a backup, and prints the head of its audit log. End `serve` first."""
+def restore(admin_context: _AdminContext, file: Path) -> None:
+    """Fill an empty database from a backup and print the head of its audit log. Stop `serve` first."""
     with report_store_errors():
-        click.echo(read_backup(found.store, file))
+        click.echo(read_backup(admin_context.store, file))
 
 
 @admin.command("audit")
-@click.option("--list", "most", type=click.IntRange(1), is_flag=False, flag_value=20, help="So many, else 20.")
+@click.option(
+    "--list",
+    "most",
+    type=click.IntRange(1),
+    is_flag=False,
+    flag_value=20,
+    help="Print that many entries, by default 20.",
+)
 @_pass_admin
 @click.pass_context
-def walk(ctx: click.Context, found: _AdminContext, most: int | None) -> None:
-    """Walks the audit log. Exit code 1 where an entry was changed, inserted or removed.
+def walk(ctx: click.Context, admin_context: _AdminContext, most: int | None) -> None:
+    """Verify the audit log. Exit code 1 if an entry was changed, inserted or removed.
 
-    With --list the latest entries are printed first: when, who, what, and the data of it.
+    With --list the latest entries are printed first: time, actor, action, data.
     """
-    with report_store_errors(), found.store.read() as session:
+    with report_store_errors(), admin_context.store.read() as session:
         for entry in reversed(audit.list_latest(session, most or 0)):
             click.echo(
-                f"{format_utc(entry.at_us)}  {entry.actor}  {entry.deed}  {json.dumps(entry.data, sort_keys=True)}"
+                f"{format_utc(entry.at_us)}  {entry.actor}  {entry.action}  {json.dumps(entry.data, sort_keys=True)}"
             )
         chain = audit.verify_chain(session)
     click.echo(f"{chain.entries} entries, head {chain.head or 'none'}")
@@ -218,30 +227,38 @@ def walk(ctx: click.Context, found: _AdminContext, most: int | None) -> None:
 
 @admin.command()
 @_pass_admin
-def collect(found: _AdminContext) -> None:
-    """Deletes archives and recordings whose time is over, by [keep] of the settings."""
+def collect(admin_context: _AdminContext) -> None:
+    """Delete archives and recordings whose retention ([keep] of the settings) is over."""
     with report_store_errors():
-        with found.store.read() as session:
-            kept = retention.select_retained(session, found.settings.keep.policy(), now_us())
-        for path in retention.delete_expired(kept, found.settings.data, now_us()):
+        with admin_context.store.read() as session:
+            kept = retention.select_retained(session, admin_context.settings.keep.policy(), now_us())
+        for path in retention.delete_expired(kept, admin_context.settings.data, now_us()):
             click.echo(path)
 
 
 @admin.command()
 @click.argument("submissions", nargs=-1)
-@click.option("--latest", type=click.IntRange(1, 1000), default=10, show_default=True, help="Where none is named.")
+@click.option(
+    "--latest",
+    type=click.IntRange(1, 1000),
+    default=10,
+    show_default=True,
+    help="Number of submissions if none is named.",
+)
 @_pass_admin
 @click.pass_context
-def verify(ctx: click.Context, found: _AdminContext, submissions: Sequence[str], latest: int) -> None:
-    """Drives a sample of finished submissions once more and compares. Exit code 1 where something differs."""
+def verify(ctx: click.Context, admin_context: _AdminContext, submissions: Sequence[str], latest: int) -> None:
+    """Run a sample of finished submissions again and compare. Exit code 1 if something differs."""
     from server.evaluation.submission_job import (
-        run_submission_job,  # here: no other command needs SUMO, and `serve` must not
+        run_submission_job,  # imported here: no other command needs SUMO
     )
 
     with report_store_errors():
-        with found.store.read() as session:
+        with admin_context.store.read() as session:
             chosen = submissions or spot_checks.list_finished(session, latest)
-        checks = list(spot_checks.run_spot_checks(found.store, found.settings, chosen, now_us, run_submission_job))
+        checks = list(
+            spot_checks.run_spot_checks(admin_context.store, admin_context.settings, chosen, now_us, run_submission_job)
+        )
     for check in checks:
         click.echo(f"{check.submission}  {check.scenario} {check.seed}  {check.text}")
     if any(not check.same for check in checks):

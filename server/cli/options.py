@@ -1,4 +1,4 @@
-"""What `serve` and `admin` have in common: how they find the settings, and what they say of a database that is away."""
+"""Shared by `serve` and `admin`: options, settings, and errors of the database."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -18,20 +18,20 @@ settings_option = click.option(
     help="TOML file (docs/server.md); also MDRIVE_SETTINGS.",
 )
 data_option = click.option(
-    "--data", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Where everything is kept."
+    "--data", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Data folder."
 )
 
 
-def load_settings_with(file: Path | None, data: Path | None, **more: object) -> ServerSettings:
-    """The settings of `file`, with what the command line says over them. Raises InputError."""
-    found = load_settings(file)
-    given = {name: value for name, value in {"data": data, **more}.items() if value is not None}
-    return found.model_copy(update=given)
+def load_settings_with(file: Path | None, data: Path | None, **options: object) -> ServerSettings:
+    """Load the settings of `file`, overridden by command-line options. Raises InputError."""
+    settings = load_settings(file)
+    given = {name: value for name, value in {"data": data, **options}.items() if value is not None}
+    return settings.model_copy(update=given)
 
 
 @contextmanager
 def report_store_errors() -> Generator[None]:
-    """A database that does not answer is something that the user can mend: raises InputError for it."""
+    """Raise InputError for StoreUnavailable: the user can start the database."""
     try:
         yield
     except StoreUnavailable as error:

@@ -1,4 +1,4 @@
-"""`mdrive-sumo serve`: the API, the pages, and the workers, until somebody ends it."""
+"""`mdrive-sumo serve`: API, web pages and workers."""
 
 import asyncio
 import fcntl
@@ -28,15 +28,15 @@ from server.settings import WARM_UP, ServerSettings
 from server.store import Store, phases
 
 GRACE_S = 5
-"""For answers under way when the server ends; streams of events are cut, and clients come back."""
+"""Time for open responses when the server stops [s]; event streams are closed, and clients reconnect."""
 HEADER_BYTES = 32 * 1024
-"""Of one request, all headers together."""
+"""Size limit of a request's headers [bytes]."""
 REQUEST_S = 20.0
-"""From the connection, or the last answer, to the end of the next request's headers."""
+"""Time from the connection, or the last response, to the end of the next request's headers [s]."""
 BACKLOG = 2048
 LOCK_FILE = "serve.lock"
 EXECUTORS = ("local", "dask")
-"""As of `eval`, whose module would bring the simulator along."""
+"""Executors as in `eval`, whose module would import the simulator."""
 
 
 @click.command("serve")
@@ -47,17 +47,17 @@ EXECUTORS = ("local", "dask")
 @click.option(
     "--executor",
     type=click.Choice(EXECUTORS),
-    help="Who works: processes here, or the workers of a Dask cluster [default: as the settings say, else local].",
+    help="Run jobs in local processes or on a Dask cluster [default: as in the settings, else local].",
 )
-@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Of the Dask cluster.")
+@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Address of the Dask cluster.")
 def serve(
     file: Path | None, data: Path | None, host: str | None, port: int | None, executor: str | None, scheduler: str
 ) -> None:
-    """Serve a challenge: the HTTP API, the pages, and the workers that drive.
+    """Serve a challenge: the HTTP API, the web pages, and the workers.
 
     Without settings there is one phase, warm-up, on the packaged suite interdrive.
 
-    Ctrl-C or SIGTERM ends it: running jobs go back to the queue.
+    Ctrl-C or SIGTERM stops it: running jobs return to the queue.
     """
     settings = _apply_executor(load_settings_with(file, data, host=host, port=port), executor, scheduler)
     signal.signal(signal.SIGTERM, _exit_on_signal)
@@ -65,9 +65,9 @@ def serve(
         settings = _apply_phases(settings, file)
         _print_missing_environments(settings)
         app = make_app(settings)
-        tools = app.state.tools
-        prepare_storage(tools, now_us())
-        supervisor = Supervisor(tools.store, settings)
+        services = app.state.services
+        prepare_storage(services, now_us())
+        supervisor = Supervisor(services.store, settings)
         supervisor.start()
         try:
             _run(app, settings, listener)
@@ -76,7 +76,7 @@ def serve(
 
 
 def make_app(settings: ServerSettings) -> FastAPI:
-    """The API and the pages."""
+    """Return the application with API and pages."""
     app = create_app(settings)
     web.mount(app)
     return app
@@ -96,50 +96,50 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
     try:
         server.run(sockets=[listener])
     except KeyboardInterrupt:
-        click.echo("ended; running jobs go back to the queue", err=True)
+        click.echo("stopped; running jobs return to the queue", err=True)
     if not server.started:
         raise InputError("serve: the server did not start; the lines above say why")
 
 
 class TimeoutProtocol(H11Protocol):
-    """Closes a connection on which no request arrives: uvicorn waits for the first, and for one begun, for ever."""
+    """Closes idle connections: uvicorn has no time limit for the first request or an incomplete one."""
 
     _timer: asyncio.TimerHandle
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Of asyncio."""
+        """asyncio's callback."""
         super().connection_made(transport)
-        self._timer = self.loop.call_later(REQUEST_S, self._look, self.cycle)
+        self._timer = self.loop.call_later(REQUEST_S, self._check_timeout, self.cycle)
 
     def on_response_complete(self) -> None:
-        """Of uvicorn."""
+        """uvicorn's callback."""
         answered = self.cycle
-        super().on_response_complete()  # it may begin with the next one
+        super().on_response_complete()  # it may start the next request
         self._timer.cancel()
-        # Answered before all of its body came: the rest is thrown away, for most clients read no answer before that.
+        # Answered before the whole body arrived: the rest is discarded, since most clients read the response only then.
         left_s = UPLOAD_S if self.conn.their_state is h11.SEND_BODY else REQUEST_S
-        self._timer = self.loop.call_later(left_s, self._look, answered)
+        self._timer = self.loop.call_later(left_s, self._check_timeout, answered)
 
-    def _look(self, answered: object) -> None:
+    def _check_timeout(self, answered: object) -> None:
         if self.cycle is answered and not self.transport.is_closing():
             self.transport.close()
 
 
 class _Server(uvicorn.Server):
-    """Says where it is: uvicorn does not, of a socket that it is given."""
+    """Prints its address, which uvicorn does not for a socket that it is given."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Of uvicorn."""
+        """uvicorn's callback."""
         await super().startup(sockets)
         if self.started and sockets:
             host, port = self.config.host, sockets[0].getsockname()[1]
-            place = f"[{host}]" if ":" in host else host
-            click.echo(f"running on http://{place}:{port} (Ctrl-C ends it)", err=True)
+            address = f"[{host}]" if ":" in host else host
+            click.echo(f"running on http://{address}:{port} (Ctrl-C stops it)", err=True)
 
 
 @contextmanager
 def _open_listener(settings: ServerSettings) -> Generator[socket.socket]:
-    """Before anything else is begun, so that a port that is taken is the first thing said. Raises InputError."""
+    """Open the listening socket before anything else, so that an occupied port is reported first. Raises InputError."""
     host, port = settings.host, settings.port
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][0]
@@ -154,12 +154,14 @@ def _open_listener(settings: ServerSettings) -> Generator[socket.socket]:
 
 @contextmanager
 def _lock_data_folder(settings: ServerSettings) -> Generator[None]:
-    """Whoever serves a folder with a database of its own serves it alone. Raises InputError."""
+    """Lock the data folder if it contains the database. Raises InputError if another process serves it."""
     try:
         settings.data.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"serve: {settings.data}: cannot be made: {error.strerror}; choose another --data") from None
-    if settings.database:  # several machines may then share the folder
+        raise InputError(
+            f"serve: {settings.data}: cannot be created: {error.strerror}; choose another --data"
+        ) from None
+    if settings.database:  # several machines may share the folder
         yield
         return
     with (settings.data / LOCK_FILE).open("a+") as file:
@@ -167,8 +169,8 @@ def _lock_data_folder(settings: ServerSettings) -> Generator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             file.seek(0)
-            whose = file.read().strip() or "?"
-            sentence = f"serve: {settings.data} is being served by process {whose}; end it, or choose another --data"
+            pid = file.read().strip() or "?"
+            sentence = f"serve: {settings.data} is being served by process {pid}; stop it, or choose another --data"
             raise InputError(sentence) from None
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
@@ -177,7 +179,7 @@ def _lock_data_folder(settings: ServerSettings) -> Generator[None]:
 
 
 def _apply_executor(settings: ServerSettings, executor: str | None, scheduler: str) -> ServerSettings:
-    """What the command line says over `work.scheduler`. Raises InputError."""
+    """Override `work.scheduler` with the command line. Raises InputError."""
     if executor is None and not scheduler:
         return settings
     scheduler = scheduler or (settings.work.scheduler if executor == "dask" else "")
@@ -187,10 +189,10 @@ def _apply_executor(settings: ServerSettings, executor: str | None, scheduler: s
 
 
 def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings:
-    """Where nobody said which phases there are: those of the database, or else one to begin with."""
+    """Without phases in the settings, use those of the database, else the warm-up phase."""
     if file is not None or settings.phases:
         if not settings.phases:
-            click.echo(f"note: {file} names no phases, so nothing can be submitted (docs/server.md)", err=True)
+            click.echo(f"note: {file} defines no phases, so nothing can be submitted (docs/server.md)", err=True)
         return settings
     store = Store(settings.database_url)
     try:
@@ -200,9 +202,9 @@ def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings
     finally:
         store.close()
     if known:
-        click.echo(f"note: no settings file; phases are those of the database: {known}", err=True)
+        click.echo(f"note: no settings file; using the phases of the database: {known}", err=True)
         return settings
-    sentence = f"no settings file, so there is one phase, {WARM_UP.id}, on the public suite {WARM_UP.suite}"
+    sentence = f"no settings file; using one phase, {WARM_UP.id}, on the public suite {WARM_UP.suite}"
     click.echo(f"note: {sentence} (docs/server.md)", err=True)
     return settings.model_copy(update={"phases": (WARM_UP,)})
 
@@ -211,9 +213,9 @@ def _print_missing_environments(settings: ServerSettings) -> None:
     if not environments.list_built(settings.environments):
         name = next(iter(environments.RECIPES))
         command = f"mdrive-sumo admin --data {settings.data} environment build {name}"
-        click.echo(f"note: no environment is built, so every agent is refused; build one: {command}", err=True)
+        click.echo(f"note: no environment is built, so every agent is refused; build one with: {command}", err=True)
 
 
 def _exit_on_signal(number: int, frame: object) -> NoReturn:  # noqa: ARG001 (the signature of signal handlers)
-    """uvicorn raises the signal again when it is done, and then the workers are still to be stopped."""
+    """Exit normally: uvicorn raises the signal again at its end, when the workers must still be stopped."""
     raise SystemExit(0)

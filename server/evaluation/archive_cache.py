@@ -1,4 +1,4 @@
-"""Archives, unpacked once for all their jobs. Boxes see the folder read-only, so nobody changes it in between."""
+"""Archives unpacked once for all their jobs. Sandboxes see the folder read-only, so it does not change."""
 
 import hashlib
 import json
@@ -17,52 +17,52 @@ from server.archive import ArchiveLimits, Manifest, check_archive, extract_archi
 from server.enums import ChallengeTrack
 from server.evaluation.job_task import JobTask
 
-AGENT, ABOUT = "agent", "manifest.json"
+AGENT_FOLDER, MANIFEST_FILE = "agent", "manifest.json"
 MIN_AGE_S = {"unpacked": 3600.0, "stage": 86400.0}
-"""Folders younger than that stay: somebody may be making or using them. A job may take hours, but not a day."""
+"""Minimum age of deleted folders [s]: younger ones may be in use. A job may take hours, but not a day."""
 
 
 def unpack_archive(task: JobTask) -> tuple[Manifest, Path]:
-    """What the archive says, and its folder. Raises ArchiveRefused, WorldError, OSError."""
+    """Return the manifest and the folder of the unpacked archive. Raises ArchiveRefused, WorldError, OSError."""
     home = task.unpacked
     if not home.is_dir():
         _unpack(task, home)
     with suppress(FileNotFoundError):
         os.utime(home)
-    return _load_manifest(json.loads((home / ABOUT).read_text("utf-8"))), home / AGENT
+    return _load_manifest(json.loads((home / MANIFEST_FILE).read_text("utf-8"))), home / AGENT_FOLDER
 
 
 def delete_stale(data: Path, needed: Collection[str], now_s: float | None = None) -> None:
-    """Deletes what no unfinished submission needs, and what dead workers left behind. `needed`: checksums."""
+    """Delete unpacked archives that no unfinished submission needs (`needed`: checksums), and files of dead workers."""
     now_s = time.time() if now_s is None else now_s
-    for place, young_s in MIN_AGE_S.items():
-        for folder in _list_folders(data / place):
+    for name, min_age_s in MIN_AGE_S.items():
+        for folder in _list_folders(data / name):
             with suppress(FileNotFoundError):
-                if folder.name not in needed and folder.stat().st_mtime < now_s - young_s:
+                if folder.name not in needed and folder.stat().st_mtime < now_s - min_age_s:
                     shutil.rmtree(folder, ignore_errors=True)
 
 
 def _unpack(task: JobTask, home: Path) -> None:
-    """Several workers may do it at once: whoever is first has made it, whole."""
+    """Unpack into a temporary folder and rename it: of several workers at once the first one succeeds."""
     home.parent.mkdir(parents=True, exist_ok=True)
     with task.archive.open("rb") as archive:
         if hashlib.file_digest(archive, "sha256").hexdigest() != task.archive_sha256:
-            raise WorldError(f"{task.archive.name}: expected the bytes that the team sent, found others")
+            raise WorldError(f"{task.archive.name}: expected the bytes of the submission, found others")
     manifest = check_archive(task.archive, ArchiveLimits(**task.limits.model_dump()))
     part = Path(tempfile.mkdtemp(prefix=f"{home.name}.", dir=home.parent))
     try:
         part.chmod(0o755)
-        extract_archive(task.archive, manifest, part / AGENT)
-        (part / ABOUT).write_text(json.dumps(asdict(manifest)), "utf-8")
-        with suppress(OSError):  # there already
+        extract_archive(task.archive, manifest, part / AGENT_FOLDER)
+        (part / MANIFEST_FILE).write_text(json.dumps(asdict(manifest)), "utf-8")
+        with suppress(OSError):  # another worker was first
             part.rename(home)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _load_manifest(told: dict[str, Any]) -> Manifest:
-    hint = told.pop("track_hint")
-    return Manifest(**told, track_hint=None if hint is None else ChallengeTrack(hint))
+def _load_manifest(data: dict[str, Any]) -> Manifest:
+    hint = data.pop("track_hint")
+    return Manifest(**data, track_hint=None if hint is None else ChallengeTrack(hint))
 
 
 def _list_folders(folder: Path) -> list[Path]:

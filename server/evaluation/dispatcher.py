@@ -1,7 +1,7 @@
-"""The dispatcher: claims jobs, has an executor run them, keeps their leases, writes each result once.
+"""The dispatcher: claims jobs, submits them to an executor, prolongs their leases, and writes each result once.
 
-It is a worker's main loop where the executor is one process of this machine, and that of the one who speaks to the
-database where the executor is a cluster. Killing it at any moment loses and doubles nothing: the database decides.
+It is a worker's main loop; the executor is one local process or a cluster. Killing it at any moment neither loses nor
+duplicates a result, because the database decides.
 """
 
 import logging
@@ -31,27 +31,27 @@ from server.store.tables import JobRow
 LOG = logging.getLogger("mdrive.worker")
 SECOND_US = 1_000_000
 IDLE_S = 1.0
-"""How often somebody without work looks for some."""
+"""Pause between queries of an idle worker [s]."""
 MAX_PAUSE_S = 60.0
 MIN_FREE_BYTES = 64 * 2**20
-"""Without so much room on the disk nothing is begun: what cannot be written would count as our failures."""
+"""Free disk space without which no job is claimed [bytes]: results that cannot be written count as our failures."""
 DISK_FULL_PAUSE_S = 10.0
 SPOT_CHECK_PREFIX = "spot-"
 
 
 class EvaluatorMismatchError(InputError):
-    """The queue holds what this process must not evaluate: its code or its suite is of another version."""
+    """A job in the queue needs another version of the code or suite than this process has."""
 
 
 @dataclass(slots=True)
 class _HeldJob:
     task: JobTask
     beat_us: int
-    """When its lease was last prolonged."""
+    """Time of the last heartbeat [us]."""
 
 
 class Dispatcher:
-    """Use it in the thread that made the executor."""
+    """Works in the thread that created the executor."""
 
     def __init__(
         self,
@@ -62,46 +62,46 @@ class Dispatcher:
         owner: str,
         clock: Callable[[], int] = now_us,
     ) -> None:
-        """`owner`: unique to this process, also after its death."""
+        """`owner`: a name that no other process has or had."""
         self._store, self._settings, self._suites, self._executor = store, settings, suites, executor
         self._owner, self._clock = owner, clock
         self._held: dict[str, _HeldJob] = {}
-        self._unsaved: deque[tuple[str, JobResult | WorkerFailure]] = deque()
-        self._spots: deque[int] = deque()
+        self._unwritten: deque[tuple[str, JobResult | WorkerFailure]] = deque()
+        self._spot_checks: deque[int] = deque()
         self._failed_in_a_row, self._resume_us = 0, 0
         self._seen_us: int | None = None
 
     def run(self, stop: StopRequest) -> None:
-        """Works until it is stopped; what it holds then goes back to the queue, without blame.
+        """Work until stopped; jobs under way then return to the queue without counting as failures.
 
-        Raises InputError where it cannot go on: another evaluator is wanted, the cluster is lost.
+        Raises InputError if it cannot continue: another evaluator is needed, or the cluster is lost.
         """
         try:
-            while not stop.wished:
+            while not stop.is_requested:
                 self.step(IDLE_S, stop)
         finally:
-            self._let_go()
+            self._release_all()
 
     def step(self, wait_s: float, stop: StopRequest) -> None:
-        """Claims, waits at most so long, writes what is finished, prolongs leases.
+        """Claim jobs, wait at most `wait_s` for results, write them, prolong leases.
 
-        A claim also ends leases that are over. After a time without a database ours may be, so first of all what is
-        finished is written, and what is not is prolonged.
+        A claim also ends expired leases. After an outage of the database our own may have expired, so results are
+        written and leases prolonged before anything is claimed.
         """
-        self._or_later(self._sign_in)
-        there = self._save() and self._or_later(self._beat) and self._or_later(self._claim)
+        self._try(self._sign_in)
+        there = self._write_results() and self._try(self._prolong_leases) and self._try(self._claim)
         if self._held and there:
             due_us = min(held.beat_us for held in self._held.values()) + self._beat_us
             wait_s = max(0.0, min(wait_s, (due_us - self._clock()) / SECOND_US))
-        self._unsaved.extend(self._executor.collect_outcomes(wait_s, [stop.fd]))
-        self._save()
-        self._or_later(self._beat)
+        self._unwritten.extend(self._executor.collect_outcomes(wait_s, [stop.fd]))
+        self._write_results()
+        self._try(self._prolong_leases)
 
-    def _save(self) -> bool:
-        """Whether everything that is finished is written down."""
-        while self._unsaved and self._or_later(lambda: self._settle(*self._unsaved[0])):
-            self._unsaved.popleft()
-        return not self._unsaved
+    def _write_results(self) -> bool:
+        """Write finished results; return whether all are written."""
+        while self._unwritten and self._try(lambda: self._handle_outcome(*self._unwritten[0])):
+            self._unwritten.popleft()
+        return not self._unwritten
 
     @property
     def _beat_us(self) -> int:
@@ -111,17 +111,17 @@ class Dispatcher:
     def _lease_us(self) -> int:
         return self._settings.work.lease_s * SECOND_US
 
-    def _or_later(self, deed: Callable[[], None]) -> bool:
-        """False where the database was not there: nothing is lost, it is tried again with the next step."""
+    def _try(self, action: Callable[[], None]) -> bool:
+        """Run an action; return False if the database is unavailable: the next step tries again."""
         try:
-            deed()
+            action()
         except StoreUnavailable as error:
-            LOG.warning("%s; tried again", error)
+            LOG.warning("%s; trying again", error)
             return False
         return True
 
     def _sign_in(self) -> None:
-        """So that an admin sees who lives, with or without work."""
+        """Record a heartbeat, so that an admin sees that this process is alive."""
         now = self._clock()
         if self._seen_us is None or now - self._seen_us >= self._beat_us:
             with self._store.write() as session:
@@ -134,12 +134,12 @@ class Dispatcher:
 
     def _claim(self) -> None:
         while self._clock() >= self._resume_us and self._executor.free_slots > 0:
-            if self._spots:  # before new jobs: a queue that is never empty must not put them off for ever
-                self._begin_spot()
-            elif not (self._waiting() and self._has_room() and self._claim_one()):
+            if self._spot_checks:  # before new jobs: a queue that is never empty must not delay them for ever
+                self._start_spot_check()
+            elif not (self._has_queued_job() and self._has_disk_space() and self._claim_one()):
                 return
 
-    def _has_room(self) -> bool:
+    def _has_disk_space(self) -> bool:
         data = self._settings.data
         try:
             free = shutil.disk_usage(data).free
@@ -153,7 +153,7 @@ class Dispatcher:
         )
         return False
 
-    def _waiting(self) -> bool:
+    def _has_queued_job(self) -> bool:
         """Whether a claim is worth a write transaction."""
         lapsed = (JobRow.state == JobState.RUNNING) & (JobRow.lease_us < self._clock())
         with self._store.read() as session:
@@ -165,7 +165,7 @@ class Dispatcher:
             job = jobs.claim(session, self._owner, self._lease_us, now)
             if job is None:
                 return False
-            if self._is_ours(session, job):
+            if self._has_our_evaluator(session, job):
                 task = load_task(session, job, self._settings)
             else:
                 jobs.release(session, job.id, self._owner, job.attempt)
@@ -179,30 +179,30 @@ class Dispatcher:
         self._executor.submit(key, task)
         return True
 
-    def _is_ours(self, session: Session, job: JobRow) -> bool:
+    def _has_our_evaluator(self, session: Session, job: JobRow) -> bool:
         submission = submissions.get(session, job.submission)
         phase = phases.get(session, submission.phase)
         return submission.evaluator == self._suites.evaluator(phase, submission.environment)
 
-    def _beat(self) -> None:
+    def _prolong_leases(self) -> None:
         now = self._clock()
         due = [key for key, held in self._held.items() if now - held.beat_us >= self._beat_us]
         if not due:
             return
-        waiting = {key for key, _ in self._unsaved}
+        waiting = {key for key, _ in self._unwritten}
         with self._store.write() as session:
-            lost = [key for key in due if not self._prolonged(session, self._held[key].task, now)]
+            lost = [key for key in due if not self._prolong(session, self._held[key].task, now)]
         for key in due:
             self._held[key].beat_us = now
         for key in lost:
             if key not in waiting:
                 self._executor.cancel(key)
-                self._forget(key)
+                self._drop(key)
 
-    def _prolonged(self, session: Session, task: JobTask, now: int) -> bool:
+    def _prolong(self, session: Session, task: JobTask, now: int) -> bool:
         return jobs.heartbeat(session, task.job, self._owner, task.attempt, self._lease_us, now)
 
-    def _settle(self, key: str, outcome: JobResult | WorkerFailure) -> None:
+    def _handle_outcome(self, key: str, outcome: JobResult | WorkerFailure) -> None:
         if key.startswith(SPOT_CHECK_PREFIX):
             spot_checks.record_outcome(self._store, int(key.removeprefix(SPOT_CHECK_PREFIX)), outcome, self._clock())
             return
@@ -215,58 +215,58 @@ class Dispatcher:
             self._reject(task, outcome)
         else:
             self._finish(task, outcome)
-        self._pause_after(task, outcome)  # once, when it is written down
-        self._forget(key)
+        self._pause_after(task, outcome)  # once, when the result is written
+        self._drop(key)
 
     def _finish(self, task: JobTask, outcome: JobOutcome) -> None:
         try:
-            self._write(task, outcome)
+            self._write_outcome(task, outcome)
         except OSError as error:
             why = f"the files of a result: {describe_write_error(error, error.filename)}"
-            self._write(task, JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure=why))
+            self._write_outcome(task, JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure=why))
 
-    def _write(self, task: JobTask, outcome: JobOutcome) -> None:
+    def _write_outcome(self, task: JobTask, outcome: JobOutcome) -> None:
         now = self._clock()
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
             if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
-                _keep_files(task)  # before the commit: a result that is there has its files
+                _move_files(task)  # before the commit: a committed result has its files
                 if submissions.finish_if_complete(session, task.submission, summarise, now):
-                    self._draw(session, task.submission)
+                    self._draw_spot_checks(session, task.submission)
         if not counted:
-            LOG.info("job %d: result of attempt %d came too late and was dropped", task.job, task.attempt)
+            LOG.info("job %d: result of attempt %d dropped: the lease had ended", task.job, task.attempt)
 
-    def _draw(self, session: Session, submission: str) -> None:
+    def _draw_spot_checks(self, session: Session, submission: str) -> None:
         draw = audit.find_head(session)
         if spot_checks.is_drawn(draw, self._settings.work.spot_check):
-            self._spots.extend(job.id for job in spot_checks.sample_jobs(session, submission, draw))
+            self._spot_checks.extend(job.id for job in spot_checks.sample_jobs(session, submission, draw))
 
     def _reject(self, task: JobTask, rejection: AgentRejection) -> None:
         now = self._clock()
         with self._store.write() as session:
-            if self._prolonged(session, task, now):
+            if self._prolong(session, task, now):
                 submissions.reject(session, task.submission, rejection.why, now)
 
     def _pause_after(self, task: JobTask, outcome: JobResult) -> None:
-        """A machine on which everything fails must not fail every submission at full speed."""
+        """Pause after a failure on our side: a broken machine must not fail all submissions at full speed."""
         if isinstance(outcome, AgentRejection) or outcome.verdict is not ScenarioVerdict.FAILED_OURS:
             self._failed_in_a_row = 0
             return
         LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
-        pause_s = min(2.0 ** min(self._failed_in_a_row, 10), MAX_PAUSE_S)  # a float ends at 2**1024
+        pause_s = min(2.0 ** min(self._failed_in_a_row, 10), MAX_PAUSE_S)  # bounds the exponent
         self._failed_in_a_row += 1
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
 
-    def _begin_spot(self) -> None:
-        task = spot_checks.make_check_task(self._store, self._spots[0], self._settings)
-        self._spots.popleft()
+    def _start_spot_check(self) -> None:
+        task = spot_checks.make_check_task(self._store, self._spot_checks[0], self._settings)
+        self._spot_checks.popleft()
         self._executor.submit(f"{SPOT_CHECK_PREFIX}{task.job}", task)
 
-    def _forget(self, key: str) -> None:
+    def _drop(self, key: str) -> None:
         shutil.rmtree(self._held.pop(key).task.stage, ignore_errors=True)
 
-    def _let_go(self) -> None:
-        """Back to the queue; where the database is away the leases end by themselves."""
+    def _release_all(self) -> None:
+        """Return all jobs to the queue; if the database is unavailable the leases expire."""
 
         def release() -> None:
             with self._store.write() as session:
@@ -276,14 +276,14 @@ class Dispatcher:
         if self._held:
             for key in self._held:
                 self._executor.cancel(key)
-            self._or_later(release)
-        self._or_later(self._sign_out)
+            self._try(release)
+        self._try(self._sign_out)
         for key in tuple(self._held):
-            self._forget(key)
+            self._drop(key)
 
 
-def _keep_files(task: JobTask) -> None:
-    """Recording and logs go where they are looked for. Raises OSError: then nothing is finished."""
+def _move_files(task: JobTask) -> None:
+    """Move recording and logs to their final folder. Raises OSError: then the job is not finished."""
     if not task.public or not task.stage.is_dir():
         return
     task.home.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""One (submission, scenario, seed) as a worker process is told of it, and what it tells back."""
+"""The job that a worker process receives, and what it returns."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from server.store.tables import JobRow
 
 @dataclass(frozen=True, slots=True)
 class JobTask:
-    """Plain values; nothing of the database, and nothing that only one machine knows but the data folder."""
+    """One (submission, scenario, seed) as plain values, valid on every machine with the same data folder."""
 
     job: int
     attempt: int
@@ -26,36 +26,36 @@ class JobTask:
     scenario: str
     seed: int
     public: bool
-    """Whether recording and logs are kept."""
+    """Whether recording and logs are stored."""
     data: Path
-    """The server's data folder: on a cluster, a shared one."""
+    """The server's data folder; shared by the machines of a cluster."""
     sandbox: SandboxSettings
     limits: ArchiveSettings
 
     @property
     def archive(self) -> Path:
-        """What the team sent."""
+        """Path of the archive."""
         return self.data / "archives" / f"{self.archive_sha256}.zip"
 
     @property
     def unpacked(self) -> Path:
-        """What it holds, once for all jobs; its name begins with the checksum, see `unpacking.tidy`."""
+        """Folder with the unpacked archive, shared by all jobs; its name is the checksum, see `archive_cache`."""
         return self.data / "unpacked" / self.archive_sha256
 
     @property
     def stage(self) -> Path:
-        """Where this attempt, and no other, puts files until it is known whether they count."""
+        """Folder for the files of this attempt until its result is written."""
         return self.data / "stage" / f"{self.submission}.{self.job}.{self.attempt}"
 
     @property
     def home(self) -> Path:
-        """Where they go then; see `server.paths`."""
+        """Final folder of the files; see `server.paths`."""
         return self.data / "recordings" / self.submission / str(self.seed)
 
 
 @dataclass(frozen=True, slots=True)
 class AgentRejection:
-    """The agent asks for what it may not have, said in one sentence for the team: the whole submission is rejected."""
+    """The agent requires what is not allowed; the whole submission is rejected with this reason."""
 
     why: str
 
@@ -64,7 +64,7 @@ JobResult = JobOutcome | AgentRejection
 
 
 def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTask:
-    """Of a claimed job. Raises NotFound."""
+    """Return the task of a claimed job. Raises NotFound."""
     submission = submissions.get(session, job.submission)
     phase = phases.get(session, submission.phase)
     return JobTask(

@@ -1,4 +1,4 @@
-"""Whether this machine may evaluate: asked by workers, and by the server, which has no simulation of its own."""
+"""Checks whether this machine may run agents; for workers and for the server."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -13,13 +13,13 @@ from mdrive_sumo.scenario.suite import list_packaged_suites
 from server import environments
 from server.settings import ServerSettings
 
-_ADVICE = "Give it what is missing (docs/sandbox.md), or demand less by MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
+_ADVICE = "Install what is missing (docs/sandbox.md), or require less with MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
 
 
 def check_machine(settings: ServerSettings) -> None:
-    """Raises InputError, one sentence, where boxes have fewer layers than the settings demand, or no cluster can be.
+    """Raise InputError if sandboxes lack required layers, would see secrets, or the cluster cannot be reached.
 
-    Also where boxes would see what is secret. On a cluster agents run elsewhere: there each job looks at the layers.
+    On a cluster agents run elsewhere: there each job checks the layers.
     """
     _check_secrets(settings)
     if settings.work.scheduler:
@@ -32,11 +32,13 @@ def check_machine(settings: ServerSettings) -> None:
 
 
 def _check_secrets(settings: ServerSettings) -> None:
-    """Boxes see some folders of the host whole, /usr among them: database and hidden scenarios must be elsewhere."""
-    seen = frozenset(_list_visible_paths(settings))
-    for what, path in _list_secret_paths(settings):
-        for place in {path.resolve(), *path.resolve().parents} & seen:
-            raise InputError(f"{what}: expected a place that no box sees, found {path}: every agent can read {place}")
+    """Sandboxes see some folders of the host, e.g. /usr: database and hidden scenarios must be elsewhere."""
+    visible = frozenset(_list_visible_paths(settings))
+    for name, path in _list_secret_paths(settings):
+        for folder in {path.resolve(), *path.resolve().parents} & visible:
+            raise InputError(
+                f"{name}: expected a folder that no sandbox sees, found {path}: every agent can read {folder}"
+            )
 
 
 def _list_secret_paths(settings: ServerSettings) -> Iterator[tuple[str, Path]]:
@@ -52,7 +54,7 @@ def _list_secret_paths(settings: ServerSettings) -> Iterator[tuple[str, Path]]:
 def _list_visible_paths(settings: ServerSettings) -> Iterator[Path]:
     yield from sandbox.shown()
     for name in environments.list_built(settings.environments):
-        with suppress(InputError):  # one that cannot be read, which whoever drives with it will say
+        with suppress(InputError):  # an unreadable one is reported by the job that uses it
             made = environments.load_environment(name, settings.environments)
             if made.rootfs is not None:
                 yield from sandbox.shown(made.rootfs)

@@ -1,4 +1,4 @@
-"""After an update: submissions that are not finished begin anew, so that no result mixes two evaluators."""
+"""Restarts unfinished submissions after an update, so that no result mixes two evaluators."""
 
 import logging
 
@@ -14,10 +14,10 @@ LOG = logging.getLogger("mdrive.supervisor")
 
 
 def requeue_outdated(store: Store, settings: ServerSettings, now_us: int, suites: PhaseSuites | None = None) -> int:
-    """Queues anew what another evaluator has begun or was to begin; returns how many submissions.
+    """Restart unfinished submissions of another evaluator with the present jobs of their suites; return how many.
 
-    Their jobs are those that the suite has now. Whoever still drives one of the old ones loses it with the next
-    heartbeat. What cannot be driven any more is a failure of ours. Only `serve` does this, at its start.
+    A worker that still runs an old job loses it with its next heartbeat. Submissions that can no longer be run fail on
+    our side. Only `serve` calls this, at its start.
     """
     suites = suites or LoadedPhaseSuites(settings)
     count = 0
@@ -26,9 +26,9 @@ def requeue_outdated(store: Store, settings: ServerSettings, now_us: int, suites
             phase = phases.get(session, submission.phase)
             try:
                 evaluator, jobs = suites.evaluator(phase, submission.environment), suites.jobs(phase)
-            except InputError as error:  # of a phase that is over: the server does not start without the others
-                LOG.error("submission %s cannot be driven any more: %s", submission.id, error)
-                submissions.fail(session, submission.id, "the suite of its phase cannot be driven any more", now_us)
+            except InputError as error:  # the suite of a closed phase: for open phases the server has refused to start
+                LOG.error("submission %s can no longer be run: %s", submission.id, error)
+                submissions.fail(session, submission.id, "the suite of its phase can no longer be run", now_us)
                 continue
             if submission.evaluator != evaluator:
                 submissions.renew(session, submission, evaluator, jobs, now_us)

@@ -1,6 +1,6 @@
-"""Spot checks: finished results driven once more. The simulation repeats itself exactly, so a difference is a fault.
+"""Spot checks: finished scenarios run again. The simulation is deterministic, so a difference is a fault.
 
-Of ours, or of an agent that does not do the same twice (the clock, the network's weather, unseeded randomness).
+The fault is ours, or the agent is not deterministic (clock, machine load, unseeded randomness).
 """
 
 import hashlib
@@ -24,13 +24,13 @@ from server.store.tables import JobRow, SubmissionRow
 
 LOG = logging.getLogger("mdrive.worker")
 SAMPLE_SIZE = 1
-"""Scenarios of a submission that are driven again."""
+"""Scenarios of a submission that are run again."""
 LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
 class SpotCheck:
-    """What came of it."""
+    """Result of a spot check."""
 
     submission: str
     scenario: str
@@ -40,16 +40,16 @@ class SpotCheck:
 
 
 def is_drawn(draw: str, share: float) -> bool:
-    """Whether a submission is among that share of all.
+    """Return whether a submission belongs to that share of all.
 
-    `draw`: head of the audit log with the submission's end in it. Nobody knows it while the submission can still be
-    cancelled, and afterwards whoever has the log can tell that the draw was right.
+    `draw`: head of the audit log after the submission's end. It is unknown while the submission can still be cancelled,
+    and the audit log lets anyone verify the draw afterwards.
     """
     return int(draw[:8], 16) < share * 2**32
 
 
 def sample_jobs(session: Session, submission: str, draw: str, size: int = SAMPLE_SIZE) -> Sequence[JobRow]:
-    """Finished jobs without a failure of the agent (a time-out cannot be computed anew); which ones `draw` decides."""
+    """Return finished jobs without agent failures (time-outs are not reproducible), chosen by `draw`."""
     finished = select(JobRow).where(
         JobRow.submission == submission, JobRow.state == JobState.DONE, JobRow.verdict == ScenarioVerdict.OK
     )
@@ -61,23 +61,23 @@ def sample_jobs(session: Session, submission: str, draw: str, size: int = SAMPLE
 
 
 def make_check_task(store: Store, job_id: int, settings: ServerSettings) -> JobTask:
-    """To drive it once more; no files are kept. Raises NotFound."""
+    """Return the task that runs a job again without storing files. Raises NotFound."""
     with store.read() as session:
         job = jobs.get(session, job_id)
         again = load_task(session, job, settings)
-    return replace(again, public=False, attempt=-os.getpid())  # a stage of its own
+    return replace(again, public=False, attempt=-os.getpid())  # a stage folder of its own
 
 
 def record_outcome(store: Store, job_id: int, outcome: JobResult | WorkerFailure, now_us: int) -> SpotCheck | None:
-    """Compares, and writes what was found into the audit log; None where it could not be driven."""
+    """Compare the outcome and write the result to the audit log; return None if the job could not be run."""
     if isinstance(outcome, WorkerFailure):
         LOG.warning("spot check of job %d: %s", job_id, outcome.reason)
         return None
     with store.write() as session:
         job = jobs.get(session, job_id)
         found = _compare(job, outcome)
-        told = {"submission": found.submission, "job": job.id, "same": found.same, "text": found.text}
-        audit.add_entry(session, "server", "spot-check", told, now_us)
+        entry = {"submission": found.submission, "job": job.id, "same": found.same, "text": found.text}
+        audit.add_entry(session, "server", "spot-check", entry, now_us)
     if not found.same:
         LOG.error("spot check of job %d, submission %s: %s", job_id, found.submission, found.text)
     return found
@@ -90,9 +90,9 @@ def run_spot_checks(
     clock: Callable[[], int],
     function: Callable[[JobTask], JobResult],
 ) -> Iterator[SpotCheck]:
-    """Spot checks of these submissions now, in worker processes: for the command line. Raises NotFound.
+    """Run spot checks of these submissions in worker processes, for the command line. Raises NotFound.
 
-    What cannot be driven, or was driven by another evaluator, is left out.
+    Skips what cannot be run or was run by another evaluator.
     """
     suites = LoadedPhaseSuites(settings)
     with store.read() as session:
@@ -109,7 +109,7 @@ def run_spot_checks(
 
 
 def list_finished(session: Session, most: int) -> Sequence[str]:
-    """The latest submissions that are done, for `verify`."""
+    """Return the latest submissions that are done, for `run_spot_checks`."""
     done = (
         select(SubmissionRow.id)
         .where(SubmissionRow.state == SubmissionState.DONE)
@@ -123,7 +123,7 @@ def _is_comparable(session: Session, submission: str, suites: PhaseSuites) -> bo
     same = found.evaluator == suites.evaluator(phases.get(session, found.phase), found.environment)
     if not same:
         LOG.warning(
-            "submission %s: driven by another version of code, suite, sandbox or environment: not compared", submission
+            "submission %s: run by another version of code, suite, sandbox or environment: not compared", submission
         )
     return same
 

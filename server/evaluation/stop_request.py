@@ -1,4 +1,4 @@
-"""The wish that a process ends: said by a signal, or by the death of the one that started it."""
+"""Request that a process ends: by a signal, or by the end of its parent."""
 
 import os
 import signal
@@ -7,28 +7,28 @@ from types import FrameType
 
 
 class StopRequest:
-    """Readable (`fd`) once it is wished; safe to say from a signal handler and from other threads."""
+    """Its `fd` becomes readable with the request; `request` is safe in signal handlers and other threads."""
 
     def __init__(self) -> None:
         self.fd, self._writing = os.pipe()
         os.set_blocking(self._writing, False)
-        self.wished = False
+        self.is_requested = False
 
-    def wish(self) -> None:
-        """From now on."""
-        self.wished = True
+    def request(self) -> None:
+        """Request the end."""
+        self.is_requested = True
         with suppress(BlockingIOError):
             os.write(self._writing, b".")
 
-    def on_signals(self) -> None:
-        """SIGTERM and SIGINT wish it."""
+    def install_signal_handlers(self) -> None:
+        """Make SIGTERM and SIGINT request the end."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
 
     def close(self) -> None:
-        """Gives the pipe back."""
+        """Close the pipe."""
         os.close(self.fd)
         os.close(self._writing)
 
     def _on_signal(self, _: int, __: FrameType | None) -> None:
-        self.wish()
+        self.request()

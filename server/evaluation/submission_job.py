@@ -1,4 +1,4 @@
-"""Runs one job of a submission: its agents in boxes of their own, the episode, the score."""
+"""Runs one job of a submission: sandboxed agents, episode, score."""
 
 import json
 import shutil
@@ -24,27 +24,27 @@ from server.submitted_agent import SubmittedAgent, find_verdict
 from server.tracks import COMM_BY_TRACK, check_style
 
 MAX_RECORDING_BYTES = 4 * 1024 * 1024
-"""Larger recordings are not kept: those of packaged scenarios have up to 0.5 MB, the rest is what an agent says."""
+"""Larger recordings are dropped: packaged scenarios need up to 0.5 MB, the rest is messages of agents [bytes]."""
 
 
 def run_submission_job(task: JobTask) -> JobResult:
-    """Drives and scores. Only in the main thread of a process, as boxes want it.
+    """Run and score one scenario. Needs the main thread of its process, as sandboxes do.
 
-    Raises what is our fault: InputError (this machine lacks a layer of the sandbox, an environment is not built),
+    Raises on failures on our side: InputError (the machine lacks a sandbox layer, an environment is not built),
     WorldError, OSError.
     """
     _find_layers(task.sandbox.required, task.sandbox.backend)
     try:
-        entrant = _load_agent(task)
+        agent = _load_agent(task)
     except ArchiveRefused as error:
         return AgentRejection(str(error))
     try:
-        check_style(entrant.manifest.style, task.track)
+        check_style(agent.manifest.style, task.track)
     except InputError as error:
         return AgentRejection(str(error))
     task.stage.mkdir(parents=True, exist_ok=True)
     try:
-        return _run_agent(task, entrant)
+        return _run_agent(task, agent)
     finally:
         if not task.public:
             shutil.rmtree(task.stage, ignore_errors=True)
@@ -52,19 +52,19 @@ def run_submission_job(task: JobTask) -> JobResult:
 
 @lru_cache(maxsize=1)
 def _find_layers(required: tuple[str, ...], backend: str) -> tuple[str, ...]:
-    """What was found, once for each process: on a cluster it is nobody's but the job's to look."""
+    """Return the active sandbox layers, checked once per process. Raises InputError if a required one is missing."""
     return check_layers(required, backend)
 
 
-def _run_agent(task: JobTask, entrant: SubmittedAgent) -> JobResult:
-    began_s = time.monotonic()
+def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
+    start_s = time.monotonic()
     try:
-        result = run_job(_make_job(task, entrant))
+        result = run_job(_make_job(task, agent))
     except RejectedError as error:
         return AgentRejection(str(error))
     _drop_large(task.stage / f"{task.scenario}.npz")
     verdict, reason = find_verdict(result)
-    wall_s = round(time.monotonic() - began_s, 3)
+    wall_s = round(time.monotonic() - start_s, 3)
     layers = _find_layers(task.sandbox.required, task.sandbox.backend)
     used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage)}
     return JobOutcome(verdict, result.model_dump(mode="json"), reason, used)
@@ -88,12 +88,12 @@ def _load_agent(task: JobTask) -> SubmittedAgent:
     )
 
 
-def _make_job(task: JobTask, entrant: SubmittedAgent) -> EpisodeJob:
+def _make_job(task: JobTask, agent: SubmittedAgent) -> EpisodeJob:
     suite = list_packaged_suites().get(task.suite, Path(task.suite))
     return EpisodeJob(
         suite_folder=suite.absolute(),
         scenario=task.scenario,
-        agent=entrant.agent_spec(),
+        agent=agent.agent_spec(),
         seed=task.seed,
         options=EpisodeOptions(comm=COMM_BY_TRACK[task.track]),
         recording=task.stage / f"{task.scenario}.npz" if task.public else None,
@@ -102,9 +102,9 @@ def _make_job(task: JobTask, entrant: SubmittedAgent) -> EpisodeJob:
 
 
 def collect_usage(folder: Path) -> dict[str, Any]:
-    """What the boxes of a job used: `drivers` has left a record of each, which is taken away. A CAV's id is its key.
+    """Return the resource usage of a job's sandboxes by CAV, from the records in `folder`, which are deleted.
 
-    `latency` counts answers by the time they took: `counts[i]` up to `ends_ms[i]`, the last one beyond all ends.
+    `latency` is a histogram of reply times: `counts[i]` up to `ends_ms[i]`, the last one above all ends.
     """
     records: dict[str, Mapping[str, Any]] = {}
     for path in sorted(folder.glob("*.json")):

@@ -1,4 +1,4 @@
-"""The numbers of a finished submission: overall, of every bucket, of every category, with confidence intervals."""
+"""Figures of a finished submission: overall, per bucket and per category, with confidence intervals."""
 
 from collections import Counter
 from collections.abc import Sequence

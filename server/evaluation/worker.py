@@ -1,7 +1,7 @@
-"""A worker: a process that works for a server until it is told to stop, or its server is gone.
+"""A worker: a process that runs jobs until it is stopped or its server ends.
 
-The settings come as one line of JSON by standard input, where no list of processes shows the database's password. The
-end of that input is the server's death: the worker then gives its jobs back, as it does on SIGTERM.
+The settings arrive as one line of JSON on standard input, so that no list of processes shows the database's password.
+The end of that input means that the server has ended: the worker then returns its jobs, as on SIGTERM.
 """
 
 import logging
@@ -30,14 +30,14 @@ from server.store.errors import new_id
 
 LOG = logging.getLogger("mdrive.worker")
 NICE = 5
-"""Whoever asks the server is answered first."""
+"""Niceness of workers: requests to the server have priority."""
 
 
 def main(function: Callable[[JobTask], JobResult] = run_submission_job, clock: Callable[[], int] = now_us) -> int:
-    """`python -m server.evaluation.worker`: exit code 0 if it was told to stop."""
+    """Run `python -m server.evaluation.worker`; return exit code 0 if it was stopped, 2 for unusable input."""
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
     stop = StopRequest()
-    stop.on_signals()
+    stop.install_signal_handlers()
     os.nice(NICE)
     try:
         settings = ServerSettings.model_validate_json(_read_line(0))
@@ -52,9 +52,9 @@ def main(function: Callable[[JobTask], JobResult] = run_submission_job, clock: C
 def run_worker(
     settings: ServerSettings, stop: StopRequest, function: Callable[[JobTask], JobResult], clock: Callable[[], int]
 ) -> None:
-    """Drives what is in the queue with one process, or with the workers of a Dask cluster.
+    """Run queued jobs in one child process, or on the workers of a Dask cluster.
 
-    Raises InputError where this machine is not fit for it, StoreUnavailable.
+    Raises InputError if this machine is not suitable, StoreUnavailable.
     """
     check_machine(settings)
     work = settings.work
@@ -69,12 +69,12 @@ def run_worker(
 
 
 def make_owner() -> str:
-    """A name that no process had or will have."""
+    """Return a name that no other process has or had."""
     return f"{socket.gethostname()[:24]}.{os.getpid()}.{new_id()[:12]}"
 
 
 def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhaseSuites) -> float:
-    """Wall clock after which a job hangs, whatever its agents do: more than they may take together.
+    """Return the wall time after which a job counts as hanging [s]: more than its agents may take together.
 
     It reads all suites, which must not happen in the transaction of the first claim.
     """
@@ -86,7 +86,7 @@ def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhase
 
 
 def _read_line(fd: int) -> bytes:
-    """Up to a line's end, and no byte more: `_stop_at_end` waits for the rest."""
+    """Read one line and no byte more: `_stop_on_eof` waits for the rest."""
     line = b""
     while not line.endswith(b"\n"):
         byte = os.read(fd, 1)
@@ -102,7 +102,7 @@ def _stop_on_eof(fd: int, stop: StopRequest) -> None:
     while True:
         poller.poll()
         if not os.read(fd, 4096):
-            stop.wish()
+            stop.request()
             return
 
 

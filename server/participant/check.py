@@ -1,4 +1,4 @@
-"""`mdrive-sumo check`: what the server would say of an archive, without sending it."""
+"""`mdrive-sumo check`: check an agent as the server would, without submitting it."""
 
 from pathlib import Path
 
@@ -12,12 +12,12 @@ from server.environments import Environment, current_environment, load_environme
 from server.participant.packaging import unpack_agent
 from server.submitted_agent import TRACK_BY_LABEL, SubmittedAgent, read_declaration
 
-sandbox_option = click.option("--sandbox", is_flag=True, help="Ask the agent in a box, as the server does.")
+sandbox_option = click.option("--sandbox", is_flag=True, help="Start the agent in a sandbox, as the server does.")
 environments_option = click.option(
     "--environments",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Where environments are built [default: this Python's packages stand in for them].",
+    help="Folder of built environments [default: use this Python's packages instead].",
 )
 
 
@@ -26,11 +26,11 @@ environments_option = click.option(
 @sandbox_option
 @environments_option
 def check(path: Path, sandbox: bool, environments: Path | None) -> None:
-    """Check an agent: the archive, its environment, and what it asks for.
+    """Check an agent: the archive, its environment, and its sensors.
 
-    The agent is made once, in a process of its own; without --sandbox that process may do what you may.
+    The agent is started once in its own process; without --sandbox that process has your permissions.
 
-    Exit codes: 0 it would be accepted, 2 it would be rejected; the sentence says what to mend.
+    Exit codes: 0 it would be accepted, 2 it would be rejected; the message says why.
     """
     with unpack_agent(path) as found:
         click.echo(format_manifest(found.manifest))
@@ -39,24 +39,27 @@ def check(path: Path, sandbox: bool, environments: Path | None) -> None:
 
 
 def choose_environment(manifest: Manifest, environments: Path | None) -> Environment:
-    """The environment that is asked for, or this Python in its place, which is said. Raises InputError."""
+    """Return the requested environment, or this Python instead, with a note on stderr. Raises InputError."""
     if environments is not None:
         return load_environment(manifest.environment, environments)
     found = current_environment()
-    click.echo(f"note: {found.name} ({found.python}) stands in for {manifest.environment}; or --environments", err=True)
+    click.echo(
+        f"note: {found.name} ({found.python}) replaces {manifest.environment}; see --environments",
+        err=True,
+    )
     return found
 
 
-def ask_agent(entrant: SubmittedAgent) -> AgentDeclaration:
-    """What the agent declares; raises InputError, one sentence, if it would be rejected or cannot be made."""
+def ask_agent(agent: SubmittedAgent) -> AgentDeclaration:
+    """Return the agent's declaration. Raises InputError if it would be rejected or cannot be created."""
     try:
-        return read_declaration(entrant)
+        return read_declaration(agent)
     except AgentFailure as error:
-        raise InputError(f"agent: cannot be made: {error.text.removeprefix('InputError: ')}") from None
+        raise InputError(f"agent: cannot be created: {error.text.removeprefix('InputError: ')}") from None
 
 
 def format_manifest(manifest: Manifest) -> str:
-    """What an archive holds."""
+    """Format the contents of an archive."""
     style = "one agent for all CAVs" if manifest.style == "joint" else "one agent for each CAV"
     lines = [
         f"archive      {manifest.files} files, {manifest.bytes} bytes, sha256 {manifest.sha256:.12}",
@@ -66,12 +69,12 @@ def format_manifest(manifest: Manifest) -> str:
     if manifest.config is not None:
         lines.append(f"config       {manifest.config}")
     if manifest.dockerfile:
-        lines.append("Dockerfile   noted; the server does not build it")
+        lines.append("Dockerfile   ignored; the server does not build it")
     return "\n".join(lines)
 
 
 def format_declaration(found: AgentDeclaration) -> str:
-    """What an agent declares."""
+    """Format an agent's declaration."""
     sensors = ", ".join(f"{sensor.kind}:{sensor.id}" if sensor.id else sensor.kind for sensor in found.sensors)
     return (
         f"label        {found.label}: track {TRACK_BY_LABEL[found.label]}\nsensors      {sensors or 'none'}\naccepted"

@@ -1,4 +1,4 @@
-"""The server as a participant's program sees it: HTTP, and whatever goes wrong as one sentence."""
+"""HTTP client of a challenge server; every error is one sentence."""
 
 import json
 import time
@@ -17,16 +17,16 @@ from server.enums import ChallengeTrack
 
 API = "/api/v1"
 TRIES = 3
-"""For an upload that breaks off; the idempotency key makes it one submission all the same."""
+"""Attempts of an upload; the idempotency key makes them one submission."""
 MAX_WAIT_S = 60
-"""Before it is tried again."""
+"""Longest wait between attempts [s]."""
 TIMEOUT = httpx.Timeout(30.0, read=60.0)
 OnBytesSent = Callable[[int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class SubmissionForm:
-    """What goes with an archive."""
+    """Form fields of an upload besides the archive."""
 
     phase: str
     track: ChallengeTrack
@@ -34,19 +34,19 @@ class SubmissionForm:
 
 
 class ServerUnreachable(InputError):
-    """Nobody answers, now."""
+    """The server cannot be reached or is busy; a later attempt can succeed."""
 
     def __init__(self, sentence: str, after_s: int = 5) -> None:
-        """after_s: when to ask again."""
+        """`after_s`: seconds after which to try again."""
         super().__init__(sentence)
         self.after_s = after_s
 
 
 class ChallengeClient:
-    """One server, one team's token. Every method raises InputError, `Unreachable` where asking again can help."""
+    """Connection to one server with one token. Methods raise InputError, `ServerUnreachable` for temporary errors."""
 
     def __init__(self, server: str, token: str, transport: httpx.BaseTransport | None = None) -> None:
-        """server: its address, http:// or https://."""
+        """`server`: its address, http:// or https://."""
         if not server.startswith(("http://", "https://")):
             raise InputError(f"server: expected an address that begins with http:// or https://, found {server!r}")
         if not (token.isascii() and token.isprintable()):
@@ -67,27 +67,27 @@ class ChallengeClient:
         self._http.close()
 
     def page(self, submission: str) -> str:
-        """Where people look at a submission."""
+        """Return the address of a submission's web page."""
         return f"{self._server}/submissions/{submission}"
 
     def open_phase(self) -> str:
-        """The only phase that takes submissions now."""
+        """Return the only open phase. Raises InputError if there is none or more than one."""
         rows = cast("list[Mapping[str, Any]]", self._json("GET", "/phases")["items"])
         phases = [str(row["id"]) for row in rows if row.get("open")]
         if len(phases) != 1:
             raise InputError(f"{self._server}: expected --phase, one of: {', '.join(phases) or 'none is open now'}")
         return phases[0]
 
-    def submit(self, archive: Path, entry: SubmissionForm, told: OnBytesSent) -> Mapping[str, Any]:
-        """Sends an archive; `told` hears how many bytes have gone.
+    def submit(self, archive: Path, entry: SubmissionForm, on_sent: OnBytesSent) -> Mapping[str, Any]:
+        """Upload an archive; `on_sent` receives the number of bytes sent.
 
-        It is tried again where the connection breaks, or the server has too much to do.
+        Tries again if the connection breaks or the server is busy.
         """
         key = str(uuid.uuid4())
         for left in reversed(range(TRIES)):
             try:
                 with archive.open("rb") as file:
-                    return self._send(file, entry, key, told)
+                    return self._send(file, entry, key, on_sent)
             except httpx.TransportError as error:
                 if not left:
                     raise InputError(f"{self._server}: the upload broke off: {_describe(error)}") from None
@@ -98,17 +98,20 @@ class ChallengeClient:
         raise AssertionError
 
     def show(self, submission: str) -> Mapping[str, Any]:
-        """How a submission stands."""
+        """Return the submission as the API shows it."""
         return self._json("GET", f"/submissions/{submission}")
 
     def events(self, submission: str, after: str) -> Generator[tuple[str, str, Mapping[str, Any]]]:
-        """Id, kind and data of what happens to a submission, after the event `after`, until the connection ends."""
+        """Yield id, kind and data of the events after `after` until the connection ends."""
         headers = {"Accept": "text/event-stream"} | ({"Last-Event-ID": after} if after else {})
-        with self._speaking(), self._http.stream("GET", f"/submissions/{submission}/events", headers=headers) as answer:
+        with (
+            self._connection_errors(),
+            self._http.stream("GET", f"/submissions/{submission}/events", headers=headers) as answer,
+        ):
             if not answer.is_success:
                 answer.read()
                 refusal = self._refusal(answer)
-                busy = answer.status_code == HTTPStatus.TOO_MANY_REQUESTS  # others of the team follow theirs
+                busy = answer.status_code == HTTPStatus.TOO_MANY_REQUESTS  # too many streams of the team
                 raise ServerUnreachable(str(refusal)) if busy else refusal
             event: dict[str, str] = {}
             for line in answer.iter_lines():
@@ -119,18 +122,18 @@ class ChallengeClient:
                     yield event.get("id", ""), event.get("event", "message"), _parse_object(event["data"])
                     event = {}
 
-    def _send(self, file: BinaryIO, entry: SubmissionForm, key: str, told: OnBytesSent) -> Mapping[str, Any]:
+    def _send(self, file: BinaryIO, entry: SubmissionForm, key: str, on_sent: OnBytesSent) -> Mapping[str, Any]:
         fields = {"phase": entry.phase, "track": entry.track.value, "name": entry.name}
         answer = self._http.post(
             "/submissions",
             data=fields,
-            files={"archive": ("team.zip", cast(BinaryIO, _ProgressFile(file, told)), "application/zip")},
+            files={"archive": ("team.zip", cast(BinaryIO, _ProgressFile(file, on_sent)), "application/zip")},
             headers={"Idempotency-Key": key},
         )
         return self._content(answer)
 
     def _json(self, method: str, path: str) -> Mapping[str, Any]:
-        with self._speaking():
+        with self._connection_errors():
             return self._content(self._http.request(method, path))
 
     def _content(self, answer: httpx.Response) -> Mapping[str, Any]:
@@ -139,14 +142,14 @@ class ChallengeClient:
         return _parse_object(answer.text)
 
     @contextmanager
-    def _speaking(self) -> Generator[None]:
+    def _connection_errors(self) -> Generator[None]:
         try:
             yield
         except httpx.TransportError as error:
             raise ServerUnreachable(f"{self._server}: cannot be reached: {_describe(error)}") from None
 
     def _refusal(self, answer: httpx.Response) -> InputError:
-        """The server's own sentence (RFC 9457) where there is one, and when to come back."""
+        """Return the server's sentence (RFC 9457) if there is one, and when to try again."""
         if answer.has_redirect_location:
             return InputError(f"{self._server} ({answer.status_code}): it has moved to {answer.headers['Location']}")
         try:
@@ -155,7 +158,7 @@ class ChallengeClient:
             problem = {}
         sentence = str(problem.get("detail") or problem.get("title") or answer.reason_phrase or "refused")
         again = answer.headers.get("Retry-After", "")
-        wait = f"; come back in {_format_duration(int(again))}" if again.isdecimal() else ""
+        wait = f"; try again in {_format_duration(int(again))}" if again.isdecimal() else ""
         sentence = f"{self._server} ({answer.status_code}): {sentence}{wait}"
         if answer.status_code != HTTPStatus.SERVICE_UNAVAILABLE:
             return InputError(sentence)
@@ -163,17 +166,17 @@ class ChallengeClient:
 
 
 class _ProgressFile:
-    """A file whose reader is overheard."""
+    """A file that reports the position after each read."""
 
-    def __init__(self, file: BinaryIO, told: OnBytesSent) -> None:
-        self._file, self._told = file, told
+    def __init__(self, file: BinaryIO, on_sent: OnBytesSent) -> None:
+        self._file, self._on_sent = file, on_sent
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
 
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(size)
-        self._told(self._file.tell())
+        self._on_sent(self._file.tell())
         return data
 
 

@@ -1,4 +1,4 @@
-"""A submission driven here: boxes, limits and verdicts as on a server, as far as this machine has the layers for it."""
+"""Dry run of a submission: sandboxes, limits and verdicts as on a server, as far as this machine supports them."""
 
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -27,40 +27,40 @@ if TYPE_CHECKING:
     from server.settings import SandboxSettings
 
 SIMULATION_S = 600.0
-"""Wall clock for all but the agents of a scenario."""
+"""Wall time for everything but the agents of a scenario [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class DryRunOptions:
-    """What is to be driven, and how."""
+    """Scenarios of a dry run and how to run them."""
 
     suite: str
     scenario: str
     seed: int
     workers: int
     out: Path
-    """For logs and recordings."""
+    """Folder for logs and recordings."""
 
 
 @dataclass(frozen=True, slots=True)
 class RejectedJob:
-    """What the agent asked for while it was driven."""
+    """A job whose agent required what is not allowed."""
 
     why: str
 
 
 def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack, course: DryRunOptions) -> bool:
-    """Drives and tells verdicts; True if all scenarios have a score. Raises InputError."""
-    entrant = with_server_limits(team, environment)
+    """Run the scenarios and print verdicts; return whether all have a score. Raises InputError."""
+    agent = with_server_limits(team, environment)
     click.echo(format_manifest(team.manifest))
-    found = ask_agent(entrant)
+    found = ask_agent(agent)
     click.echo(f"{format_declaration(found)}\ntrack        {track}")
     if TRACK_BY_LABEL[found.label] is not track:
-        click.echo(f"note: an agent that says {found.label} means --track {TRACK_BY_LABEL[found.label]}", err=True)
+        click.echo(f"note: the label {found.label} corresponds to --track {TRACK_BY_LABEL[found.label]}", err=True)
     _print_missing_layers()
     results: list[ScenarioResult] = []
     ours = 0
-    for job, outcome in run_jobs(entrant, track, course):
+    for job, outcome in run_jobs(agent, track, course):
         if isinstance(outcome, RejectedJob):
             raise InputError(f"{SubmissionState.REJECTED}: {job.scenario}: {outcome.why}")
         if isinstance(outcome, WorkerFailure):
@@ -79,16 +79,16 @@ def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack
 
 
 def _print_missing_layers() -> None:
-    """An agent may pass here that a server's boxes would end, so the difference is told."""
+    """Print the sandbox layers that this machine lacks: an agent may pass here and fail on a server."""
     required = _default_sandbox().required
     if lacks := "; ".join(
         f"{each.name} ({each.detail})" for each in examine_layers() if each.name in required and not each.active
     ):
-        click.echo(f"note: boxes here lack what a server's have by default: {lacks}", err=True)
+        click.echo(f"note: sandboxes on this machine lack layers that a server has by default: {lacks}", err=True)
 
 
 def with_server_limits(team: UnpackedAgent, environment: Environment | None) -> SubmittedAgent:
-    """With the limits that a server has unless it says otherwise. Raises InputError."""
+    """Return the agent with the default limits of a server. Raises InputError."""
     sandbox = _default_sandbox()
     limits = sandbox.line_limits()
     return SubmittedAgent(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
@@ -103,9 +103,9 @@ def _default_sandbox() -> "SandboxSettings":
 
 
 def run_jobs(
-    entrant: SubmittedAgent, track: ChallengeTrack, course: DryRunOptions
+    agent: SubmittedAgent, track: ChallengeTrack, course: DryRunOptions
 ) -> Generator[tuple[EpisodeJob, ScenarioResult | RejectedJob | WorkerFailure]]:
-    """Every scenario with its outcome, as they finish. Raises InputError."""
+    """Yield every job with its outcome as it finishes. Raises InputError."""
     suite = load_suite(course.suite)
     scenarios = suite.select(course.scenario)
     logs, recordings = course.out / "logs", course.out / "episodes"
@@ -118,7 +118,7 @@ def run_jobs(
         EpisodeJob(
             suite.folder.resolve(),
             one.id,
-            entrant.agent_spec(),
+            agent.agent_spec(),
             course.seed,
             options=EpisodeOptions(comm=COMM_BY_TRACK[track]),
             recording=recordings / f"{one.id}.npz",
@@ -127,7 +127,7 @@ def run_jobs(
         for one in scenarios
     ]
     most = max(len(one.egos) for one in scenarios)
-    limit_s = SIMULATION_S + most * (2 * entrant.limits.start_s + entrant.limits.episode_s)
+    limit_s = SIMULATION_S + most * (2 * agent.limits.start_s + agent.limits.episode_s)
     with ProcessPool[EpisodeJob, ScenarioResult | RejectedJob](
         run_dry_job, min(course.workers, len(jobs)), limit_s
     ) as pool:
@@ -135,7 +135,7 @@ def run_jobs(
 
 
 def run_dry_job(job: EpisodeJob) -> ScenarioResult | RejectedJob:
-    """In a worker process, whose main thread opens the boxes."""
+    """Run a job in a worker process, whose main thread opens the sandboxes."""
     try:
         return run_job(job)
     except RejectedError as error:
@@ -143,7 +143,7 @@ def run_dry_job(job: EpisodeJob) -> ScenarioResult | RejectedJob:
 
 
 def format_result(result: ScenarioResult) -> str:
-    """One scenario in a line."""
+    """Format a result as one line."""
     verdict, reason = find_verdict(result)
     numbers = f"DS {result.ds:6.2f}  SR {result.sr:6.2f}  RC {result.rc:6.2f}  IP {result.ip:.3f}"
     why = next((f"  {ego.id}: {ego.reason}" for ego in result.egos if ego.reason), "")

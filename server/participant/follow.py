@@ -1,4 +1,4 @@
-"""A submission under way, line by line, until it is finished."""
+"""Follows a submission until it is finished."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -10,29 +10,31 @@ from server.participant.client import ChallengeClient, ServerUnreachable
 
 FINISHED = frozenset(SubmissionState) - {SubmissionState.QUEUED, SubmissionState.RUNNING}
 PAUSE_S = 2.0
-"""Before asking again where the stream of events has ended."""
+"""Pause before reconnecting to the event stream [s]."""
 TRIES = 30
-"""So often in a row nobody may answer: servers are restarted, and submissions go on."""
+"""Consecutive failed attempts before giving up: a server may be restarting."""
 PrintLine = Callable[[str], None]
 
 
-def follow(client: ChallengeClient, submission: str, say: PrintLine, pause_s: float = PAUSE_S) -> SubmissionState:
-    """Says what happens, and the result; returns the last state. Raises InputError."""
-    after, told, tries = "", "", 0
+def follow(
+    client: ChallengeClient, submission: str, print_line: PrintLine, pause_s: float = PAUSE_S
+) -> SubmissionState:
+    """Print events and the result; return the final state. Raises InputError."""
+    after, printed, tries = "", "", 0
     while True:
         try:
             for event_id, kind, data in client.events(submission, after):
                 after, tries = event_id or after, 0
                 if kind == "scenario":
-                    say(format_scenario(data))
+                    print_line(format_scenario(data))
                 if kind == "state":
-                    told = format_state(data)
-                    say(told)
+                    printed = format_state(data)
+                    print_line(printed)
             shown = client.show(submission)  # a stream may end for any reason
             if shown.get("state") in FINISHED:
-                if told != format_state(shown):
-                    say(format_state(shown))
-                return print_summary(shown, say)
+                if printed != format_state(shown):
+                    print_line(format_state(shown))
+                return print_summary(shown, print_line)
         except ServerUnreachable:
             tries += 1
             if tries > TRIES:
@@ -41,26 +43,26 @@ def follow(client: ChallengeClient, submission: str, say: PrintLine, pause_s: fl
 
 
 def format_state(data: Mapping[str, Any]) -> str:
-    """A submission's state, and why."""
+    """Format a submission's state with its reason."""
     why = data.get("why")
     return f"{data.get('state')}{f': {why}' if why else ''}"
 
 
 def format_scenario(data: Mapping[str, Any]) -> str:
-    """What became of a scenario."""
+    """Format the result of a scenario."""
     reason = data.get("reason")
     numbers = "".join(f"  {name.upper()} {data[name]:6.2f}" for name in ("ds", "sr") if data.get(name) is not None)
     return f"{data.get('verdict')}{f' ({reason})' if reason else ''}: {data.get('scenario')}{numbers}"
 
 
-def print_summary(shown: Mapping[str, Any], say: PrintLine) -> SubmissionState:
-    """Says the result, where there is one."""
+def print_summary(shown: Mapping[str, Any], print_line: PrintLine) -> SubmissionState:
+    """Print the overall result, if any, and return the state. Raises InputError."""
     overall = (shown.get("summary") or {}).get("overall", {})
     numbers = ", ".join(
         f"{name.upper()} {overall[name]:.2f}" for name in ("ds", "sr", "rc") if overall.get(name) is not None
     )
     if numbers:
-        say(f"overall: {numbers}")
+        print_line(f"overall: {numbers}")
     try:
         return SubmissionState(shown["state"])
     except (KeyError, ValueError):

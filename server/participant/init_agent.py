@@ -1,4 +1,4 @@
-"""`mdrive-sumo init-agent`: a sample that works."""
+"""`mdrive-sumo init-agent`: write a working sample agent."""
 
 import shutil
 from importlib.resources import as_file, files
@@ -18,18 +18,18 @@ STYLES = ("agent", "joint")
     type=click.Choice(STYLES),
     default=STYLES[0],
     show_default=True,
-    help="agent: one for each CAV; joint: one for all, as for the CARLA leaderboard.",
+    help="agent: one object per CAV; joint: one program for all CAVs, as in the CARLA leaderboard.",
 )
 def init_agent(folder: Path, style: str) -> None:
-    """Write a sample agent that drives, to begin with.
+    """Write a working sample agent as a starting point.
 
-    DIR must be empty or not exist yet. Next: mdrive-sumo check DIR.
+    DIR must be empty or not exist. Next step: mdrive-sumo check DIR.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: expected an empty folder or none, found something there")
+        raise InputError(f"{folder}: expected an empty or new folder, found one with files")
     try:
         with as_file(files("server") / "samples" / style) as sample:
             shutil.copytree(sample, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
-    click.echo(f"{folder}: a sample agent; next: mdrive-sumo check {folder}")
+    click.echo(f"{folder}: sample agent written; next: mdrive-sumo check {folder}")

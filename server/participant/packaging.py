@@ -1,4 +1,4 @@
-"""A folder as an archive, and an archive as a folder."""
+"""Packs a folder as an archive and unpacks an archive."""
 
 import tempfile
 import zipfile
@@ -11,14 +11,14 @@ from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, check_archive, extract_archive
 
 SKIPPED = ("__pycache__", ".git", ".venv", ".DS_Store", ".ipynb_checkpoints", ".pytest_cache", "runs")
-"""Files and folders that nobody means to send."""
+"""Files and folders that are not packed."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The oldest date that a zip file can hold: the same files make the same archive."""
+"""Date of all entries, the oldest possible one: the same files give the same archive."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnpackedAgent:
-    """A checked archive, unpacked."""
+    """A checked and unpacked archive."""
 
     manifest: Manifest
     folder: Path
@@ -26,7 +26,7 @@ class UnpackedAgent:
 
 @contextmanager
 def open_as_archive(path: Path, limits: ArchiveLimits) -> Generator[tuple[Path, Manifest]]:
-    """A folder, packed, or an archive; checked as the server does it. Raises ArchiveRefused and InputError."""
+    """Pack a folder or take an archive, and check it like the server. Raises ArchiveRefused and InputError."""
     with tempfile.TemporaryDirectory(prefix="mdrive-team-") as scratch:
         archive = path
         if path.is_dir():
@@ -39,19 +39,19 @@ def open_as_archive(path: Path, limits: ArchiveLimits) -> Generator[tuple[Path, 
 
 @contextmanager
 def unpack_agent(path: Path) -> Generator[UnpackedAgent]:
-    """The same unpacked, with the limits that a server has unless it says otherwise."""
+    """Check with a server's default limits and unpack into a temporary folder."""
     with (
         open_as_archive(path, ArchiveLimits()) as (archive, manifest),
         tempfile.TemporaryDirectory(prefix="mdrive-team-") as made,
     ):
         scratch = Path(made)
-        scratch.chmod(0o755)  # boxes run as other users
+        scratch.chmod(0o755)  # sandboxes run as other users
         extract_archive(archive, manifest, scratch / "agent")
         yield UnpackedAgent(manifest, scratch / "agent")
 
 
 def write_archive(folder: Path, archive: Path) -> None:
-    """Writes an archive; raises ArchiveRefused for links, which no archive may hold."""
+    """Write an archive of a folder. Raises ArchiveRefused for links, which are not allowed."""
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as made:
         for path in sorted(folder.rglob("*")):
             name = path.relative_to(folder)

@@ -1,4 +1,4 @@
-"""`mdrive-sumo submit`: sends an agent and follows it, or drives it here."""
+"""`mdrive-sumo submit`: submit an agent and follow it, or run it locally."""
 
 import sys
 from pathlib import Path
@@ -18,20 +18,22 @@ from server.tracks import check_style
 
 TRACKS = tuple(track.value for track in ChallengeTrack)
 UNLIMITED = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10**6, ratio=10**6)
-"""How large an archive may be is the server's to say."""
+"""Only the server's own limits count for a submission."""
 
 
 @click.command("submit")
 @click.argument("path", metavar="DIR|team.zip", type=click.Path(path_type=Path))
-@click.option("--server", envvar="MDRIVE_SERVER", metavar="URL", help="Where to; also MDRIVE_SERVER.")
-@click.option("--token", envvar="MDRIVE_TOKEN", metavar="T", help="Your team's; better in MDRIVE_TOKEN, not typed.")
-@click.option("--phase", metavar="ID", help="Of the challenge [default: the one that is open].")
-@click.option("--track", type=click.Choice(TRACKS), help="[default: joint agents joint, others single-agent]")
-@click.option("--name", metavar="TEXT", help="Of the method [default: the name of DIR or of the archive].")
-@click.option("--no-follow", is_flag=True, help="Send it and leave.")
-@click.option("--dry-run", "dry", is_flag=True, help="Send nothing: drive it here, in boxes as a server has.")
+@click.option("--server", envvar="MDRIVE_SERVER", metavar="URL", help="Address of the server; also MDRIVE_SERVER.")
+@click.option("--token", envvar="MDRIVE_TOKEN", metavar="T", help="Token of your team; preferably in MDRIVE_TOKEN.")
+@click.option("--phase", metavar="ID", help="Phase of the challenge [default: the open one].")
+@click.option("--track", type=click.Choice(TRACKS), help="Track [default: joint for joint agents, else single-agent].")
+@click.option("--name", metavar="TEXT", help="Name of the method [default: name of DIR or of the archive].")
+@click.option("--no-follow", is_flag=True, help="Submit without following.")
+@click.option(
+    "--dry-run", "dry", is_flag=True, help="Submit nothing: run the agent here, in sandboxes like a server's."
+)
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="For --dry-run.")
-@click.option("--scenario", default="*", metavar="GLOB", help="For --dry-run: id or category.")
+@click.option("--scenario", default="*", metavar="GLOB", help="For --dry-run: scenario id or category.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="For --dry-run.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/dry-run"), show_default=True, metavar="DIR")
 @environments_option
@@ -40,15 +42,15 @@ UNLIMITED = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10*
 def submit(
     ctx: click.Context, path: Path, dry: bool, environments: Path | None, no_follow: bool, **options: object
 ) -> None:
-    """Send an agent to a challenge and follow it, or try it here first with --dry-run.
+    """Submit an agent to a challenge and follow it, or test it first with --dry-run.
 
-    A folder is packed. Ctrl-C while following leaves the submission as it is.
+    A folder is packed. Ctrl-C while following does not cancel the submission.
 
     Exit codes: 0 every scenario has a score, 1 it ended otherwise, 2 unusable input or rejected, 130 interrupted.
     """
     if dry:
         chosen = {name: options[name] for name in ("suite", "scenario", "seed", "workers", "out")}
-        course = DryRunOptions(**chosen)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+        course = DryRunOptions(**chosen)  # pyright: ignore[reportArgumentType] - click has converted them to the fields' types
         with unpack_agent(path) as found:
             track = _choose_track(found.manifest, options)
             code = 0 if dry_run(found, choose_environment(found.manifest, environments), track, course) else 1
@@ -62,7 +64,7 @@ def submit(
 def _require_option(options: dict[str, object], name: str) -> str:
     value = options[name]
     if not value:
-        raise InputError(f"submit: expected --{name} or MDRIVE_{name.upper()}, found neither; or --dry-run")
+        raise InputError(f"submit: expected --{name} or MDRIVE_{name.upper()}, found neither; or use --dry-run")
     return str(value)
 
 
@@ -75,7 +77,7 @@ def _make_form(client: ChallengeClient, manifest: Manifest, path: Path, options:
 
 
 def _choose_track(manifest: Manifest, options: dict[str, object]) -> ChallengeTrack:
-    """Raises InputError for one that the agent's style may not be in."""
+    """Return the chosen or default track. Raises InputError if the agent's style is not allowed in it."""
     chosen = options["track"]
     track = ChallengeTrack(chosen) if isinstance(chosen, str) else manifest.track_hint or ChallengeTrack.SINGLE
     check_style(manifest.style, track)
@@ -83,7 +85,7 @@ def _choose_track(manifest: Manifest, options: dict[str, object]) -> ChallengeTr
 
 
 def _send(client: ChallengeClient, archive: Path, entry: SubmissionForm, no_follow: bool) -> int:
-    """The exit code."""
+    """Upload and follow the submission; return the exit code."""
     size = archive.stat().st_size
     with click.progressbar(length=size, label="uploading", file=sys.stderr, width=30) as bar:
 
@@ -92,8 +94,8 @@ def _send(client: ChallengeClient, archive: Path, entry: SubmissionForm, no_foll
 
         shown = client.submit(archive, entry, move)
     submission, queue = str(shown.get("id", "")), shown.get("queue")
-    place = f", place {queue['position']} in the queue" if queue else ""
-    click.echo(f"submission {submission} in {entry.phase}, track {entry.track}: {shown.get('state')}{place}")
+    position = f", position {queue['position']} in the queue" if queue else ""
+    click.echo(f"submission {submission} in {entry.phase}, track {entry.track}: {shown.get('state')}{position}")
     click.echo(f"page: {client.page(submission)}")
     if no_follow:
         return 0

@@ -1,4 +1,4 @@
-"""The database of the challenge: SQLite beside a single server, PostgreSQL where it grows; the same rules on both."""
+"""The database of the challenge: SQLite for a single server, PostgreSQL for larger ones, with the same behaviour."""
 
 from server.store.engine import Store, StoreUnavailable
 from server.store.errors import NotFound, NotNow, OverLimit

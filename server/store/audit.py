@@ -1,6 +1,6 @@
-"""The audit log: append-only, each entry hashed together with the one before, so that a change in the middle shows.
+"""The audit log: append-only; each entry's hash covers the hash before it, so that a change in the middle is detected.
 
-A chain cannot show that its end was cut off: note `head` somewhere else (it stands in every backup).
+A chain cannot show that its end was cut off: store the head elsewhere (every backup contains it).
 """
 
 import hashlib
@@ -19,58 +19,58 @@ _EMPTY_HEAD = ""
 
 @dataclass(frozen=True, slots=True)
 class AuditReport:
-    """What a walk along the chain found."""
+    """Result of verifying the hash chain."""
 
     entries: int
     head: str
     """Hash of the last entry."""
     broken: int | None
-    """Id of the first entry that does not fit to the one before; None if all do."""
+    """Id of the first entry whose hash does not fit the one before; None if all fit."""
 
 
-def add_entry(session: Session, actor: str, deed: str, data: dict[str, Any], now_us: int) -> None:
-    """Notes who did what; in the transaction of the deed, so that neither is there without the other."""
+def add_entry(session: Session, actor: str, action: str, data: dict[str, Any], now_us: int) -> None:
+    """Append an entry; call it in the transaction of the action, so that both are committed or neither is."""
     session.flush()
-    hash_ = _compute_hash(find_head(session), now_us, actor, deed, data)
-    session.add(AuditEntryRow(at_us=now_us, actor=actor, deed=deed, data=data, hash=hash_))
+    hash_ = _compute_hash(find_head(session), now_us, actor, action, data)
+    session.add(AuditEntryRow(at_us=now_us, actor=actor, action=action, data=data, hash=hash_))
     session.flush()
 
 
 def find_head(session: Session) -> str:
-    """Hash of the last entry, "" before the first."""
+    """Return the hash of the last entry, "" before the first."""
     return session.scalar(select(AuditEntryRow.hash).order_by(AuditEntryRow.id.desc()).limit(1)) or _EMPTY_HEAD
 
 
-def find_last(session: Session, apart_from: Collection[str]) -> str:
-    """Hash of the last entry of another deed than these, "" before the first."""
-    other = select(AuditEntryRow.hash).where(AuditEntryRow.deed.not_in(apart_from))
+def find_last(session: Session, ignored: Collection[str]) -> str:
+    """Return the hash of the last entry whose action is none of `ignored`, "" before the first."""
+    other = select(AuditEntryRow.hash).where(AuditEntryRow.action.not_in(ignored))
     return session.scalar(other.order_by(AuditEntryRow.id.desc()).limit(1)) or _EMPTY_HEAD
 
 
-def list_latest(session: Session, most: int, deed: str | None = None) -> Sequence[AuditEntryRow]:
-    """The latest entries, or those of one kind; the newest first."""
-    wanted = select(AuditEntryRow) if deed is None else select(AuditEntryRow).where(AuditEntryRow.deed == deed)
-    return session.scalars(wanted.order_by(AuditEntryRow.id.desc()).limit(most)).all()
+def list_latest(session: Session, limit: int, action: str | None = None) -> Sequence[AuditEntryRow]:
+    """Return the latest `limit` entries, all or those of one action, the newest first."""
+    wanted = select(AuditEntryRow) if action is None else select(AuditEntryRow).where(AuditEntryRow.action == action)
+    return session.scalars(wanted.order_by(AuditEntryRow.id.desc()).limit(limit)).all()
 
 
 def count_spot_check_differences(session: Session) -> int:
-    """How many spot checks found something else than before."""
-    checks = select(func.count()).where(AuditEntryRow.deed == "spot-check")
+    """Return how many spot checks found another result than before."""
+    checks = select(func.count()).where(AuditEntryRow.action == "spot-check")
     return session.scalar(checks.where(AuditEntryRow.data["same"].as_boolean().is_(False))) or 0
 
 
 def verify_chain(session: Session) -> AuditReport:
-    """Walks the whole chain."""
+    """Recompute the hashes of the whole chain."""
     before, entries, broken = _EMPTY_HEAD, 0, None
     for entry in session.scalars(select(AuditEntryRow).order_by(AuditEntryRow.id).execution_options(yield_per=500)):
         entries += 1
-        expected = _compute_hash(before, entry.at_us, entry.actor, entry.deed, entry.data)
+        expected = _compute_hash(before, entry.at_us, entry.actor, entry.action, entry.data)
         if broken is None and entry.hash != expected:
             broken = entry.id
         before = entry.hash
     return AuditReport(entries, before, broken)
 
 
-def _compute_hash(before: str, at_us: int, actor: str, deed: str, data: dict[str, Any]) -> str:
-    text = json.dumps([before, at_us, actor, deed, data], sort_keys=True, separators=(",", ":"), allow_nan=False)
+def _compute_hash(before: str, at_us: int, actor: str, action: str, data: dict[str, Any]) -> str:
+    text = json.dumps([before, at_us, actor, action, data], sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

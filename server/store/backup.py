@@ -1,6 +1,6 @@
-"""Backup and restore. A backup of either database is a SQLite file, so it also moves a challenge to PostgreSQL.
+"""Backup and restore. A backup is a SQLite file for either database, so it also migrates a challenge to PostgreSQL.
 
-It holds the tables only: archives and recordings are files, copied as files (docs/server.md).
+It contains the tables only; archives and recordings are copied as files (docs/server.md).
 """
 
 import shutil
@@ -21,15 +21,15 @@ _CHUNK = 500
 _STARTUP_ROWS: Mapping[str, ColumnElement[bool]] = {
     PhaseRow.__tablename__: true(),
     WorkerRow.__tablename__: true(),
-    AuditEntryRow.__tablename__: AuditEntryRow.deed == "phase-set",
+    AuditEntryRow.__tablename__: AuditEntryRow.action == "phase-set",
 }
-"""Rows that `serve` writes without being asked: a restore may take them away."""
+"""Rows that `serve` writes at its start: a restore may delete them."""
 
 
 def write_backup(store: Store, file: Path) -> str:
-    """Writes a new file with everything of one moment, while the server runs; returns the audit log's head.
+    """Write a consistent copy of all tables to a new file, also while the server runs; return the audit log's head.
 
-    Raises InputError where the file exists, StoreUnavailable where it cannot be written.
+    Raises InputError if the file exists, StoreUnavailable if it cannot be written.
     """
     if file.exists():
         raise InputError(f"{file}: expected a new file for the backup, found one that exists")
@@ -49,10 +49,10 @@ def write_backup(store: Store, file: Path) -> str:
 
 
 def restore_backup(store: Store, file: Path) -> str:
-    """Fills an empty database from a backup, of an older version too; returns the audit log's head.
+    """Fill an empty database from a backup, also of an older version; return the audit log's head.
 
-    What `serve` writes at its start counts as empty and goes: phases, their entries in the audit log, workers.
-    Raises InputError where `file` is no backup or its audit log is broken, or `store` holds anything else.
+    Rows that `serve` writes at its start (phases, their audit entries, workers) are replaced. Raises InputError if
+    `file` is not a backup, its audit log is broken, or `store` contains anything else.
     """
     if not file.is_file():
         raise InputError(f"{file}: expected a backup, found no file")
@@ -94,7 +94,7 @@ def _fill(source: Session, target: Session, file: Path) -> str:
 
 
 def _empty(target: Session) -> None:
-    """Raises InputError where anything was done in this database that a restore would undo."""
+    """Delete the rows of `serve`. Raises InputError if there are others, which a restore would overwrite."""
     done = [table.name for table in TableBase.metadata.sorted_tables if target.scalar(select(_has_user_rows(table)))]
     if done:
         raise InputError(f"restore: expected an empty database, found one with {', '.join(sorted(done))} in it")
@@ -111,18 +111,18 @@ def _copy(source: Session, target: Session) -> None:
         found = source.execute(select(table).execution_options(yield_per=_CHUNK)).mappings()
         for part in found.partitions(_CHUNK):
             target.execute(insert(table), [dict(row) for row in part])
-        _continue_counting(target.connection(), table.name, "id" in table.c and table.c["id"].autoincrement is True)
+        _set_sequence(target.connection(), table.name, "id" in table.c and table.c["id"].autoincrement is True)
 
 
-def _continue_counting(target: Connection, table: str, counts: bool) -> None:
-    """PostgreSQL counts ids apart from the rows, and would begin again at 1."""
-    if counts and target.dialect.name == "postgresql":
+def _set_sequence(target: Connection, table: str, has_sequence: bool) -> None:
+    """Continue PostgreSQL's sequence of ids after the copied rows; it would begin at 1."""
+    if has_sequence and target.dialect.name == "postgresql":
         sequence = f"pg_get_serial_sequence('{table}', 'id')"
         target.execute(text(f"SELECT setval({sequence}, coalesce(max(id), 1), max(id) IS NOT NULL) FROM {table}"))
 
 
 def _leave_wal_mode(copy: Store) -> None:
-    """Out of WAL mode, so that nothing of the backup lies beside the file."""
+    """Leave WAL mode, so that the backup is one file."""
     copy.engine.dispose()
     raw = copy.engine.raw_connection()
     try:

@@ -1,7 +1,7 @@
 """Opens the database and its transactions: one writer at a time on SQLite and on PostgreSQL alike.
 
-A challenge writes some hundred rows a minute, so nothing is lost by it, and much is gained: quotas, the audit chain,
-the fair order of claims and the order of events need no locks of their own, and no deadlock is possible.
+A challenge writes a few hundred rows a minute, so this costs nothing. In return quotas, the audit chain, the fair order
+of claims and the order of events need no locks of their own, and deadlocks are impossible.
 """
 
 from collections.abc import Generator
@@ -21,9 +21,9 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 
 BUSY_S = 30
-"""How long a writer waits for the one before it. Leases (60 s) must be longer."""
+"""Time limit of waiting for another writer [s]. Leases (60 s) must be longer."""
 _WRITER_LOCK = 0x6D647269
-"""Key of PostgreSQL's advisory lock that every write transaction takes first."""
+"""Key of the PostgreSQL advisory lock that every write transaction takes first."""
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 
@@ -32,10 +32,10 @@ class StoreUnavailable(Exception):
 
 
 class Store:
-    """An open database. `write()` and `read()` give sessions of one transaction each."""
+    """An open database. `write()` and `read()` open sessions of one transaction each."""
 
     def __init__(self, url: str) -> None:
-        """`url`: sqlite:///file or postgresql://user@host/name. Raises InputError for others."""
+        """Open sqlite:///file or postgresql://user@host/name. Raises InputError for other URLs."""
         self.url = _parse_url(url)
         self.engine = _open_sqlite(self.url) if self.is_sqlite else _open_postgresql(self.url)
         self._writer = self.engine.execution_options(writes=True)
@@ -43,25 +43,25 @@ class Store:
 
     @property
     def is_sqlite(self) -> bool:
-        """Whether it is a file of ours."""
+        """Whether the database is a SQLite file."""
         return self.url.get_backend_name() == "sqlite"
 
     @contextmanager
     def write(self) -> Generator[Session]:
-        """One write transaction: all of it or nothing. Raises StoreUnavailable."""
+        """Open a write transaction, committed at the end of the block. Raises StoreUnavailable."""
         with _translate_errors(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 
     @contextmanager
     def read(self) -> Generator[Session]:
-        """One consistent view, in which writing fails; it waits for no writer. Raises StoreUnavailable."""
+        """Open a read-only snapshot; it does not wait for writers. Raises StoreUnavailable."""
         with _translate_errors(), Session(self._reader, expire_on_commit=False) as session, session.begin():
             yield session
 
     def migrate(self) -> None:
-        """Brings the tables up to this version of the code; safe to call from several processes at once.
+        """Migrate the tables to this version of the code; safe to call from several processes at once.
 
-        Raises InputError where a newer version made it, or a SQLite file cannot be where it should.
+        Raises InputError if a newer version created them, or a SQLite file's folder cannot be created.
         """
         if self.is_sqlite:
             _make_folder(Path(str(self.url.database)).parent)
@@ -77,12 +77,12 @@ class Store:
                 ) from None
 
     def version(self) -> str | None:
-        """Name of the last migration, None for an empty database."""
+        """Return the name of the last migration, None for an empty database."""
         with _translate_errors(), self._reader.connect() as connection:
             return MigrationContext.configure(connection).get_current_revision()
 
     def close(self) -> None:
-        """Gives all connections back."""
+        """Close all connections."""
         self.engine.dispose()
 
 
@@ -110,14 +110,14 @@ def _open_sqlite(url: URL) -> Engine:
 
     @event.listens_for(engine, "connect")
     def prepare(connection: Any, _record: object) -> None:  # pyright: ignore[reportUnusedFunction]
-        connection.isolation_level = None  # else the driver itself begins, and only deferred
+        connection.isolation_level = None  # otherwise the driver begins deferred transactions itself
         for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
             connection.execute(f"PRAGMA {pragma}").close()
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:  # pyright: ignore[reportUnusedFunction]
-        # A deferred transaction that reads and then writes fails at once where another wrote in between, whatever
-        # the busy timeout: writers therefore say so from the start.
+        # A deferred transaction that reads and then writes fails at once if another one wrote in between, whatever
+        # the busy timeout: write transactions therefore begin immediate.
         writes = connection.get_execution_options().get("writes", False)
         connection.exec_driver_sql(f"PRAGMA query_only={'OFF' if writes else 'ON'}")
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
@@ -126,7 +126,7 @@ def _open_sqlite(url: URL) -> Engine:
 
 
 def _open_postgresql(url: URL) -> Engine:
-    # A writer that hangs in mid-transaction is cut off by the server, as one that dies would be.
+    # The server cuts off a writer that hangs inside a transaction, as if it had died.
     options = f"-c lock_timeout={BUSY_S}s -c idle_in_transaction_session_timeout={BUSY_S}s"
     engine = create_engine(url, connect_args={"options": options}, pool_size=10, max_overflow=30, pool_pre_ping=True)
 

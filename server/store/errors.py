@@ -1,4 +1,4 @@
-"""What the store says when it says no, and the checks of text before it reaches a database."""
+"""Errors of the store, and checks of text before it is stored."""
 
 import secrets
 
@@ -10,30 +10,30 @@ class NotFound(InputError):
 
 
 class NotNow(InputError):
-    """The state of things forbids it: a phase is closed, a submission is finished."""
+    """Not possible in the present state: a phase is closed, a submission is finished."""
 
 
 class OverLimit(InputError):
     """A quota is used up."""
 
     def __init__(self, kind: str, sentence: str, retry_us: int | None) -> None:
-        """`kind` is day, parallel or total; `retry_us` when to come back, None for never in this phase."""
+        """`kind` is day, parallel or total; `retry_us` the time to try again, None for never in this phase."""
         super().__init__(sentence)
         self.kind = kind
         self.retry_us = retry_us
 
 
 def new_id() -> str:
-    """128 random bits in hexadecimal."""
+    """Return 128 random bits in hexadecimal."""
     return secrets.token_hex(16)
 
 
-def check_text(text: str, what: str, longest: int) -> str:
-    """`text` without surrounding space; raises InputError unless it has 1 .. `longest` printable characters.
+def check_text(text: str, label: str, max_length: int) -> str:
+    """Return `text` without surrounding space; raises InputError unless it has 1 .. `max_length` printable characters.
 
-    SQLite would take anything; PostgreSQL refuses NUL and over-long text with an error that helps nobody.
+    SQLite accepts anything; PostgreSQL refuses NUL and over-long text with an unhelpful error.
     """
     text = text.strip()
-    if not 1 <= len(text) <= longest or not text.isprintable():
-        raise InputError(f"{what}: expected 1 to {longest} printable characters, found {text[: longest + 1]!r}")
+    if not 1 <= len(text) <= max_length or not text.isprintable():
+        raise InputError(f"{label}: expected 1 to {max_length} printable characters, found {text[: max_length + 1]!r}")
     return text

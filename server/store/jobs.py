@@ -1,7 +1,7 @@
-"""Jobs: claimed under a lease, given a heartbeat, finished once.
+"""Jobs: claimed under a lease, kept by heartbeats, finished once.
 
-Execution is at least once (workers die, leases end); scoring is exactly once, because a finish only takes effect for
-the owner and attempt that hold the job at that moment.
+Execution is at least once (workers die, leases end); scoring is exactly once, because a result counts only for the
+owner and attempt that hold the job at that moment.
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from server.store.quota import UNFINISHED
 from server.store.tables import JobRow, PhaseRow, SubmissionRow
 
 MAX_FAILURES = 3
-"""Attempts that may end by our fault; with the last the submission fails."""
-_FAILURE_FOR_TEAM = "our evaluation failed repeatedly; this submission does not count, please send it again later"
+"""Failed attempts on our side after which the submission fails."""
+_FAILURE_FOR_TEAM = "our evaluation failed repeatedly; this submission does not count: submit it again later"
 
 
 @dataclass(frozen=True, slots=True)
 class JobOutcome:
-    """What a worker hands back. The agent's failures are results; FAILED_OURS is none."""
+    """Outcome of an attempt. Failures of the agent are results; FAILED_OURS is not."""
 
     verdict: ScenarioVerdict
     result: dict[str, Any] | None
-    """`ScenarioResult` as plain values; None only where the verdict is FAILED_OURS."""
+    """`ScenarioResult` as plain values; None only if the verdict is FAILED_OURS."""
     reason: FailureReason | None = None
     usage: dict[str, Any] | None = None
     failure: str = ""
-    """For admins: what of ours went wrong."""
+    """Description of our failure, for admins."""
 
     def __post_init__(self) -> None:
         if (self.result is None) != (self.verdict is ScenarioVerdict.FAILED_OURS):
@@ -39,10 +39,10 @@ class JobOutcome:
 
 
 def claim(session: Session, owner: str, lease_us: int, now_us: int) -> JobRow | None:
-    """The next job for `owner` (unique to a process), until now + `lease_us`; None if there is nothing to do.
+    """Claim the next job for `owner` (unique to a process) until now + `lease_us`; return None if the queue is empty.
 
-    Order: hidden phases before public ones, then the team with the fewest jobs running, then age. Jobs whose lease
-    ended go back first.
+    Order: hidden phases before public ones, then the team with the fewest running jobs, then age. Jobs with expired
+    leases are put back first.
     """
     reclaim_expired(session, now_us)
     submission_id = session.scalar(_select_next_submission())
@@ -68,12 +68,12 @@ def claim(session: Session, owner: str, lease_us: int, now_us: int) -> JobRow | 
 
 
 def heartbeat(session: Session, job_id: int, owner: str, attempt: int, lease_us: int, now_us: int) -> bool:
-    """Prolongs the lease. False: the job is cancelled or another's; kill the boxes and forget it."""
+    """Prolong the lease; return False if the job is cancelled or another's: then end its sandboxes and drop it."""
     return _update_held(session, _is_held_by(job_id, owner, attempt), {"lease_us": now_us + lease_us})
 
 
 def finish(session: Session, job_id: int, owner: str, attempt: int, outcome: JobOutcome, now_us: int) -> bool:
-    """Keeps the result. False: a late twin, or cancelled in the meantime; the result is dropped."""
+    """Store the result; return False if it is dropped: the job was cancelled or claimed again in the meantime."""
     if outcome.verdict is ScenarioVerdict.FAILED_OURS:
         return record_failure(session, job_id, owner, attempt, outcome.failure, now_us)
     values = {
@@ -99,7 +99,7 @@ def finish(session: Session, job_id: int, owner: str, attempt: int, outcome: Job
 
 
 def record_failure(session: Session, job_id: int, owner: str, attempt: int, failure: str, now_us: int) -> bool:
-    """Our fault, said in `failure`: another attempt, or with the third failure the end of the submission."""
+    """Record a failure on our side: the job is queued again, or with its third failure the submission fails."""
     job = session.scalar(select(JobRow).where(_is_held_by(job_id, owner, attempt)))
     if job is None:
         return False
@@ -108,23 +108,23 @@ def record_failure(session: Session, job_id: int, owner: str, attempt: int, fail
 
 
 def release(session: Session, job_id: int, owner: str, attempt: int) -> bool:
-    """Back to the queue without blame: for a graceful shutdown."""
+    """Put the job back without counting a failure, for a graceful shutdown."""
     values = {"state": JobState.QUEUED.value, "owner": None, "lease_us": None}
     return _update_held(session, _is_held_by(job_id, owner, attempt), values)
 
 
 def reclaim_expired(session: Session, now_us: int) -> int:
-    """Takes back jobs whose lease ended: their worker died or hangs. How many."""
+    """Put back jobs whose lease ended because their worker died or hangs; return how many."""
     ended = session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING, JobRow.lease_us < now_us)).all()
     for job in ended:
-        # The submission may just have failed by the job before this one, and all its jobs been cancelled with it.
+        # The job before this one may just have failed the submission, which cancels all its jobs.
         if job.state == JobState.RUNNING:
             _apply_failure(session, job, f"lease of {job.owner} ended in attempt {job.attempt}", now_us)
     return len(ended)
 
 
 def get(session: Session, job_id: int) -> JobRow:
-    """Raises NotFound."""
+    """Return a job. Raises NotFound."""
     job = session.get(JobRow, job_id, populate_existing=True)
     if job is None:
         raise NotFound(f"job: there is no {job_id}")
@@ -179,15 +179,15 @@ def _update_held(session: Session, held: ColumnElement[bool], values: dict[str, 
     return len(session.scalars(changed, execution_options={"synchronize_session": False}).all()) == 1
 
 
-def _add_event(session: Session, job: JobRow, kind: str, said: dict[str, Any], now_us: int) -> None:
-    """Of hidden phases nothing is told: the mere times of events would be timings of single scenarios."""
+def _add_event(session: Session, job: JobRow, kind: str, data: dict[str, Any], now_us: int) -> None:
+    """Add an event unless the phase is hidden: the mere times of events would disclose those of single scenarios."""
     public = (
         select(PhaseRow.public)
         .join(SubmissionRow, SubmissionRow.phase == PhaseRow.id)
         .where(SubmissionRow.id == job.submission)
     )
     if session.scalar(public):
-        events.add_event(session, job.submission, kind, {"scenario": job.scenario, "seed": job.seed, **said}, now_us)
+        events.add_event(session, job.submission, kind, {"scenario": job.scenario, "seed": job.seed, **data}, now_us)
 
 
 def _public_scores(result: dict[str, Any] | None) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Phases: when submissions are taken, on which suite, and how many."""
+"""Phases: when submissions are accepted, on which suite, and how many."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +14,7 @@ from server.store.tables import PhaseRow
 
 @dataclass(frozen=True, slots=True)
 class NewPhase:
-    """As the settings file describes it; the fields are those of `Phase`."""
+    """A phase of the settings file; the fields are those of `PhaseRow`."""
 
     id: str
     title: str
@@ -29,7 +29,7 @@ class NewPhase:
 
 
 def set_phases(session: Session, wanted: Iterable[NewPhase], now_us: int) -> None:
-    """Makes the phases as the settings say; those no longer named stay, for their submissions do."""
+    """Create or update the phases of the settings; others stay, because they have submissions."""
     for new in wanted:
         old = session.get(PhaseRow, new.id)
         if old is not None and all(getattr(old, name) == value for name, value in asdict(new).items()):
@@ -39,7 +39,7 @@ def set_phases(session: Session, wanted: Iterable[NewPhase], now_us: int) -> Non
 
 
 def get(session: Session, phase_id: str) -> PhaseRow:
-    """Raises NotFound, naming those there are."""
+    """Return a phase. Raises NotFound, which lists the known ones."""
     phase = session.get(PhaseRow, phase_id)
     if phase is None:
         known = ", ".join(phase.id for phase in list_phases(session)) or "none"
@@ -48,12 +48,12 @@ def get(session: Session, phase_id: str) -> PhaseRow:
 
 
 def list_phases(session: Session) -> Sequence[PhaseRow]:
-    """In the order in which they open."""
+    """Return all phases in the order in which they open."""
     return session.scalars(select(PhaseRow).order_by(PhaseRow.opens_us, PhaseRow.id)).all()
 
 
 def check_open(phase: PhaseRow, now_us: int) -> None:
-    """Raises NotNow before a phase opens and after it closed."""
+    """Raise NotNow before the phase opens and after it closes."""
     if now_us < phase.opens_us:
         raise NotNow(f"phase {phase.id}: it opens at {format_utc(phase.opens_us)}")
     if now_us >= phase.closes_us:

@@ -1,4 +1,4 @@
-"""Published results, to stand on a leaderboard for comparison: marked as such and never ranked.
+"""Published results, shown beside a leaderboard for comparison: marked as such and never ranked.
 
 Source: table 2 of the MDrive paper ("MDrive Benchmark Across Three Scenario Buckets"), measured in CARLA with those
 methods' own sensors. Ours are measured in SUMO: the two are not the same experiment.
@@ -10,14 +10,14 @@ from server.enums import ChallengeTrack
 from server.store.queries import LeaderboardEntry
 
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
-"""As scenario files name them."""
+"""Buckets as scenario files name them."""
 
 
 class _PublishedResult(NamedTuple):
     method: str
     track: ChallengeTrack
     ds: tuple[float, float, float, float]
-    """Per bucket, then "Avg", the mean of the three."""
+    """DS [%] per bucket, then "Avg", the mean of the three."""
     sr: tuple[float, float, float, float]
 
 
@@ -42,7 +42,7 @@ _TABLE = (
 def list_published(
     track: ChallengeTrack | None, bucket: str | None = None, category: str | None = None
 ) -> list[LeaderboardEntry]:
-    """As `queries.leaderboard`, the best first. The paper has no numbers by category."""
+    """Return the published entries, the best first. The paper has no numbers by category."""
     if category is not None or (bucket is not None and bucket not in BUCKETS):
         return []
     column = len(BUCKETS) if bucket is None else BUCKETS.index(bucket)

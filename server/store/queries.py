@@ -1,4 +1,4 @@
-"""What pages and clients ask: leaderboards, a team's history, the queue, progress, load."""
+"""Queries of pages and clients: leaderboards, a team's history, the queue, progress, load."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ _RECENT_JOBS = 100
 
 @dataclass(frozen=True, slots=True)
 class LeaderboardEntry:
-    """One line of a leaderboard: the best shown submission of a team, or a published result."""
+    """One entry of a leaderboard: the best shown submission of a team, or a published result."""
 
     rank: int | None
-    """None where it is not comparable: another evaluator, or published."""
+    """None if it is not comparable: another evaluator, or published."""
     team: str
     method: str
     track: str
@@ -34,22 +34,22 @@ class LeaderboardEntry:
 
 @dataclass(frozen=True, slots=True)
 class QueuePosition:
-    """What is before a submission."""
+    """Position of a submission in the queue."""
 
     position: int
-    """1: nothing else waits before it; 0: it is finished."""
+    """1: it is the next; 0: it is finished."""
     jobs_ahead: int
-    """Jobs of older submissions and its own that are not finished."""
+    """Unfinished jobs of older submissions and of its own."""
     job_us: int | None
-    """Mean duration of the last jobs; None before the first."""
+    """Mean duration of the last jobs [us]; None before the first."""
 
 
 def find_leaderboard(
     session: Session, phase: str, track: ChallengeTrack | None, bucket: str | None = None, category: str | None = None
 ) -> list[LeaderboardEntry]:
-    """The best of each team by DS, ties to the earlier. Without a track: all in which every CAV decides for itself.
+    """Return the best entry of each team by DS, ties to the earlier; without a track, of all tracks but joint.
 
-    Ranked are the results of the evaluator that finished one last; a team without one stands below, unranked.
+    Results of the evaluator that finished one last are ranked; a team without one follows below, unranked.
     """
     tracks = DECENTRALISED if track is None else (track,)
     columns = (
@@ -76,16 +76,19 @@ def find_leaderboard(
     ).all()
     current = _find_current_evaluator(session, {row.submission: row.evaluator for row in found})
     rows: dict[str, LeaderboardEntry] = {}
-    for of_current in (True, False):
+    for is_current in (True, False):
         for id_, evaluator, created_us, team, method, in_track, submission, ds, figures in found:
-            if id_ not in rows and (evaluator == current) is of_current:
-                rank = len(rows) + 1 if of_current else None
+            if id_ not in rows and (evaluator == current) is is_current:
+                rank = len(rows) + 1 if is_current else None
                 rows[id_] = LeaderboardEntry(rank, team, method, in_track, submission, ds, figures, created_us)
     return list(rows.values())
 
 
 def _find_current_evaluator(session: Session, evaluators: dict[str, str]) -> str:
-    """Of submissions and their evaluators. It reads nothing more where all have the same, as nearly always."""
+    """Return the evaluator of the submission that finished last; `evaluators` is by submission.
+
+    Needs no query if all are the same, as nearly always.
+    """
     if len(set(evaluators.values())) < 2:
         return next(iter(evaluators.values()), "")
     last = select(SubmissionRow.id).where(SubmissionRow.id.in_(evaluators)).order_by(SubmissionRow.finished_us.desc())
@@ -93,20 +96,20 @@ def _find_current_evaluator(session: Session, evaluators: dict[str, str]) -> str
 
 
 def find_standing_ids(session: Session) -> frozenset[str]:
-    """Submissions that stand on an overall leaderboard."""
+    """Return the ids of the submissions on overall leaderboards."""
     return frozenset(session.scalars(select(StandingRow.submission).where(StandingRow.slice == OVERALL)))
 
 
 def list_history(session: Session, team: str, phase: str) -> Sequence[SubmissionRow]:
-    """All submissions of a team in a phase, the oldest first."""
+    """Return all submissions of a team in a phase, the oldest first."""
     mine = select(SubmissionRow).where(SubmissionRow.team == team, SubmissionRow.phase == phase)
     return session.scalars(mine.order_by(SubmissionRow.created_us, SubmissionRow.id)).all()
 
 
 def find_score_histories(
-    session: Session, phase: str, track: ChallengeTrack | None, of: Collection[str]
+    session: Session, phase: str, track: ChallengeTrack | None, team_ids: Collection[str]
 ) -> dict[str, list[float]]:
-    """DS of some teams' (their ids) shown submissions over time: the sparklines of a leaderboard by one query."""
+    """Return the DS of the shown submissions over time by team id, for a leaderboard's sparklines, with one query."""
     tracks = DECENTRALISED if track is None else (track,)
     columns = (
         SubmissionRow.team,
@@ -116,24 +119,24 @@ def find_score_histories(
         SubmissionRow.track,
     )  # of the index
     mine = select(*columns).where(
-        SubmissionRow.team.in_(of), SubmissionRow.phase == phase, SubmissionRow.ds.is_not(None)
+        SubmissionRow.team.in_(team_ids), SubmissionRow.phase == phase, SubmissionRow.ds.is_not(None)
     )
     found: dict[str, list[float]] = {}
     for team, ds, state, shown, driven in session.execute(mine.order_by(SubmissionRow.created_us, SubmissionRow.id)):
-        # Asked for here: SQLite would search by state first.
+        # Filtered here: with a condition on the state SQLite would choose the index by state.
         if state == SubmissionState.DONE and shown and ds is not None and driven in tracks:
             found.setdefault(team, []).append(ds)
     return found
 
 
 def count_jobs(session: Session, submission: str) -> dict[JobState, int]:
-    """How many jobs are in which state."""
+    """Return the number of a submission's jobs by state."""
     counts = select(JobRow.state, func.count()).where(JobRow.submission == submission).group_by(JobRow.state)
     return {JobState(state): number for state, number in session.execute(counts)}
 
 
 def find_queue_position(session: Session, submission_id: str) -> QueuePosition:
-    """By age, as it would be if every team had one submission; the fair share only ever helps. Raises NotFound."""
+    """Return the position by age, an upper bound: the fair order of teams can only improve it. Raises NotFound."""
     submission = session.get(SubmissionRow, submission_id)
     if submission is None:
         raise NotFound(f"submission: there is no {submission_id!r}")
@@ -151,14 +154,14 @@ def find_queue_position(session: Session, submission_id: str) -> QueuePosition:
 
 
 def mean_job_us(session: Session) -> int | None:
-    """Mean duration of the last jobs finished; None before the first."""
+    """Return the mean duration of the last finished jobs [us]; None before the first."""
     last = select(JobRow.finished_us - JobRow.started_us).where(JobRow.state == JobState.DONE)
     durations = session.scalars(last.order_by(JobRow.id.desc()).limit(_RECENT_JOBS)).all()
     return sum(durations) // len(durations) if durations else None
 
 
 def count_by_state(session: Session) -> tuple[dict[SubmissionState, int], dict[JobState, int]]:
-    """Submissions and jobs by state, for the metrics."""
+    """Return the numbers of submissions and of jobs by state."""
     submissions = session.execute(select(SubmissionRow.state, func.count()).group_by(SubmissionRow.state))
     jobs = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state))
     return (

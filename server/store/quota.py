@@ -1,4 +1,4 @@
-"""How many submissions a team may make in a phase: per UTC day, at a time, in total."""
+"""Quota of a team in a phase: submissions per UTC day, at a time, in total."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from server.store.errors import OverLimit
 from server.store.tables import PhaseRow, SubmissionRow
 
 UNFINISHED = (SubmissionState.QUEUED.value, SubmissionState.RUNNING.value)
-_ASK_AGAIN_US = 60_000_000
+_RETRY_US = 60_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +24,9 @@ class QuotaUsage:
 
 
 def count_used(session: Session, team: str, phase: str, now_us: int) -> QuotaUsage:
-    """Counts what counts: our failures and repetitions by an admin do not.
+    """Count the submissions that count; failures on our side and re-runs by an admin do not.
 
-    Of a day everything that was cancelled counts: each keeps an archive, and to send and cancel has to end somewhere.
+    Cancelled ones count against the day: each stores an archive, so submitting and cancelling must be limited.
     """
     day = day_start_us(now_us)
     counts = (
@@ -40,15 +40,19 @@ def count_used(session: Session, team: str, phase: str, now_us: int) -> QuotaUsa
 
 
 def check_quota(session: Session, team: str, phase: PhaseRow, now_us: int) -> None:
-    """Raises OverLimit. Only in the transaction that inserts is the answer worth anything."""
+    """Raise OverLimit if a quota is used up. Only the inserting transaction can rely on it."""
     now = count_used(session, team, phase.id, now_us)
     if now.in_total >= phase.in_total:
         raise OverLimit("total", f"phase {phase.id}: all {phase.in_total} submissions are used", None)
     if now.today >= phase.per_day:
         tomorrow = day_start_us(now_us) + DAY_US
         retry = format_utc(tomorrow)
-        sentence = f"phase {phase.id}: the {phase.per_day} of today are used; the next one can be sent at {retry}"
+        sentence = (
+            f"phase {phase.id}: the {phase.per_day} submissions of today are used; the next one is possible at {retry}"
+        )
         raise OverLimit("day", sentence, tomorrow)
     if now.in_parallel >= phase.in_parallel:
-        sentence = f"phase {phase.id}: {now.in_parallel} of at most {phase.in_parallel} at a time are not finished"
-        raise OverLimit("parallel", sentence, now_us + _ASK_AGAIN_US)
+        sentence = (
+            f"phase {phase.id}: {now.in_parallel} of at most {phase.in_parallel} submissions at a time are unfinished"
+        )
+        raise OverLimit("parallel", sentence, now_us + _RETRY_US)

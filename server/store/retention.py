@@ -1,4 +1,4 @@
-"""What of the files on disk may go: archives and recordings, by a policy. Rows of the database always stay."""
+"""Deletes old archives and recordings by a policy. Rows of the database are never deleted."""
 
 import shutil
 from collections.abc import Iterator
@@ -14,16 +14,16 @@ from server.store import queries
 from server.store.quota import UNFINISHED
 from server.store.tables import SubmissionRow
 
-_UPLOAD_US = DAY_US
-"""A file nobody knows may be an upload that is being taken in: whoever takes one in replaces the file, old or not."""
+_MIN_AGE_US = DAY_US
+"""Minimum age of deleted files [us]: an unknown younger file may be an upload that is just being accepted."""
 
 
 @dataclass(frozen=True, slots=True)
 class RetentionPolicy:
-    """Days after a submission's end. What stands on a leaderboard keeps its files always."""
+    """Retention in days after a submission's end. Submissions on a leaderboard keep their files."""
 
     archive_days: int = 365
-    """Of finished submissions: an admin can run them again so long."""
+    """Archives of finished submissions: an admin can run them again during this time."""
     refused_days: int = 30
     """Archives of rejected, cancelled and failed submissions."""
     recording_days: int = 90
@@ -31,16 +31,16 @@ class RetentionPolicy:
 
 @dataclass(frozen=True, slots=True)
 class RetainedFiles:
-    """What must stay."""
+    """Files that are retained."""
 
     archives: frozenset[str]
-    """SHA-256 of each: the file is `archives/<sha256>.zip`."""
+    """SHA-256 of each archive: the file is `archives/<sha256>.zip`."""
     recordings: frozenset[str]
-    """Submissions: the folder is `recordings/<submission>`."""
+    """Ids of submissions: the folder is `recordings/<submission>`."""
 
 
 def select_retained(session: Session, policy: RetentionPolicy, now_us: int) -> RetainedFiles:
-    """By the policy; an archive stays as long as any submission needs it."""
+    """Return what the policy retains; an archive stays as long as any submission needs it."""
     standing = queries.find_standing_ids(session)
     archives: set[str] = set()
     recordings: set[str] = set()
@@ -61,7 +61,7 @@ def select_retained(session: Session, policy: RetentionPolicy, now_us: int) -> R
 
 
 def delete_expired(retained: RetainedFiles, data: Path, now_us: int) -> list[Path]:
-    """Deletes from `data` what need not stay; returns what it deleted."""
+    """Delete everything else from the data folder; return the deleted paths."""
     deleted = [*_list_expired(data / "archives", retained.archives, now_us)]
     deleted += _list_expired(data / "recordings", retained.recordings, now_us)
     for path in deleted:
@@ -72,8 +72,8 @@ def delete_expired(retained: RetainedFiles, data: Path, now_us: int) -> list[Pat
     return deleted
 
 
-def _list_expired(folder: Path, stay: frozenset[str], now_us: int) -> Iterator[Path]:
+def _list_expired(folder: Path, retained: frozenset[str], now_us: int) -> Iterator[Path]:
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        young = now_us < path.lstat().st_mtime_ns // 1000 + _UPLOAD_US
-        if path.stem not in stay and not young:
+        is_young = now_us < path.lstat().st_mtime_ns // 1000 + _MIN_AGE_US
+        if path.stem not in retained and not is_young:
             yield path

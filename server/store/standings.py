@@ -1,4 +1,4 @@
-"""The numbers of a finished submission, and what of them stands on the leaderboards."""
+"""Figures of finished submissions, and the standings derived from them."""
 
 import hashlib
 import json
@@ -14,14 +14,14 @@ from server.store.tables import StandingRow, SubmissionRow
 
 OVERALL = "overall"
 ENVIRONMENT = "environment"
-"""The part of `Submission.evaluator` that is of the agent, not of what measures it: the packages it was driven with."""
+"""The key of `SubmissionRow.evaluator` that belongs to the agent, not to the evaluation: its packages."""
 
 FiguresData = dict[str, Any]
-"""`ds` [%] and what else there is to say: sr, confidence intervals, ..."""
+"""`ds` [%] and other figures: sr, confidence intervals, ..."""
 
 
 class SummaryData(TypedDict):
-    """`Submission.summary`. Every `Figures` in it has `ds`."""
+    """`SubmissionRow.summary`. Every `FiguresData` in it has `ds`."""
 
     overall: FiguresData
     buckets: dict[str, FiguresData]
@@ -29,7 +29,7 @@ class SummaryData(TypedDict):
 
 
 def slice_key(bucket: str | None = None, category: str | None = None) -> str:
-    """The key of a leaderboard: of one bucket, of one category, or overall."""
+    """Return the key of a leaderboard: of one bucket, of one category, or overall."""
     if bucket is not None and category is not None:
         raise ValueError(f"expected a bucket or a category, found bucket {bucket!r} and category {category!r}")
     if bucket is not None:
@@ -38,7 +38,7 @@ def slice_key(bucket: str | None = None, category: str | None = None) -> str:
 
 
 def update_standings(session: Session, submission: SubmissionRow) -> None:
-    """Finds anew what of its team stands on the leaderboards: the best of those done, shown and alike in evaluator."""
+    """Recompute the standings of the submission's team: the best of those done, shown and of the same evaluator."""
     session.flush()
     evaluator = evaluator_digest(submission.evaluator)
     of_group = (
@@ -66,7 +66,7 @@ def update_standings(session: Session, submission: SubmissionRow) -> None:
 
 
 def round_ds(figures: FiguresData) -> float:
-    """DS to the 6 decimals of results, so that what prints as equal ties."""
+    """Return DS rounded to the 6 decimals of results, so that equal printed values tie."""
     ds = round(float(figures["ds"]), 6)
     if not math.isfinite(ds):
         raise ValueError(f"expected a finite ds, found {ds}")
@@ -74,9 +74,9 @@ def round_ds(figures: FiguresData) -> float:
 
 
 def evaluator_digest(evaluator: dict[str, Any]) -> str:
-    """Of what evaluated: results under different ones are not comparable.
+    """Return a digest of the evaluator: results under different ones are not comparable.
 
-    Agents of different environments are: a team chooses its environment as it chooses its code.
+    It ignores the agent's environment, which the team chooses like its code.
     """
     measure = {name: value for name, value in evaluator.items() if name != ENVIRONMENT}
     return hashlib.sha256(json.dumps(measure, sort_keys=True).encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""A submission's life: accepted, driven, and done, rejected, cancelled, disqualified or failed by our fault.
+"""Life cycle of submissions: accepted, run, and done, rejected, cancelled, disqualified or failed on our side.
 
 queued -> running -> done -> disqualified
   any of the first two -> rejected | cancelled | failed-ours
@@ -19,29 +19,29 @@ from server.store.tables import JobRow, PhaseRow, SubmissionRow, TeamRow
 
 UNFINISHED_JOBS = (JobState.QUEUED.value, JobState.RUNNING.value)
 SummariseJobs = Callable[[Sequence[JobRow]], standings.SummaryData]
-"""From the finished jobs, ordered by scenario and seed."""
+"""Summarises the finished jobs, ordered by scenario and seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class NewSubmission:
-    """What a team sends."""
+    """A submission as a team sends it."""
 
     team: str
-    """Its id."""
+    """Id of the team."""
     track: ChallengeTrack
     name: str
     archive_sha256: str
     archive_bytes: int
     environment: str
     evaluator: dict[str, Any]
-    """What will evaluate it: see `Submission.evaluator`."""
+    """See `SubmissionRow.evaluator`."""
     idempotency_key: str | None = None
 
 
 def accept(
     session: Session, new: NewSubmission, phase: PhaseRow, jobs: Sequence[tuple[str, int]], now_us: int
 ) -> SubmissionRow:
-    """A new submission with its jobs (scenario, seed), or the one `known` already.
+    """Insert a submission with its jobs (scenario, seed), or return the one that `find_known` returns.
 
     Raises NotNow outside the phase, OverLimit, and InputError for unusable text or a reused idempotency key.
     """
@@ -62,9 +62,9 @@ def accept(
 
 
 def find_known(session: Session, new: NewSubmission, phase: PhaseRow) -> SubmissionRow | None:
-    """The submission of the same idempotency key, else the finished one of the same archive; None if it is new.
+    """Return the submission of the same idempotency key, else the finished one of the same archive, else None.
 
-    The same archive under the same evaluator would get the same result: the answer is there at once, and no quota used.
+    The same archive under the same evaluator would get the same result, so it is returned at once and uses no quota.
     """
     if new.idempotency_key is not None:
         key = check_text(new.idempotency_key, "idempotency key", 80)
@@ -87,7 +87,7 @@ def find_known(session: Session, new: NewSubmission, phase: PhaseRow) -> Submiss
 
 
 def find_environment(session: Session, team: str, archive_sha256: str) -> str:
-    """Which one an archive asks for that a team has sent before; "" for a new archive."""
+    """Return the environment of an archive that the team has sent before; "" for a new archive."""
     sent = select(SubmissionRow.environment).where(
         SubmissionRow.team == team, SubmissionRow.archive_sha256 == archive_sha256
     )
@@ -102,9 +102,9 @@ def rerun(
     now_us: int,
     actor: str = "admin",
 ) -> SubmissionRow:
-    """The same archive once more, for an admin: both results are kept, the new one counts nowhere until `show`.
+    """Submit the archive of a submission again, for an admin; the new one counts nowhere until `set_shown`.
 
-    `jobs` are those of the suite as it is now: the one that `evaluator` names, and not the one that it had then.
+    `jobs` are those of the present suite, which `evaluator` names.
     """
     old = get(session, submission_id)
     copied = ("team", "phase", "track", "name", "archive_sha256", "archive_bytes", "environment")
@@ -129,18 +129,18 @@ def renew(
     jobs: Sequence[tuple[str, int]],
     now_us: int,
 ) -> None:
-    """An unfinished one begins anew under another evaluator, with the jobs that its suite has now."""
+    """Restart an unfinished submission under another evaluator, with the present jobs of its suite."""
     old = JobRow.submission == submission.id
     begun = session.scalar(select(func.max(JobRow.attempt)).where(old)) or 0
     session.execute(delete(JobRow).where(old))
     submission.evaluator, submission.state = evaluator, SubmissionState.QUEUED.value
-    # Ids of deleted rows come again in SQLite; attempts go on, so that no late result of the older version fits.
+    # SQLite reuses ids of deleted rows; attempts continue, so that no late result of the older version fits.
     _queue_jobs(session, submission, jobs, now_us, attempt=begun)
     audit.add_entry(session, "server", "submission-renewed", _audit_data(submission), now_us)
 
 
 def get(session: Session, submission_id: str) -> SubmissionRow:
-    """Raises NotFound."""
+    """Return a submission. Raises NotFound."""
     submission = session.get(SubmissionRow, submission_id)
     if submission is None:
         raise NotFound(f"submission: there is no {submission_id!r}")
@@ -148,7 +148,7 @@ def get(session: Session, submission_id: str) -> SubmissionRow:
 
 
 def finish_if_complete(session: Session, submission_id: str, summarise: SummariseJobs, now_us: int) -> bool:
-    """Done, if every job is; True for the one call that made it so."""
+    """Mark the submission done if every job is; return True for the one call that does so."""
     submission = get(session, submission_id)
     if submission.state not in quota.UNFINISHED or not _is_complete(session, submission_id):
         return False
@@ -163,7 +163,7 @@ def finish_if_complete(session: Session, submission_id: str, summarise: Summaris
 
 
 def cancel(session: Session, submission_id: str, now_us: int, actor: str = "server") -> None:
-    """It does not count if nothing of it was ever started. Raises NotNow where it is finished."""
+    """Cancel a submission; it does not count if no job was started. Raises NotNow if it is finished."""
     submission = _get_unfinished(session, submission_id, "cancelled")
     started = select(func.count()).where(JobRow.submission == submission_id, JobRow.attempt > 0)
     submission.counts = submission.counts and bool(session.scalar(started))
@@ -171,12 +171,12 @@ def cancel(session: Session, submission_id: str, now_us: int, actor: str = "serv
 
 
 def reject(session: Session, submission_id: str, why: str, now_us: int) -> None:
-    """The agent asks for what it may not have. `why`: one sentence for the team. Raises NotNow if it is finished."""
+    """Reject a submission; `why` is one sentence for the team. Raises NotNow if it is finished."""
     _stop(session, _get_unfinished(session, submission_id, "rejected"), SubmissionState.REJECTED, why, now_us)
 
 
 def fail(session: Session, submission_id: str, why: str, now_us: int) -> None:
-    """Our fault: it costs the team nothing. `why` reaches the team. Nothing happens if it is finished."""
+    """Record a failure on our side, which does not count; the team sees `why`. Does nothing if it is finished."""
     submission = get(session, submission_id)
     if submission.state in quota.UNFINISHED:
         submission.counts = False
@@ -184,14 +184,14 @@ def fail(session: Session, submission_id: str, why: str, now_us: int) -> None:
 
 
 def disqualify(session: Session, submission_id: str, why: str, now_us: int, actor: str = "admin") -> None:
-    """By an admin, in any state; `why` is shown. It stays known, so that the same archive gets the same answer."""
+    """Disqualify a submission in any state; `why` is shown. It stays known for the same archive."""
     submission = get(session, submission_id)
     _stop(session, submission, SubmissionState.DISQUALIFIED, check_text(why, "reason", 500), now_us, actor)
     standings.update_standings(session, submission)
 
 
 def set_shown(session: Session, submission_id: str, shown: bool, now_us: int, actor: str = "admin") -> None:
-    """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
+    """Choose whether it may be on the leaderboard, which shows the best such submission of a team."""
     submission = get(session, submission_id)
     submission.shown = shown
     standings.update_standings(session, submission)
@@ -223,10 +223,10 @@ def _is_complete(session: Session, submission_id: str) -> bool:
     return session.scalar(undone) is None
 
 
-def _get_unfinished(session: Session, submission_id: str, wish: str) -> SubmissionRow:
+def _get_unfinished(session: Session, submission_id: str, change: str) -> SubmissionRow:
     submission = get(session, submission_id)
     if submission.state not in quota.UNFINISHED:
-        raise NotNow(f"submission {submission_id}: it is {submission.state} and can no longer be {wish}")
+        raise NotNow(f"submission {submission_id}: it is {submission.state} and can no longer be {change}")
     return submission
 
 
@@ -243,8 +243,8 @@ def _stop(
 def _enter(session: Session, submission: SubmissionRow, state: SubmissionState, now_us: int) -> None:
     submission.state = state.value
     submission.finished_us = now_us
-    said = {"state": state.value} | ({"why": submission.why} if submission.why else {})
-    events.add_event(session, submission.id, "state", said, now_us)
+    data = {"state": state.value} | ({"why": submission.why} if submission.why else {})
+    events.add_event(session, submission.id, "state", data, now_us)
 
 
 def _audit_data(submission: SubmissionRow) -> dict[str, Any]:

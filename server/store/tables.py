@@ -1,4 +1,4 @@
-"""The tables. The database is the truth; every other part of the server may be killed at any time.
+"""The tables. The database holds all state; every other part of the server may be killed at any time.
 
 Times are integers, microseconds since 1970 in UTC: they compare the same way in SQLite and PostgreSQL.
 """
@@ -9,28 +9,28 @@ from sqlalchemy import JSON, BigInteger, ForeignKey, Index, Integer, String, Tex
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 Id = String(32)
-"""Random ids: 128 bits in hexadecimal, so that nobody counts or guesses them."""
+"""Random ids of 128 bits in hexadecimal, which cannot be counted or guessed."""
 
 
 class TableBase(DeclarativeBase):
-    """All tables."""
+    """Base class of all tables."""
 
     type_annotation_map = {dict[str, Any]: JSON(none_as_null=True), int: BigInteger}  # noqa: RUF012 (SQLAlchemy's own interface)
 
 
 class TeamRow(TableBase):
-    """Who submits."""
+    """A participating team."""
 
     __tablename__ = "teams"
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     name: Mapped[str] = mapped_column(String(64), unique=True)
     created_us: Mapped[int]
     hidden: Mapped[bool] = mapped_column(default=False)
-    """Not shown on leaderboards."""
+    """Whether it is left out of leaderboards."""
 
 
 class TokenRow(TableBase):
-    """What a client shows; only its hash is kept."""
+    """A token that authenticates a client; only its hash is stored."""
 
     __tablename__ = "tokens"
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -44,7 +44,7 @@ class TokenRow(TableBase):
 
 
 class PhaseRow(TableBase):
-    """A time in which submissions are taken, on one suite."""
+    """A period in which submissions are accepted, on one suite."""
 
     __tablename__ = "phases"
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
@@ -53,7 +53,7 @@ class PhaseRow(TableBase):
     suite: Mapped[str] = mapped_column(Text)
     """A packaged suite's name or a folder on the server."""
     public: Mapped[bool]
-    """False: nothing but aggregates leaves the server."""
+    """False: the server discloses aggregates only."""
     opens_us: Mapped[int]
     closes_us: Mapped[int]
     per_day: Mapped[int]
@@ -69,7 +69,7 @@ class SubmissionRow(TableBase):
     __tablename__ = "submissions"
     __table_args__ = (
         UniqueConstraint("team", "idempotency_key"),
-        # All that a team's course takes, so that none of the long rows is read for it.
+        # Covers a team's score history, so that none of the long rows is read for it.
         Index("submissions_of_team", "team", "phase", "created_us", "id", "state", "shown", "ds", "track"),
         Index("submissions_by_state", "state"),
     )
@@ -78,26 +78,26 @@ class SubmissionRow(TableBase):
     phase: Mapped[str] = mapped_column(ForeignKey("phases.id"))
     track: Mapped[str] = mapped_column(String(24))
     name: Mapped[str] = mapped_column(String(80))
-    """Of the method, as the team calls it."""
+    """Name of the method."""
     archive_sha256: Mapped[str] = mapped_column(String(64))
     archive_bytes: Mapped[int]
     environment: Mapped[str] = mapped_column(String(40))
     idempotency_key: Mapped[str | None] = mapped_column(String(80))
     state: Mapped[str] = mapped_column(String(16))
     why: Mapped[str] = mapped_column(Text, default="")
-    """One sentence where it was rejected, disqualified or failed."""
+    """Reason in one sentence if it was rejected, disqualified or failed."""
     created_us: Mapped[int]
     finished_us: Mapped[int | None]
     counts: Mapped[bool] = mapped_column(default=True)
     """Whether it counts against the quota."""
     shown: Mapped[bool] = mapped_column(default=True)
-    """Whether it may stand on the leaderboard."""
+    """Whether it may be on the leaderboard."""
     evaluator: Mapped[dict[str, Any]]
     """Version, code and suite checksums, sandbox settings, packages of the environment; see `scores.digest`."""
     summary: Mapped[dict[str, Any] | None]
-    """ds, sr, by bucket, by category, confidence intervals; written once, when it is done."""
+    """A `standings.SummaryData`; written once, when the submission is done."""
     ds: Mapped[float | None]
-    """Overall, as in `summary`: leaderboards sort by it."""
+    """Overall DS as in `summary`: leaderboards sort by it."""
 
 
 class JobRow(TableBase):
@@ -115,9 +115,9 @@ class JobRow(TableBase):
     seed: Mapped[int]
     state: Mapped[str] = mapped_column(String(16))
     attempt: Mapped[int] = mapped_column(default=0)
-    """How often it was claimed; with `owner` it guards the finish, so it never goes back."""
+    """How often it was claimed; together with `owner` it identifies the claim, so it never decreases."""
     failures: Mapped[int] = mapped_column(default=0)
-    """How many attempts ended by our fault: after three the submission fails. A graceful shutdown is none."""
+    """Attempts that failed on our side; after three the submission fails. A graceful shutdown does not count."""
     owner: Mapped[str | None] = mapped_column(String(80))
     lease_us: Mapped[int | None]
     started_us: Mapped[int | None]
@@ -127,30 +127,30 @@ class JobRow(TableBase):
     result: Mapped[dict[str, Any] | None]
     """`mdrive_sumo.scoring.ScenarioResult`."""
     usage: Mapped[dict[str, Any] | None]
-    """Of the boxes: CPU time, memory, latency histogram, exit, layers."""
+    """Usage of the sandboxes: CPU time, memory, latency histogram, exit, layers."""
     failure: Mapped[str] = mapped_column(Text, default="")
-    """What of ours went wrong at the last attempt; for admins only."""
+    """Failure on our side in the last attempt; for admins only."""
 
 
 class WorkerRow(TableBase):
-    """A process that claims jobs, as it last said of itself; gone ones leave no row, dead ones one that grows old."""
+    """A process that claims jobs, with its last heartbeat; one that ends in good order deletes its row."""
 
     __tablename__ = "workers"
     owner: Mapped[str] = mapped_column(String(80), primary_key=True)
-    """As in `Job.owner`."""
+    """As in `JobRow.owner`."""
     host: Mapped[str] = mapped_column(String(80))
     version: Mapped[str] = mapped_column(String(40))
     scheduler: Mapped[str] = mapped_column(String(120))
-    """Of the Dask cluster that it hands jobs to; "" where it drives itself."""
+    """Scheduler of the Dask cluster that executes its jobs; "" if it executes them itself."""
     started_us: Mapped[int]
     seen_us: Mapped[int]
 
 
 class StandingRow(TableBase):
-    """The best of a team: one line of one leaderboard, kept so that reading a board costs as much as it has lines."""
+    """The best result of a team: one line of one leaderboard, stored so that reading a board is cheap."""
 
     __tablename__ = "standings"
-    # SQLite then keeps the rows in the order of the key: those of one board lie together, not one a page.
+    # SQLite then stores the rows in the order of the key, so that those of one board are adjacent.
     __table_args__ = ({"sqlite_with_rowid": False},)
     phase: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
     slice: Mapped[str] = mapped_column(String(80), primary_key=True)
@@ -158,19 +158,19 @@ class StandingRow(TableBase):
     track: Mapped[str] = mapped_column(String(24), primary_key=True)
     team: Mapped[str] = mapped_column(ForeignKey("teams.id"), primary_key=True)
     evaluator: Mapped[str] = mapped_column(String(16), primary_key=True)
-    """Digest of `Submission.evaluator`."""
+    """Digest of `SubmissionRow.evaluator`."""
     submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
     method: Mapped[str] = mapped_column(String(80))
-    """`Submission.name`, here so that a board reads none of the long rows of submissions."""
+    """`SubmissionRow.name`, copied so that a board reads none of the long rows of submissions."""
     created_us: Mapped[int]
-    """Of the submission: ties go to the earlier."""
+    """Time of the submission: ties go to the earlier one."""
     ds: Mapped[float]
     figures: Mapped[dict[str, Any]]
-    """This slice's part of `Submission.summary`: ds, sr, confidence intervals and what else it says."""
+    """This slice's part of `SubmissionRow.summary`."""
 
 
 class EventRow(TableBase):
-    """What happened to a submission, in order; server-sent events replay it from any id on."""
+    """An event of a submission; server-sent events replay them from any id on."""
 
     __tablename__ = "events"
     __table_args__ = (Index("events_of_submission", "submission", "id"),)
@@ -182,12 +182,12 @@ class EventRow(TableBase):
 
 
 class AuditEntryRow(TableBase):
-    """Append-only, each entry hashed together with the hash of the one before."""
+    """Entry of the append-only audit log; its hash covers the hash of the entry before."""
 
     __tablename__ = "audit"
     id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
     at_us: Mapped[int]
     actor: Mapped[str] = mapped_column(String(80))
-    deed: Mapped[str] = mapped_column(String(40))
+    action: Mapped[str] = mapped_column("deed", String(40))
     data: Mapped[dict[str, Any]]
     hash: Mapped[str] = mapped_column(String(64), unique=True)

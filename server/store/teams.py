@@ -1,4 +1,4 @@
-"""Teams: who submits."""
+"""The participating teams."""
 
 import re
 import unicodedata
@@ -16,7 +16,7 @@ _ID = re.compile(r"[0-9a-f]{32}", re.IGNORECASE)
 
 
 def create(session: Session, name: str, now_us: int, actor: str = "admin") -> TeamRow:
-    """A new team, made by `actor`; raises InputError where the name is taken or unusable."""
+    """Create a team. Raises InputError if the name is taken or unusable."""
     name = check_text(name, "name of a team", 64)
     if _ID.fullmatch(name):
         raise InputError(f"name of a team: expected one that does not look like an id, found {name!r}")
@@ -30,12 +30,12 @@ def create(session: Session, name: str, now_us: int, actor: str = "admin") -> Te
 
 
 def _normalise_name(name: str) -> str:
-    """The same for names that differ in case, width or spaces only."""
+    """Return a key that is equal for names that differ in case, width or spaces only."""
     return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
 def get(session: Session, name_or_id: str) -> TeamRow:
-    """The team of that name, else of that id; raises NotFound."""
+    """Return the team of that name, else of that id. Raises NotFound."""
     team = session.scalar(select(TeamRow).where(TeamRow.name == name_or_id)) or session.get(TeamRow, name_or_id)
     if team is None:
         raise NotFound(f"team: there is no {name_or_id!r}")
@@ -43,12 +43,12 @@ def get(session: Session, name_or_id: str) -> TeamRow:
 
 
 def list_teams(session: Session) -> Sequence[TeamRow]:
-    """All teams by name."""
+    """Return all teams by name."""
     return session.scalars(select(TeamRow).order_by(TeamRow.name)).all()
 
 
 def set_hidden(session: Session, team_id: str, hidden: bool, now_us: int, actor: str = "admin") -> None:
-    """Takes a team off the leaderboards, or puts it back; `actor` does."""
+    """Hide a team from the leaderboards, or show it again."""
     team = get(session, team_id)
     team.hidden = hidden
     audit.add_entry(session, actor, "team-hidden" if hidden else "team-shown", {"team": team.id}, now_us)

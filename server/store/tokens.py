@@ -1,4 +1,4 @@
-"""Tokens: 256 random bits, shown once; the database keeps their hash only."""
+"""Tokens of 256 random bits, shown once; the database stores their hash only."""
 
 import hashlib
 import secrets
@@ -14,11 +14,11 @@ from server.store.errors import NotFound, new_id
 from server.store.tables import TeamRow, TokenRow
 
 PREFIX = "mdrive_"
-"""So that a secret scanner finds a token someone committed."""
+"""Lets secret scanners find committed tokens."""
 
 
 def issue(session: Session, team: TeamRow | None, scope: TokenScope, now_us: int, actor: str = "admin") -> str:
-    """The text of a new token: the only time anyone sees it. Raises InputError unless scope and team fit."""
+    """Create a token and return its text, which is not stored. Raises InputError unless scope and team fit."""
     if (scope is TokenScope.SUBMIT) != (team is not None):
         raise InputError(f"token: scope {scope} expects {'a' if scope is TokenScope.SUBMIT else 'no'} team")
     text = PREFIX + secrets.token_urlsafe(32)
@@ -34,19 +34,19 @@ def issue(session: Session, team: TeamRow | None, scope: TokenScope, now_us: int
 
 
 def find_token(session: Session, text: str) -> TokenRow | None:
-    """Whose token that is; None if it never was one or is revoked."""
+    """Return the token of this text; None if it is unknown or revoked."""
     return session.scalar(select(TokenRow).where(TokenRow.hash == compute_hash(text), TokenRow.revoked_us.is_(None)))
 
 
 def list_tokens(session: Session, team: TeamRow | None) -> Sequence[TokenRow]:
-    """Tokens of a team, or of admins and workers; the oldest first."""
+    """Return the tokens of a team, or of admins and workers (None); the oldest first."""
     return session.scalars(
         select(TokenRow).where(TokenRow.team == (team.id if team else None)).order_by(TokenRow.created_us)
     ).all()
 
 
 def revoke(session: Session, token_id: str, now_us: int, actor: str = "admin") -> None:
-    """From now on nobody holds it; a second time changes nothing. Raises NotFound."""
+    """Revoke a token; a second time changes nothing. Raises NotFound."""
     token = session.get(TokenRow, token_id)
     if token is None:
         raise NotFound(f"token: there is no {token_id!r}")
@@ -56,5 +56,5 @@ def revoke(session: Session, token_id: str, now_us: int, actor: str = "admin") -
 
 
 def compute_hash(text: str) -> str:
-    """SHA-256: a slow hash is for passwords; nobody guesses 256 random bits."""
+    """Return the SHA-256 of a token: 256 random bits need no slow password hash."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,4 +1,4 @@
-"""Who drives: workers and dispatchers sign in with every heartbeat, so that an admin sees who lives."""
+"""Live workers and dispatchers: each writes a heartbeat, so that an admin sees which are alive."""
 
 import socket
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from mdrive_sumo import __version__
 from server.store.tables import WorkerRow
 
 FORGET_AFTER_US = 3_600_000_000
-"""So long one that went silent is still listed."""
+"""Time after the last heartbeat at which a worker is no longer listed [us]."""
 
 
 def record_heartbeat(session: Session, owner: str, scheduler: str, now_us: int) -> None:
-    """It lives. Those silent for an hour are forgotten."""
+    """Record a worker's heartbeat, and delete workers without one for an hour."""
     session.execute(delete(WorkerRow).where(WorkerRow.seen_us < now_us - FORGET_AFTER_US))
     worker = session.get(WorkerRow, owner)
     if worker is None:
@@ -25,17 +25,17 @@ def record_heartbeat(session: Session, owner: str, scheduler: str, now_us: int) 
 
 
 def remove_worker(session: Session, owner: str) -> None:
-    """It ended in good order."""
+    """Delete a worker that ends in good order."""
     session.execute(delete(WorkerRow).where(WorkerRow.owner == owner))
 
 
 def count_alive(session: Session, lease_us: int, now_us: int) -> int:
-    """How many have been seen within a lease."""
+    """Return how many workers had a heartbeat within a lease."""
     return (
         session.scalar(select(func.count()).select_from(WorkerRow).where(WorkerRow.seen_us >= now_us - lease_us)) or 0
     )
 
 
 def list_workers(session: Session) -> Sequence[WorkerRow]:
-    """The oldest first."""
+    """Return all workers, the oldest first."""
     return session.scalars(select(WorkerRow).order_by(WorkerRow.started_us, WorkerRow.owner)).all()

@@ -22,7 +22,7 @@ from server.web.visitor import check_same_site
 def mount(app: FastAPI) -> None:
     """Adds the pages to an application of `server.api.create_app`; outside /api its errors are pages, too."""
     app.state.error_page = error_page.render_error
-    app.state.tools.boards.also(partial(leaderboard_page.build_page, app.state.tools))
+    app.state.services.leaderboards.add_builder(partial(leaderboard_page.build_page, app.state.services))
     pages = APIRouter(include_in_schema=False, dependencies=[Depends(check_same_site)])
     for part in (
         static_files,

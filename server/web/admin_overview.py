@@ -132,9 +132,9 @@ def list_workers(session: Session, settings: ServerSettings, now_us: int) -> lis
     return known + [WorkerStatus(owner, "", "", "", None, None, False, tuple(jobs)) for owner, jobs in running.items()]
 
 
-def list_entries(session: Session, deed: str | None = None) -> Sequence[tables.AuditEntryRow]:
+def list_entries(session: Session, action: str | None = None) -> Sequence[tables.AuditEntryRow]:
     """The latest of the audit log, or of one kind in it."""
-    return audit.list_latest(session, ENTRIES, deed)
+    return audit.list_latest(session, ENTRIES, action)
 
 
 def list_finished(session: Session) -> Sequence[tuple[tables.SubmissionRow, str]]:

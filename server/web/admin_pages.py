@@ -22,16 +22,16 @@ Text = Annotated[str, Form(max_length=200)]
 
 
 @router.get("")
-def show(request: Request, _visitor: AdminVisitor, using: ServicesDep, at_us: Now) -> Response:
+def show(request: Request, _visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
     """How the challenge is doing."""
-    with using.store.read() as session:
+    with services.store.read() as session:
         return render_page(
             request,
             "admin.html",
             at_us=at_us,
             queue=admin_overview.list_queue(session),
-            drivers=admin_overview.list_workers(session, using.settings, at_us),
-            work=using.settings.work,
+            drivers=admin_overview.list_workers(session, services.settings, at_us),
+            work=services.settings.work,
             latest=admin_overview.list_finished(session),
             spots=admin_overview.list_entries(session, "spot-check"),
             entries=admin_overview.list_entries(session),
@@ -41,26 +41,26 @@ def show(request: Request, _visitor: AdminVisitor, using: ServicesDep, at_us: No
 
 
 @router.get("/machine")
-def show_machine(request: Request, _visitor: AdminVisitor, using: ServicesDep) -> Response:
+def show_machine(request: Request, _visitor: AdminVisitor, services: ServicesDep) -> Response:
     """What takes a moment to find out: layers of the sandbox, the disk, the whole chain of the audit log."""
-    wanted = using.settings.sandbox
+    wanted = services.settings.sandbox
     return render_page(
         request,
         "admin_machine.html",
-        layers=using.aside.call(LOOK_S, sandbox.examine_layers, wanted.backend),
+        layers=services.check_runner.call(LOOK_S, sandbox.examine_layers, wanted.backend),
         required=wanted.required,
         backend=wanted.backend,
         gaps=sandbox.GAPS.get(wanted.backend, ()),
-        elsewhere=bool(using.settings.work.scheduler) or using.settings.work.processes == 0,
-        disk=admin_overview.measure_disk(using.settings.data),
-        chain=admin_overview.verify_chain(using.store),
+        elsewhere=bool(services.settings.work.scheduler) or services.settings.work.processes == 0,
+        disk=admin_overview.measure_disk(services.settings.data),
+        chain=admin_overview.verify_chain(services.store),
     )
 
 
 @router.get("/teams")
-def show_teams(request: Request, _visitor: AdminVisitor, using: ServicesDep) -> Response:
+def show_teams(request: Request, _visitor: AdminVisitor, services: ServicesDep) -> Response:
     """All teams, and the tokens of nobody's."""
-    with using.store.read() as session:
+    with services.store.read() as session:
         found = [(team, tokens.list_tokens(session, team)) for team in teams.list_teams(session)]
         return render_page(
             request, "admin_teams.html", teams=found, others=tokens.list_tokens(session, None), scopes=tuple(TokenScope)
@@ -68,10 +68,12 @@ def show_teams(request: Request, _visitor: AdminVisitor, using: ServicesDep) -> 
 
 
 @router.post("/teams")
-def create_team(request: Request, visitor: AdminVisitor, using: ServicesDep, at_us: Now, name: Text = "") -> Response:
+def create_team(
+    request: Request, visitor: AdminVisitor, services: ServicesDep, at_us: Now, name: Text = ""
+) -> Response:
     """A team with its first token, which is shown this once."""
     who = visitor.caller.actor
-    with using.store.write() as session:
+    with services.store.write() as session:
         made = teams.create(session, check_text(name, "name of a team", 64), at_us, who)
         text = tokens.issue(session, made, TokenScope.SUBMIT, at_us, who)
     return render_page(request, "admin_token.html", token=text, holder=f"team {made.name}")
@@ -79,10 +81,10 @@ def create_team(request: Request, visitor: AdminVisitor, using: ServicesDep, at_
 
 @router.post("/teams/{team}/hidden")
 def hide_team(
-    team: schemas.Id, visitor: AdminVisitor, using: ServicesDep, at_us: Now, hidden: Annotated[bool, Form()]
+    team: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now, hidden: Annotated[bool, Form()]
 ) -> Response:
     """Off the leaderboards, or back."""
-    api.hide_team(team, schemas.HideIn(hidden=hidden), visitor.caller, using, at_us)
+    api.hide_team(team, schemas.HideIn(hidden=hidden), visitor.caller, services, at_us)
     return RedirectResponse("/admin/teams", 303)
 
 
@@ -90,20 +92,20 @@ def hide_team(
 def issue_token(
     request: Request,
     visitor: AdminVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
     at_us: Now,
     scope: Annotated[TokenScope, Form()],
     team: Text = "",
 ) -> Response:
     """A new token, shown this once."""
-    made = api.issue_token(schemas.NewTokenIn(scope=scope, team=team or None), visitor.caller, using, at_us)
+    made = api.issue_token(schemas.NewTokenIn(scope=scope, team=team or None), visitor.caller, services, at_us)
     return render_page(
         request, "admin_token.html", token=made.token, holder="the team" if team else f"the scope {scope}"
     )
 
 
 @router.post("/tokens/{token}/revoke")
-def revoke_token(token: schemas.Id, visitor: AdminVisitor, using: ServicesDep, at_us: Now) -> Response:
+def revoke_token(token: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
     """From now on nobody holds it."""
-    api.revoke_token(token, visitor.caller, using, at_us)
+    api.revoke_token(token, visitor.caller, services, at_us)
     return RedirectResponse("/admin/teams", 303)

@@ -27,7 +27,7 @@ async def render_error(request: Request, status: int, detail: str, headers: Mapp
     """What `server.api.problems` asks for outside /api: the same sentence, for people."""
     if not hasattr(request.state, "visitor"):
         with suppress(StoreUnavailable):
-            await get_visitor(request, request.app.state.tools)
+            await get_visitor(request, request.app.state.services)
     title = HTTPStatus(status).phrase
     return render_page(
         request, "error.html", status, headers, title=title, detail=detail, log_in=status == HTTPStatus.UNAUTHORIZED

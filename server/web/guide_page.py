@@ -14,10 +14,10 @@ router = APIRouter()
 
 
 @router.get("/how")
-def show(request: Request, using: ServicesDep, at_us: Now, _visitor: OptionalVisitor) -> Response:
+def show(request: Request, services: ServicesDep, at_us: Now, _visitor: OptionalVisitor) -> Response:
     """The page."""
-    settings = using.settings
-    found = list_phases(using, at_us).items
+    settings = services.settings
+    found = list_phases(services, at_us).items
     is_open = [phase for phase in found if phase.open]
     return render_page(
         request,

@@ -13,9 +13,10 @@ from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
-from server.api import leaderboard_cache, schemas
+from server.api import schemas
 from server.api.dependencies import Services, get_now
-from server.api.leaderboard_cache import FRESH_US, STALE_US, BoardKey, PhaseParts
+from server.api.leaderboard_cache import FRESH_US, STALE_US
+from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
 from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
 from server.web import charts
@@ -89,25 +90,25 @@ class _RenderedBoard:
     """What changes with a filter."""
 
 
-async def build_page(using: Services, which: BoardKey, at_us: int) -> None:
+async def build_page(services: Services, which: BoardKey, at_us: int) -> None:
     """Makes the page of a board, to be kept. Raises NotFound and StoreUnavailable."""
-    tabs = await using.boards.kept("tabs", _list_tabs, at_us, FRESH_US)
-    parts = await _get_parts(which.phase, using, at_us, FRESH_US)
-    await _get_page(BoardView(which), tabs, parts, using, at_us, FRESH_US)
+    tabs = await services.leaderboards.get("tabs", _list_tabs, at_us, FRESH_US)
+    parts = await _get_parts(which.phase, services, at_us, FRESH_US)
+    await _get_page(BoardView(which), tabs, parts, services, at_us, FRESH_US)
 
 
 @router.get("/")
 async def show(request: Request) -> Response:
     """A leaderboard; without a phase, of the open one that opened last."""
-    using: Services = request.app.state.tools
+    services: Services = request.app.state.services
     at_us = await get_now(request)
-    who = await get_visitor(request, using)
-    tabs = await using.boards.kept("tabs", _list_tabs, at_us)
+    who = await get_visitor(request, services)
+    tabs = await services.leaderboards.get("tabs", _list_tabs, at_us)
     if not tabs:
         text = render("board_none.html", visitor=who)
         return Response(text, media_type="text/html", headers=page_headers(who is not None))
-    wish, parts = await _parse_view(request.query_params, using, tabs, at_us)
-    made = await _get_page(wish, tabs, parts, using, at_us)
+    wish, parts = await _parse_view(request.query_params, services, tabs, at_us)
+    made = await _get_page(wish, tabs, parts, services, at_us)
     if request.headers.get("hx-request") == "true":
         content = made.board
     elif who is None:
@@ -121,39 +122,42 @@ async def show(request: Request) -> Response:
 @router.get("/leaderboard.csv")
 async def show_csv(request: Request) -> Response:
     """The same board as a table for other programs; as JSON the API has it."""
-    using: Services = request.app.state.tools
+    services: Services = request.app.state.services
     at_us = await get_now(request)
-    tabs = await using.boards.kept("tabs", _list_tabs, at_us)
+    tabs = await services.leaderboards.get("tabs", _list_tabs, at_us)
     if not tabs:
         raise NotFound("phase: there is none yet")
-    wish, _ = await _parse_view(request.query_params, using, tabs, at_us)
-    board = schemas.LeaderboardOut.model_validate_json(await using.boards.board(wish.which, at_us))
+    wish, _ = await _parse_view(request.query_params, services, tabs, at_us)
+    board = schemas.LeaderboardOut.model_validate_json(await services.leaderboards.get_json(wish.which, at_us))
     headers = {"Content-Disposition": f'attachment; filename="leaderboard-{board.phase}.csv"'}
     return Response(_to_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
 
 
 async def _get_page(
-    wish: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, using: Services, at_us: int, stale_us: int = STALE_US
+    wish: BoardView,
+    tabs: Sequence[PhaseTab],
+    parts: PhaseParts,
+    services: Services,
+    at_us: int,
+    stale_us: int = STALE_US,
 ) -> _RenderedBoard:
     now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
     render_board = partial(_render_page, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
-    return await using.boards.kept((wish, tabs, parts, now_open), render_board, at_us, stale_us)
+    return await services.leaderboards.get((wish, tabs, parts, now_open), render_board, at_us, stale_us)
 
 
-async def _get_parts(phase: str, using: Services, at_us: int, stale_us: int = STALE_US) -> PhaseParts:
-    return await using.boards.kept(
-        ("parts", phase), partial(leaderboard_cache.list_parts, phase_id=phase), at_us, stale_us
-    )
+async def _get_parts(phase: str, services: Services, at_us: int, stale_us: int = STALE_US) -> PhaseParts:
+    return await services.leaderboards.get(("parts", phase), partial(list_parts, phase_id=phase), at_us, stale_us)
 
 
 async def _parse_view(
-    query: Mapping[str, str], using: Services, tabs: Sequence[PhaseTab], at_us: int
+    query: Mapping[str, str], services: Services, tabs: Sequence[PhaseTab], at_us: int
 ) -> tuple[BoardView, PhaseParts]:
     """And what its phase has to choose from. Raises InputError for what there is not."""
     phase = query.get("phase") or _default_tab(tabs, at_us).id
     if phase not in (tab.id for tab in tabs):
         raise NotFound(f"phase: expected one of {', '.join(tab.id for tab in tabs)}, found {phase!r:.60}")
-    parts = await _get_parts(phase, using, at_us)
+    parts = await _get_parts(phase, services, at_us)
     kind, _, name = query.get("part", "").partition(":")  # of the form, where only one of the two can be chosen
     if kind and (kind not in ("bucket", "category") or not name):
         raise InputError(f"part: expected bucket:NAME or category:NAME, found {query['part']!r:.80}")
@@ -207,7 +211,7 @@ class BoardLine:
 def _render_page(
     session: Session, wish: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, now_open: frozenset[str]
 ) -> _RenderedBoard:
-    board = leaderboard_cache.read_leaderboard(session, wish.which)
+    board = read_leaderboard(session, wish.which)
     rows = sorted(board.rows, key=lambda row: _sort_key(row, wish.sort), reverse=SORTS[wish.sort] is not wish.turned)
     rows.sort(key=lambda row: _sort_value(row, wish.sort) is None)  # what is not known stands last
     pages = max(1, -(-len(rows) // ROWS_PER_PAGE))

@@ -18,18 +18,18 @@ Field = Annotated[str, Form(max_length=200)]
 
 
 @router.get("/login")
-def show_login(request: Request, using: ServicesDep, _visitor: OptionalVisitor) -> Response:
+def show_login(request: Request, services: ServicesDep, _visitor: OptionalVisitor) -> Response:
     """The form."""
-    return render_page(request, "login.html", problem="", registration=using.settings.registration)
+    return render_page(request, "login.html", problem="", registration=services.settings.registration)
 
 
 @router.post("/login")
-def login(request: Request, using: ServicesDep, token: Field = "") -> Response:
+def login(request: Request, services: ServicesDep, token: Field = "") -> Response:
     """With a token; the page is then the team's own, or the leaderboards."""
     text = token.strip()
-    found = find_visitor(using.store, text) if text else None
+    found = find_visitor(services.store, text) if text else None
     if found is None:
-        return render_page(request, "login.html", 401, problem=_WRONG, registration=using.settings.registration)
+        return render_page(request, "login.html", 401, problem=_WRONG, registration=services.settings.registration)
     response = RedirectResponse(f"/teams/{found.caller.team}" if found.caller.team else "/", 303)
     set_token_cookie(request, response, text)
     return response
@@ -44,21 +44,21 @@ def logout() -> Response:
 
 
 @router.get("/register")
-def show_register(request: Request, using: ServicesDep, _visitor: OptionalVisitor) -> Response:
+def show_register(request: Request, services: ServicesDep, _visitor: OptionalVisitor) -> Response:
     """The form, or whom to ask."""
-    return render_page(request, "register.html", problem="", name="", registration=using.settings.registration)
+    return render_page(request, "register.html", problem="", name="", registration=services.settings.registration)
 
 
 @router.post("/register")
-def register(request: Request, using: ServicesDep, at_us: Now, name: Field = "") -> Response:
+def register(request: Request, services: ServicesDep, at_us: Now, name: Field = "") -> Response:
     """A team; its token is shown this once, and the browser logged in."""
-    settings = using.settings.registration
+    settings = services.settings.registration
     try:
-        made = registration.register(using.store, settings, name, at_us)
+        made = registration.register(services.store, settings, name, at_us)
     except InputError as error:
         status, problem, headers = describe_refusal(error, at_us)
         return render_page(request, "register.html", status, headers, problem=problem, name=name, registration=settings)
-    request.state.visitor = find_visitor(using.store, made.token)
+    request.state.visitor = find_visitor(services.store, made.token)
     response = render_page(request, "registered.html", token=made.token)
     set_token_cookie(request, response, made.token)
     return response

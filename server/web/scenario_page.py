@@ -23,11 +23,11 @@ def show(
     scenario: schemas.ScenarioId,
     seed: schemas.Seed,
     visitor: OptionalVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
 ) -> Response:
     """The page, with the replay in a frame that has no part in our origin."""
     caller = _get_caller(visitor)
-    rows = results.list_scenarios(submission, caller, using).items
+    rows = results.list_scenarios(submission, caller, services).items
     places = [i for i, row in enumerate(rows) if (row.scenario, row.seed) == (scenario, seed)]
     if not places:
         raise NotFound(f"scenario: this submission has no {scenario!r} with seed {seed}")
@@ -35,7 +35,7 @@ def show(
     return render_page(
         request,
         "replay.html",
-        it=submissions.show_submission(submission, caller, using),
+        it=submissions.show_submission(submission, caller, services),
         row=rows[at],
         before=rows[at - 1] if at else None,
         after=rows[at + 1] if at + 1 < len(rows) else None,
@@ -50,10 +50,10 @@ def replay(
     scenario: schemas.ScenarioId,
     seed: schemas.Seed,
     visitor: OptionalVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
 ) -> Response:
     """What the frame shows."""
-    return _with_revalidation(results.fetch_replay(submission, scenario, seed, _get_caller(visitor), using))
+    return _with_revalidation(results.fetch_replay(submission, scenario, seed, _get_caller(visitor), services))
 
 
 @router.get(f"{_SCENARIO_PATH}/recording")
@@ -62,10 +62,10 @@ def recording(
     scenario: schemas.ScenarioId,
     seed: schemas.Seed,
     visitor: OptionalVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
 ) -> Response:
     """The episode."""
-    return _with_revalidation(results.fetch_recording(submission, scenario, seed, _get_caller(visitor), using))
+    return _with_revalidation(results.fetch_recording(submission, scenario, seed, _get_caller(visitor), services))
 
 
 @router.get(f"{_SCENARIO_PATH}/logs/{{cav}}")
@@ -75,10 +75,10 @@ def log(
     seed: schemas.Seed,
     cav: schemas.ScenarioId,
     visitor: AnyVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
 ) -> Response:
     """What an agent wrote."""
-    return _with_revalidation(results.fetch_log(submission, scenario, seed, cav, visitor.caller, using))
+    return _with_revalidation(results.fetch_log(submission, scenario, seed, cav, visitor.caller, services))
 
 
 def _get_caller(visitor: Visitor | None) -> Caller | None:

@@ -81,14 +81,14 @@ def show(
     request: Request,
     submission: schemas.Id,
     visitor: OptionalVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
     verdict: VerdictFilter = "",
     sort: SortOrder = "scenario",
 ) -> Response:
     """The page. `verdict` and `sort`: of the table of scenarios."""
     caller = visitor.caller if visitor else None
-    stands = read_status(using, caller, submission)
-    rows = _list_scenarios(using, caller, submission)
+    stands = read_status(services, caller, submission)
+    rows = _list_scenarios(services, caller, submission)
     chosen = _sort_rows([row for row in rows or () if not verdict or verdict in (row.verdict, row.state)], sort)
     context: dict[str, Any] = {
         "rows": rows,
@@ -103,9 +103,9 @@ def show(
 
 
 @router.get("/submissions/{submission}/progress")
-def progress(submission: schemas.Id, visitor: OptionalVisitor, using: ServicesDep, seen: SeenCount = 0) -> Response:
+def progress(submission: schemas.Id, visitor: OptionalVisitor, services: ServicesDep, seen: SeenCount = 0) -> Response:
     """How it stands, as a piece of its page. `seen`: how many scenarios were driven when it was last asked."""
-    stands = read_status(using, visitor.caller if visitor else None, submission)
+    stands = read_status(services, visitor.caller if visitor else None, submission)
     text = render("submission_live.html", stands=stands, words=explanations, visitor=visitor, seen=seen)
     event = "finished" if not stands.unfinished else "driven" if stands.done not in (None, seen) else ""
     headers = page_headers(True) | ({"HX-Trigger": event} if event else {})
@@ -113,18 +113,18 @@ def progress(submission: schemas.Id, visitor: OptionalVisitor, using: ServicesDe
 
 
 @router.post("/submissions/{submission}/cancel")
-def cancel(submission: schemas.Id, visitor: AnyVisitor, using: ServicesDep, at_us: Now) -> Response:
+def cancel(submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Stops it."""
-    submissions.cancel_submission(submission, visitor.caller, using, at_us)
+    submissions.cancel_submission(submission, visitor.caller, services, at_us)
     return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/shown")
 def choose(
-    submission: schemas.Id, visitor: AnyVisitor, using: ServicesDep, at_us: Now, shown: Annotated[bool, Form()]
+    submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now, shown: Annotated[bool, Form()]
 ) -> Response:
     """Whether it may stand on the leaderboard."""
-    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, using, at_us)
+    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
     return _redirect(submission)
 
 
@@ -132,25 +132,25 @@ def choose(
 def disqualify(
     submission: schemas.Id,
     visitor: AdminVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
     at_us: Now,
     reason: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
     """With a reason, which is shown."""
     why = schemas.ReasonIn(reason=check_text(reason, "reason", 500))
-    submissions.disqualify_submission(submission, why, visitor.caller, using, at_us)
+    submissions.disqualify_submission(submission, why, visitor.caller, services, at_us)
     return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/rerun")
-def rerun(submission: schemas.Id, visitor: AdminVisitor, using: ServicesDep, at_us: Now) -> Response:
+def rerun(submission: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Once more, as a submission of its own."""
-    return _redirect(submissions.rerun_submission(submission, visitor.caller, using, at_us).id)
+    return _redirect(submissions.rerun_submission(submission, visitor.caller, services, at_us).id)
 
 
-def read_status(using: Services, caller: Caller | None, submission: str) -> SubmissionStatus:
+def read_status(services: Services, caller: Caller | None, submission: str) -> SubmissionStatus:
     """How it stands. Raises NotFound."""
-    with using.store.read() as session:
+    with services.store.read() as session:
         found = submission_views.find_visible(session, caller, submission)
         shown = submission_views.to_submission(session, caller, found)
         phase = submission_views.get_phase(session, found)
@@ -175,10 +175,10 @@ def _to_event(data: Any) -> ScenarioEvent:
     return ScenarioEvent(data["scenario"], data["seed"], data.get("verdict"), data.get("reason"), data.get("ds"))
 
 
-def _list_scenarios(using: Services, caller: Caller | None, submission: str) -> list[schemas.ScenarioOut] | None:
+def _list_scenarios(services: Services, caller: Caller | None, submission: str) -> list[schemas.ScenarioOut] | None:
     """None where they are hidden."""
     try:
-        return results.list_scenarios(submission, caller, using).items
+        return results.list_scenarios(submission, caller, services).items
     except HiddenScenariosError:
         return None
 

@@ -24,22 +24,24 @@ Key = Annotated[schemas.Id | None, Query()]
 
 
 @router.get("/submit")
-def show_form(request: Request, who: TeamVisitor, using: ServicesDep, at_us: Now, phase: str = "") -> Response:
+def show_form(request: Request, who: TeamVisitor, services: ServicesDep, at_us: Now, phase: str = "") -> Response:
     """The form."""
-    return render_page(request, "submit.html", problem="", entered={"phase": phase}, **_form_context(using, who, at_us))
+    return render_page(
+        request, "submit.html", problem="", entered={"phase": phase}, **_form_context(services, who, at_us)
+    )
 
 
 @router.post("/submit")
-async def send(request: Request, who: TeamVisitor, using: ServicesDep, at_us: Now, key: Key = None) -> Response:
+async def send(request: Request, who: TeamVisitor, services: ServicesDep, at_us: Now, key: Key = None) -> Response:
     """Takes the archive in and goes to the submission's page; a refusal is shown on the form, which keeps its input.
 
     `key` makes it safe to send the same form twice.
     """
-    settings = using.settings
+    settings = services.settings
     try:
-        with using.uploads.another(who[1]):
+        with services.upload_limit.acquire(who[1]):
             async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-                made = await run_in_threadpool(SubmissionService(using, who, upload, key, at_us).granted)
+                made = await run_in_threadpool(SubmissionService(services, who, upload, key, at_us).accept)
     except (InputError, ProblemError) as error:
         return await _render_refusal(request, who, at_us, error)
     target = f"/submissions/{made.id}"
@@ -54,7 +56,7 @@ async def _render_refusal(request: Request, who: TeamVisitor, at_us: int, error:
     if _is_htmx(request):
         headers = page_headers(True) | dict(headers)
         return HTMLResponse(render("submit_refusal.html", problem=problem), status, headers=headers)
-    offers = await run_in_threadpool(_form_context, request.app.state.tools, who, at_us)
+    offers = await run_in_threadpool(_form_context, request.app.state.services, who, at_us)
     return render_page(
         request, "submit.html", status, headers, problem=problem, entered=received_fields(request), **offers
     )
@@ -64,14 +66,14 @@ def _is_htmx(request: Request) -> bool:
     return request.headers.get("hx-request") == "true"
 
 
-def _form_context(using: Services, who: TeamVisitor, at_us: int) -> dict[str, Any]:
+def _form_context(services: Services, who: TeamVisitor, at_us: int) -> dict[str, Any]:
     """What there is to choose from."""
-    found = list_phases(using, at_us).items
-    is_open = [(phase, show_quota(phase.id, who, using, at_us)) for phase in found if phase.open]
+    found = list_phases(services, at_us).items
+    is_open = [(phase, show_quota(phase.id, who, services, at_us)) for phase in found if phase.open]
     return {
         "open": is_open,
         "others": [phase for phase in found if not phase.open],
         "tracks": TRACK_LABELS,
-        "most": using.settings.limits.archive_bytes,
+        "most": services.settings.limits.archive_bytes,
         "key": new_id(),
     }

@@ -47,13 +47,13 @@ class QuotaLeft:
 def show(
     request: Request,
     team: schemas.TeamName,
-    using: ServicesDep,
+    services: ServicesDep,
     at_us: Now,
     visitor: OptionalVisitor,
     before: Annotated[schemas.Id | None, Query()] = None,
 ) -> Response:
     """The page, by name or id. A hidden team is there for its members and admins only."""
-    with using.store.read() as session:
+    with services.store.read() as session:
         found = teams.get(session, team)
         own = _is_own(visitor, found)
         if found.hidden and not own:
@@ -66,7 +66,7 @@ def show(
     listed = None
     if visitor is not None and own:
         of_team = found.id if visitor.caller.is_admin else None
-        listed = submissions.list_submissions(visitor.caller, using, None, of_team, before)
+        listed = submissions.list_submissions(visitor.caller, services, None, of_team, before)
     return render_page(
         request,
         "team.html",
@@ -87,18 +87,20 @@ def choose(
     submission: SubmissionField,
     shown: Annotated[bool, Form()],
     visitor: AnyVisitor,
-    using: ServicesDep,
+    services: ServicesDep,
     at_us: Now,
 ) -> Response:
     """Whether a submission may stand on the leaderboard."""
-    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, using, at_us)
+    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
     return RedirectResponse(f"/teams/{team}#submissions", 303)
 
 
 @router.post("/teams/{team}/revoke")
-def revoke(team: schemas.Id, token: SubmissionField, visitor: AnyVisitor, using: ServicesDep, at_us: Now) -> Response:
+def revoke(
+    team: schemas.Id, token: SubmissionField, visitor: AnyVisitor, services: ServicesDep, at_us: Now
+) -> Response:
     """Of the visitor's own team, or any for admins. Whoever revokes the token of this browser is logged out."""
-    with using.store.write() as session:
+    with services.store.write() as session:
         found = teams.get(session, team)
         if not _is_own(visitor, found) or token not in (each.id for each in tokens.list_tokens(session, found)):
             raise NotFound(f"token: there is no {token!r}")

@@ -35,10 +35,10 @@ def find_visitor(store: Store, text: str) -> Visitor | None:
         return Visitor(caller, teams.get(session, caller.team).name)
 
 
-async def get_visitor(request: Request, using: ServicesDep) -> Visitor | None:
+async def get_visitor(request: Request, services: ServicesDep) -> Visitor | None:
     """Who asks; None for nobody we know. The page then shows it."""
     text = request.cookies.get(COOKIE)
-    request.state.visitor = await run_in_threadpool(find_visitor, using.store, text) if text else None
+    request.state.visitor = await run_in_threadpool(find_visitor, services.store, text) if text else None
     return request.state.visitor
 
 

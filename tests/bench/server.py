@@ -47,7 +47,7 @@ from server.settings import Settings
 settings = Settings.model_validate_json(sys.argv[1])
 app = create_app(settings)
 web.mount(app)
-supervisor = Supervisor(app.state.tools.store, settings)
+supervisor = Supervisor(app.state.services.store, settings)
 supervisor.start()
 try:
     uvicorn.run(app, port=0, log_level="info", access_log=False)

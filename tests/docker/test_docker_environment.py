@@ -86,7 +86,7 @@ def test_what_was_built_here_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_an_image_that_says_nothing_is_no_environment(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="does not tell its packages: nothing was said"):
+    with pytest.raises(InputError, match="does not list its packages: no output"):
         import_image("mine", tmp_path, HOST, "/usr/bin/true")
 
 

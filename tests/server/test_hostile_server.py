@@ -249,7 +249,7 @@ def flagged(door: Door) -> list[str]:
     """Submissions that a spot re-run found to differ, by the audit log."""
     store = Store(f"sqlite:///{door.data / 'challenge.sqlite'}")
     with store.read() as session:
-        entries = session.scalars(select(AuditEntryRow).where(AuditEntryRow.deed == "spot-check")).all()
+        entries = session.scalars(select(AuditEntryRow).where(AuditEntryRow.action == "spot-check")).all()
         found = [entry.data["submission"] for entry in entries if not entry.data["same"]]
     store.close()
     return found

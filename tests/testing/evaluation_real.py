@@ -75,7 +75,7 @@ def check_scored_once(store: Store, settings: ServerSettings, submission: str, j
         done = [
             e
             for e in session.query(AuditEntryRow)
-            if e.deed == "submission-done" and e.data["submission"] == submission
+            if e.action == "submission-done" and e.data["submission"] == submission
         ]
         assert audit.verify_chain(session).broken is None
     assert set(told.values()) == {1}

@@ -1,1 +1,1 @@
-"""One file a noun; each has a `router`."""
+"""Routes of the API: one file per resource, each with a `router`."""

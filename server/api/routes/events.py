@@ -1,6 +1,7 @@
-"""What happens to a submission, as it happens: server-sent events (WHATWG HTML, section 9.2).
+"""Live events of a submission: server-sent events (WHATWG HTML, section 9.2).
 
-Whoever comes back with `Last-Event-ID` gets what was missed. A stream ends with the submission, or after some minutes.
+A client that reconnects with `Last-Event-ID` gets the events that it missed. A stream ends with the submission, or
+after some minutes.
 """
 
 import asyncio
@@ -23,9 +24,9 @@ from server.store.quota import UNFINISHED
 router = APIRouter(tags=["submissions"])
 POLL_S = 1.0
 QUIET_POLLS = 15
-"""After so many without news a comment is sent, so that nobody between us takes the line for dead."""
-MOST_POLLS = 900
-"""Then the client has to come back: a stream that nobody reads any more does not stay for ever."""
+"""Polls without an event after which a comment is sent, so that proxies keep the connection open."""
+MAX_POLLS = 900
+"""Polls after which the stream ends and the client reconnects: abandoned streams do not stay open."""
 PAGE = 500
 MEDIA_TYPE = "text/event-stream"
 _TEXT = {"type": "string"}
@@ -38,15 +39,15 @@ LastEventId = Annotated[int, Header(alias="Last-Event-ID", ge=0, le=2**31 - 1)]
 
 
 class EventBatch(NamedTuple):
-    """What is new, read in one transaction, so that no event can fall between."""
+    """New events, read in one transaction so that none is missed."""
 
-    told: list[tuple[int, str, Mapping[str, Any]]]
-    """Id, kind and data of those that may be told."""
+    events: list[tuple[int, str, Mapping[str, Any]]]
+    """Id, kind and data of those that may be disclosed."""
     last: int
-    """Id of the last of all."""
-    more: bool
-    """At once."""
-    finished: bool
+    """Id of the last event, disclosed or not."""
+    has_more: bool
+    """Whether further events are available at once."""
+    is_finished: bool
 
 
 @router.get(
@@ -59,59 +60,61 @@ class EventBatch(NamedTuple):
     },
 )
 async def follow(
-    submission: schemas.Id, caller: AnyCaller, using: ServicesDep, last_event_id: LastEventId = 0
+    submission: schemas.Id, caller: AnyCaller, services: ServicesDep, last_event_id: LastEventId = 0
 ) -> Response:
     """Live events, for its team and admins. `state` says how the submission stands, `scenario` one result."""
-    first = await run_in_threadpool(_read_events, using, caller, submission, last_event_id)
-    if first.finished and not first.told:
+    first = await run_in_threadpool(_read_events, services, caller, submission, last_event_id)
+    if first.is_finished and not first.events:
         return Response(status_code=204)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    stream = _stream_events(using, caller, submission, first)
-    return _LimitedStream(using.streams, caller.team or caller.token, stream, media_type=MEDIA_TYPE, headers=headers)
+    stream = _stream_events(services, caller, submission, first)
+    return _LimitedStream(
+        services.stream_limit, caller.team or caller.token, stream, media_type=MEDIA_TYPE, headers=headers
+    )
 
 
 class _LimitedStream(StreamingResponse):
-    """One of a few of its team, as long as it is being sent; refused where there are too many."""
+    """A stream that counts against its team's limit while it is being sent."""
 
-    def __init__(self, streams: ConcurrencyLimit, of: str, *args: Any, **kwargs: Any) -> None:
+    def __init__(self, limit: ConcurrencyLimit, key: str, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._place = streams.another(of)
+        self._slot = limit.acquire(key)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """ASGI. Raises ProblemError, before anything is sent."""
-        with self._place:
+        """ASGI. Raises ProblemError (429) before anything is sent."""
+        with self._slot:
             await super().__call__(scope, receive, send)
 
 
-async def _stream_events(using: Services, caller: Caller, submission: str, news: EventBatch) -> AsyncGenerator[str]:
+async def _stream_events(services: Services, caller: Caller, submission: str, batch: EventBatch) -> AsyncGenerator[str]:
     quiet = 0
-    for _ in range(MOST_POLLS):
-        for number, kind, data in news.told:
+    for _ in range(MAX_POLLS):
+        for number, kind, data in batch.events:
             yield f"id: {number}\nevent: {kind}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"
-        quiet = 0 if news.told else quiet + 1
-        if news.finished:
+        quiet = 0 if batch.events else quiet + 1
+        if batch.is_finished:
             return
         if quiet >= QUIET_POLLS:
             quiet = 0
-            yield ": still here\n\n"
-        await asyncio.sleep(0 if news.more else POLL_S)
+            yield ": keep-alive\n\n"
+        await asyncio.sleep(0 if batch.has_more else POLL_S)
         try:
-            news = await run_in_threadpool(_read_events, using, caller, submission, news.last)
+            batch = await run_in_threadpool(_read_events, services, caller, submission, batch.last)
         except StoreUnavailable:
-            return  # the client comes back by itself, and nothing is lost
+            return  # the client reconnects, and misses no event
 
 
-def _read_events(using: Services, caller: Caller, submission_id: str, after: int) -> EventBatch:
-    with using.store.read() as session:
+def _read_events(services: Services, caller: Caller, submission_id: str, after: int) -> EventBatch:
+    with services.store.read() as session:
         submission = submission_views.find_own(session, caller, submission_id)
         phase = submission_views.get_phase(session, submission)
         found = events.list_since(session, submission_id, after, PAGE)
-        told = [
+        disclosed = [
             (event.id, event.kind, submission_views.visible_event(phase, event.kind, event.data)) for event in found
         ]
         return EventBatch(
-            told=[(number, kind, data) for number, kind, data in told if data is not None],
+            events=[(number, kind, data) for number, kind, data in disclosed if data is not None],
             last=found[-1].id if found else after,
-            more=len(found) == PAGE,
-            finished=submission.state not in UNFINISHED and len(found) < PAGE,
+            has_more=len(found) == PAGE,
+            is_finished=submission.state not in UNFINISHED and len(found) < PAGE,
         )

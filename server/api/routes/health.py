@@ -1,4 +1,4 @@
-"""How the server is doing: for load balancers, for Prometheus, and for whoever doubts the audit log."""
+"""Health check, Prometheus metrics, and verification of the audit log."""
 
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
@@ -15,19 +15,19 @@ _TEXT = {"content": {"text/plain": {"schema": {"type": "string"}}}}
 
 
 @router.get("/health", responses=document_problems())
-def health(using: ServicesDep) -> schemas.HealthOut:
-    """200 while the server and its database answer."""
-    using.store.version()
+def health(services: ServicesDep) -> schemas.HealthOut:
+    """Return 200 while the server and its database answer."""
+    services.store.version()
     return schemas.HealthOut(status="ok", version=__version__)
 
 
 @router.get("/metrics", response_class=Response, responses=document_problems(401, 403) | {200: _TEXT})
-def metrics(_caller: OperatorCaller, using: ServicesDep, at_us: Now) -> Response:
-    """For Prometheus, with a token of an admin or a worker: how fast jobs end tells about hidden scenarios."""
-    with using.store.read() as session:
+def metrics(_caller: OperatorCaller, services: ServicesDep, at_us: Now) -> Response:
+    """Metrics for Prometheus, with a token of an admin or a worker: job rates would disclose hidden scenarios."""
+    with services.store.read() as session:
         of_submissions, of_jobs = queries.count_by_state(session)
         job_us = queries.mean_job_us(session)
-        alive = workers.count_alive(session, using.settings.work.lease_s * 1_000_000, at_us)
+        alive = workers.count_alive(session, services.settings.work.lease_s * 1_000_000, at_us)
         differences = audit.count_spot_check_differences(session)
     registry = CollectorRegistry()
     submissions = Gauge("mdrive_submissions", "Submissions by state", ["state"], registry=registry)
@@ -39,14 +39,14 @@ def metrics(_caller: OperatorCaller, using: ServicesDep, at_us: Now) -> Response
     duration = Gauge("mdrive_job_seconds", "Mean duration of the last jobs", registry=registry)
     duration.set(job_us / 1e6 if job_us is not None else float("nan"))
     Gauge("mdrive_workers", "Workers and dispatchers seen within a lease", registry=registry).set(alive)
-    told = "Spot checks that found something else than before, since the beginning"
-    Gauge("mdrive_spot_check_differences", told, registry=registry).set(differences)
+    help_text = "Spot checks that found something else than before, since the beginning"
+    Gauge("mdrive_spot_check_differences", help_text, registry=registry).set(differences)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
 @router.get("/audit", responses=document_problems(401, 403))
-def walk_audit_log(_caller: AdminCaller, using: ServicesDep) -> schemas.AuditOut:
-    """Walks the whole chain of the audit log."""
-    with using.store.read() as session:
+def walk_audit_log(_caller: AdminCaller, services: ServicesDep) -> schemas.AuditOut:
+    """Verify the whole hash chain of the audit log."""
+    with services.store.read() as session:
         found = audit.verify_chain(session)
         return schemas.AuditOut(entries=found.entries, head=found.head, broken=found.broken)

@@ -1,11 +1,11 @@
-"""Leaderboards: who stands where, and how a team came there."""
+"""Leaderboards, and the history of a team."""
 
 from fastapi import APIRouter, Response
 
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas
 from server.api.dependencies import Now, ServicesDep
-from server.api.leaderboard_cache import BoardKey
+from server.api.leaderboards import BoardKey
 from server.api.problems import document_problems
 from server.api.schemas import to_datetime
 from server.enums import ChallengeTrack, SubmissionState
@@ -17,26 +17,26 @@ router = APIRouter(tags=["leaderboards"])
 @router.get("/leaderboards/{phase}", response_model=schemas.LeaderboardOut, responses=document_problems(404, 422))
 async def show_leaderboard(
     phase: schemas.PhaseId,
-    using: ServicesDep,
+    services: ServicesDep,
     at_us: Now,
     track: ChallengeTrack | None = None,
     bucket: schemas.PartName | None = None,
     category: schemas.PartName | None = None,
 ) -> Response:
-    """Overall, of one bucket, or of one category; without a track: all in which every CAV decides for itself.
+    """Return the overall leaderboard, or that of a bucket or a category; without a track, of all tracks but joint.
 
-    In a hidden phase a bucket or category is shown where at least 5 scenarios are in it. A board can be seconds old.
+    In a hidden phase a bucket or category is shown if it has at least 5 scenarios. The result can be seconds old.
     """
     if bucket is not None and category is not None:
         raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
-    content = await using.boards.board(BoardKey(phase, track, bucket, category), at_us)
+    content = await services.leaderboards.get_json(BoardKey(phase, track, bucket, category), at_us)
     return Response(content, media_type="application/json")
 
 
 @router.get("/leaderboards/{phase}/teams/{team}", responses=document_problems(404, 422))
-def show_history(phase: schemas.PhaseId, team: schemas.TeamName, using: ServicesDep) -> schemas.HistoryOut:
-    """Every finished submission of a team (name or id) that it shows."""
-    with using.store.read() as session:
+def show_history(phase: schemas.PhaseId, team: schemas.TeamName, services: ServicesDep) -> schemas.HistoryOut:
+    """Return every finished submission of a team (name or id) that it shows."""
+    with services.store.read() as session:
         found = teams.get(session, team)
         if found.hidden:
             raise NotFound(f"team: there is no {team!r}")

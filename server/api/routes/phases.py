@@ -1,4 +1,4 @@
-"""Phases: when submissions are taken, on what, and how many."""
+"""Phases: when submissions are accepted, on which suite, and how many."""
 
 from pathlib import Path
 
@@ -14,29 +14,29 @@ router = APIRouter(tags=["phases"])
 
 
 @router.get("/phases", responses=document_problems())
-def list_phases(using: ServicesDep, at_us: Now) -> schemas.PhasesOut:
-    """All, in the order in which they open."""
-    with using.store.read() as session:
+def list_phases(services: ServicesDep, at_us: Now) -> schemas.PhasesOut:
+    """Return all phases in the order in which they open."""
+    with services.store.read() as session:
         return schemas.PhasesOut(items=[_to_phase(each, at_us) for each in phases.list_phases(session)])
 
 
 @router.get("/phases/{phase}", responses=document_problems(404, 422))
-def show_phase(phase: schemas.PhaseId, using: ServicesDep, at_us: Now) -> schemas.PhaseOut:
-    """One of them."""
-    with using.store.read() as session:
+def show_phase(phase: schemas.PhaseId, services: ServicesDep, at_us: Now) -> schemas.PhaseOut:
+    """Return one phase."""
+    with services.store.read() as session:
         return _to_phase(phases.get(session, phase), at_us)
 
 
 @router.get("/phases/{phase}/quota", responses=document_problems(401, 403, 404, 422))
-def show_quota(phase: schemas.PhaseId, caller: TeamCaller, using: ServicesDep, at_us: Now) -> schemas.QuotaOut:
-    """What the token's team has used of it."""
-    with using.store.read() as session:
+def show_quota(phase: schemas.PhaseId, caller: TeamCaller, services: ServicesDep, at_us: Now) -> schemas.QuotaOut:
+    """Return what the token's team has used of the quota."""
+    with services.store.read() as session:
         used = quota.count_used(session, caller[1], phases.get(session, phase).id, at_us)
         return schemas.QuotaOut(today=used.today, in_parallel=used.in_parallel, in_total=used.in_total)
 
 
 def _to_phase(phase: tables.PhaseRow, at_us: int) -> schemas.PhaseOut:
-    """Not where the suite lies: that is a path of this machine, and the name of a hidden one says too much."""
+    """Return the phase without its suite's path on this machine and, if it is hidden, without the suite's name."""
     return schemas.PhaseOut(
         id=phase.id,
         title=phase.title,

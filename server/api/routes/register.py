@@ -1,4 +1,4 @@
-"""Teams that make themselves."""
+"""Self-registration of teams."""
 
 from fastapi import APIRouter
 
@@ -11,7 +11,7 @@ router = APIRouter(tags=["teams and tokens"])
 
 
 @router.post("/register", status_code=201, responses=document_problems(400, 403, 408, 413, 422, 429))
-def register(new: schemas.NewTeamIn, using: ServicesDep, at_us: Now) -> schemas.RegisteredOut:
-    """A new team and its token, which is in this answer and nowhere else; where everybody may make one."""
-    made = registration.register(using.store, using.settings.registration, new.name, at_us)
+def register(new: schemas.NewTeamIn, services: ServicesDep, at_us: Now) -> schemas.RegisteredOut:
+    """Register a team where registration is open. Its token is in this response only."""
+    made = registration.register(services.store, services.settings.registration, new.name, at_us)
     return schemas.RegisteredOut(team=to_team(made.team), token=made.token)

@@ -1,4 +1,4 @@
-"""Results of single scenarios, with recordings and logs: of public phases only, but for admins."""
+"""Results, recordings and logs of single scenarios: of public phases; for admins of hidden ones, too."""
 
 from http import HTTPStatus
 from pathlib import Path
@@ -23,19 +23,19 @@ _SANDBOX_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "sandbox allow-scripts allow-downloads",
 }
-"""What agents have a part in is no page of ours: it is shown without our origin, hence without anybody's cookies."""
+"""Files with content of agents get an opaque origin, so that their scripts can use nobody's cookies."""
 _SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 
 
 @router.get("/submissions/{submission}/scenarios", responses=document_problems(401, 403, 404, 422))
-def list_scenarios(submission: schemas.Id, caller: OptionalCaller, using: ServicesDep) -> schemas.ScenariosOut:
-    """Results, verdicts and what the agents used, by scenario and seed."""
-    with using.store.read() as session:
+def list_scenarios(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> schemas.ScenariosOut:
+    """Return results, verdicts and resource usage, by scenario and seed."""
+    with services.store.read() as session:
         own = submission_views.may_see_all(caller, _find_disclosed(session, caller, submission))
         jobs = select(tables.JobRow).where(tables.JobRow.submission == submission)
         found = session.scalars(jobs.order_by(tables.JobRow.scenario, tables.JobRow.seed)).all()
         admin = caller is not None and caller.is_admin
-        return schemas.ScenariosOut(items=[_to_scenario(using.settings, job, own, admin) for job in found])
+        return schemas.ScenariosOut(items=[_to_scenario(services.settings, job, own, admin) for job in found])
 
 
 @router.get(
@@ -44,12 +44,16 @@ def list_scenarios(submission: schemas.Id, caller: OptionalCaller, using: Servic
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"application/octet-stream": {}}}},
 )
 def fetch_recording(
-    submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, caller: OptionalCaller, using: ServicesDep
+    submission: schemas.Id,
+    scenario: schemas.ScenarioId,
+    seed: schemas.Seed,
+    caller: OptionalCaller,
+    services: ServicesDep,
 ) -> FileResponse:
-    """The episode, as `mdrive-sumo` writes and reads it."""
-    with using.store.read() as session:
+    """Return the recorded episode in the format of `mdrive-sumo`."""
+    with services.store.read() as session:
         _find_job(session, caller, submission, scenario, seed)
-    path = _require_file(paths.recording_path(using.settings, submission, scenario, seed), "recording")
+    path = _require_file(paths.recording_path(services.settings, submission, scenario, seed), "recording")
     return FileResponse(
         path, media_type="application/octet-stream", filename=f"{scenario}-{seed}.npz", headers=_SANDBOX_HEADERS
     )
@@ -61,19 +65,23 @@ def fetch_recording(
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"text/html": {"schema": {"type": "string"}}}}},
 )
 def fetch_replay(
-    submission: schemas.Id, scenario: schemas.ScenarioId, seed: schemas.Seed, caller: OptionalCaller, using: ServicesDep
+    submission: schemas.Id,
+    scenario: schemas.ScenarioId,
+    seed: schemas.Seed,
+    caller: OptionalCaller,
+    services: ServicesDep,
 ) -> FileResponse:
-    """The page that `mdrive-sumo view` makes: one file that reaches no network. The first time takes some seconds.
+    """Return the page that `mdrive-sumo view` writes: one file that loads nothing else. The first time takes seconds.
 
-    Few at a time wait for pages to be made; the others are asked to come back.
+    Where too many pages are being written, the response is 503 with Retry-After.
     """
-    with using.store.read() as session:
+    with services.store.read() as session:
         job = _find_job(session, caller, submission, scenario, seed)
         suite = submission_views.get_phase(session, _submission(session, submission)).suite
-    page = paths.replay_path(using.settings, submission, scenario, seed)
+    page = paths.replay_path(services.settings, submission, scenario, seed)
     if not page.is_file():
-        recording = _require_file(paths.recording_path(using.settings, submission, scenario, seed), "recording")
-        _made(using, replay_page.ReplayRequest(suite, scenario, job.result or {}, recording, page))
+        recording = _require_file(paths.recording_path(services.settings, submission, scenario, seed), "recording")
+        _write_page(services, replay_page.ReplayRequest(suite, scenario, job.result or {}, recording, page))
     return FileResponse(page, media_type="text/html", headers=_SANDBOX_HEADERS)
 
 
@@ -89,18 +97,18 @@ def fetch_log(
     seed: schemas.Seed,
     cav: schemas.ScenarioId,
     caller: AnyCaller,
-    using: ServicesDep,
+    services: ServicesDep,
 ) -> FileResponse:
-    """The end of what the agent of a CAV wrote (`all` for a joint agent); for its team and admins."""
-    with using.store.read() as session:
+    """Return the end of the log of a CAV's agent (`all` for a joint agent); for its team and admins."""
+    with services.store.read() as session:
         submission_views.find_own(session, caller, submission)
         _find_job(session, caller, submission, scenario, seed)
-    path = _require_file(paths.log_path(using.settings, submission, scenario, seed, cav), "log")
+    path = _require_file(paths.log_path(services.settings, submission, scenario, seed, cav), "log")
     return FileResponse(path, media_type="text/plain; charset=utf-8", headers=_SANDBOX_HEADERS)
 
 
 def _find_disclosed(session: Session, caller: Caller | None, submission_id: str) -> tables.SubmissionRow:
-    """One of whose scenarios the caller may see. Raises NotFound and Hidden."""
+    """Return a submission whose scenarios the caller may see. Raises NotFound, HiddenScenariosError."""
     submission = submission_views.find_visible(session, caller, submission_id)
     if not submission_views.get_phase(session, submission).public and not (caller is not None and caller.is_admin):
         raise HiddenScenariosError
@@ -108,7 +116,7 @@ def _find_disclosed(session: Session, caller: Caller | None, submission_id: str)
 
 
 def _find_job(session: Session, caller: Caller | None, submission: str, scenario: str, seed: int) -> tables.JobRow:
-    """One result that the caller may see. Raises NotFound and Hidden."""
+    """Return a job that the caller may see. Raises NotFound and HiddenScenariosError."""
     _find_disclosed(session, caller, submission)
     wanted = select(tables.JobRow).where(
         tables.JobRow.submission == submission, tables.JobRow.scenario == scenario, tables.JobRow.seed == seed
@@ -124,20 +132,20 @@ def _submission(session: Session, submission_id: str) -> tables.SubmissionRow:
     return found
 
 
-def _made(using: Services, order: replay_page.ReplayRequest) -> None:
-    using.painter.call(REPLAY_S, replay_page.write_replay_page, order)
+def _write_page(services: Services, request: replay_page.ReplayRequest) -> None:
+    services.replay_runner.call(REPLAY_S, replay_page.write_replay_page, request)
 
 
 def _require_file(path: Path, what: str) -> Path:
     if not path.is_file():
-        sentence = f"{what}: there is none: it was not made, or its time is over"
+        sentence = f"{what}: there is none: it was not written, or its retention period is over"
         raise ProblemError(HTTPStatus.NOT_FOUND, "not-found", sentence)
     return path
 
 
 def _to_scenario(settings: ServerSettings, job: tables.JobRow, own: bool, admin: bool) -> schemas.ScenarioOut:
     result: dict[str, Any] = job.result or {}
-    names = [ego["id"] for ego in result.get("egos", ())] + [paths.JOINT_CAV]
+    log_names = [ego["id"] for ego in result.get("egos", ())] + [paths.JOINT_CAV]
     place = (settings, job.submission, job.scenario, job.seed)
     return schemas.ScenarioOut(
         scenario=job.scenario,
@@ -148,7 +156,7 @@ def _to_scenario(settings: ServerSettings, job: tables.JobRow, own: bool, admin:
         egos=[schemas.EgoOut.model_validate(ego) for ego in result["egos"]] if "egos" in result else None,
         usage=job.usage,
         recording=paths.recording_path(*place).is_file(),
-        logs=[name for name in names if own and paths.log_path(*place, name).is_file()],
+        logs=[name for name in log_names if own and paths.log_path(*place, name).is_file()],
         failure=job.failure if admin else None,
         **{name: result.get(name) for name in ("bucket", "category", "ds", "sr", "rc", "ip")},
     )

@@ -1,4 +1,4 @@
-"""Submissions: listed, shown, stopped, and chosen for the leaderboard."""
+"""Submissions: list, show, cancel, choose for the leaderboard, disqualify, run again."""
 
 from typing import Annotated
 
@@ -18,16 +18,16 @@ PAGE = 50
 @router.get("/submissions", responses=document_problems(401, 404, 422))
 def list_submissions(
     caller: AnyCaller,
-    using: ServicesDep,
+    services: ServicesDep,
     phase: schemas.PhaseId | None = None,
     team: Annotated[schemas.TeamName | None, Query(description="Name or id; for admins.")] = None,
     before: Annotated[schemas.Id | None, Query(description="`next` of the page before.")] = None,
 ) -> schemas.SubmissionsOut:
-    """Those of the token's team, for admins those of all teams; 50 a page."""
+    """Return the submissions of the token's team, for admins of all teams; 50 per page."""
     wanted = select(tables.SubmissionRow).order_by(
         tables.SubmissionRow.created_us.desc(), tables.SubmissionRow.id.desc()
     )
-    with using.store.read() as session:
+    with services.store.read() as session:
         if not caller.is_admin:
             wanted = wanted.where(tables.SubmissionRow.team == (caller.team or ""))
         elif team is not None:
@@ -44,9 +44,9 @@ def list_submissions(
 
 
 @router.get("/submissions/{submission}", responses=document_problems(401, 404, 422))
-def show_submission(submission: schemas.Id, caller: OptionalCaller, using: ServicesDep) -> schemas.SubmissionOut:
-    """Its team and admins see all of it; everybody sees the result of one that stands on a leaderboard."""
-    with using.store.read() as session:
+def show_submission(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> schemas.SubmissionOut:
+    """Return a submission: in full for its team and admins; the result for everyone if it is on a leaderboard."""
+    with services.store.read() as session:
         return submission_views.to_submission(
             session, caller, submission_views.find_visible(session, caller, submission)
         )
@@ -54,10 +54,10 @@ def show_submission(submission: schemas.Id, caller: OptionalCaller, using: Servi
 
 @router.post("/submissions/{submission}/cancel", responses=document_problems(401, 404, 409, 422))
 def cancel_submission(
-    submission: schemas.Id, caller: AnyCaller, using: ServicesDep, at_us: Now
+    submission: schemas.Id, caller: AnyCaller, services: ServicesDep, at_us: Now
 ) -> schemas.SubmissionOut:
-    """Stops it. If nothing was driven yet, it counts for the day only, not in total."""
-    with using.store.write() as session:
+    """Cancel a submission. If nothing was driven yet, it counts against the daily quota only, not in total."""
+    with services.store.write() as session:
         submission_views.find_own(session, caller, submission)
         submissions.cancel(session, submission, at_us, caller.actor)
         return submission_views.to_submission(session, caller, submissions.get(session, submission))
@@ -65,40 +65,40 @@ def cancel_submission(
 
 @router.put("/submissions/{submission}/shown", responses=document_problems(400, 401, 404, 408, 413, 422))
 def choose_submission(
-    submission: schemas.Id, wish: schemas.ShowIn, caller: AnyCaller, using: ServicesDep, at_us: Now
+    submission: schemas.Id, wish: schemas.ShowIn, caller: AnyCaller, services: ServicesDep, at_us: Now
 ) -> schemas.SubmissionOut:
-    """Whether it may stand on the leaderboard: of those of a team that may, the best does."""
-    with using.store.write() as session:
+    """Choose whether it may be on the leaderboard, which shows the best such submission of each team."""
+    with services.store.write() as session:
         submission_views.find_own(session, caller, submission)
         submissions.set_shown(session, submission, wish.shown, at_us, caller.actor)
         answer = submission_views.to_submission(session, caller, submissions.get(session, submission))
-    using.boards.forget()
+    services.leaderboards.invalidate()
     return answer
 
 
 @router.post("/submissions/{submission}/disqualify", responses=document_problems(400, 401, 403, 404, 408, 413, 422))
 def disqualify_submission(
-    submission: schemas.Id, why: schemas.ReasonIn, caller: AdminCaller, using: ServicesDep, at_us: Now
+    submission: schemas.Id, why: schemas.ReasonIn, caller: AdminCaller, services: ServicesDep, at_us: Now
 ) -> schemas.SubmissionOut:
-    """Takes it off the leaderboard; its team sees the reason."""
-    with using.store.write() as session:
+    """Remove it from the leaderboard; its team sees the reason."""
+    with services.store.write() as session:
         submissions.disqualify(session, submission, why.reason, at_us, caller.actor)
         answer = submission_views.to_submission(session, caller, submissions.get(session, submission))
-    using.boards.forget()
+    services.leaderboards.invalidate()
     return answer
 
 
 @router.post("/submissions/{submission}/rerun", status_code=201, responses=document_problems(401, 403, 404, 409, 422))
 def rerun_submission(
-    submission: schemas.Id, caller: AdminCaller, using: ServicesDep, at_us: Now
+    submission: schemas.Id, caller: AdminCaller, services: ServicesDep, at_us: Now
 ) -> schemas.SubmissionOut:
-    """The same archive once more, as a submission of its own that counts nowhere until it is shown."""
-    with using.store.read() as session:
+    """Evaluate the archive again as a new submission that counts nowhere until it is shown."""
+    with services.store.read() as session:
         old = submissions.get(session, submission)
         phase = phases.get(session, old.phase)
-    if not paths.archive_path(using.settings, old.archive_sha256).is_file():
-        raise NotNow(f"submission {submission}: its archive is cleared up, so it cannot be driven again")
-    evaluator, jobs = using.suites.evaluator(phase, old.environment), using.suites.jobs(phase)
-    with using.store.write() as session:
+    if not paths.archive_path(services.settings, old.archive_sha256).is_file():
+        raise NotNow(f"submission {submission}: its archive has been deleted, so it cannot be run again")
+    evaluator, jobs = services.suites.evaluator(phase, old.environment), services.suites.jobs(phase)
+    with services.store.write() as session:
         again = submissions.rerun(session, submission, evaluator, jobs, at_us, caller.actor)
         return submission_views.to_submission(session, caller, again)

@@ -1,4 +1,4 @@
-"""Takes in a submission."""
+"""Accepts submissions."""
 
 from typing import Annotated, Any
 
@@ -22,9 +22,9 @@ _FORM: dict[str, Any] = {
                 "required": ["phase", "track", "name", FILE_FIELD],
                 "additionalProperties": False,
                 "properties": {
-                    "phase": {"type": "string", "maxLength": 40, "description": "Its id."},
+                    "phase": {"type": "string", "maxLength": 40, "description": "Id of the phase."},
                     "track": {"type": "string", "enum": [track.value for track in ChallengeTrack]},
-                    "name": {"type": "string", "minLength": 1, "maxLength": 80, "description": "Of your method."},
+                    "name": {"type": "string", "minLength": 1, "maxLength": 80, "description": "Name of your method."},
                     FILE_FIELD: {"type": "string", "format": "binary", "description": "The zip file."},
                 },
             }
@@ -33,7 +33,9 @@ _FORM: dict[str, Any] = {
 }
 IdempotencyKey = Annotated[
     str | None,
-    Header(max_length=80, description="The same key again answers with the same submission: safe to send twice."),
+    Header(
+        max_length=80, description="A repeated key returns the same submission, so a request can be sent twice safely."
+    ),
 ]
 
 
@@ -44,13 +46,13 @@ IdempotencyKey = Annotated[
     openapi_extra={"requestBody": _FORM},
 )
 async def submit(
-    request: Request, caller: TeamCaller, using: ServicesDep, at_us: Now, idempotency_key: IdempotencyKey = None
+    request: Request, caller: TeamCaller, services: ServicesDep, at_us: Now, idempotency_key: IdempotencyKey = None
 ) -> schemas.SubmissionOut:
-    """Sends an archive. The answer comes at once, the result later: follow its events.
+    """Submit an archive. The response comes at once, the result later: follow the events.
 
-    The same archive in the same phase and track is answered with the finished result and uses no quota.
+    The same archive in the same phase and track returns the finished result and uses no quota.
     """
-    settings = using.settings
-    with using.uploads.another(caller[1]):
+    settings = services.settings
+    with services.upload_limit.acquire(caller[1]):
         async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-            return await run_in_threadpool(SubmissionService(using, caller, upload, idempotency_key, at_us).granted)
+            return await run_in_threadpool(SubmissionService(services, caller, upload, idempotency_key, at_us).accept)

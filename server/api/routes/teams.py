@@ -1,4 +1,4 @@
-"""Teams and tokens: made by admins."""
+"""Teams and tokens, managed by admins."""
 
 from fastapi import APIRouter
 
@@ -13,65 +13,67 @@ router = APIRouter(tags=["teams and tokens"])
 
 
 @router.get("/me", responses=document_problems(401))
-def who_am_i(caller: AnyCaller, using: ServicesDep) -> schemas.MeOut:
-    """Who holds this token: the way to try one."""
+def who_am_i(caller: AnyCaller, services: ServicesDep) -> schemas.MeOut:
+    """Return the holder of this token, e.g. to test it."""
     if caller.team is None:
         return schemas.MeOut(scope=caller.scope, team=None)
-    with using.store.read() as session:
+    with services.store.read() as session:
         return schemas.MeOut(scope=caller.scope, team=to_team(teams.get(session, caller.team)))
 
 
 @router.get("/teams", responses=document_problems(401, 403))
-def list_teams(_caller: AdminCaller, using: ServicesDep) -> schemas.TeamsOut:
-    """All teams by name."""
-    with using.store.read() as session:
+def list_teams(_caller: AdminCaller, services: ServicesDep) -> schemas.TeamsOut:
+    """Return all teams by name."""
+    with services.store.read() as session:
         return schemas.TeamsOut(items=[to_team(each) for each in teams.list_teams(session)])
 
 
 @router.post("/teams", status_code=201, responses=document_problems(400, 401, 403, 408, 413, 422))
-def create_team(new: schemas.NewTeamIn, caller: AdminCaller, using: ServicesDep, at_us: Now) -> schemas.TeamOut:
-    """A new team."""
-    with using.store.write() as session:
+def create_team(new: schemas.NewTeamIn, caller: AdminCaller, services: ServicesDep, at_us: Now) -> schemas.TeamOut:
+    """Create a team."""
+    with services.store.write() as session:
         return to_team(teams.create(session, new.name, at_us, caller.actor))
 
 
 @router.put("/teams/{name}/hidden", responses=document_problems(400, 401, 403, 404, 408, 413, 422))
 def hide_team(
-    name: schemas.TeamName, wish: schemas.HideIn, caller: AdminCaller, using: ServicesDep, at_us: Now
+    name: schemas.TeamName, wish: schemas.HideIn, caller: AdminCaller, services: ServicesDep, at_us: Now
 ) -> schemas.TeamOut:
-    """Takes a team (name or id) off the leaderboards, or puts it back."""
-    with using.store.write() as session:
+    """Hide a team (name or id) from the leaderboards, or show it again."""
+    with services.store.write() as session:
         found = teams.get(session, name)
         teams.set_hidden(session, found.id, wish.hidden, at_us, caller.actor)
-    using.boards.forget()
+    services.leaderboards.invalidate()
     return to_team(found)
 
 
 @router.get("/teams/{name}/tokens", responses=document_problems(401, 403, 404, 422))
-def list_tokens(name: schemas.TeamName, _caller: AdminCaller, using: ServicesDep) -> schemas.TokensOut:
-    """Tokens of a team (name or id), also those revoked."""
-    with using.store.read() as session:
+def list_tokens(name: schemas.TeamName, _caller: AdminCaller, services: ServicesDep) -> schemas.TokensOut:
+    """Return the tokens of a team (name or id), revoked ones included."""
+    with services.store.read() as session:
         found = teams.get(session, name)
         return schemas.TokensOut(items=[_to_token(each) for each in tokens.list_tokens(session, found)])
 
 
 @router.post("/tokens", status_code=201, responses=document_problems(400, 401, 403, 404, 408, 413, 422))
-def issue_token(new: schemas.NewTokenIn, caller: AdminCaller, using: ServicesDep, at_us: Now) -> schemas.IssuedTokenOut:
-    """A new token. Its text is in this answer and nowhere else."""
-    with using.store.write() as session:
+def issue_token(
+    new: schemas.NewTokenIn, caller: AdminCaller, services: ServicesDep, at_us: Now
+) -> schemas.IssuedTokenOut:
+    """Issue a token. Its text is in this response only."""
+    with services.store.write() as session:
         holder = teams.get(session, new.team) if new.team is not None else None
         return schemas.IssuedTokenOut(token=tokens.issue(session, holder, new.scope, at_us, caller.actor))
 
 
 @router.delete("/tokens/{token}", status_code=204, responses=document_problems(401, 403, 404, 422))
-def revoke_token(token: schemas.Id, caller: AdminCaller, using: ServicesDep, at_us: Now) -> None:
-    """From now on nobody holds it."""
-    with using.store.write() as session:
+def revoke_token(token: schemas.Id, caller: AdminCaller, services: ServicesDep, at_us: Now) -> None:
+    """Revoke a token."""
+    with services.store.write() as session:
         tokens.revoke(session, token, at_us, caller.actor)
 
 
 def to_team(found: tables.TeamRow) -> schemas.TeamOut:
-    """As the API shows it."""
+    """Return a team as the API shows it."""
     return schemas.TeamOut(id=found.id, name=found.name, created=to_datetime(found.created_us), hidden=found.hidden)
 
 

@@ -132,7 +132,7 @@ def test_what_breaks_here_is_a_problem_without_details(server: Server, monkeypat
 
     monkeypatch.setattr(server.store, "version", broken)
     answer = TestClient(server.app, raise_server_exceptions=False).get(f"{API}/health")
-    assert "secret" not in problem(answer, 500, "our fault")["detail"]
+    assert "secret" not in problem(answer, 500, "internal error")["detail"]
 
 
 def test_a_full_disk_is_no_fault_of_the_client(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,9 @@ from testing.web_page import Visit
 
 from server import paths
 from server.api import request_bodies
+from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.problems import ProblemError
-from server.api.upload import MAX_UPLOADS, Uploads
+from server.api.upload import MAX_UPLOADS
 from server.cli import serve_command
 from server.cli.serve_command import TimeoutProtocol
 from server.enums import TokenScope
@@ -175,7 +176,7 @@ def test_heads_without_bodies(server: Server) -> None:
 
 def test_a_body_that_does_not_end_is_not_waited_for(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(request_bodies, "JSON_S", 0.2)
-    monkeypatch.setattr(request_bodies, "_SECONDS", 0.2)
+    monkeypatch.setattr(request_bodies, "_DRAIN_S", 0.2)
     with listening(server) as address, socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2]))) as line:
         line.settimeout(20)
         head = f"POST {API}/tokens HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\nContent-Type: application/json\r\n"
@@ -315,7 +316,7 @@ def test_the_audit_log_says_who_did_it(server: Server) -> None:
     server.ask("POST", f"/submissions/{mine}/rerun", "admin")
     with server.store.read() as session:
         admin = tokens.find_token(session, server.tokens["admin"])
-        done = [(entry.deed, entry.actor) for entry in store_samples.all_of(session, AuditEntryRow)][-4:]
+        done = [(entry.action, entry.actor) for entry in store_samples.all_of(session, AuditEntryRow)][-4:]
     assert admin is not None and done == [
         ("submission-shown", f"submit:{server.red}"), ("submission-cancelled", f"submit:{server.red}"),
         ("submission-disqualified", f"admin:{admin.id}"), ("submission-rerun", f"admin:{admin.id}"),
@@ -337,20 +338,20 @@ def test_the_audit_log_says_who_made_teams_and_tokens(server: Server) -> None:
         admin = tokens.find_token(session, server.tokens["admin"])
         entries = audit.list_latest(session, 9)
         assert admin is not None and {entry.actor for entry in entries} == {f"admin:{admin.id}"}
-        assert [entry.deed for entry in reversed(entries)] == [
+        assert [entry.action for entry in reversed(entries)] == [
             "team-created", "team-hidden", "token-issued", "token-revoked",
             "team-created", "token-issued", "team-hidden", "token-issued", "token-revoked",
         ]  # fmt: skip
 
 
 def test_a_team_uploads_a_few_at_a_time() -> None:
-    uploads = Uploads()
+    uploads = ConcurrencyLimit("upload", MAX_UPLOADS)
     with ExitStack() as stack:
         for _ in range(MAX_UPLOADS):
-            stack.enter_context(uploads.another("red"))
-        with pytest.raises(ProblemError, match=f"at most {MAX_UPLOADS} of a team"), uploads.another("red"):
+            stack.enter_context(uploads.acquire("red"))
+        with pytest.raises(ProblemError, match=f"at most {MAX_UPLOADS} of a team"), uploads.acquire("red"):
             pass
-        with uploads.another("blue"):
+        with uploads.acquire("blue"):
             pass
-    with uploads.another("red"):
+    with uploads.acquire("red"):
         pass

@@ -210,7 +210,7 @@ def test_small_parts_do_not_come_out_by_subtraction(sizes: dict[str, int], told:
 
 def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> None:
     """Neither when the server starts nor, where the phase came later, with an upload."""
-    server.app.state.tools = replace(server.app.state.tools, suites=LoadedPhaseSuites(server.settings))
+    server.app.state.services = replace(server.app.state.services, suites=LoadedPhaseSuites(server.settings))
     few, enough = (
         make_suite(tmp_path / str(size), *["drive"] * size) for size in (MIN_HIDDEN_SCENARIOS - 1, MIN_HIDDEN_SCENARIOS)
     )
@@ -218,7 +218,7 @@ def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> N
         with server.store.write() as session:
             set_phases(session, [replace(HIDDEN, suite=str(suite.folder))], 0)
         with pytest.raises(InputError, match=r"expected at least 5.*found 4") if status == 422 else nullcontext():
-            prepare_storage(server.app.state.tools, server.now_us)
+            prepare_storage(server.app.state.services, server.now_us)
         answer = server.send(phase=HIDDEN.id)
         assert answer.status_code == status and ("expected at least 5 hidden" in answer.text) is (status == 422)
 

@@ -131,7 +131,7 @@ def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypa
     paths.replay_path(server.settings, mine, "merge", 0).unlink()
     monkeypatch.setattr(replay_page, "write_replay_page", locked)
     painter = SubprocessRunner(MAX_REPLAYS)
-    server.app.state.tools = replace(server.app.state.tools, painter=painter)
+    server.app.state.services = replace(server.app.state.services, replay_runner=painter)
     one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
     number = 45  # more than there are threads for all requests
     with (
@@ -227,7 +227,7 @@ def test_a_process_of_its_own_ends_at_once_with_all_who_wait(tmp_path: Path) -> 
             with pytest.raises(ProblemError):
                 each.result(timeout=60)
     assert begun.read_text() == "x", "nobody after the first had a turn"
-    with pytest.raises(ProblemError, match="the server ends"):
+    with pytest.raises(ProblemError, match="the server is shutting down"):
         aside.call(60.0, os.getpid)
 
 

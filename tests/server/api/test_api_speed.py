@@ -14,11 +14,12 @@ from testing.web_page import driven
 from server import web
 from server.api import create_app, database_reader, leaderboard_cache
 from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
+from server.api.leaderboards import BoardKey
 from server.api.problems import ProblemError
 from server.settings import ServerSettings
 from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
 
-MANY = [leaderboard_cache.BoardKey("dev", None, f"bucket {number}", None) for number in range(20)]
+MANY = [BoardKey("dev", None, f"bucket {number}", None) for number in range(20)]
 
 
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
@@ -36,7 +37,7 @@ def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     async def asked(now_us: int) -> int:
         """How many looks that takes."""
         seen.clear()
-        await asyncio.gather(*(found.board(which, now_us + number) for number, which in enumerate(MANY)))
+        await asyncio.gather(*(found.get_json(which, now_us + number) for number, which in enumerate(MANY)))
         return len(seen)
 
     assert asyncio.run(asked(NOON)) == 20, "each is made"
@@ -47,7 +48,7 @@ def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert asyncio.run(asked(NOON + 6 * leaderboard_cache.STALE_US)) == 20, "each is made anew"
     found.close()
     with pytest.raises(RuntimeError, match="shutdown"):
-        asyncio.run(found.board(leaderboard_cache.BoardKey("dev", None, None, None), NOON))
+        asyncio.run(found.get_json(BoardKey("dev", None, None, None), NOON))
 
 
 def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,10 +59,10 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(leaderboard_cache, "REFRESH_S", 0.01)
     made: list[str] = []
 
-    async def note(which: leaderboard_cache.BoardKey, _: int) -> None:
+    async def note(which: BoardKey, _: int) -> None:
         made.append(which.phase)
 
-    server.app.state.tools.boards.also(note)
+    server.app.state.services.leaderboards.add_builder(note)
     with TestClient(server.app) as client:
         assert set(made) == {PHASE.id, HIDDEN.id} and CLOSED.id not in made
         with patch.object(database_reader, "read_if_changed", side_effect=AssertionError("a request made a board")):
@@ -78,15 +79,15 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
 def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> None:
     server = Server(tmp_path)
     found = leaderboard_cache.LeaderboardCache(DirectDatabaseReader(server.store))
-    which = leaderboard_cache.BoardKey("dev", None, None, None)
+    which = BoardKey("dev", None, None, None)
 
     async def asked() -> None:
-        before = await found.board(which, NOON)
+        before = await found.get_json(which, NOON)
         with patch.object(database_reader, "read_if_changed", side_effect=StoreUnavailable("it went away")):
-            await found.make_all(lambda: NOON + 2 * leaderboard_cache.FRESH_US)
-            assert await found.board(which, NOON + 2 * leaderboard_cache.FRESH_US) == before
+            await found.refresh_all(lambda: NOON + 2 * leaderboard_cache.FRESH_US)
+            assert await found.get_json(which, NOON + 2 * leaderboard_cache.FRESH_US) == before
             with pytest.raises(StoreUnavailable):
-                await found.board(which, NOON + 2 * leaderboard_cache.STALE_US)
+                await found.get_json(which, NOON + 2 * leaderboard_cache.STALE_US)
 
     asyncio.run(asked())
 
@@ -110,29 +111,29 @@ def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
     store.migrate()
     apart = SubprocessDatabaseReader(url)
     try:
-        stamp, found = apart.look(all_phases, None)
+        stamp, found = apart.read(all_phases, None)
         assert (stamp, found) == ("", [])
         with store.write() as session:
             phases.set_phases(session, [PHASE], NOON)
-        changed, found = apart.look(all_phases, stamp)
+        changed, found = apart.read(all_phases, stamp)
         assert changed != stamp and found == [PHASE.id]
-        assert apart.look(all_phases, changed) == (changed, None)
+        assert apart.read(all_phases, changed) == (changed, None)
         with pytest.raises(NotFound, match="'nobody'"):
-            apart.look(no_such_team, None)
+            apart.read(no_such_team, None)
         monkeypatch.setattr(database_reader, "READ_S", 0.2)
         with pytest.raises(ProblemError, match="took longer than"):
-            apart.look(too_long, None)
+            apart.read(too_long, None)
         monkeypatch.undo()
-        assert apart.look(all_phases, None) == (changed, [PHASE.id])
+        assert apart.read(all_phases, None) == (changed, [PHASE.id])
     finally:
         apart.close()
         store.close()
     lost = SubprocessDatabaseReader(f"sqlite:///{tmp_path / 'none' / 'a.sqlite'}")
     with pytest.raises(StoreUnavailable):
-        lost.look(all_phases, None)
+        lost.read(all_phases, None)
     lost.close()
 
 
 def test_a_replay_page_keeps_no_upload_waiting(tmp_path: Path) -> None:
-    tools = create_app(ServerSettings(data=tmp_path)).state.tools
-    assert tools.painter is not tools.aside
+    services = create_app(ServerSettings(data=tmp_path)).state.services
+    assert services.replay_runner is not services.check_runner

@@ -16,6 +16,7 @@ from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, summary
 from server.api import leaderboard_cache
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.database_reader import DirectDatabaseReader
+from server.api.leaderboards import BoardKey
 from server.clock import DAY_US
 from server.store import StoreUnavailable, jobs, queries, submissions
 from server.store.phases import set_phases
@@ -74,7 +75,7 @@ def test_over_the_limits_it_says_when_to_come_back(server: Server) -> None:
     drive(server, *ids)
     assert server.send(data=another_zip(4)).status_code == 201
     day = server.send(data=another_zip(5))
-    found = problem(day, 429, "3 of today")
+    found = problem(day, 429, "3 submissions of today")
     assert found["kind"] == "day" and found["retry_at"].endswith("00:00:00 UTC")
     assert int(day.headers["retry-after"]) == DAY_US // 2 // S
     assert not list(server.settings.archives.glob("*.part"))
@@ -263,7 +264,7 @@ def test_what_is_cleared_up_cannot_be_driven_again(server: Server) -> None:
     mine = server.send().json()
     drive(server, mine["id"])
     (server.settings.archives / f"{mine['archive_sha256']}.zip").unlink()
-    problem(server.ask("POST", f"/submissions/{mine['id']}/rerun", "admin"), 409, "its archive is cleared up")
+    problem(server.ask("POST", f"/submissions/{mine['id']}/rerun", "admin"), 409, "its archive has been deleted")
     assert len(server.get("/submissions", "red")["items"]) == 1
 
 
@@ -318,14 +319,14 @@ def test_events_come_while_it_runs(server: Server, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("server.api.routes.events.QUIET_POLLS", 2)
     text = server.ask("GET", f"/submissions/{mine}/events", "red").text
     assert text.startswith("id: ") and '{"state":"queued"}' in text.split("\n\n")[0]
-    assert ": still here\n\n" in text and text.endswith('data: {"state":"done"}\n\n')
+    assert ": keep-alive\n\n" in text and text.endswith('data: {"state":"done"}\n\n')
     assert waits == [1.0] * 3
 
 
 def test_a_team_follows_a_few_at_a_time(server: Server) -> None:
     mine = server.send().json()["id"]
     other = server.send("blue").json()["id"]
-    server.app.state.tools = replace(server.app.state.tools, streams=ConcurrencyLimit("stream of events", 2))
+    server.app.state.services = replace(server.app.state.services, stream_limit=ConcurrencyLimit("stream of events", 2))
     with listening(server) as address, httpx.Client(base_url=address + API, timeout=60) as http, ExitStack() as stack:
 
         def follow(who: str, which: str) -> httpx.Response:
@@ -377,17 +378,17 @@ def test_a_board_is_made_anew_only_after_something_happened(server: Server, monk
 
 def test_a_board_is_handed_out_while_it_is_looked_after(server: Server) -> None:
     found = leaderboard_cache.LeaderboardCache(DirectDatabaseReader(server.store))
-    which = leaderboard_cache.BoardKey("dev", None, None, None)
+    which = BoardKey("dev", None, None, None)
 
     async def asked() -> list[bool]:
         """Whether red stands on it."""
-        told = [await found.board(which, NOON)]
+        told = [await found.get_json(which, NOON)]
         await asyncio.to_thread(lambda: drive(server, server.send().json()["id"]))
-        told += [await found.board(which, NOON + leaderboard_cache.FRESH_US) for _ in range(2)]
+        told += [await found.get_json(which, NOON + leaderboard_cache.FRESH_US) for _ in range(2)]
         while found._tasks:
             await asyncio.sleep(0.001)
-        told.append(await found.board(which, NOON + leaderboard_cache.FRESH_US))
-        many = await asyncio.gather(*(found.board(which, NOON + 99 * S) for _ in range(20)))
+        told.append(await found.get_json(which, NOON + leaderboard_cache.FRESH_US))
+        many = await asyncio.gather(*(found.get_json(which, NOON + 99 * S) for _ in range(20)))
         return [b'"red"' in each for each in (*told, *set(many))]
 
     assert asyncio.run(asked()) == [False, False, False, True, True]

@@ -259,7 +259,7 @@ from pathlib import Path
 from server.api.app import prepare_storage
 from server.cli import make_app
 from server.settings import load_settings
-services = make_app(load_settings(Path(sys.argv[1]))).state.tools
+services = make_app(load_settings(Path(sys.argv[1]))).state.services
 prepare_storage(services, 0)
 services.store.close()
 print("libsumo" in sys.modules)

@@ -109,7 +109,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     "name", ["MDRIVE_DATABSE", "MDRIVE_LIMITS", "MDRIVE_PHASES", "MDRIVE_WORK__X", "MDRIVE_A__B__C", "MDRIVE_"]
 )
 def test_variables_that_set_nothing_are_named(name: str) -> None:
-    with pytest.raises(InputError, match=f"{name} is no setting"):
+    with pytest.raises(InputError, match=f"{name} is not a setting"):
         load_settings(None, {name: "1"})
 
 

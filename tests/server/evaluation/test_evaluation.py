@@ -117,7 +117,7 @@ def test_a_stop_gives_jobs_back_without_blame(bench: Bench) -> None:
     bench.begin("nap", "nap")
     bench.executor.stuck, bench.executor.slots = {"s0", "s1"}, 2
     bench.steps(1)
-    bench.stop.wish()
+    bench.stop.request()
     bench.dispatcher.run(bench.stop)
     assert [(job.state, job.failures, job.owner) for job in bench.rows()] == [(JobState.QUEUED, 0, None)] * 2
     assert sorted(bench.executor.ended) == ["1.1", "2.1"]

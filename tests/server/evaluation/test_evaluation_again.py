@@ -187,7 +187,7 @@ def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Be
         bench.now_us += S
     bench.steps(60)
     with bench.store.read() as session:
-        ends = {e.data["submission"]: e.hash for e in session.query(AuditEntryRow) if e.deed == "submission-done"}
+        ends = {e.data["submission"]: e.hash for e in session.query(AuditEntryRow) if e.action == "submission-done"}
     expected = {submission for submission, hash_ in ends.items() if spot_checks.is_drawn(hash_, 0.5)}
     assert len(ends) == 25
     assert {one["submission"] for one in bench.spot_checks()} == expected

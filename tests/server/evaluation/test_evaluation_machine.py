@@ -47,7 +47,9 @@ def hidden(suite: str, **changed: Any) -> PhaseSettings:
 )
 def test_what_is_secret_lies_where_no_box_looks(tmp_path: Path, changed: dict[str, Any], what: str) -> None:
     found = ServerSettings(data=tmp_path, sandbox=SandboxSettings(required=())).model_copy(update=changed)
-    with pytest.raises(InputError, match=rf"^{what}expected a place that no box sees, .*every agent can read /usr"):
+    with pytest.raises(
+        InputError, match=rf"^{what}expected a folder that no sandbox sees, .*every agent can read /usr"
+    ):
         check_machine(found)
 
 
@@ -67,7 +69,7 @@ def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path
     about.parent.mkdir(parents=True)
     image = {"python": "/opt/agent/bin/python", "rootfs": str(tmp_path / "image"), "packages": []}
     about.write_text(json.dumps(image))
-    with pytest.raises(InputError, match=r"^data: expected a place that no box sees, .*image/srv$"):
+    with pytest.raises(InputError, match=r"^data: expected a folder that no sandbox sees, .*image/srv$"):
         check_machine(found)
 
 

@@ -82,10 +82,13 @@ def test_init_agent_overwrites_nothing(run: Run, tmp_path: Path) -> None:
         (JOINT % "sensor.camera.rgb", "found a camera: there is no renderer here"),
         (JOINT % "sensor.other.radar", "expected one of"),
         (own(label="best"), "label: expected one of"),
-        (own(made="raise ValueError('no weights')"), "agent: cannot be made: ValueError: no weights"),
-        ("import nowhere\nclass Agent: ...", "agent: cannot be made: ModuleNotFoundError: No module named 'nowhere'"),
-        ("Agent = 5", "agent: cannot be made: agent "),
-        ("class Agent(:", "agent: cannot be made: SyntaxError"),
+        (own(made="raise ValueError('no weights')"), "agent: cannot be created: ValueError: no weights"),
+        (
+            "import nowhere\nclass Agent: ...",
+            "agent: cannot be created: ModuleNotFoundError: No module named 'nowhere'",
+        ),
+        ("Agent = 5", "agent: cannot be created: agent "),
+        ("class Agent(:", "agent: cannot be created: SyntaxError"),
     ],
 )
 def test_what_is_rejected_is_told_in_a_sentence(run: Run, tmp_path: Path, agents: str, expected: str) -> None:
@@ -117,7 +120,7 @@ def test_in_the_sandbox_an_agent_sees_its_archive_and_nothing_else(run: Run, tmp
     looks = f'raise ValueError(f\'{{sorted(os.listdir("/agent"))}} {{os.path.exists("{secret}")}}\')'
     found = run("check", agent_in(tmp_path, own(made=looks)), "--sandbox")
     assert "ValueError: ['agents.py', 'model_env.yaml'] False" in found.output
-    assert "stands in for python3.11-numpy; or --environments" in found.output
+    assert "replaces python3.11-numpy; see --environments" in found.output
 
 
 def test_an_environment_that_is_not_built_is_no_silent_other_one(run: Run, tmp_path: Path) -> None:

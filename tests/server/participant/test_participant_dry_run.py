@@ -152,8 +152,10 @@ def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch,
     run("init-agent", "mine")
     said = run("submit", "mine", "--dry-run")
     assert said.exit_code == 0, said.output
-    note = "note: boxes here lack what a server's have by default: uid (why uid); cgroup (why cgroup)\n"
-    assert said.output.count("boxes here lack") == said.output.count(note) == (0 if active else 1)
+    note = (
+        "note: sandboxes on this machine lack layers that a server has by default: uid (why uid); cgroup (why cgroup)\n"
+    )
+    assert said.output.count("sandboxes on this machine lack") == said.output.count(note) == (0 if active else 1)
 
 
 @boxed

@@ -126,8 +126,8 @@ def test_an_upload_that_breaks_off_is_repeated_under_the_same_key(run: Run, fake
     ("refusal", "expected"),
     [
         ((401, {"title": "no", "detail": "token: unknown or revoked"}, {}), "(401): token: unknown or revoked"),
-        ((429, {"detail": "10 a day"}, {"Retry-After": "7200"}), "(429): 10 a day; come back in 2 h 0 min"),
-        ((429, {"detail": "1 in parallel"}, {"Retry-After": "61"}), "1 in parallel; come back in 2 min"),
+        ((429, {"detail": "10 a day"}, {"Retry-After": "7200"}), "(429): 10 a day; try again in 2 h 0 min"),
+        ((429, {"detail": "1 in parallel"}, {"Retry-After": "61"}), "1 in parallel; try again in 2 min"),
         ((503, {}, {"Retry-After": "0"}), "(503): Service Unavailable"),
         ((301, {}, {"Location": "https://x/"}), "(301): it has moved to https://x/"),
     ],

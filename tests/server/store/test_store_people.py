@@ -119,7 +119,7 @@ def test_events_are_replayed_from_any_id_on(store: Store) -> None:
         first, *rest = events.list_since(session, submission)
         assert (first.kind, first.data) == ("state", {"state": "queued"})
         assert [event.data["number"] for event in events.list_since(session, submission, rest[0].id)] == [1, 2]
-        assert len(events.list_since(session, submission, most=2)) == 2
+        assert len(events.list_since(session, submission, limit=2)) == 2
         assert events.list_since(session, "another") == []
 
 
@@ -147,7 +147,7 @@ def test_spot_checks_that_differ_are_counted(store: Store) -> None:
         for deed, same in (("spot-check", True), ("spot-check", False), ("tested", False)):
             audit.add_entry(session, "server", deed, {"same": same}, NOON)
         assert audit.count_spot_check_differences(session) == 1
-        assert [entry.deed for entry in audit.list_latest(session, 2)] == ["tested", "spot-check"]
+        assert [entry.action for entry in audit.list_latest(session, 2)] == ["tested", "spot-check"]
         assert [entry.data["same"] for entry in audit.list_latest(session, 5, "spot-check")] == [False, True]
 
 

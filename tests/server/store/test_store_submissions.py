@@ -42,7 +42,7 @@ def test_the_quota_of_a_day_is_of_a_utc_day(store: Store, red: str) -> None:
     with store.write() as session:
         for number in range(3):
             driven(session, sent(session, red, NOON + number), NOON + number)
-        with pytest.raises(OverLimit, match=r"the 3 of today are used.*2024-10-05 00:00:00 UTC") as over:
+        with pytest.raises(OverLimit, match=r"the 3 submissions of today are used.*2024-10-05 00:00:00 UTC") as over:
             sent(session, red, last)
         assert (over.value.kind, over.value.retry_us) == ("day", last + 1)
         assert sent(session, red, last + 1).state == SubmissionState.QUEUED
@@ -51,7 +51,7 @@ def test_the_quota_of_a_day_is_of_a_utc_day(store: Store, red: str) -> None:
 def test_the_quota_in_parallel_is_free_again_after_an_end(store: Store, red: str) -> None:
     with store.write() as session:
         first, _ = sent(session, red, NOON), sent(session, red, NOON + 1)
-        with pytest.raises(OverLimit, match="2 of at most 2 at a time") as over:
+        with pytest.raises(OverLimit, match="2 of at most 2 submissions at a time") as over:
             sent(session, red, NOON + 2)
         assert over.value.kind == "parallel" and (over.value.retry_us or 0) > NOON + 2
         submissions.reject(session, first.id, "it wants the whole frame", NOON + 3)
@@ -106,7 +106,7 @@ def test_our_failure_costs_nothing_and_an_unstarted_cancellation_one_of_the_day(
         assert [submissions.get(session, id_).counts for id_ in (failed, unstarted, started)] == [False, False, True]
         assert quota.count_used(session, red, PHASE.id, NOON) == quota.QuotaUsage(today=2, in_parallel=0, in_total=1)
         driven(session, sent(session, red, NOON + 3), NOON)
-        with pytest.raises(OverLimit, match="3 of today are used"):
+        with pytest.raises(OverLimit, match="3 submissions of today are used"):
             sent(session, red, NOON + 4)
 
 

@@ -56,6 +56,6 @@ def test_a_dispatcher_is_listed_without_work_and_leaves_when_it_ends(store: Stor
         with store.read() as session:
             (found,) = workers.list_workers(session)
             assert (found.owner, found.started_us, found.seen_us) == ("me", 1_000 * S, 1_010 * S)
-        stop.wish()
+        stop.request()
         dispatcher.run(stop)
     assert owners(store) == []

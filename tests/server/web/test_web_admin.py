@@ -102,7 +102,7 @@ def test_the_machine_names_missing_layers_the_disk_and_a_broken_chain(server: Se
     with server.store.write() as session:
         entry = session.get(tables.AuditEntryRow, 3)
         assert entry is not None
-        entry.deed = "forged"
+        entry.action = "forged"
     assert "broken Entry 3 was changed" in admin.get("/admin/machine").words
 
 

@@ -28,7 +28,7 @@ def test_how_to_take_part_has_the_numbers_of_this_server(server: Server) -> None
     for word in (
         "Development open", "Past closed", "python3.11-numpy", "not built", "negotiation", "agent-failed", "timeout",
         "http://testserver/api/v1/submissions", "--phase", "64 processes", "60 s to be made", "64 KiB packed",
-        "ask those who run",
+        "ask the organisers",
     ):  # fmt: skip
         assert word in words, word
     assert "suite-marker" not in words and "/register" not in words
@@ -126,7 +126,7 @@ def test_a_database_that_is_away_is_a_page(server: Server, monkeypatch: pytest.M
 def opened(server: Server, per_day: int = 20) -> Visit:
     """Where everybody may make a team."""
     changed = server.settings.model_copy(update={"registration": RegistrationSettings(open=True, per_day=per_day)})
-    server.app.state.tools = replace(server.app.state.tools, settings=changed)
+    server.app.state.services = replace(server.app.state.services, settings=changed)
     return Visit(server)
 
 
@@ -151,7 +151,7 @@ def test_a_visitor_makes_a_team(server: Server) -> None:
     assert "No results are shown yet" in visit.get("/teams/new%20team").words
     with server.store.read() as session:
         entries = session.query(audit.AuditEntryRow).filter_by(actor="visitor").all()
-        assert [entry.deed for entry in entries] == ["team-created", "token-issued"] and token not in str(entries)
+        assert [entry.action for entry in entries] == ["team-created", "token-issued"] and token not in str(entries)
 
 
 def test_a_name_that_cannot_be_taken_stays_in_the_form(server: Server) -> None:
@@ -173,7 +173,7 @@ def test_so_many_teams_a_day(server: Server) -> None:
     assert server.get("/me", "one")["scope"] == "submit"
     visit.post("/register", 200, name="two")
     answer = Visit(server).post("/register", 429, name="three")
-    assert "all 2 teams of today are made; the next one can be made at" in sound(answer).words
+    assert "all 2 registrations of today are used; the next one is possible at" in sound(answer).words
     assert answer.headers["retry-after"] == str(12 * 3600)
     refused = server.ask("POST", "/register", json={"name": "three"})
     problem(refused, 429, "all 2 teams")
@@ -201,7 +201,7 @@ def test_the_server_has_pages_and_settings_for_them(tmp_path: Path) -> None:
     assert settings.registration == RegistrationSettings(open=True, per_day=20) and not RegistrationSettings().open
     app = make_app(settings)
     assert any(getattr(route, "path", "") == "/register" for route in iter_route_contexts(app.routes))
-    app.state.tools.store.close()
+    app.state.services.store.close()
 
 
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])

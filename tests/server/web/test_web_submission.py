@@ -100,7 +100,7 @@ def test_a_used_up_quota_is_a_refusal_on_the_form(red: Visit) -> None:
     for script in (False, True):
         answer = upload(red, another_zip(2), script=script)
         assert answer.status_code == 429 and answer.headers["retry-after"] == "60"
-        assert "2 of at most 2 at a time are not finished" in answer.text
+        assert "2 of at most 2 submissions at a time are unfinished" in answer.text
 
 
 def test_another_site_cannot_submit(red: Visit) -> None:

@@ -104,4 +104,4 @@ def test_a_team_revokes_its_tokens(server: Server) -> None:
     problem(server.ask("GET", "/me", "red"), 401)
     with server.store.read() as session:
         last = session.query(audit.AuditEntryRow).order_by(audit.AuditEntryRow.id.desc()).first()
-        assert last is not None and (last.deed, last.actor) == ("token-revoked", f"submit:{server.red}")
+        assert last is not None and (last.action, last.actor) == ("token-revoked", f"submit:{server.red}")
