@@ -25,6 +25,19 @@ COMM_BY_TRACK: Mapping[ChallengeTrack, CommSettings] = MappingProxyType(
     }
 )
 """The V2X channel of each track; ideal but for what is forbidden, as in the paper."""
+TRACK_LABELS: Mapping[ChallengeTrack, tuple[str, str]] = {
+    ChallengeTrack.SINGLE: ("Single agent", "each vehicle for itself, without messages"),
+    ChallengeTrack.SHARING: (
+        "Perception sharing",
+        "vehicles and road-side units send what they perceive (CAM and CPM)",
+    ),
+    ChallengeTrack.NEGOTIATION: ("Negotiation", "every message arrives, also manoeuvres, texts and types of your own"),
+    ChallengeTrack.JOINT: (
+        "Joint",
+        "one program drives all vehicles: no limit of communication holds, so it is ranked apart",
+    ),
+}
+"""Display name of each track, and what it allows."""
 
 
 def check_style(style: str, track: ChallengeTrack) -> None:

@@ -1,4 +1,4 @@
-"""The pages of the challenge: HTML made here, for people; programs use the API."""
+"""The web pages of the challenge; programs use the API."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ from server.web.visitor import check_same_site
 
 
 def mount(app: FastAPI) -> None:
-    """Adds the pages to an application of `server.api.create_app`; outside /api its errors are pages, too."""
+    """Add the pages to an application of `server.api.create_app`; outside /api its errors become pages, too."""
     app.state.error_page = error_page.render_error
     app.state.services.leaderboards.add_builder(partial(leaderboard_page.build_page, app.state.services))
     pages = APIRouter(include_in_schema=False, dependencies=[Depends(check_same_site)])

@@ -1,4 +1,4 @@
-"""What an admin looks at: the queue, who drives, the audit log, the disk."""
+"""Data of the admin pages: queue, workers, audit log, disk."""
 
 import os
 import shutil
@@ -15,13 +15,13 @@ from server.store import Store, audit, queries, tables, workers
 from server.store.quota import UNFINISHED
 
 ENTRIES = 30
-"""Latest ones of a list that are shown."""
-MOST_UNFINISHED = 200
+"""Length of the lists of latest entries."""
+MAX_QUEUE = 200
 
 
 @dataclass(frozen=True, slots=True)
 class QueuedSubmission:
-    """An unfinished submission."""
+    """An unfinished submission in the queue."""
 
     id: str
     name: str
@@ -36,7 +36,7 @@ class QueuedSubmission:
 
 @dataclass(frozen=True, slots=True)
 class RunningJob:
-    """A job that is running."""
+    """A running job."""
 
     submission: str
     scenario: str
@@ -55,17 +55,17 @@ class WorkerStatus:
     version: str
     scheduler: str
     started_us: int | None
-    """None for one that never signed in."""
+    """None for a worker without a heartbeat."""
     silent_us: int | None
-    """Since it was last seen."""
-    lost: bool
-    """Silent for longer than a lease: it is dead, or its database is."""
+    """Time since the last heartbeat."""
+    is_lost: bool
+    """Whether it is silent for longer than a lease."""
     jobs: tuple[RunningJob, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class FolderUsage:
-    """A part of the data folder."""
+    """Usage of a part of the data folder."""
 
     name: str
     files: int
@@ -74,7 +74,7 @@ class FolderUsage:
 
 @dataclass(frozen=True, slots=True)
 class DiskUsage:
-    """What the data take."""
+    """Disk usage of the data folder."""
 
     folders: tuple[FolderUsage, ...]
     free: int
@@ -82,11 +82,11 @@ class DiskUsage:
 
 
 def list_queue(session: Session) -> list[QueuedSubmission]:
-    """Unfinished submissions, the oldest first."""
+    """Return the unfinished submissions, the oldest first."""
     wanted = select(tables.SubmissionRow).where(tables.SubmissionRow.state.in_(UNFINISHED))
     order = (tables.SubmissionRow.created_us, tables.SubmissionRow.id)
     found: list[QueuedSubmission] = []
-    for each in session.scalars(wanted.order_by(*order).limit(MOST_UNFINISHED)):
+    for each in session.scalars(wanted.order_by(*order).limit(MAX_QUEUE)):
         counts = queries.count_jobs(session, each.id)
         team = session.get(tables.TeamRow, each.team)
         found.append(
@@ -106,7 +106,7 @@ def list_queue(session: Session) -> list[QueuedSubmission]:
 
 
 def list_workers(session: Session, settings: ServerSettings, now_us: int) -> list[WorkerStatus]:
-    """Who signed in within the last hour, and whoever else holds a job."""
+    """Return the workers with a heartbeat within the last hour, and others that hold a job."""
     running: dict[str, list[RunningJob]] = {}
     for job in session.scalars(
         select(tables.JobRow).where(tables.JobRow.state == JobState.RUNNING).order_by(tables.JobRow.id)
@@ -133,12 +133,12 @@ def list_workers(session: Session, settings: ServerSettings, now_us: int) -> lis
 
 
 def list_entries(session: Session, action: str | None = None) -> Sequence[tables.AuditEntryRow]:
-    """The latest of the audit log, or of one kind in it."""
+    """Return the latest entries of the audit log, all or those of one action."""
     return audit.list_latest(session, ENTRIES, action)
 
 
 def list_finished(session: Session) -> Sequence[tuple[tables.SubmissionRow, str]]:
-    """The last submissions that ended, and their teams' names."""
+    """Return the latest finished submissions with their teams' names."""
     named = select(tables.SubmissionRow, tables.TeamRow.name).join(
         tables.TeamRow, tables.TeamRow.id == tables.SubmissionRow.team
     )
@@ -147,18 +147,18 @@ def list_finished(session: Session) -> Sequence[tuple[tables.SubmissionRow, str]
 
 
 def verify_chain(store: Store) -> audit.AuditReport:
-    """Walks the whole audit log."""
+    """Verify the whole audit log."""
     with store.read() as session:
         return audit.verify_chain(session)
 
 
 def measure_disk(data: Path) -> DiskUsage:
-    """Looks at every file. Raises OSError where the folder is not there."""
+    """Measure every file. Raises OSError if the folder does not exist."""
     folders = [_measure_folder(path) for path in sorted(data.iterdir()) if path.is_dir() and not path.is_symlink()]
-    loose = [path.lstat().st_size for path in data.iterdir() if path.is_file()]
+    other_files = [path.lstat().st_size for path in data.iterdir() if path.is_file()]
     usage = shutil.disk_usage(data)
     return DiskUsage(
-        (*folders, FolderUsage("database and loose files", len(loose), sum(loose))), usage.free, usage.total
+        (*folders, FolderUsage("database and other files", len(other_files), sum(other_files))), usage.free, usage.total
     )
 
 
@@ -168,7 +168,7 @@ def _measure_folder(path: Path) -> FolderUsage:
         for name in names:
             try:
                 size += (Path(root) / name).lstat().st_size
-            except FileNotFoundError:  # cleared up meanwhile
+            except FileNotFoundError:  # deleted meanwhile
                 continue
             files += 1
     return FolderUsage(path.name, files, size)

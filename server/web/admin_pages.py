@@ -1,4 +1,4 @@
-"""Pages for admins; for everybody else there are none."""
+"""Pages for admins; others get 404."""
 
 from typing import Annotated
 
@@ -17,13 +17,13 @@ from server.web.templating import render_page
 from server.web.visitor import AdminVisitor
 
 router = APIRouter(prefix="/admin")
-LOOK_S = 30.0
+LAYERS_S = 30.0
 Text = Annotated[str, Form(max_length=200)]
 
 
 @router.get("")
 def show(request: Request, _visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
-    """How the challenge is doing."""
+    """Show queue, workers, spot checks and the audit log."""
     with services.store.read() as session:
         return render_page(
             request,
@@ -36,18 +36,18 @@ def show(request: Request, _visitor: AdminVisitor, services: ServicesDep, at_us:
             spots=admin_overview.list_entries(session, "spot-check"),
             entries=admin_overview.list_entries(session),
             head=audit.find_head(session),
-            words=explanations,
+            explanations=explanations,
         )
 
 
 @router.get("/machine")
 def show_machine(request: Request, _visitor: AdminVisitor, services: ServicesDep) -> Response:
-    """What takes a moment to find out: layers of the sandbox, the disk, the whole chain of the audit log."""
+    """Show what takes a moment to measure: sandbox layers, disk usage, the audit log's hash chain."""
     wanted = services.settings.sandbox
     return render_page(
         request,
         "admin_machine.html",
-        layers=services.check_runner.call(LOOK_S, sandbox.examine_layers, wanted.backend),
+        layers=services.check_runner.call(LAYERS_S, sandbox.examine_layers, wanted.backend),
         required=wanted.required,
         backend=wanted.backend,
         gaps=sandbox.GAPS.get(wanted.backend, ()),
@@ -59,7 +59,7 @@ def show_machine(request: Request, _visitor: AdminVisitor, services: ServicesDep
 
 @router.get("/teams")
 def show_teams(request: Request, _visitor: AdminVisitor, services: ServicesDep) -> Response:
-    """All teams, and the tokens of nobody's."""
+    """Show all teams, and the tokens without a team."""
     with services.store.read() as session:
         found = [(team, tokens.list_tokens(session, team)) for team in teams.list_teams(session)]
         return render_page(
@@ -71,11 +71,11 @@ def show_teams(request: Request, _visitor: AdminVisitor, services: ServicesDep) 
 def create_team(
     request: Request, visitor: AdminVisitor, services: ServicesDep, at_us: Now, name: Text = ""
 ) -> Response:
-    """A team with its first token, which is shown this once."""
-    who = visitor.caller.actor
+    """Create a team with its first token, which is shown only once."""
+    actor = visitor.caller.actor
     with services.store.write() as session:
-        made = teams.create(session, check_text(name, "name of a team", 64), at_us, who)
-        text = tokens.issue(session, made, TokenScope.SUBMIT, at_us, who)
+        made = teams.create(session, check_text(name, "name of a team", 64), at_us, actor)
+        text = tokens.issue(session, made, TokenScope.SUBMIT, at_us, actor)
     return render_page(request, "admin_token.html", token=text, holder=f"team {made.name}")
 
 
@@ -83,7 +83,7 @@ def create_team(
 def hide_team(
     team: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now, hidden: Annotated[bool, Form()]
 ) -> Response:
-    """Off the leaderboards, or back."""
+    """Hide a team from the leaderboards, or show it again."""
     api.hide_team(team, schemas.HideIn(hidden=hidden), visitor.caller, services, at_us)
     return RedirectResponse("/admin/teams", 303)
 
@@ -97,7 +97,7 @@ def issue_token(
     scope: Annotated[TokenScope, Form()],
     team: Text = "",
 ) -> Response:
-    """A new token, shown this once."""
+    """Issue a token, which is shown only once."""
     made = api.issue_token(schemas.NewTokenIn(scope=scope, team=team or None), visitor.caller, services, at_us)
     return render_page(
         request, "admin_token.html", token=made.token, holder="the team" if team else f"the scope {scope}"
@@ -106,6 +106,6 @@ def issue_token(
 
 @router.post("/tokens/{token}/revoke")
 def revoke_token(token: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
-    """From now on nobody holds it."""
+    """Revoke a token."""
     api.revoke_token(token, visitor.caller, services, at_us)
     return RedirectResponse("/admin/teams", 303)

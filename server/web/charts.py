@@ -1,23 +1,24 @@
-"""Small drawings in SVG, made here: no script, and no style but by classes of the style sheet."""
+"""Geometry of the charts on the pages; the template `charts.html` draws them as SVG without scripts and styles."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-
-from markupsafe import Markup
+from typing import Any
 
 from server.web.templating import format_day
 
-_SPARK_W, _SPARK_H, _SPARK_POINTS = 90, 22, 30
-_SPARK_SPAN = 10.0
-"""What differs by less is drawn flatter."""
+SPARKLINE_POINTS = 30
+_SPARK_WIDTH, _SPARK_HEIGHT = 90, 22
+_SPARK_MIN_SPAN = 10.0
+"""Smallest difference of values that fills the height: smaller ones are drawn flatter."""
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34, 12, 10, 24
 _WIDTH, _HEIGHT = 720, 240
 _DAY_US = 86_400_000_000
+_BARS_WIDTH, _BARS_HEIGHT, _BARS_FOOT, _BARS_HEAD = 640, 190, 34, 18
 
 
 @dataclass(frozen=True, slots=True)
 class ChartPoint:
-    """A result at a time."""
+    """A result at a time [us since 1970]."""
 
     at_us: int
     value: float
@@ -26,88 +27,152 @@ class ChartPoint:
     high: float | None
     label: str
     series: str
-    """Points of the same one are joined."""
+    """Points of one series are joined."""
 
 
-def bar(value: float, low: float | None, high: float | None) -> Markup:
-    """A value of 0 .. 100 with its interval. The numbers stand beside it, so it is hidden from screen readers."""
-    span = ""
-    if low is not None and high is not None:
-        span = f'<line class="draw-line" x1="{low:.1f}" y1="5" x2="{high:.1f}" y2="5"/>'
-    return Markup(
-        '<svg class="interval" aria-hidden="true" viewBox="0 0 100 10" width="100" height="10">'
-        '<line class="draw-axis" x1="0" y1="9.5" x2="100" y2="9.5"/>'
-        f'<rect class="draw-area" x="0" y="1" width="{value:.1f}" height="8"/>'
-        f'{span}<rect class="draw-dot" x="{value - 1:.1f}" y="0" width="2" height="10"/></svg>'
-    )
+@dataclass(frozen=True, slots=True)
+class Sparkline:
+    """A small line chart; `points` are pixels, the last one is marked."""
+
+    points: Sequence[tuple[float, float]]
+    label: str
+    width: int = _SPARK_WIDTH
+    height: int = _SPARK_HEIGHT
 
 
-def sparkline(values: Sequence[float], what: str = "DS") -> Markup:
-    """The last of some values over time, on a scale of their own; words say the same."""
-    last = values[-_SPARK_POINTS:]
+@dataclass(frozen=True, slots=True)
+class HistoryChart:
+    """Results over time in pixels, each with its interval."""
+
+    label: str
+    scale: Sequence[tuple[float, int]]
+    """y and value of the horizontal lines."""
+    intervals: Sequence[tuple[float, float, float]]
+    """x, y of the low and of the high end."""
+    lines: Sequence[Sequence[tuple[float, float]]]
+    dots: Sequence[tuple[float, float, str]]
+    """x, y, tooltip."""
+    days: Sequence[tuple[float, str, str]]
+    """x, text-anchor, text."""
+    width: int = _WIDTH
+    height: int = _HEIGHT
+    left: int = _LEFT
+    right: int = _WIDTH - _RIGHT
+
+
+@dataclass(frozen=True, slots=True)
+class HistogramBar:
+    """One class of a histogram in pixels."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    label: str
+    """The times that it counts."""
+    short: str
+    """Short label below the bar."""
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class LatencyHistogram:
+    """Histogram of reply times."""
+
+    bars: tuple[HistogramBar, ...]
+    total: int
+    median: str
+    """Class of the median."""
+    width: int = _BARS_WIDTH
+    height: int = _BARS_HEIGHT
+    ground: int = _BARS_HEIGHT - _BARS_FOOT
+
+
+def make_sparkline(values: Sequence[float]) -> Sparkline:
+    """Return a sparkline of the last DS values, on a scale of its own. Needs at least one value."""
+    last = values[-SPARKLINE_POINTS:]
     middle = (min(last) + max(last)) / 2
-    span = max(max(last) - min(last), _SPARK_SPAN)
-    step = (_SPARK_W - 6) / max(len(last) - 1, 1)
-    places = [(3 + step * n, _SPARK_H / 2 - (_SPARK_H - 6) * (value - middle) / span) for n, value in enumerate(last)]
-    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-    said = f"{what} of {len(values)} submissions, the first {values[0]:.1f}, the last {values[-1]:.1f}"
-    if len(values) == 1:
-        said = f"{what} of one submission: {values[0]:.1f}"
-    x, y = places[-1]
-    return Markup(
-        f'<svg class="spark" role="img" aria-label="{said}" viewBox="0 0 {_SPARK_W} {_SPARK_H}" width="{_SPARK_W}"'
-        f' height="{_SPARK_H}"><polyline class="draw-line" points="{points}"/>'
-        f'<circle class="draw-dot" cx="{x:.1f}" cy="{y:.1f}" r="2.4"/></svg>'
-    )
+    span = max(max(last) - min(last), _SPARK_MIN_SPAN)
+    step = (_SPARK_WIDTH - 6) / max(len(last) - 1, 1)
+    points = [
+        (3 + step * n, _SPARK_HEIGHT / 2 - (_SPARK_HEIGHT - 6) * (value - middle) / span)
+        for n, value in enumerate(last)
+    ]
+    label = f"DS of {len(values)} submissions, the first {values[0]:.1f}, the last {values[-1]:.1f}"
+    return Sparkline(points, label if len(values) > 1 else f"DS of one submission: {values[0]:.1f}")
 
 
-def history(points: Sequence[ChartPoint], said: str) -> Markup:
-    """Results over time, the oldest first, each with its interval; what it shows also stands in a table. Needs one."""
+def make_history(points: Sequence[ChartPoint], label: str) -> HistoryChart:
+    """Return a chart of results over time, the oldest first. Needs at least one point."""
     first_us, last_us = points[0].at_us, points[-1].at_us
-    whole_us = max(last_us - first_us, 1)
-    wide, tall = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
+    span_us = max(last_us - first_us, 1)
+    width, height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 
     def x(at_us: int) -> float:
-        return _LEFT + wide / 2 if first_us == last_us else _LEFT + wide * (at_us - first_us) / whole_us
+        return _LEFT + width / 2 if first_us == last_us else _LEFT + width * (at_us - first_us) / span_us
 
     def y(value: float) -> float:
-        return _TOP + tall * (1 - value / 100)
+        return _TOP + height * (1 - value / 100)
 
-    made = [_scale(y(value), value) for value in (0, 25, 50, 75, 100)]
-    made += [
-        Markup('<line class="draw-span" x1="{0:.1f}" y1="{1:.1f}" x2="{0:.1f}" y2="{2:.1f}"/>').format(
-            x(each.at_us), y(each.low), y(each.high)
-        )
-        for each in points
-        if each.low is not None and each.high is not None
-    ]
-    for series in dict.fromkeys(each.series for each in points):
-        line = " ".join(f"{x(each.at_us):.1f},{y(each.value):.1f}" for each in points if each.series == series)
-        made.append(Markup('<polyline class="draw-line" points="{}"/>').format(line))
-    made += [
-        Markup('<circle class="draw-dot" cx="{:.1f}" cy="{:.1f}" r="3.5"><title>{}</title></circle>').format(
-            x(each.at_us), y(each.value), f"{each.label}: DS {each.value:.1f}, {format_day(each.at_us)}"
-        )
-        for each in points
-    ]
-    made += _days(first_us, last_us)
-    head = Markup('<svg class="history" role="img" aria-label="{}" viewBox="0 0 {} {}">').format(said, _WIDTH, _HEIGHT)
-    return Markup("").join((head, *made, Markup("</svg>")))
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for point in points:
+        lines.setdefault(point.series, []).append((x(point.at_us), y(point.value)))
+    return HistoryChart(
+        label=label,
+        scale=[(y(value), value) for value in (0, 25, 50, 75, 100)],
+        intervals=[
+            (x(point.at_us), y(point.low), y(point.high))
+            for point in points
+            if point.low is not None and point.high is not None
+        ],
+        lines=list(lines.values()),
+        dots=[
+            (x(point.at_us), y(point.value), f"{point.label}: DS {point.value:.1f}, {format_day(point.at_us)}")
+            for point in points
+        ],
+        days=_make_days(first_us, last_us),
+    )
 
 
-def _scale(y: float, value: int) -> Markup:
-    return Markup(
-        '<line class="draw-axis" x1="{left}" y1="{y:.1f}" x2="{right}" y2="{y:.1f}"/>'
-        '<text class="draw-text" x="{text}" y="{base:.1f}" text-anchor="end">{value}</text>'
-    ).format(left=_LEFT, right=_WIDTH - _RIGHT, y=y, text=_LEFT - 6, base=y + 4, value=value)
-
-
-def _days(first_us: int, last_us: int) -> list[Markup]:
-    text = Markup('<text class="draw-text" x="{}" y="{}" text-anchor="{}">{}</text>')
-    base = _HEIGHT - 6
+def _make_days(first_us: int, last_us: int) -> list[tuple[float, str, str]]:
     if first_us // _DAY_US == last_us // _DAY_US:
-        return [text.format(_LEFT + (_WIDTH - _LEFT - _RIGHT) / 2, base, "middle", format_day(first_us))]
-    return [
-        text.format(_LEFT, base, "start", format_day(first_us)),
-        text.format(_WIDTH - _RIGHT, base, "end", format_day(last_us)),
-    ]
+        return [(_LEFT + (_WIDTH - _LEFT - _RIGHT) / 2, "middle", format_day(first_us))]
+    return [(_LEFT, "start", format_day(first_us)), (_WIDTH - _RIGHT, "end", format_day(last_us))]
+
+
+def make_latency_histogram(usages: Iterable[Mapping[str, Any] | None]) -> LatencyHistogram | None:
+    """Return the sum of `usage["latency"]` over scenarios; None without any reply.
+
+    Skips scenarios whose classes differ from those of the first.
+    """
+    ends: list[float] = []
+    counts: list[int] = []
+    for usage in usages:
+        latency = (usage or {}).get("latency")
+        if not latency or not latency["counts"] or (ends and latency["ends_ms"] != ends):
+            continue
+        ends = latency["ends_ms"]
+        counts = [a + b for a, b in zip(counts or [0] * len(latency["counts"]), latency["counts"], strict=True)]
+    if not sum(counts):
+        return None
+    labels = [*(f"≤ {_format_ms(end)}" for end in ends), f"> {_format_ms(ends[-1])}"]
+    width, height = _BARS_WIDTH / len(counts), _BARS_HEIGHT - _BARS_FOOT - _BARS_HEAD
+    bars: list[HistogramBar] = []
+    for i, (label, count) in enumerate(zip(labels, counts, strict=True)):
+        size = height * count / max(counts)
+        x, y = round(i * width + 3, 1), round(_BARS_HEIGHT - _BARS_FOOT - size, 1)
+        bars.append(HistogramBar(x, y, round(width - 6, 1), round(size, 1), label, label.removesuffix(" ms"), count))
+    return LatencyHistogram(tuple(bars), sum(counts), labels[_find_median_class(counts)])
+
+
+def _format_ms(milliseconds: float) -> str:
+    return f"{milliseconds / 1000:g} s" if milliseconds >= 1000 else f"{milliseconds:g} ms"
+
+
+def _find_median_class(counts: list[int]) -> int:
+    total, half = 0, sum(counts) / 2
+    for index, count in enumerate(counts):
+        total += count
+        if total >= half:
+            return index
+    return len(counts) - 1

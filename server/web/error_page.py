@@ -1,4 +1,4 @@
-"""Errors as pages."""
+"""Errors as web pages."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from server.web.visitor import get_visitor
 
 
 def describe_refusal(error: InputError | ProblemError, at_us: int) -> tuple[int, str, Mapping[str, str]]:
-    """Status, sentence and headers of what is shown on the form that was refused."""
+    """Return status, sentence and headers for showing a refusal on its form."""
     if isinstance(error, ProblemError):
         return error.status, error.detail, error.headers
     again_us = error.retry_us if isinstance(error, OverLimit) else None
@@ -24,7 +24,7 @@ def describe_refusal(error: InputError | ProblemError, at_us: int) -> tuple[int,
 
 
 async def render_error(request: Request, status: int, detail: str, headers: Mapping[str, str]) -> Response:
-    """What `server.api.problems` asks for outside /api: the same sentence, for people."""
+    """Render a problem as a page; `server.api.problems` calls this outside /api."""
     if not hasattr(request.state, "visitor"):
         with suppress(StoreUnavailable):
             await get_visitor(request, request.app.state.services)

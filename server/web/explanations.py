@@ -1,33 +1,33 @@
-"""What states, verdicts and reasons mean, in a sentence each."""
+"""Explanations of states, verdicts and reasons, one sentence each."""
 
 from collections.abc import Mapping
 
 from server.enums import FailureReason, ScenarioVerdict, SubmissionState
 
 STATES: Mapping[SubmissionState, str] = {
-    SubmissionState.QUEUED: "It waits for its turn.",
-    SubmissionState.RUNNING: "It is being driven.",
-    SubmissionState.DONE: "Every scenario has its result.",
-    SubmissionState.REJECTED: "The agent asks for what it may not have: nothing is scored, and it uses quota.",
-    SubmissionState.CANCELLED: "It was stopped by its team, or by those who run this server.",
-    SubmissionState.FAILED_OURS: "Our evaluation failed; it uses no quota.",
-    SubmissionState.DISQUALIFIED: "It was taken off the leaderboards.",
+    SubmissionState.QUEUED: "Waiting in the queue.",
+    SubmissionState.RUNNING: "Running.",
+    SubmissionState.DONE: "Every scenario has a result.",
+    SubmissionState.REJECTED: "The agent requires what is not allowed; nothing is scored; counts against the quota.",
+    SubmissionState.CANCELLED: "Cancelled by its team or by an admin.",
+    SubmissionState.FAILED_OURS: "Our evaluation failed; it does not count against the quota.",
+    SubmissionState.DISQUALIFIED: "Removed from the leaderboards.",
 }
 VERDICTS: Mapping[str, str] = {
-    ScenarioVerdict.OK: "The scenario was driven to its end.",
-    ScenarioVerdict.AGENT_FAILED: "The agent of at least one car failed; the scenario is scored as far as it came.",
-    ScenarioVerdict.FAILED_OURS: "Our fault: the scenario could not be driven.",
+    ScenarioVerdict.OK: "The scenario was completed.",
+    ScenarioVerdict.AGENT_FAILED: "The agent of at least one car failed; the scenario is scored up to that point.",
+    ScenarioVerdict.FAILED_OURS: "Our evaluation failed: the scenario has no result.",
 }
 REASONS: Mapping[str, str] = {
-    FailureReason.CRASHED: "Its program ended or raised an error; the log says how.",
-    FailureReason.TIMEOUT: "It took longer to answer than it may.",
-    FailureReason.INVALID: "It answered something that is no valid answer.",
+    FailureReason.CRASHED: "Its program ended or raised an error; see the log.",
+    FailureReason.TIMEOUT: "It exceeded the time limit for a reply.",
+    FailureReason.INVALID: "It sent an invalid reply.",
 }
 OUTCOMES: Mapping[str, str] = {
     "arrived": "reached the end of its route",
     "blocked": "did not move for too long",
     "deviated": "left its route",
-    "timed-out": "was not there in time",
+    "timed-out": "ran out of time",
     "agent-failed": "its agent failed",
 }
 COLOURS: Mapping[str, str] = {
@@ -38,4 +38,4 @@ COLOURS: Mapping[str, str] = {
     ScenarioVerdict.OK: "good",
     ScenarioVerdict.AGENT_FAILED: "bad",
 }
-"""Classes of tags; the word itself is always there, too."""
+"""CSS classes of tags; the text always accompanies the colour."""

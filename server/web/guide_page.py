@@ -1,12 +1,12 @@
-"""How to take part: made of the phases and limits of this server."""
+"""The page "How to take part", with the phases and limits of this server."""
 
 from fastapi import APIRouter, Request, Response
 
 from server import environments
 from server.api.dependencies import Now, ServicesDep
 from server.api.routes.phases import list_phases
+from server.tracks import TRACK_LABELS
 from server.web import explanations
-from server.web.labels import TRACK_LABELS
 from server.web.templating import render_page
 from server.web.visitor import OptionalVisitor
 
@@ -15,7 +15,7 @@ router = APIRouter()
 
 @router.get("/how")
 def show(request: Request, services: ServicesDep, at_us: Now, _visitor: OptionalVisitor) -> Response:
-    """The page."""
+    """Show the page."""
     settings = services.settings
     found = list_phases(services, at_us).items
     is_open = [phase for phase in found if phase.open]
@@ -32,5 +32,5 @@ def show(request: Request, services: ServicesDep, at_us: Now, _visitor: Optional
         environments=environments.RECIPES.values(),
         built=environments.list_built(settings.environments),
         tracks=TRACK_LABELS,
-        words=explanations,
+        explanations=explanations,
     )

@@ -1,4 +1,4 @@
-"""The leaderboards: one page, made once for all who are not logged in, and kept until something happens."""
+"""The leaderboard page, rendered once for all visitors who are not logged in and cached until a board changes."""
 
 import csv
 import io
@@ -19,8 +19,8 @@ from server.api.leaderboard_cache import FRESH_US, STALE_US
 from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
 from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
+from server.tracks import TRACK_LABELS
 from server.web import charts
-from server.web.labels import TRACK_LABELS
 from server.web.templating import page_headers, render
 from server.web.visitor import get_visitor
 
@@ -35,16 +35,16 @@ SORTS: Mapping[str, bool] = {
     "ip": True,
     "date": True,
 }
-"""What a board is sorted by, and whether it begins with the largest."""
+"""Columns by which a board can be sorted, and whether the largest value comes first."""
 ROWS_PER_PAGE = 50
-"""On one page."""
+"""Rows per page."""
 _VISITOR_MARK = "<!--visitor-->"
-"""Where a kept page is completed by who is logged in."""
+"""Marks where the visitor's part is inserted into a cached page."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseTab:
-    """A phase."""
+    """The tab of a phase."""
 
     id: str
     title: str
@@ -55,43 +55,43 @@ class PhaseTab:
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """What of which board is shown."""
+    """A board with sort order and page number."""
 
-    which: BoardKey
+    key: BoardKey
     sort: str = "rank"
-    turned: bool = False
-    """Sorted the other way round than usual."""
+    is_reversed: bool = False
+    """Whether the usual order is reversed."""
     page: int = 1
 
     def query(self, **changed: Any) -> str:
-        """As it stands in addresses."""
-        wish = replace(self, **changed)
-        of_page = {"sort": wish.sort if wish.sort != "rank" else "", "turned": "1" if wish.turned else ""}
-        of_page["page"] = str(wish.page) if wish.page > 1 else ""
+        """Return the query string of this view, with some fields changed."""
+        view = replace(self, **changed)
+        of_page = {"sort": view.sort if view.sort != "rank" else "", "turned": "1" if view.is_reversed else ""}
+        of_page["page"] = str(view.page) if view.page > 1 else ""
         return urlencode(dict(self.filters()) | {name: value for name, value in of_page.items() if value})
 
     def filters(self) -> list[tuple[str, str]]:
-        """Which board, as the API takes it, too."""
-        which = self.which
-        given = {"phase": which.phase, "track": which.track, "bucket": which.bucket, "category": which.category}
+        """Return the query parameters that select the board, as in the API."""
+        key = self.key
+        given = {"phase": key.phase, "track": key.track, "bucket": key.bucket, "category": key.category}
         return [(name, str(value)) for name, value in given.items() if value]
 
 
 @dataclass(frozen=True, slots=True)
 class _RenderedBoard:
-    """A page, ready to be sent."""
+    """A rendered page."""
 
     whole: bytes
-    """For those who are not logged in."""
+    """The page for visitors who are not logged in."""
     before: bytes
     after: bytes
-    """What comes before and after the part that shows who is logged in."""
+    """The page before and after the visitor's part."""
     board: bytes
-    """What changes with a filter."""
+    """The part that changes with a filter."""
 
 
 async def build_page(services: Services, which: BoardKey, at_us: int) -> None:
-    """Makes the page of a board, to be kept. Raises NotFound and StoreUnavailable."""
+    """Render the page of a board into the cache. Raises NotFound and StoreUnavailable."""
     tabs = await services.leaderboards.get("tabs", _list_tabs, at_us, FRESH_US)
     parts = await _get_parts(which.phase, services, at_us, FRESH_US)
     await _get_page(BoardView(which), tabs, parts, services, at_us, FRESH_US)
@@ -99,7 +99,7 @@ async def build_page(services: Services, which: BoardKey, at_us: int) -> None:
 
 @router.get("/")
 async def show(request: Request) -> Response:
-    """A leaderboard; without a phase, of the open one that opened last."""
+    """Show a leaderboard; without a phase, that of the open phase that opened last."""
     services: Services = request.app.state.services
     at_us = await get_now(request)
     who = await get_visitor(request, services)
@@ -107,8 +107,8 @@ async def show(request: Request) -> Response:
     if not tabs:
         text = render("board_none.html", visitor=who)
         return Response(text, media_type="text/html", headers=page_headers(who is not None))
-    wish, parts = await _parse_view(request.query_params, services, tabs, at_us)
-    made = await _get_page(wish, tabs, parts, services, at_us)
+    view, parts = await _parse_view(request.query_params, services, tabs, at_us)
+    made = await _get_page(view, tabs, parts, services, at_us)
     if request.headers.get("hx-request") == "true":
         content = made.board
     elif who is None:
@@ -121,20 +121,20 @@ async def show(request: Request) -> Response:
 
 @router.get("/leaderboard.csv")
 async def show_csv(request: Request) -> Response:
-    """The same board as a table for other programs; as JSON the API has it."""
+    """Return the same board as CSV; the API returns it as JSON."""
     services: Services = request.app.state.services
     at_us = await get_now(request)
     tabs = await services.leaderboards.get("tabs", _list_tabs, at_us)
     if not tabs:
-        raise NotFound("phase: there is none yet")
-    wish, _ = await _parse_view(request.query_params, services, tabs, at_us)
-    board = schemas.LeaderboardOut.model_validate_json(await services.leaderboards.get_json(wish.which, at_us))
+        raise NotFound("phase: no phases yet")
+    view, _ = await _parse_view(request.query_params, services, tabs, at_us)
+    board = schemas.LeaderboardOut.model_validate_json(await services.leaderboards.get_json(view.key, at_us))
     headers = {"Content-Disposition": f'attachment; filename="leaderboard-{board.phase}.csv"'}
     return Response(_to_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
 
 
 async def _get_page(
-    wish: BoardView,
+    view: BoardView,
     tabs: Sequence[PhaseTab],
     parts: PhaseParts,
     services: Services,
@@ -142,8 +142,8 @@ async def _get_page(
     stale_us: int = STALE_US,
 ) -> _RenderedBoard:
     now_open = frozenset(tab.id for tab in tabs if tab.opens_us <= at_us < tab.closes_us)
-    render_board = partial(_render_page, wish=wish, tabs=tabs, parts=parts, now_open=now_open)
-    return await services.leaderboards.get((wish, tabs, parts, now_open), render_board, at_us, stale_us)
+    render_board = partial(_render_page, view=view, tabs=tabs, parts=parts, now_open=now_open)
+    return await services.leaderboards.get((view, tabs, parts, now_open), render_board, at_us, stale_us)
 
 
 async def _get_parts(phase: str, services: Services, at_us: int, stale_us: int = STALE_US) -> PhaseParts:
@@ -153,12 +153,12 @@ async def _get_parts(phase: str, services: Services, at_us: int, stale_us: int =
 async def _parse_view(
     query: Mapping[str, str], services: Services, tabs: Sequence[PhaseTab], at_us: int
 ) -> tuple[BoardView, PhaseParts]:
-    """And what its phase has to choose from. Raises InputError for what there is not."""
+    """Return the requested view, and the parts of its phase. Raises NotFound and InputError."""
     phase = query.get("phase") or _default_tab(tabs, at_us).id
     if phase not in (tab.id for tab in tabs):
         raise NotFound(f"phase: expected one of {', '.join(tab.id for tab in tabs)}, found {phase!r:.60}")
     parts = await _get_parts(phase, services, at_us)
-    kind, _, name = query.get("part", "").partition(":")  # of the form, where only one of the two can be chosen
+    kind, _, name = query.get("part", "").partition(":")  # from the form, in which only one of the two can be chosen
     if kind and (kind not in ("bucket", "category") or not name):
         raise InputError(f"part: expected bucket:NAME or category:NAME, found {query['part']!r:.80}")
     given = {kind: name} if kind else query
@@ -185,7 +185,7 @@ def _parse_choice(query: Mapping[str, str], name: str, known: Sequence[str]) -> 
 
 
 def _default_tab(tabs: Sequence[PhaseTab], at_us: int) -> PhaseTab:
-    """The open one that opened last; else the last that was."""
+    """Return the open phase that opened last; else the last closed one; else the last one."""
     begun = [tab for tab in tabs if tab.opens_us <= at_us]
     still = [tab for tab in begun if at_us < tab.closes_us]
     return (still or begun or [*tabs])[-1]
@@ -200,28 +200,29 @@ def _list_tabs(session: Session) -> tuple[PhaseTab, ...]:
 
 @dataclass(frozen=True, slots=True)
 class BoardLine:
-    """A row as it is drawn."""
+    """A row of the table."""
 
     row: schemas.RowOut
     team_id: str
-    bar: Markup
-    spark: Markup
+    sparkline: charts.Sparkline
 
 
 def _render_page(
-    session: Session, wish: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, now_open: frozenset[str]
+    session: Session, view: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, now_open: frozenset[str]
 ) -> _RenderedBoard:
-    board = read_leaderboard(session, wish.which)
-    rows = sorted(board.rows, key=lambda row: _sort_key(row, wish.sort), reverse=SORTS[wish.sort] is not wish.turned)
-    rows.sort(key=lambda row: _sort_value(row, wish.sort) is None)  # what is not known stands last
+    board = read_leaderboard(session, view.key)
+    rows = sorted(
+        board.rows, key=lambda row: _sort_key(row, view.sort), reverse=SORTS[view.sort] is not view.is_reversed
+    )
+    rows.sort(key=lambda row: _sort_value(row, view.sort) is None)  # unknown values come last
     pages = max(1, -(-len(rows) // ROWS_PER_PAGE))
-    page = min(wish.page, pages)
+    page = min(view.page, pages)
     context: dict[str, Any] = {
-        "wish": wish,
+        "view": view,
         "tab": next(tab for tab in tabs if tab.id == board.phase),
         "parts": parts,
         "tracks": TRACK_LABELS,
-        "lines": _make_lines(session, wish.which, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
+        "lines": _make_lines(session, view.key, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
         "teams": len(rows),
         "pages": pages,
         "page": page,
@@ -236,15 +237,14 @@ def _render_page(
     return _RenderedBoard((before + nobody + after).encode(), before.encode(), after.encode(), fragment.encode())
 
 
-def _make_lines(session: Session, which: BoardKey, rows: Sequence[schemas.RowOut]) -> list[BoardLine]:
+def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut]) -> list[BoardLine]:
     ids = {team.name: team.id for team in teams.list_teams(session)}
-    courses = queries.find_score_histories(session, which.phase, which.track, [ids[row.team] for row in rows])
+    histories = queries.find_score_histories(session, key.phase, key.track, [ids[row.team] for row in rows])
     return [
         BoardLine(
             row,
             ids[row.team],
-            charts.bar(row.figures.ds, row.figures.ds_low, row.figures.ds_high),
-            charts.sparkline(courses.get(ids[row.team]) or [row.figures.ds]),
+            charts.make_sparkline(histories.get(ids[row.team]) or [row.figures.ds]),
         )
         for row in rows
     ]
@@ -257,7 +257,7 @@ def _sort_value(row: schemas.RowOut, sort: str) -> Any:
 
 
 def _sort_key(row: schemas.RowOut, sort: str) -> tuple[bool, Any]:
-    """Never compares with what is not known."""
+    """Return a sort key that compares no unknown values."""
     value = _sort_value(row, sort)
     return value is not None, value.casefold() if isinstance(value, str) else value
 
@@ -276,5 +276,5 @@ def _to_csv(board: schemas.LeaderboardOut) -> str:
 
 
 def _escape_formula(name: str) -> str:
-    """Spreadsheets compute what begins with one of these: names are strangers' text."""
+    """Return the name so that spreadsheets do not evaluate it as a formula: names are untrusted text."""
     return f"'{name}" if name.startswith(("=", "+", "-", "@")) else name

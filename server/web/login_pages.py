@@ -1,4 +1,4 @@
-"""Logging in and out, and making a team where everybody may."""
+"""Log in, log out, and register a team."""
 
 from typing import Annotated
 
@@ -13,23 +13,25 @@ from server.web.templating import render_page
 from server.web.visitor import OptionalVisitor, delete_token_cookie, find_visitor, set_token_cookie
 
 router = APIRouter()
-_WRONG = "token: expected one that is valid, found none: it may be mistyped or revoked"
+_INVALID_TOKEN = "token: expected one that is valid, found none: it may be mistyped or revoked"
 Field = Annotated[str, Form(max_length=200)]
 
 
 @router.get("/login")
 def show_login(request: Request, services: ServicesDep, _visitor: OptionalVisitor) -> Response:
-    """The form."""
+    """Show the form."""
     return render_page(request, "login.html", problem="", registration=services.settings.registration)
 
 
 @router.post("/login")
 def login(request: Request, services: ServicesDep, token: Field = "") -> Response:
-    """With a token; the page is then the team's own, or the leaderboards."""
+    """Log in with a token; redirect to the team's page or to the leaderboards."""
     text = token.strip()
     found = find_visitor(services.store, text) if text else None
     if found is None:
-        return render_page(request, "login.html", 401, problem=_WRONG, registration=services.settings.registration)
+        return render_page(
+            request, "login.html", 401, problem=_INVALID_TOKEN, registration=services.settings.registration
+        )
     response = RedirectResponse(f"/teams/{found.caller.team}" if found.caller.team else "/", 303)
     set_token_cookie(request, response, text)
     return response
@@ -37,7 +39,7 @@ def login(request: Request, services: ServicesDep, token: Field = "") -> Respons
 
 @router.post("/logout")
 def logout() -> Response:
-    """The token stays valid; the browser forgets it."""
+    """Delete the cookie; the token stays valid."""
     response = RedirectResponse("/", 303)
     delete_token_cookie(response)
     return response
@@ -45,13 +47,13 @@ def logout() -> Response:
 
 @router.get("/register")
 def show_register(request: Request, services: ServicesDep, _visitor: OptionalVisitor) -> Response:
-    """The form, or whom to ask."""
+    """Show the form, or that registration is closed."""
     return render_page(request, "register.html", problem="", name="", registration=services.settings.registration)
 
 
 @router.post("/register")
 def register(request: Request, services: ServicesDep, at_us: Now, name: Field = "") -> Response:
-    """A team; its token is shown this once, and the browser logged in."""
+    """Register a team, show its token once, and log in."""
     settings = services.settings.registration
     try:
         made = registration.register(services.store, settings, name, at_us)

@@ -1,4 +1,4 @@
-"""The page of one driven scenario: its replay, what became of each car, its files. The API says who may see them."""
+"""The page of one scenario: replay, outcome of each car, files. The API decides on access."""
 
 from fastapi import APIRouter, Request, Response
 
@@ -8,7 +8,7 @@ from server.api.dependencies import ServicesDep
 from server.api.routes import results, submissions
 from server.store import NotFound
 from server.web import explanations
-from server.web.latency_histogram import make_histogram
+from server.web.charts import make_latency_histogram
 from server.web.templating import render_page
 from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor
 
@@ -25,7 +25,7 @@ def show(
     visitor: OptionalVisitor,
     services: ServicesDep,
 ) -> Response:
-    """The page, with the replay in a frame that has no part in our origin."""
+    """Show the page, with the replay in a frame of an opaque origin."""
     caller = _get_caller(visitor)
     rows = results.list_scenarios(submission, caller, services).items
     places = [i for i, row in enumerate(rows) if (row.scenario, row.seed) == (scenario, seed)]
@@ -39,8 +39,8 @@ def show(
         row=rows[at],
         before=rows[at - 1] if at else None,
         after=rows[at + 1] if at + 1 < len(rows) else None,
-        latency=make_histogram([rows[at].usage]),
-        words=explanations,
+        latency=make_latency_histogram([rows[at].usage]),
+        explanations=explanations,
     )
 
 
@@ -52,7 +52,7 @@ def replay(
     visitor: OptionalVisitor,
     services: ServicesDep,
 ) -> Response:
-    """What the frame shows."""
+    """Return the replay for the frame."""
     return _with_revalidation(results.fetch_replay(submission, scenario, seed, _get_caller(visitor), services))
 
 
@@ -64,7 +64,7 @@ def recording(
     visitor: OptionalVisitor,
     services: ServicesDep,
 ) -> Response:
-    """The episode."""
+    """Return the recorded episode."""
     return _with_revalidation(results.fetch_recording(submission, scenario, seed, _get_caller(visitor), services))
 
 
@@ -77,7 +77,7 @@ def log(
     visitor: AnyVisitor,
     services: ServicesDep,
 ) -> Response:
-    """What an agent wrote."""
+    """Return the log of an agent."""
     return _with_revalidation(results.fetch_log(submission, scenario, seed, cav, visitor.caller, services))
 
 
@@ -86,7 +86,7 @@ def _get_caller(visitor: Visitor | None) -> Caller | None:
 
 
 def _with_revalidation(file: Response) -> Response:
-    """A browser may keep it, but asks each time: who may see it today may not tomorrow, or have logged out."""
+    """Make the browser revalidate the file each time, because access can change."""
     file.headers["Cache-Control"] = "private, no-cache"
     file.headers["Vary"] = "Cookie"
     return file

@@ -1,4 +1,4 @@
-"""Style sheets, scripts and pictures: read once, with a hash of what is in them in their address."""
+"""Style sheets, scripts and images: read once, with a hash of their contents in the URL."""
 
 import hashlib
 import mimetypes
@@ -35,13 +35,13 @@ _ASSETS = _read()
 
 
 def static_url(name: str) -> str:
-    """Of a file in `static`. Another content has another address, so browsers may keep it for ever."""
+    """Return the URL of a file in `static`; it changes with the contents, so browsers may cache it for ever."""
     return f"/static/{_ASSETS[name].version}/{name}"
 
 
 @router.get("/static/{version}/{name}")
 async def asset(version: str, name: str) -> Response:
-    """One of them."""
+    """Return a static file."""
     found = _ASSETS.get(name)
     if found is None or found.version != version:
         raise NotFound(f"there is nothing at /static/{version:.20}/{name:.60}")

@@ -1,4 +1,4 @@
-"""A submission's page: how it stands, live while it is driven, then its result; and what may be done with it."""
+"""The page of a submission: live status, then the result, and actions."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -17,15 +17,15 @@ from server.store import tables
 from server.store.errors import check_text
 from server.store.quota import UNFINISHED
 from server.web import explanations
-from server.web.latency_histogram import make_histogram
+from server.web.charts import make_latency_histogram
 from server.web.templating import page_headers, render, render_page
 from server.web.visitor import AdminVisitor, AnyVisitor, OptionalVisitor
 
 router = APIRouter()
 MAX_EVENTS = 12
-"""Latest events that the page of an unfinished submission shows."""
+"""Number of latest events on the page of an unfinished submission."""
 ANNOUNCE_STEP = 10
-"""Percent of progress between two announcements to screen readers."""
+"""Progress between two announcements to screen readers [%]."""
 SortOrder = Literal["scenario", "ds", "rc", "ip", "latency", "memory", "cpu"]
 VerdictFilter = Annotated[str, Query(max_length=20)]
 SeenCount = Annotated[int, Query(ge=0, le=1_000_000)]
@@ -33,43 +33,43 @@ SeenCount = Annotated[int, Query(ge=0, le=1_000_000)]
 
 @dataclass(frozen=True, slots=True)
 class ScenarioEvent:
-    """Something that happened in one scenario."""
+    """A latest event of one scenario."""
 
     scenario: str
     seed: int
     verdict: str | None
-    """None: it has been started."""
+    """None: it was started."""
     reason: str | None
     ds: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class SubmissionStatus:
-    """How a submission stands, as its visitor may know it."""
+    """Status of a submission, as far as the visitor may see it."""
 
     submission: schemas.SubmissionOut
     own: bool
     unfinished: bool
     done: int | None
-    """Scenarios with a result; None where they are hidden."""
+    """Scenarios with a result; None if they are hidden."""
     total: int | None
     news: tuple[ScenarioEvent, ...]
 
     @property
     def percent(self) -> int:
-        """Of the scenarios."""
+        """Progress [%]."""
         return 100 * self.done // self.total if self.done and self.total else 0
 
     @property
-    def said(self) -> str:
-        """For screen readers: changes seldom."""
+    def announcement(self) -> str:
+        """Text for screen readers, which changes in steps."""
         state = self.submission.state
         if not self.unfinished:
             return f"this submission is {state}"
-        return f"{state}, {self._step(self.done)} percent driven"
+        return f"{state}, {self._step(self.done)} percent finished"
 
-    def is_news(self, seen: int) -> bool:
-        """Whether screen readers have not been told when so many scenarios were driven."""
+    def needs_announcement(self, seen: int) -> bool:
+        """Return whether the text has changed since `seen` scenarios were finished."""
         return not self.unfinished or self._step(self.done) != self._step(seen)
 
     def _step(self, done: int | None) -> int:
@@ -85,9 +85,9 @@ def show(
     verdict: VerdictFilter = "",
     sort: SortOrder = "scenario",
 ) -> Response:
-    """The page. `verdict` and `sort`: of the table of scenarios."""
+    """Show the page; `verdict` and `sort` apply to the table of scenarios."""
     caller = visitor.caller if visitor else None
-    stands = read_status(services, caller, submission)
+    status = read_status(services, caller, submission)
     rows = _list_scenarios(services, caller, submission)
     chosen = _sort_rows([row for row in rows or () if not verdict or verdict in (row.verdict, row.state)], sort)
     context: dict[str, Any] = {
@@ -96,25 +96,25 @@ def show(
         "verdict": verdict,
         "sort": sort,
         "verdicts": sorted({row.verdict or row.state for row in rows or ()}),
-        "latency": make_histogram(row.usage for row in rows or ()),
+        "latency": make_latency_histogram(row.usage for row in rows or ()),
         "used": _sum_usage(rows or ()),
     }
-    return render_page(request, "submission.html", stands=stands, words=explanations, **context)
+    return render_page(request, "submission.html", status=status, explanations=explanations, **context)
 
 
 @router.get("/submissions/{submission}/progress")
 def progress(submission: schemas.Id, visitor: OptionalVisitor, services: ServicesDep, seen: SeenCount = 0) -> Response:
-    """How it stands, as a piece of its page. `seen`: how many scenarios were driven when it was last asked."""
-    stands = read_status(services, visitor.caller if visitor else None, submission)
-    text = render("submission_live.html", stands=stands, words=explanations, visitor=visitor, seen=seen)
-    event = "finished" if not stands.unfinished else "driven" if stands.done not in (None, seen) else ""
+    """Return the live part of the page; `seen`: finished scenarios at the last request."""
+    status = read_status(services, visitor.caller if visitor else None, submission)
+    text = render("submission_live.html", status=status, explanations=explanations, visitor=visitor, seen=seen)
+    event = "finished" if not status.unfinished else "driven" if status.done not in (None, seen) else ""
     headers = page_headers(True) | ({"HX-Trigger": event} if event else {})
     return Response(text, headers=headers, media_type="text/html")
 
 
 @router.post("/submissions/{submission}/cancel")
 def cancel(submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
-    """Stops it."""
+    """Cancel the submission."""
     submissions.cancel_submission(submission, visitor.caller, services, at_us)
     return _redirect(submission)
 
@@ -123,7 +123,7 @@ def cancel(submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, a
 def choose(
     submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now, shown: Annotated[bool, Form()]
 ) -> Response:
-    """Whether it may stand on the leaderboard."""
+    """Choose whether it may be on the leaderboard."""
     submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
     return _redirect(submission)
 
@@ -136,7 +136,7 @@ def disqualify(
     at_us: Now,
     reason: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
-    """With a reason, which is shown."""
+    """Disqualify it with a public reason."""
     why = schemas.ReasonIn(reason=check_text(reason, "reason", 500))
     submissions.disqualify_submission(submission, why, visitor.caller, services, at_us)
     return _redirect(submission)
@@ -144,12 +144,12 @@ def disqualify(
 
 @router.post("/submissions/{submission}/rerun")
 def rerun(submission: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
-    """Once more, as a submission of its own."""
+    """Run it again as a new submission."""
     return _redirect(submissions.rerun_submission(submission, visitor.caller, services, at_us).id)
 
 
 def read_status(services: Services, caller: Caller | None, submission: str) -> SubmissionStatus:
-    """How it stands. Raises NotFound."""
+    """Return the status. Raises NotFound."""
     with services.store.read() as session:
         found = submission_views.find_visible(session, caller, submission)
         shown = submission_views.to_submission(session, caller, found)
@@ -159,7 +159,7 @@ def read_status(services: Services, caller: Caller | None, submission: str) -> S
         )
         own = submission_views.may_see_all(caller, found)
         events = session.scalars(latest.order_by(tables.EventRow.id.desc()).limit(MAX_EVENTS)).all() if own else []
-        told = [submission_views.visible_event(phase, event.kind, event.data) for event in events]
+        disclosed = [submission_views.visible_event(phase, event.kind, event.data) for event in events]
     counts = shown.progress
     return SubmissionStatus(
         submission=shown,
@@ -167,7 +167,7 @@ def read_status(services: Services, caller: Caller | None, submission: str) -> S
         unfinished=shown.state in UNFINISHED,
         done=counts.get(JobState.DONE, 0) if counts is not None else None,
         total=sum(counts.values()) if counts is not None else None,
-        news=tuple(_to_event(data) for data in told if data is not None),
+        news=tuple(_to_event(data) for data in disclosed if data is not None),
     )
 
 
@@ -176,7 +176,7 @@ def _to_event(data: Any) -> ScenarioEvent:
 
 
 def _list_scenarios(services: Services, caller: Caller | None, submission: str) -> list[schemas.ScenarioOut] | None:
-    """None where they are hidden."""
+    """Return the scenarios, None if they are hidden."""
     try:
         return results.list_scenarios(submission, caller, services).items
     except HiddenScenariosError:
@@ -184,7 +184,7 @@ def _list_scenarios(services: Services, caller: Caller | None, submission: str) 
 
 
 def _sort_rows(rows: list[schemas.ScenarioOut], order: str) -> list[schemas.ScenarioOut]:
-    """By name, or with what wants a look first: the worst figures, the most used."""
+    """Sort by name, or with the worst figures or largest usage first."""
     if order in ("ds", "rc", "ip"):
         return sorted(rows, key=lambda row: -1.0 if getattr(row, order) is None else getattr(row, order))
     names = {"latency": "latency_p99_ms", "memory": "peak_memory_bytes", "cpu": "cpu_s"}
@@ -194,7 +194,7 @@ def _sort_rows(rows: list[schemas.ScenarioOut], order: str) -> list[schemas.Scen
 
 
 def _sum_usage(rows: Any) -> dict[str, float | None]:
-    """By all scenarios together."""
+    """Return peak memory and total CPU time of all scenarios."""
     usages = [row.usage for row in rows if row.usage]
     return {
         "memory": max((usage.get("peak_memory_bytes") or 0 for usage in usages), default=None),

@@ -1,4 +1,4 @@
-"""The form that sends an archive: the same upload, checks and sentences as `POST /api/v1/submissions`."""
+"""The form that submits an archive: the same upload, checks and errors as `POST /api/v1/submissions`."""
 
 from typing import Annotated, Any
 
@@ -14,8 +14,8 @@ from server.api.routes.phases import list_phases, show_quota
 from server.api.submission_service import FIELDS, SubmissionService
 from server.api.upload import receive_upload, received_fields
 from server.store.errors import new_id
+from server.tracks import TRACK_LABELS
 from server.web.error_page import describe_refusal
-from server.web.labels import TRACK_LABELS
 from server.web.templating import page_headers, render, render_page
 from server.web.visitor import TeamVisitor
 
@@ -25,7 +25,7 @@ Key = Annotated[schemas.Id | None, Query()]
 
 @router.get("/submit")
 def show_form(request: Request, who: TeamVisitor, services: ServicesDep, at_us: Now, phase: str = "") -> Response:
-    """The form."""
+    """Show the form."""
     return render_page(
         request, "submit.html", problem="", entered={"phase": phase}, **_form_context(services, who, at_us)
     )
@@ -33,9 +33,9 @@ def show_form(request: Request, who: TeamVisitor, services: ServicesDep, at_us: 
 
 @router.post("/submit")
 async def send(request: Request, who: TeamVisitor, services: ServicesDep, at_us: Now, key: Key = None) -> Response:
-    """Takes the archive in and goes to the submission's page; a refusal is shown on the form, which keeps its input.
+    """Accept the archive and redirect to the submission; a refusal is shown on the form, which keeps its input.
 
-    `key` makes it safe to send the same form twice.
+    `key` is an idempotency key: the same form sent twice makes one submission.
     """
     settings = services.settings
     try:
@@ -51,7 +51,7 @@ async def send(request: Request, who: TeamVisitor, services: ServicesDep, at_us:
 
 
 async def _render_refusal(request: Request, who: TeamVisitor, at_us: int, error: InputError | ProblemError) -> Response:
-    """Where a script has sent the form it is still there, with its file: the sentence is all that is new."""
+    """Return the form with the error; for HTMX, whose form is still on the page with its file, only the error."""
     status, problem, headers = describe_refusal(error, at_us)
     if _is_htmx(request):
         headers = page_headers(True) | dict(headers)
@@ -67,7 +67,7 @@ def _is_htmx(request: Request) -> bool:
 
 
 def _form_context(services: Services, who: TeamVisitor, at_us: int) -> dict[str, Any]:
-    """What there is to choose from."""
+    """Return the choices of the form."""
     found = list_phases(services, at_us).items
     is_open = [(phase, show_quota(phase.id, who, services, at_us)) for phase in found if phase.open]
     return {

@@ -1,4 +1,4 @@
-"""A team's page: its history for everybody; for its own members also what is not shown, the quota, and its tokens."""
+"""A team's page: public history; for members also hidden submissions, quota and tokens."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
-from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from server.api import schemas, submission_views
@@ -15,8 +14,8 @@ from server.api.routes import submissions
 from server.clock import format_utc
 from server.enums import SubmissionState
 from server.store import NotFound, phases, queries, quota, tables, teams, tokens
+from server.tracks import TRACK_LABELS
 from server.web import charts, explanations
-from server.web.labels import TRACK_LABELS
 from server.web.templating import render_page
 from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor, delete_token_cookie
 
@@ -30,12 +29,12 @@ class PhaseHistory:
 
     phase: tables.PhaseRow
     results: Sequence[tuple[tables.SubmissionRow, schemas.FiguresOut]]
-    chart: Markup
+    chart: charts.HistoryChart | None
 
 
 @dataclass(frozen=True, slots=True)
 class QuotaLeft:
-    """Of the quota in a phase that is open."""
+    """Remaining quota in an open phase."""
 
     phase: tables.PhaseRow
     today: int
@@ -52,14 +51,16 @@ def show(
     visitor: OptionalVisitor,
     before: Annotated[schemas.Id | None, Query()] = None,
 ) -> Response:
-    """The page, by name or id. A hidden team is there for its members and admins only."""
+    """Show the page of a team (name or id). Only members and admins see a hidden team."""
     with services.store.read() as session:
         found = teams.get(session, team)
         own = _is_own(visitor, found)
         if found.hidden and not own:
             raise NotFound(f"team: there is no {team!r}")
-        courses = [
-            course for phase in phases.list_phases(session) if (course := _make_history(session, found, phase)).results
+        histories = [
+            history
+            for phase in phases.list_phases(session)
+            if (history := _make_history(session, found, phase)).results
         ]
         left = _list_quota_left(session, found, at_us) if own else []
         held = tokens.list_tokens(session, found) if own else []
@@ -71,13 +72,13 @@ def show(
         request,
         "team.html",
         team=found,
-        courses=courses,
+        histories=histories,
         own=own,
         left=left,
         tokens=held,
         listed=listed,
         tracks=TRACK_LABELS,
-        words=explanations,
+        explanations=explanations,
     )
 
 
@@ -90,7 +91,7 @@ def choose(
     services: ServicesDep,
     at_us: Now,
 ) -> Response:
-    """Whether a submission may stand on the leaderboard."""
+    """Choose whether a submission may be on the leaderboard."""
     submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
     return RedirectResponse(f"/teams/{team}#submissions", 303)
 
@@ -99,7 +100,7 @@ def choose(
 def revoke(
     team: schemas.Id, token: SubmissionField, visitor: AnyVisitor, services: ServicesDep, at_us: Now
 ) -> Response:
-    """Of the visitor's own team, or any for admins. Whoever revokes the token of this browser is logged out."""
+    """Revoke a token of the visitor's team, or any for admins; revoking the browser's own token logs out."""
     with services.store.write() as session:
         found = teams.get(session, team)
         if not _is_own(visitor, found) or token not in (each.id for each in tokens.list_tokens(session, found)):
@@ -117,7 +118,7 @@ def _is_own(visitor: Visitor | None, team: tables.TeamRow) -> bool:
 
 
 def _make_history(session: Session, team: tables.TeamRow, phase: tables.PhaseRow) -> PhaseHistory:
-    """As `GET /leaderboards/{phase}/teams/{team}`: what is done and shown."""
+    """Return the finished and shown submissions, as `GET /leaderboards/{phase}/teams/{team}` does."""
     results = [
         (each, summary.overall)
         for each in queries.list_history(session, team.id, phase.id)
@@ -129,7 +130,7 @@ def _make_history(session: Session, team: tables.TeamRow, phase: tables.PhaseRow
         charts.ChartPoint(each.created_us, figures.ds, figures.ds_low, figures.ds_high, each.name, each.track)
         for each, figures in results
     ]
-    return PhaseHistory(phase, results, charts.history(points, _describe_points(points)) if points else Markup())
+    return PhaseHistory(phase, results, charts.make_history(points, _describe_points(points)) if points else None)
 
 
 def _describe_points(points: Sequence[charts.ChartPoint]) -> str:

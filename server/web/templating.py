@@ -1,4 +1,4 @@
-"""Pages from templates: escaped always, and with a policy that lets a browser run only what is ours."""
+"""Renders pages from templates, always escaped, with a content security policy."""
 
 from collections.abc import Mapping
 from datetime import datetime
@@ -26,7 +26,7 @@ POLICY = "; ".join(
         "frame-ancestors 'none'",
     )
 )
-"""No inline script, no inline style, nothing of another host."""
+"""No inline script, no inline style, nothing from other hosts."""
 
 
 def render_page(
@@ -36,19 +36,19 @@ def render_page(
     headers: Mapping[str, str] | None = None,
     **context: Any,
 ) -> HTMLResponse:
-    """A template as an answer. It knows `visitor` (`visitors.Visitor` or None), if a dependency asked who it is."""
+    """Render a template as a response, with `visitor` as found by a dependency (None without)."""
     visitor = getattr(request.state, "visitor", None)
     text = render(template, visitor=visitor, **context)
     return HTMLResponse(text, status, headers=page_headers(visitor is not None) | dict(headers or {}))
 
 
 def render(template: str, **context: Any) -> str:
-    """The text of a template."""
+    """Render a template."""
     return _environment.get_template(template).render(context)
 
 
 def page_headers(personal: bool) -> dict[str, str]:
-    """Of every page; `personal`: what is on it is for one visitor only."""
+    """Return the headers of a page; `personal`: its contents are for one visitor only."""
     return {
         "Content-Security-Policy": POLICY,
         "Cache-Control": "no-store" if personal else "no-cache",
@@ -59,35 +59,35 @@ def page_headers(personal: bool) -> dict[str, str]:
 
 
 def format_percent(value: float | None) -> str:
-    """85.3; a dash for what is not known."""
+    """Format as 85.3; a dash if unknown."""
     return "–" if value is None else f"{value:.1f}"
 
 
 def format_ratio(value: float | None) -> str:
-    """0.97; a dash for what is not known."""
+    """Format as 0.97; a dash if unknown."""
     return "–" if value is None else f"{value:.2f}"
 
 
 def format_interval(figures: FiguresOut, name: str) -> str:
-    """[80.1, 90.2] of `ds` or `sr`; nothing where it is not known, as of a single scenario."""
+    """Format the interval of `ds` or `sr` as [80.1, 90.2]; "" if unknown, as for a single scenario."""
     low, high = getattr(figures, f"{name}_low"), getattr(figures, f"{name}_high")
     return "" if low is None or high is None or figures.scenarios == 1 else f"[{low:.1f}, {high:.1f}]"
 
 
 def format_time(moment: datetime | int | None) -> str:
-    """A time (microseconds since 1970 where it is a number) as people read it."""
+    """Format a time (an int is microseconds since 1970) in UTC."""
     if moment is None:
         return "–"
     return format_utc(moment if isinstance(moment, int) else int(moment.timestamp() * 1e6))
 
 
 def format_day(moment: datetime | int | None) -> str:
-    """Only the day: 2026-01-31."""
+    """Format the UTC day: 2026-01-31."""
     return format_time(moment)[:10]
 
 
 def format_size(number: int | None) -> str:
-    """12.5 MB, in steps of 1000."""
+    """Format as 12.5 MB, with decimal units."""
     if number is None:
         return "–"
     value, unit = float(number), "bytes"
@@ -99,7 +99,7 @@ def format_size(number: int | None) -> str:
 
 
 def format_binary_size(number: int) -> str:
-    """64 MiB: limits are powers of two."""
+    """Format as 64 MiB, for limits, which are powers of two."""
     return f"{round(number / 1024**2, 1):g} MiB" if number >= 1024**2 else f"{round(number / 1024, 1):g} KiB"
 
 

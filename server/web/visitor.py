@@ -1,4 +1,4 @@
-"""Who looks at a page: the holder of the token in a cookie. The API does not take the cookie."""
+"""The visitor of a page: the holder of the token in a cookie. The API does not accept the cookie."""
 
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -18,16 +18,16 @@ _KEPT_S = 30 * 86_400
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Somebody who is logged in."""
+    """A visitor who is logged in."""
 
     caller: Caller
-    """As for the API."""
+    """The visitor as the API's caller."""
     name: str
-    """Of the team; of the scope, for tokens of none."""
+    """Name of the team; of the scope for tokens without a team."""
 
 
 def find_visitor(store: Store, text: str) -> Visitor | None:
-    """The holder of a token; None for one that is not valid (any more)."""
+    """Return the holder of a token; None if it is unknown or revoked."""
     caller = find_caller(store, text)
     if caller is None or caller.team is None:
         return None if caller is None else Visitor(caller, str(caller.scope))
@@ -36,16 +36,16 @@ def find_visitor(store: Store, text: str) -> Visitor | None:
 
 
 async def get_visitor(request: Request, services: ServicesDep) -> Visitor | None:
-    """Who asks; None for nobody we know. The page then shows it."""
+    """Return the visitor, None if not logged in; also stored for the page in `request.state`."""
     text = request.cookies.get(COOKIE)
     request.state.visitor = await run_in_threadpool(find_visitor, services.store, text) if text else None
     return request.state.visitor
 
 
 async def require_visitor(found: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
-    """Who asks, logged in."""
+    """Return the visitor. Raises ProblemError (401) if not logged in."""
     if found is None:
-        raise ProblemError(HTTPStatus.UNAUTHORIZED, "token", "this page is for those who are logged in: log in first")
+        raise ProblemError(HTTPStatus.UNAUTHORIZED, "token", "this page needs a login: log in first")
     return found
 
 
@@ -57,14 +57,14 @@ async def require_team_visitor(found: Annotated[Visitor, Depends(require_visitor
 
 
 async def require_admin_visitor(found: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
-    """An admin; for others there is no such page."""
+    """Return the visitor. Raises NotFound for others than admins."""
     if found is None or not found.caller.is_admin:
         raise NotFound("there is nothing here")
     return found
 
 
 async def check_same_site(request: Request) -> None:
-    """Refuses what a page of another site makes a visitor's browser send."""
+    """Refuse requests that another site makes the visitor's browser send (CSRF)."""
     if request.method in ("GET", "HEAD", "OPTIONS"):
         return
     site = request.headers.get("sec-fetch-site")
@@ -79,13 +79,13 @@ async def check_same_site(request: Request) -> None:
 
 
 def set_token_cookie(request: Request, response: Response, text: str) -> None:
-    """From now on the browser shows this token. Scripts cannot read it, other sites cannot make use of it."""
+    """Store the token in a cookie that scripts cannot read and other sites cannot send."""
     secure = request.url.scheme == "https"
     response.set_cookie(COOKIE, text, max_age=_KEPT_S, path="/", secure=secure, httponly=True, samesite="strict")
 
 
 def delete_token_cookie(response: Response) -> None:
-    """The browser forgets it."""
+    """Delete the cookie."""
     response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict")
 
 

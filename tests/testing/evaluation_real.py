@@ -33,7 +33,7 @@ COMMAND = (sys.executable, "-m", "testing.evaluation_fakes")
 @pytest.fixture(autouse=True)
 def steady_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each test of a module that imports it; the workers' programs do it themselves."""
-    monkeypatch.setattr("server.phase_suites.code_checksum", steady)
+    monkeypatch.setattr("server.phase_suites.compute_code_checksum", steady)
     monkeypatch.setenv("PYTHONPATH", str(TESTS))  # what `COMMAND` imports
 
 
@@ -149,7 +149,7 @@ from server import phase_suites
 from server.settings import ServerSettings
 from server.store import Store
 from testing import evaluation_fakes, evaluation_real
-phase_suites.code_checksum = evaluation_fakes.steady
+phase_suites.compute_code_checksum = evaluation_fakes.steady
 settings = ServerSettings.model_validate_json(sys.argv[1])
 with evaluation_real.supervised(Store(settings.database_url), settings):
     time.sleep(600)

@@ -212,7 +212,7 @@ def watch(tab: Any, story: Story) -> None:
             break
         tab.wait_for_timeout(200)
     tab.wait_for_selector("#ds")
-    tab.wait_for_selector("#deeds >> text=Hide from the leaderboard")
+    tab.wait_for_selector("#actions >> text=Hide from the leaderboard")
     assert tab.evaluate("window.notReloaded")
     story.ds = tab.inner_text("#ds")
 

@@ -1,4 +1,4 @@
-// The upload's progress bar, and its refusal beside the form. Without scripts the form works as any other.
+// Upload progress, and errors on the form. Without scripts the form works like any other.
 "use strict";
 
 document.addEventListener("DOMContentLoaded", () => {
@@ -32,16 +32,16 @@ document.addEventListener("DOMContentLoaded", () => {
   });
   form.addEventListener("htmx:xhr:progress", (event) => {
     if (!event.detail.lengthComputable) return;
-    // The answer's own progress is told by the same event: it never goes back.
+    // The response's progress fires the same event: never move the bar back.
     const percent = Math.max(bar.value, Math.round((100 * event.detail.loaded) / event.detail.total));
     bar.value = percent;
-    const said = percent < 100 ? `${Math.floor(percent / 10) * 10} percent sent` : "sent, being checked";
+    const said = percent < 100 ? `${Math.floor(percent / 10) * 10} percent sent` : "sent, checking";
     if (text.textContent !== said) text.textContent = said;
   });
   form.addEventListener("htmx:beforeSwap", (event) => {
     const answer = event.detail.xhr.responseText;
     if (answer.toLowerCase().startsWith("<!doctype")) {
-      // A page of its own: logged out in the meantime, the database is away. Its sentence is what is new.
+      // A complete page: logged out meanwhile, or the database is unavailable. Show its message only.
       const page = new DOMParser().parseFromString(answer, "text/html");
       say(page.querySelector(".problem, main p")?.textContent ?? "The server does not answer; try again.");
       event.detail.shouldSwap = false;

@@ -1,15 +1,15 @@
-// What HTML and HTMX do not do by themselves. Every page works without it.
+// Complements HTML and HTMX. Every page works without it.
 "use strict";
 
-// After a part of a page was swapped, says in the status line what its `data-said` says: screen readers read it out.
+// Copies `data-status` of a swapped part into the status line, which screen readers announce.
 const say = (text) => {
   const place = document.getElementById("status");
   if (place && place.textContent !== text) place.textContent = text;
 };
 
 document.addEventListener("htmx:afterSettle", (event) => {
-  const found = event.detail.elt.closest("[data-said]") || event.detail.elt.querySelector("[data-said]");
-  if (found) say(found.dataset.said);
+  const found = event.detail.elt.closest("[data-status]") || event.detail.elt.querySelector("[data-status]");
+  if (found) say(found.dataset.status);
 });
 document.addEventListener("htmx:sendError", () => say("The server does not answer. Try again in a moment."));
 document.addEventListener("htmx:responseError", (event) => {
@@ -17,7 +17,7 @@ document.addEventListener("htmx:responseError", (event) => {
   say(page.querySelector(".problem")?.textContent || `The server answered with an error (${event.detail.xhr.status}).`);
 });
 
-// A field that is there to be copied from.
+// Selects the text of fields to copy from.
 for (const field of document.querySelectorAll("[data-select]")) {
   field.addEventListener("focus", () => field.select());
 }

@@ -220,4 +220,4 @@ def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCa
     with bench.store.write() as session:
         submissions.get(session, submission).evaluator = {"code": "older"}
     assert list(spot_checks.run_spot_checks(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
-    assert "driven by another version" in caplog.text
+    assert "run by another version" in caplog.text

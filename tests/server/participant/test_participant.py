@@ -68,7 +68,7 @@ def test_init_agent_overwrites_nothing(run: Run, tmp_path: Path) -> None:
     (tmp_path / "mine" / "agents.py").write_text("precious")
     found = run("init-agent", tmp_path / "mine")
     assert found.exit_code == 2
-    assert "expected an empty folder or none" in found.output
+    assert "expected an empty or new folder" in found.output
     assert (tmp_path / "mine" / "agents.py").read_text() == "precious"
 
 

@@ -38,7 +38,7 @@ def test_an_archive_is_sent_with_what_belongs_to_it(run: Run, fake: Fake, archiv
     fake.shown |= {"queue": {"position": 3, "eta_s": None}, "summary": None}
     found = send(run, fake, archive, "--track", "negotiation", "--name", "Mine", "--no-follow")
     assert found.exit_code == 0, found.output
-    assert "submission s1 in warm-up, track negotiation: queued, place 3 in the queue" in found.output
+    assert "submission s1 in warm-up, track negotiation: queued, position 3 in the queue" in found.output
     assert f"page: {fake.url}/submissions/s1" in found.output
     [(headers, fields)] = fake.uploads
     assert headers["Authorization"] == "Bearer secret"

@@ -49,7 +49,7 @@ def test_for_others_there_is_no_such_page(server: Server, who: str) -> None:
 
 def test_an_empty_server_says_so(admin: Visit) -> None:
     words = admin.get("/admin").words
-    for said in ("Nobody works", "Nothing waits.", "Nothing has ended yet.", "There was none yet."):
+    for said in ("No workers", "The queue is empty.", "No finished submissions yet.", "No spot checks yet."):
         assert said in words
 
 

@@ -25,7 +25,7 @@ def server(tmp_path: Path) -> Server:
 
 def test_an_empty_board_says_what_to_do(server: Server) -> None:
     page = Visit(server).get("/?phase=dev")
-    assert "Nobody stands here yet. How to take part says how" in page.words and "/how" in links(page)
+    assert "No submissions yet. Submit an agent" in page.words and "/how" in links(page)
     assert "The phase takes no submissions now" in Visit(server).get("/?phase=past").words
     assert "with this filter" in Visit(server).get("/?phase=dev&track=joint").words
 
@@ -34,8 +34,8 @@ def test_a_server_without_phases_says_so(server: Server) -> None:
     with server.store.write() as session:
         for phase in phases.list_phases(session):
             session.delete(phase)
-    assert "There is no phase yet" in Visit(server).get("/").words
-    assert "There is no phase yet" in Visit(server).get("/how").words
+    assert "No phases yet" in Visit(server).get("/").words
+    assert "No phases yet" in Visit(server).get("/how").words
     assert Visit(server).client.get("/leaderboard.csv").status_code == 404
 
 

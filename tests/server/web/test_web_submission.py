@@ -113,7 +113,7 @@ def test_an_unfinished_submission_is_polled_and_says_seldom_how_far_it_is(server
     (live,) = red.get(f"/submissions/{id_}").all("div", id="live")
     assert live.attributes["hx-get"] == f"/submissions/{id_}/progress?seen=0"
     assert live.attributes["hx-trigger"] == "every 2s"
-    assert "Nothing waits before it." in live.text and "0 of 2 scenarios driven" in live.text
+    assert "It is next in the queue." in live.text and "0 of 2 scenarios finished" in live.text
     quiet = red.client.get(live.attributes["hx-get"])
     assert "hx-swap-oob" not in quiet.text and "hx-trigger" not in quiet.headers
     drive(server)
@@ -138,7 +138,7 @@ def test_a_second_submission_waits_behind_the_first(server: Server, red: Visit) 
     sent(server)
     server.now_us += S
     second = sent(server, data=another_zip(1))
-    assert "number 2 in the queue" in red.get(f"/submissions/{second}").words
+    assert "Position 2 in the queue" in red.get(f"/submissions/{second}").words
 
 
 def test_the_result_with_intervals_buckets_categories_and_what_the_boxes_used(server: Server, red: Visit) -> None:
@@ -184,7 +184,7 @@ def test_scenarios_are_filtered_and_sorted(server: Server, red: Visit) -> None:
     assert rows(red, f"{here}?sort=ds") == ["merge", "left-turn"]
     assert rows(red, f"{here}?verdict=ok") == ["left-turn"]
     assert rows(red, f"{here}?verdict=agent-failed&sort=ds") == ["merge"]
-    assert "No scenario has this verdict" in red.get(f"{here}?verdict=%3Cx%3E").words
+    assert "No scenarios with this verdict" in red.get(f"{here}?verdict=%3Cx%3E").words
     red.get(f"{here}?sort=none", 422)
     (sorted_by,) = [each for each in red.get(f"{here}?sort=ds").all("th") if "aria-sort" in each.attributes]
     assert sorted_by.text == "DS %" and sorted_by.attributes["aria-sort"] == "ascending"
@@ -261,7 +261,7 @@ def test_cancel_hide_and_show(server: Server, red: Visit) -> None:
     assert "It was stopped by its team" in page.words and "of the day only" in page.words
     assert "Submit another" in page.words and "/submit?phase=dev" in links(page)
     assert "/submit?phase=dev" not in links(Visit(server, "admin").get(f"/submissions/{id_}"))
-    assert "It was not driven." in red.get(f"/submissions/{id_}/scenarios/merge/0").words
+    assert "It was not run." in red.get(f"/submissions/{id_}/scenarios/merge/0").words
     red.post(f"/submissions/{id_}/cancel", 409)
     done = sent(server, data=another_zip(1))
     finish(server, done)
@@ -279,7 +279,7 @@ def test_a_rejected_submission_says_why_and_what_now(server: Server, red: Visit)
         submissions.reject(session, id_, "sensor 'camera': <b>none</b>", NOON)
     page = red.get(f"/submissions/{id_}")
     assert "sensor 'camera': <b>none</b>" in page.words and "nothing is scored, and it uses quota" in page.words
-    assert [each.text for each in page.all("a", href="/submit?phase=dev")] == ["Mend it and submit it again"]
+    assert [each.text for each in page.all("a", href="/submit?phase=dev")] == ["Fix and submit again"]
     assert server.get("/phases/dev/quota", "red")["today"] == 1
 
 

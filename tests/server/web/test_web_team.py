@@ -85,7 +85,7 @@ def test_a_team_chooses_what_is_shown(server: Server) -> None:
     assert first_table(Visit(server).get("/?phase=dev")) == ["red"]
     answer = Visit(server, "red").post(f"/teams/{server.red}/shown", submission=mine, shown="false")
     assert answer.headers["location"] == f"/teams/{server.red}#submissions"
-    assert "Nobody stands here yet" in Visit(server).get("/?phase=dev").words
+    assert "No submissions yet" in Visit(server).get("/?phase=dev").words
 
 
 def test_a_team_revokes_its_tokens(server: Server) -> None:
