@@ -99,14 +99,16 @@ def show(
         "latency": make_latency_histogram(row.usage for row in rows or ()),
         "used": _sum_usage(rows or ()),
     }
-    return render_page(request, "submission.html", status=status, explanations=explanations, **context)
+    return render_page(request, "submission.html", submission_status=status, explanations=explanations, **context)
 
 
 @router.get("/submissions/{submission}/progress")
 def progress(submission: schemas.Id, visitor: OptionalVisitor, services: ServicesDep, seen: SeenCount = 0) -> Response:
     """Return the live part of the page; `seen`: finished scenarios at the last request."""
     status = read_status(services, visitor.caller if visitor else None, submission)
-    text = render("submission_live.html", status=status, explanations=explanations, visitor=visitor, seen=seen)
+    text = render(
+        "submission_live.html", submission_status=status, explanations=explanations, visitor=visitor, seen=seen
+    )
     event = "finished" if not status.unfinished else "driven" if status.done not in (None, seen) else ""
     headers = page_headers(True) | ({"HX-Trigger": event} if event else {})
     return Response(text, headers=headers, media_type="text/html")

@@ -94,7 +94,8 @@ class Bench:
         """What the audit log tells of them."""
         with self.store.read() as session:
             return [
-                one.data for one in session.query(AuditEntryRow).order_by(AuditEntryRow.id) if one.action == "spot-check"
+                one.data
+                for one in session.query(AuditEntryRow).filter_by(action="spot-check").order_by(AuditEntryRow.id)
             ]
 
     def with_spot_checks(self) -> None:

@@ -26,7 +26,7 @@ def server(tmp_path: Path) -> Server:
 def test_an_empty_board_says_what_to_do(server: Server) -> None:
     page = Visit(server).get("/?phase=dev")
     assert "No submissions yet. Submit an agent" in page.words and "/how" in links(page)
-    assert "The phase takes no submissions now" in Visit(server).get("/?phase=past").words
+    assert "The phase is not open for submissions now" in Visit(server).get("/?phase=past").words
     assert "with this filter" in Visit(server).get("/?phase=dev&track=joint").words
 
 
@@ -83,7 +83,7 @@ def test_filters(tmp_path: Path, backend: str) -> None:
     page = visit.get("/?phase=dev&bucket=InterDrive")
     assert [each.attributes["value"] for each in page.all("option", selected="")] == ["bucket:InterDrive"]
     assert "category:merge" in [each.attributes["value"] for each in page.all("option")]
-    assert "ranked apart" in visit.get("/?phase=dev&track=joint").words
+    assert "ranked separately" in visit.get("/?phase=dev&track=joint").words
     for query, words in (
         ("phase=nope", "expected one of dev, past, test"), ("track=x", "track: expected one of single-agent"),
         ("part=bucket:nope", "bucket: expected one of InterDrive"), ("category=x", "category: expected one of merge"),

@@ -79,7 +79,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 def test_a_team_registers_submits_by_keyboard_watches_it_finish_and_is_ranked(world: World) -> None:
     story = world.story
     assert story.states[0] in ("queued", "running") and story.states[-1] == "done"
-    assert story.driven and all(text.endswith(" of 2 scenarios driven") for text in story.driven)
+    assert story.driven and all(text.endswith(" of 2 scenarios finished") for text in story.driven)
     assert story.said[-1] == "this submission is done"
     assert 0 < float(story.ds) <= 100
     assert story.painted > web_story.DRAWN  # a blank canvas has one colour

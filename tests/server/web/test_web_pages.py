@@ -27,7 +27,7 @@ def test_how_to_take_part_has_the_numbers_of_this_server(server: Server) -> None
     words = Visit(server).get("/how").words
     for word in (
         "Development open", "Past closed", "python3.11-numpy", "not built", "negotiation", "agent-failed", "timeout",
-        "http://testserver/api/v1/submissions", "--phase", "64 processes", "60 s to be made", "64 KiB packed",
+        "http://testserver/api/v1/submissions", "--phase", "64 processes", "60 s to start", "64 KiB packed",
         "ask the organisers",
     ):  # fmt: skip
         assert word in words, word
@@ -132,9 +132,9 @@ def opened(server: Server, per_day: int = 20) -> Visit:
 
 def test_registration_is_closed_unless_opened(server: Server) -> None:
     page = Visit(server).get("/register")
-    assert "ask them for one" in page.words and not page.all("input")
-    assert "ask them for one" in sound(Visit(server).post("/register", 403, name="new")).words
-    problem(server.ask("POST", "/register", json={"name": "new"}), 403, "ask them")
+    assert "ask the organisers" in page.words and not page.all("input")
+    assert "ask the organisers" in sound(Visit(server).post("/register", 403, name="new")).words
+    problem(server.ask("POST", "/register", json={"name": "new"}), 403, "ask the organisers")
 
 
 def test_a_visitor_makes_a_team(server: Server) -> None:
@@ -176,7 +176,7 @@ def test_so_many_teams_a_day(server: Server) -> None:
     assert "all 2 registrations of today are used; the next one is possible at" in sound(answer).words
     assert answer.headers["retry-after"] == str(12 * 3600)
     refused = server.ask("POST", "/register", json={"name": "three"})
-    problem(refused, 429, "all 2 teams")
+    problem(refused, 429, "all 2 registrations")
     assert int(refused.headers["retry-after"]) == 12 * 3600
     server.now_us += DAY_US
     assert server.ask("POST", "/register", json={"name": "three"}).status_code == 201

@@ -118,9 +118,9 @@ def test_an_unfinished_submission_is_polled_and_says_seldom_how_far_it_is(server
     assert "hx-swap-oob" not in quiet.text and "hx-trigger" not in quiet.headers
     drive(server)
     told = red.client.get(live.attributes["hx-get"])
-    assert "1 of 2 scenarios driven" in told.text
+    assert "1 of 2 scenarios finished" in told.text
     assert "progress?seen=1" in told.text and told.headers["hx-trigger"] == "driven"
-    assert ">running, 50 percent driven</p>" in told.text
+    assert ">running, 50 percent finished</p>" in told.text
     assert '<span class="tag good">ok</span>' in told.text and "DS 80.0" in told.text
     finish_rest(server, id_)
     ended = red.client.get(f"/submissions/{id_}/progress?seen=1")
@@ -151,9 +151,9 @@ def test_the_result_with_intervals_buckets_categories_and_what_the_boxes_used(se
         "Junctions244.5",
         "crossing233.5",
         "collision-vehicle 1",
-        "36 answers of all boxes",
-        "half of them ≤ 2 ms",
-        "memory of a box 64.0 MB",
+        "36 replies of all agents",
+        "the median is ≤ 2 ms",
+        "memory of a sandbox 64.0 MB",
         "all boxes 25 s",
         "It took longer to answer than it may.",
     ):
@@ -198,10 +198,10 @@ def test_who_sees_a_submission(server: Server) -> None:
     finish(server, id_)
     files(server, id_)
     stranger = Visit(server).get(f"/submissions/{id_}")
-    assert not stranger.all("div", id="deeds") and "SHA-256" not in stranger.words
+    assert not stranger.all("div", id="actions") and "SHA-256" not in stranger.words
     assert not [each for each in stranger.all("a") if "/logs/" in each.attributes["href"]]
     own = Visit(server, "red").get(f"/submissions/{id_}")
-    assert own.all("div", id="deeds") and "SHA-256" in own.words
+    assert own.all("div", id="actions") and "SHA-256" in own.words
     assert [each for each in own.all("a") if each.attributes["href"].endswith("/left-turn/0/logs/0")]
     assert "Disqualify" not in own.words
     assert "Disqualify" in Visit(server, "admin").get(f"/submissions/{id_}").words
@@ -231,14 +231,14 @@ def test_the_page_of_a_scenario_frames_its_replay_without_our_origin(server: Ser
     assert Visit(server).client.get(f"{here}/logs/0").status_code == 401
     assert Visit(server, "blue").client.get(f"{here}/logs/0").status_code == 404
     assert "agent-failed: timeout" in red.get(f"/submissions/{id_}/scenarios/merge/0").words
-    assert "There is no recording" in red.get(f"/submissions/{id_}/scenarios/merge/0").words
+    assert "No recording:" in red.get(f"/submissions/{id_}/scenarios/merge/0").words
     red.get(f"/submissions/{id_}/scenarios/none/0", 404)
 
 
 def test_of_a_hidden_phase_only_the_figures_of_the_whole_are_shown(server: Server, red: Visit) -> None:
     id_ = sent(server, phase="test")
     page = red.get(f"/submissions/{id_}")
-    assert "nothing is told" in page.words and "driven</label>" not in page.words
+    assert "so their progress is not shown" in page.words and "finished</label>" not in page.words
     drive(server)
     for text in (red.get(f"/submissions/{id_}").words, red.client.get(f"/submissions/{id_}/progress").text):
         assert "left-turn" not in text and "merge" not in text and "of 2" not in text
@@ -258,7 +258,7 @@ def test_cancel_hide_and_show(server: Server, red: Visit) -> None:
     assert Visit(server).client.post(f"/submissions/{id_}/cancel", headers=SAME).status_code == 401
     assert red.post(f"/submissions/{id_}/cancel").headers["location"] == f"/submissions/{id_}"
     page = red.get(f"/submissions/{id_}")
-    assert "It was stopped by its team" in page.words and "of the day only" in page.words
+    assert "Cancelled by its team" in page.words and "of the day only" in page.words
     assert "Submit another" in page.words and "/submit?phase=dev" in links(page)
     assert "/submit?phase=dev" not in links(Visit(server, "admin").get(f"/submissions/{id_}"))
     assert "It was not run." in red.get(f"/submissions/{id_}/scenarios/merge/0").words
@@ -278,7 +278,7 @@ def test_a_rejected_submission_says_why_and_what_now(server: Server, red: Visit)
     with server.store.write() as session:
         submissions.reject(session, id_, "sensor 'camera': <b>none</b>", NOON)
     page = red.get(f"/submissions/{id_}")
-    assert "sensor 'camera': <b>none</b>" in page.words and "nothing is scored, and it uses quota" in page.words
+    assert "sensor 'camera': <b>none</b>" in page.words and "nothing is scored; counts against the quota" in page.words
     assert [each.text for each in page.all("a", href="/submit?phase=dev")] == ["Fix and submit again"]
     assert server.get("/phases/dev/quota", "red")["today"] == 1
 
@@ -290,7 +290,7 @@ def test_an_admin_repeats_and_disqualifies_with_a_reason(server: Server, red: Vi
     for path in ("rerun", "disqualify"):
         red.post(f"/submissions/{id_}/{path}", 404, reason="x")
     again = admin.post(f"/submissions/{id_}/rerun").headers["location"]
-    assert again != f"/submissions/{id_}" and "It waits for its turn." in admin.get(again).words
+    assert again != f"/submissions/{id_}" and "Waiting in the queue." in admin.get(again).words
     admin.post(f"/submissions/{id_}/disqualify", 422, reason=" ")
     admin.post(f"/submissions/{id_}/disqualify", reason="<b>read the map</b>")
     page = red.get(f"/submissions/{id_}")
