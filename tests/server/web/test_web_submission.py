@@ -154,8 +154,8 @@ def test_the_result_with_intervals_buckets_categories_and_what_the_boxes_used(se
         "36 replies of all agents",
         "the median is ≤ 2 ms",
         "memory of a sandbox 64.0 MB",
-        "all boxes 25 s",
-        "It took longer to answer than it may.",
+        "all sandboxes 25 s",
+        "It exceeded the time limit for a reply.",
     ):
         assert words in page.words, words
     assert [each.text for each in page.all("rect")] == ["≤ 1 ms: 8", "≤ 2 ms: 20", "≤ 5 ms: 6", "> 5 ms: 2"]
