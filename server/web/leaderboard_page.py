@@ -102,20 +102,20 @@ async def show(request: Request) -> Response:
     """Show a leaderboard; without a phase, that of the open phase that opened last."""
     services: Services = request.app.state.services
     at_us = await get_now(request)
-    who = await get_visitor(request, services)
+    visitor = await get_visitor(request, services)
     tabs = await services.leaderboards.get("tabs", _list_tabs, at_us)
     if not tabs:
-        text = render("board_none.html", visitor=who)
-        return Response(text, media_type="text/html", headers=page_headers(who is not None))
+        text = render("board_none.html", visitor=visitor)
+        return Response(text, media_type="text/html", headers=page_headers(visitor is not None))
     view, parts = await _parse_view(request.query_params, services, tabs, at_us)
     made = await _get_page(view, tabs, parts, services, at_us)
     if request.headers.get("hx-request") == "true":
         content = made.board
-    elif who is None:
+    elif visitor is None:
         content = made.whole
     else:
-        content = b"".join((made.before, render("visitor.html", visitor=who, here="boards").encode(), made.after))
-    headers = page_headers(who is not None) | {"Vary": "Cookie, HX-Request"}
+        content = b"".join((made.before, render("visitor.html", visitor=visitor, here="boards").encode(), made.after))
+    headers = page_headers(visitor is not None) | {"Vary": "Cookie, HX-Request"}
     return Response(content, media_type="text/html", headers=headers)
 
 
@@ -233,8 +233,8 @@ def _render_page(
     fragment = render("board_table.html", **context)
     around = {"cut": Markup(_VISITOR_MARK), "board": Markup(fragment), "tab": context["tab"]}
     before, _, after = render("board.html", tabs=tabs, now_open=now_open, **around).partition(_VISITOR_MARK)
-    nobody = render("visitor.html", visitor=None, here="boards")
-    return _RenderedBoard((before + nobody + after).encode(), before.encode(), after.encode(), fragment.encode())
+    anonymous = render("visitor.html", visitor=None, here="boards")
+    return _RenderedBoard((before + anonymous + after).encode(), before.encode(), after.encode(), fragment.encode())
 
 
 def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut]) -> list[BoardLine]:

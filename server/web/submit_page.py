@@ -24,41 +24,43 @@ Key = Annotated[schemas.Id | None, Query()]
 
 
 @router.get("/submit")
-def show_form(request: Request, who: TeamVisitor, services: ServicesDep, at_us: Now, phase: str = "") -> Response:
+def show_form(request: Request, visitor: TeamVisitor, services: ServicesDep, at_us: Now, phase: str = "") -> Response:
     """Show the form."""
     return render_page(
-        request, "submit.html", problem="", entered={"phase": phase}, **_form_context(services, who, at_us)
+        request, "submit.html", problem="", entered={"phase": phase}, **_form_context(services, visitor, at_us)
     )
 
 
 @router.post("/submit")
-async def send(request: Request, who: TeamVisitor, services: ServicesDep, at_us: Now, key: Key = None) -> Response:
+async def send(request: Request, visitor: TeamVisitor, services: ServicesDep, at_us: Now, key: Key = None) -> Response:
     """Accept the archive and redirect to the submission; a refusal is shown on the form, which keeps its input.
 
     `key` is an idempotency key: the same form sent twice makes one submission.
     """
     settings = services.settings
     try:
-        with services.upload_limit.acquire(who[1]):
+        with services.upload_limit.acquire(visitor[1]):
             async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-                made = await run_in_threadpool(SubmissionService(services, who, upload, key, at_us).accept)
+                made = await run_in_threadpool(SubmissionService(services, visitor, upload, key, at_us).accept)
     except (InputError, ProblemError) as error:
-        return await _render_refusal(request, who, at_us, error)
+        return await _render_refusal(request, visitor, at_us, error)
     target = f"/submissions/{made.id}"
     if _is_htmx(request):
         return Response(status_code=204, headers={"HX-Redirect": target})
     return RedirectResponse(target, 303)
 
 
-async def _render_refusal(request: Request, who: TeamVisitor, at_us: int, error: InputError | ProblemError) -> Response:
+async def _render_refusal(
+    request: Request, visitor: TeamVisitor, at_us: int, error: InputError | ProblemError
+) -> Response:
     """Return the form with the error; for HTMX, whose form is still on the page with its file, only the error."""
     status, problem, headers = describe_refusal(error, at_us)
     if _is_htmx(request):
         headers = page_headers(True) | dict(headers)
         return HTMLResponse(render("submit_refusal.html", problem=problem), status, headers=headers)
-    offers = await run_in_threadpool(_form_context, request.app.state.services, who, at_us)
+    choices = await run_in_threadpool(_form_context, request.app.state.services, visitor, at_us)
     return render_page(
-        request, "submit.html", status, headers, problem=problem, entered=received_fields(request), **offers
+        request, "submit.html", status, headers, problem=problem, entered=received_fields(request), **choices
     )
 
 
@@ -66,10 +68,10 @@ def _is_htmx(request: Request) -> bool:
     return request.headers.get("hx-request") == "true"
 
 
-def _form_context(services: Services, who: TeamVisitor, at_us: int) -> dict[str, Any]:
+def _form_context(services: Services, visitor: TeamVisitor, at_us: int) -> dict[str, Any]:
     """Return the choices of the form."""
     found = list_phases(services, at_us).items
-    is_open = [(phase, show_quota(phase.id, who, services, at_us)) for phase in found if phase.open]
+    is_open = [(phase, show_quota(phase.id, visitor, services, at_us)) for phase in found if phase.open]
     return {
         "open": is_open,
         "others": [phase for phase in found if not phase.open],

@@ -23,7 +23,7 @@ _SANDBOX_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "sandbox allow-scripts allow-downloads",
 }
-"""Files with content of agents get an opaque origin, so that their scripts can use nobody's cookies."""
+"""Files with content of agents get an opaque origin, so that their scripts cannot use the visitor's cookies."""
 _SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 
 

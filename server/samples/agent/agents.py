@@ -1,6 +1,6 @@
-"""A sample agent: one object for each CAV. It follows its route and keeps clear of what its sensors see.
+"""A sample agent: one object per CAV. It follows its route and keeps a distance to the objects that its sensors detect.
 
-The server imports this file in a sandbox and makes `Agent(config)` for every CAV; `config["config"]` is the path of
+The server imports this file in a sandbox and creates `Agent(config)` for every CAV; `config["config"]` is the path of
 the file in config/. Import your own code from src/, and read weights with paths relative to this file.
 """
 
@@ -22,16 +22,16 @@ class Agent:
         self.options = json.loads(Path(config["config"]).read_text())
 
     def sensors(self):
-        """Asked once. docs/sensors.md of mdrive-sumo lists what there is."""
+        """Return the sensors; called once. docs/sensors.md of mdrive-sumo lists them."""
         return (SensorSpec("objects", range_m=60.0),)
 
     def start(self, briefing):
-        """Told once: the route, the car, the limits. All randomness has to come from briefing.seed."""
+        """Receive route, vehicle and limits; called once. Derive all randomness from briefing.seed."""
         self.route, self.s = briefing.route_xy, briefing.route_s
         self.limit = briefing.route_speed_limit
 
     def act(self, seen):
-        """Asked 20 times a second: a plan (or a control), and messages to the others if you like."""
+        """Return a plan (or a control), optionally with messages to others; called 20 times a second."""
         here = float(self.s[np.argmin(np.hypot(*(self.route - (seen.own.x, seen.own.y)).T))])
         free = free_way(self.route, self.s, here, seen.objects, self.options["width_m"])
         wanted = min(self.options["speed"], float(np.interp(here, self.s, self.limit)))

@@ -1,7 +1,7 @@
 """A sample agent in the style of the CARLA leaderboard: one object drives all CAVs of a scenario.
 
-It follows the routes by satellite and compass, and stops for what the LiDAR sees straight ahead. `carla` and
-`leaderboard` are there when the server imports this file: the few names that mean something without CARLA.
+It follows the routes by satellite navigation and compass, and stops for what the LiDAR detects straight ahead. The
+server provides stubs of `carla` and `leaderboard` with the few names that work without CARLA.
 """
 
 import json
@@ -19,7 +19,7 @@ def get_entry_point():
 
 class Follower(AutonomousAgent):
     def setup(self, path_to_conf_file, ego_vehicles_num):
-        """Called once, before anything else; the path is that of the file in config/."""
+        """Called once, first; the path is that of the file in config/."""
         self.track = Track.SENSORS
         self.config = json.loads(Path(path_to_conf_file).read_text())
         self.count = ego_vehicles_num
@@ -27,7 +27,7 @@ class Follower(AutonomousAgent):
         self.blocked = [False] * self.count
 
     def sensors(self):
-        """For every CAV the same; the CAV's number is added to the id. There are no cameras."""
+        """Return the sensors of every CAV; its number is appended to the ids. There are no cameras."""
         return [
             {"type": "sensor.lidar.ray_cast", "x": 0.0, "y": 0.0, "z": 2.5, "yaw": 0.0, "id": "lidar"},
             {"type": "sensor.other.gnss", "x": 0.0, "y": 0.0, "z": 0.0, "id": "gps"},
@@ -36,7 +36,7 @@ class Follower(AutonomousAgent):
         ]
 
     def run_step(self, input_data, _timestamp):
-        """One control for each CAV, None for those that have ended."""
+        """Return one control per CAV, None for those that have ended."""
         return [self.control(number, input_data) for number in range(self.count)]
 
     def control(self, number, data):
@@ -51,7 +51,7 @@ class Follower(AutonomousAgent):
         return control
 
     def bearing(self, number, data):
-        """To a point of the route some metres ahead [rad], to the right positive as in CARLA."""
+        """Return the bearing to a route point some metres ahead [rad], positive to the right as in CARLA."""
         here = data[f"gps_{number}"][1]
         plan = self._global_plan[number]
         while True:
@@ -64,7 +64,7 @@ class Follower(AutonomousAgent):
         return math.remainder(math.atan2(east, north) - compass, math.tau)
 
     def look(self, number, data, speed):
-        """Whether something stands in the way; between two scans what the last one said."""
+        """Return whether the way is blocked; between two scans the last result counts."""
         if f"lidar_{number}" in data:
             x, y, z = data[f"lidar_{number}"][1][:, :3].T
             near = (x > 2.7) & (x < 6.0 + 1.2 * speed) & (abs(y) < 1.1)

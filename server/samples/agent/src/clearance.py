@@ -1,13 +1,13 @@
-"""How far the way ahead is free."""
+"""Free distance ahead."""
 
 import numpy as np
 
 LOOK_S = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
-"""Others are taken to go on as they do now."""
+"""Prediction times; others keep their velocity [s]."""
 
 
 def free_way(route, s, here, objects, width):
-    """Metres along the route from `here` to the first place where something is or soon will be; infinite if none."""
+    """Return the distance along the route to the first point occupied now or soon [m]; infinite if there is none."""
     ahead = (s > here) & (s < here + 50.0)
     if not ahead.any() or not len(objects.x):
         return np.inf

@@ -1,4 +1,4 @@
-"""From degrees to metres."""
+"""Converts degrees to metres."""
 
 import math
 
@@ -6,6 +6,6 @@ EARTH_RADIUS_M = 6_378_137.0
 
 
 def metres(lat, lon, to_lat, to_lon):
-    """East and north of a place a few hundred metres away."""
+    """Return the offset east and north to a point a few hundred metres away [m]."""
     east = EARTH_RADIUS_M * math.radians(to_lon - lon) * math.cos(math.radians(lat))
     return east, EARTH_RADIUS_M * math.radians(to_lat - lat)
