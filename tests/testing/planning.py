@@ -1,4 +1,4 @@
-"""A straight way and the table-top around it: what the tests of the planner and of the baselines' parts share."""
+"""A straight route, objects and motions on it: shared by tests of planning, perception and baselines."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ def straight(length_m: float = 100.0) -> Float:
 
 
 def briefing(route_xy: Float | None = None, limit: float = 13.9, name: str = "me", seed: int = 1) -> Briefing:
-    """Of a car on that route; without lines and without a measured width of the road."""
+    """Return the briefing of a car on that route, without stop lines and without a measured road width."""
     xy = straight() if route_xy is None else route_xy
     steps = np.diff(xy, axis=0)
     s = np.concatenate(((0.0,), np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
@@ -51,12 +51,12 @@ def seen(tick: int, state: OwnState, objects: Objects, messages: Sequence[Messag
 
 
 def standing(x: float, y: float, yaw: float = 0.0) -> PredictedMotion:
-    """One who stays where it is."""
+    """Return the motion of a car that stands there."""
     return PredictedMotion(np.tile((x, y, yaw), (len(TIMES), 1)), LENGTH, WIDTH, stands_at_end=True)
 
 
 def moving(x: float, y: float, yaw: float, speed: float) -> PredictedMotion:
-    """One who goes on at that speed, straight."""
+    """Return the motion of a car that goes straight on at that speed."""
     xy = np.array((x, y)) + np.outer(speed * TIMES, (math.cos(yaw), math.sin(yaw)))
     return PredictedMotion(np.column_stack((xy, np.full(len(TIMES), yaw))), LENGTH, WIDTH)
 

@@ -1,4 +1,4 @@
-"""The built-in agents behind the wheel: closed loop on small roads."""
+"""The built-in agents in closed loop on small roads."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""The baselines of the cooperation issue behind the wheel: what they ask for, say, know and reach."""
+"""The cooperative baselines in closed loop: sensors, messages, knowledge and results."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -215,13 +215,13 @@ def test_the_rule_agent_stops_where_agreed(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_sharing_agents_tolerate_pose_errors() -> None:
-    """Cars that are taken for each other for a while once had the same name, which nobody could stand."""
+    """Regression: cars that were confused for a while had the same name, and the agent failed."""
     episode = reexecute(job("i25_ins_oppo_boulevard", "sharing", comm=PRESETS["paper-pose"]))
     assert [(ending.end, ending.text) for ending in episode.endings] == [(End.ARRIVED, "")] * episode.egos
 
 
 HIDDEN = Box(1.75, -34.0, math.pi / 2, 4.0)
-"""A blind car that comes from the south, behind the house for whoever comes from the west."""
+"""A car without perception from the south, occluded by the house for a CAV from the west."""
 HOUSE = Building(id="house", polygon=((-30.0, -45.0), (-4.0, -45.0), (-4.0, -5.0), (-30.0, -5.0)))
 
 

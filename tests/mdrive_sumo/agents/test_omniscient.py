@@ -1,4 +1,4 @@
-"""`omniscient` among things that stand in its way and people who may step out."""
+"""`omniscient` with obstacles on its path and pedestrians who may step out."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""CAVs in SUMO's traffic, whole episodes: who is recorded, who is hit, who counts, and that it happens again."""
+"""CAVs in SUMO's traffic, whole episodes: recording, contacts, scores and reproducibility."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""At the negotiating table: what is announced, what the others' announcements mean for the own plan."""
+"""The negotiation interface: own announcements, and the effect of others' announcements on the own plan."""
 
 import math
 from collections.abc import Sequence

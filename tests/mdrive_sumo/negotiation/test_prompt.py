@@ -86,8 +86,8 @@ def test_the_critic_objects_to_small_gaps_and_low_speed() -> None:
     cars = list(crossing(10, 10).values())
     both = evaluate_actions(cars, {"a": Intention.KEEP, "b": Intention.KEEP})
     assert "a and b would come too close" in both.feedback and both.safety < 0.1
-    nobody = evaluate_actions(cars, {"a": Intention.STOP, "b": Intention.STOP})
-    assert "too slow" in nobody.feedback and nobody.efficiency < 0.4
+    stopped = evaluate_actions(cars, {"a": Intention.STOP, "b": Intention.STOP})
+    assert "too slow" in stopped.feedback and stopped.efficiency < 0.4
     one = evaluate_actions(cars, {"a": Intention.FASTER, "b": Intention.STOP})
     assert one.feedback == "" and one.safety > 0.7 and one.efficiency > 0.4
     slow = [member("a", 0, 0, 0, 3.9)]

@@ -1,4 +1,4 @@
-"""What a careful driver who knows no intentions expects of the others."""
+"""Predictions of road users whose intentions are unknown."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from mdrive_sumo.planning.parameters import PLANNER, RIGHT_OF_WAY
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
 RIGHT, LEFT = math.pi / 2, -math.pi / 2
-"""Directions of those who come from my right, and from my left."""
+"""Headings of traffic from the right and from the left."""
 
 
 def expected(
@@ -81,7 +81,7 @@ def test_a_turning_car_yields_to_oncoming_traffic() -> None:
     motions, waits = expected(own(speed=5.0), oncoming, route=turning_left())
     assert len(motions) == len(waits) == 1
     assert not motions[0].stands_at_end
-    assert expected(own(speed=5.0), oncoming) == ([], [])  # straight on he is in nobody's way
+    assert expected(own(speed=5.0), oncoming) == ([], [])  # straight on it has no conflict
 
 
 def test_followers_are_ignored() -> None:

@@ -71,7 +71,7 @@ def test_acceleration_ends_at_the_top_speed() -> None:
     assert predict_acceleration(0.0)[0] == pytest.approx(TIMES[0] ** 2)  # 2 m/s2
     assert rates[-1] == pytest.approx(MOTION.top_speed)
     assert rates.max() <= MOTION.top_speed + 1e-9
-    assert predict_acceleration(12.0) == pytest.approx(12.0 * TIMES)  # who is faster already keeps his speed
+    assert predict_acceleration(12.0) == pytest.approx(12.0 * TIMES)  # a faster road user keeps its speed
 
 
 def test_hesitation_costs_1_5_m_per_second() -> None:

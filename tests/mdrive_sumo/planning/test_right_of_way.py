@@ -1,4 +1,4 @@
-"""Right of way by sight: who goes first, who is in the way, who will turn."""
+"""Right of way by observation: precedence, lead objects, predicted turns."""
 
 import math
 

@@ -73,7 +73,7 @@ def test_the_plan_passes_behind_a_crossing_car() -> None:
     there = float(AFTER[np.argmax(stations(planner) > 30.0)])
     assert there > 20.0 / 5.0
     assert stations(planner)[-1] > 40.0
-    assert float(AFTER[np.argmax(stations(planned(8.0)) > 30.0)]) < 4.0  # nobody there: no waiting
+    assert float(AFTER[np.argmax(stations(planned(8.0)) > 30.0)]) < 4.0  # free road: no waiting
 
 
 def test_the_plan_passes_before_a_late_crossing_car() -> None:
