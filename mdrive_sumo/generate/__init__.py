@@ -1,1 +1,1 @@
-"""Writes packaged data from its recipes: the networks and the `interdrive` suite."""
+"""Generation of scenarios from proposals, and validation of suites."""

@@ -1,4 +1,4 @@
-"""Placing: the actors of a proposal become scripted road users and props on the route of the CAV that they concern."""
+"""Places the actors of a proposal as scripted road users and props on the route of the CAV that they affect."""
 
 import math
 import random
@@ -21,9 +21,9 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, Motion, PathMotion, StandingMotion
 
 AHEAD_M = 38.0
-"""How far ahead of a CAV's start things stand on a road without a junction."""
+"""[m] Distance ahead of a CAV's start of objects on a road without a junction."""
 BEFORE_M, BEHIND_M = 9.0, 12.0
-"""How far before the junction `on_approach` is, and behind it `after_exit` [m]."""
+"""[m] Distance before the junction of `on_approach`, and behind it of `after_exit`."""
 LATERAL: Mapping[Lateral, float] = {
     "center": 0.0,
     "half_right": -0.25,
@@ -46,67 +46,68 @@ DRIVE_MPS: Mapping[str, float] = {
 }
 WALKER_SIZE, CYCLIST_SIZE, CAR_SIZE = (0.6, 0.6), (1.8, 0.6), (4.6, 1.85)
 """Length and width [m]."""
-LEAST_PITCH_M, APART_M, GROUP_GAP_M = 2.2, 1.5, 0.5
-"""Things of a group stand at least so far from each other along the road, groups behind each other have so much between
-them, and things side by side so much [m]."""
+MIN_PITCH_M, APART_M, GROUP_GAP_M = 2.2, 1.5, 0.5
+"""[m] Least distance along the road between objects of a group, between groups, and between objects side by side."""
 BESIDE_START_M, CLEAR_M = 4.0, 1.35
-"""Who parks nearer to a CAV's start than `NEAREST_M` does so at least that far ahead of it and that far beside its line
-[m], half on the pavement."""
-LEAST_AHEAD_M, NEAREST_M = 22.0, 12.0
-"""From a CAV's start to what stands on its way: room to see it and turn out; at the very least [m]."""
+"""[m] A vehicle parked nearer than `NEAREST_M` to a CAV's start is at least this far ahead of it and this far beside
+its path, half on the pavement."""
+MIN_AHEAD_M, NEAREST_M = 22.0, 12.0
+"""[m] Distance from a CAV's start to an obstacle on its route: room to see and avoid it; and the absolute minimum."""
 AROUND_M = 10.0
-"""[m] So far before and behind a thing the lane that one passes it in must lie beside it."""
+"""[m] The lane in which an obstacle is passed must lie beside it this far before and behind it."""
 CLOSED_M, PASSABLE_M = 1.2, 0.0
-"""[m] How far to the left of the lane's centre line a thing may reach that is passed in the next lane, and one that is
-passed in the own lane with part of the car in the oncoming one: a car 2 m wide that keeps 0.5 m from it then still has
-its centre nearer to its own lane."""
+"""[m] How far to the left of the lane's centre line an obstacle may reach that is passed in the next lane, and one that
+is passed in the own lane partly in the oncoming one: a car 2 m wide that keeps 0.5 m from it then still has its centre
+nearer to its own lane."""
 
 
 def place_actors(
     proposed: Sequence[ProposedActor], egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random
 ) -> tuple[Actor, ...]:
-    """Actors of the scenario; `egos` are by the proposal's vehicle ids."""
+    """Return the actors of the scenario; `egos` are by the proposal's vehicle ids."""
     found: list[Actor] = []
-    bodies = [_body(actor, rng) for actor in proposed]
+    bodies = [_choose_body(actor, rng) for actor in proposed]
     filled: dict[tuple[str, str], float] = {}
     for actor, body in zip(proposed, bodies, strict=True):
         ego = egos[actor.affects_vehicle]
         if actor.motion == "cross_perpendicular":
-            station = _station(actor, ego, roads, 0.0)
+            station = _find_station(actor, ego, roads, 0.0)
             found += place_crossing_actors(actor, (ego, station), roads, body, found)
             continue
-        begin = filled.get(_spot(actor)) or _station(actor, ego, roads, _depth(actor, proposed, bodies))
-        found += _along(actor, ego, roads, body, begin + body[2][0] / 2)
+        begin = filled.get(_spot_key(actor)) or _find_station(
+            actor, ego, roads, _compute_depth(actor, proposed, bodies)
+        )
+        found += _build_along_route(actor, ego, roads, body, begin + body[2][0] / 2)
         if actor.motion == "static":
-            filled[_spot(actor)] = begin + group_length(actor, body[2]) + APART_M
+            filled[_spot_key(actor)] = begin + compute_group_length(actor, body[2]) + APART_M
     return tuple(found)
 
 
-def group_length(actor: ProposedActor, size: tuple[float, float]) -> float:
-    """How much of the road [m] a group takes up."""
-    return size[0] + (actor.quantity - 1) * _pitch(actor, size)
+def compute_group_length(actor: ProposedActor, size: tuple[float, float]) -> float:
+    """Return the length of road [m] that a group occupies."""
+    return size[0] + (actor.quantity - 1) * _compute_pitch(actor, size)
 
 
-def _pitch(actor: ProposedActor, size: tuple[float, float]) -> float:
-    """From one of a group to the next along the road [m]."""
-    return 0.0 if actor.group_pattern == "across_lane" else max(size[0] + 0.4, LEAST_PITCH_M)
+def _compute_pitch(actor: ProposedActor, size: tuple[float, float]) -> float:
+    """Return the distance [m] along the road from one object of a group to the next."""
+    return 0.0 if actor.group_pattern == "across_lane" else max(size[0] + 0.4, MIN_PITCH_M)
 
 
-def _depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[ActorBody]) -> float:
-    """How much of the road [m] all take up that stand where this one does."""
+def _compute_depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[ActorBody]) -> float:
+    """Return the length of road [m] of all groups at the position of this one."""
     return sum(
-        group_length(other, body[2]) + APART_M
+        compute_group_length(other, body[2]) + APART_M
         for other, body in zip(proposed, bodies, strict=True)
-        if _spot(other) == _spot(actor) and other.motion == "static"
+        if _spot_key(other) == _spot_key(actor) and other.motion == "static"
     )
 
 
-def _spot(actor: ProposedActor) -> tuple[str, str]:
+def _spot_key(actor: ProposedActor) -> tuple[str, str]:
     return actor.affects_vehicle, actor.timing_phase
 
 
-def _station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> float:
-    """Where on the CAV's route [m] the actor, and what stands behind it for `depth` metres, belongs."""
+def _find_station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> float:
+    """Return the station on the CAV's route [m] of the actor and the `depth` metres behind it."""
     inside = [k for k, (x, y) in enumerate(ego.xy) if any(lane.junction for lane in roads.find_lanes_near(x, y, 0.3))]
     length = len(ego.route) - 1.0
     if not inside:
@@ -116,25 +117,25 @@ def _station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> fl
     if actor.timing_phase == "in_intersection":
         return (inside[0] + inside[-1]) / 2
     before = inside[0] - BEFORE_M - depth
-    if _at_edge(actor):
+    if _is_parked_at_edge(actor):
         return max(before, BESIDE_START_M)
-    if before >= LEAST_AHEAD_M or inside[-1] + BEHIND_M + depth > length:
+    if before >= MIN_AHEAD_M or inside[-1] + BEHIND_M + depth > length:
         return max(before, NEAREST_M)
-    return max(inside[-1] + BEHIND_M, LEAST_AHEAD_M) if depth else max(before, NEAREST_M)
+    return max(inside[-1] + BEHIND_M, MIN_AHEAD_M) if depth else max(before, NEAREST_M)
 
 
-def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, body: ActorBody, base: float) -> Iterator[Actor]:
+def _build_along_route(actor: ProposedActor, ego: Ego, roads: RoadMap, body: ActorBody, base: float) -> Iterator[Actor]:
     model, kind, size = body
-    free = _beside(ego, roads, base)
-    offsets = _offsets(actor, size[1])
-    if _at_edge(actor):  # of the road, not between two lanes
+    free = _find_parallel_lanes(ego, roads, base)
+    offsets = _compute_offsets(actor, size[1])
+    if _is_parked_at_edge(actor):  # of the road, not between two lanes
         near = base - size[0] / 2 < NEAREST_M
         least = CLEAR_M + size[1] / 2 if near else 0.0
         offsets = [min(offset, -least) - LANE_M * free[1] for offset in offsets]
     elif actor.motion == "static":
         offsets = shift_to_passable(offsets, size[1], free)
     for n, offset in enumerate(offsets):
-        station = base + n * _pitch(actor, size)
+        station = base + n * _compute_pitch(actor, size)
         x, y, yaw = compute_route_pose(ego, station, offset)
         yield Actor(
             id=actor.actor_id if actor.quantity == 1 else f"{actor.actor_id}.{n}",
@@ -143,18 +144,18 @@ def _along(actor: ProposedActor, ego: Ego, roads: RoadMap, body: ActorBody, base
             length=size[0],
             width=size[1],
             start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4)),
-            motion=_motion(actor, ego, station, offset),
+            motion=_build_motion(actor, ego, station, offset),
         )
 
 
-def _at_edge(actor: ProposedActor) -> bool:
-    """Whether it is parked at the right edge of the road."""
+def _is_parked_at_edge(actor: ProposedActor) -> bool:
+    """Return whether the vehicle is parked at the right edge of the road."""
     lateral = LATERAL[actor.start_lateral or actor.lateral_position]
     return actor.kind == "parked_vehicle" and actor.motion == "static" and lateral < LATERAL["half_right"]
 
 
-def _offsets(actor: ProposedActor, width: float) -> list[float]:
-    """To the left of the lane's centre line [m], those of a group."""
+def _compute_offsets(actor: ProposedActor, width: float) -> list[float]:
+    """Return the offsets of a group to the left of the lane's centre line [m]."""
     first = LATERAL[actor.start_lateral or actor.lateral_position] * LANE_M
     last = LATERAL[actor.end_lateral or actor.lateral_position] * LANE_M
     middle = (actor.quantity - 1) / 2
@@ -167,9 +168,11 @@ def _offsets(actor: ProposedActor, width: float) -> list[float]:
 
 
 def shift_to_passable(offsets: Sequence[float], width: float, free: tuple[bool, bool]) -> list[float]:
-    """The offsets [m] of things of that width on the lane, so that they can be passed without driving in a lane of
-    opposite direction (protocol 7.3): all moved off the side where a lane of the same direction lies, left and right;
-    where there is none, off the left half of the lane. What belongs on the right is mirrored where only that is free.
+    """Return the offsets [m] such that objects of that width can be passed without driving in an oncoming lane
+    (protocol 7.3).
+
+    All are moved off the side where a lane of the same direction lies (`free`: left, right), or else off the left half
+    of the lane. Objects on the right are mirrored where only that side is free.
     """
     left, right = free
     if max(map(abs, offsets)) > LANE_M / 2 + width / 2:
@@ -180,13 +183,13 @@ def shift_to_passable(offsets: Sequence[float], width: float, free: tuple[bool, 
     return [offset + least for offset in offsets]
 
 
-def _beside(ego: Ego, roads: RoadMap, station: float) -> tuple[bool, bool]:
-    """Whether a lane of the same direction lies to the left and to the right of the route around there."""
+def _find_parallel_lanes(ego: Ego, roads: RoadMap, station: float) -> tuple[bool, bool]:
+    """Return whether a lane of the same direction lies to the left and to the right of the route around the station."""
     poses = [compute_route_pose(ego, station + ahead, 0.0) for ahead in (-AROUND_M, 0.0, AROUND_M)]
-    return _all_beside(poses, roads, LANE_M), _all_beside(poses, roads, -LANE_M)
+    return _has_parallel_lane(poses, roads, LANE_M), _has_parallel_lane(poses, roads, -LANE_M)
 
 
-def _all_beside(poses: Sequence[tuple[float, float, float]], roads: RoadMap, offset: float) -> bool:
+def _has_parallel_lane(poses: Sequence[tuple[float, float, float]], roads: RoadMap, offset: float) -> bool:
     points = np.array([(x - offset * math.sin(yaw), y + offset * math.cos(yaw)) for x, y, yaw in poses])
     near = roads.find_nearest_lanes(points)
     turned = np.cos(near.yaw - np.array([yaw for _, _, yaw in poses]))
@@ -194,25 +197,26 @@ def _all_beside(poses: Sequence[tuple[float, float, float]], roads: RoadMap, off
     return bool(((near.distance < LANE_M / 3) & (turned > 0))[outside].all()) and bool(outside.any())
 
 
-def _body(actor: ProposedActor, rng: random.Random) -> ActorBody:
+def _choose_body(actor: ProposedActor, rng: random.Random) -> ActorBody:
     if actor.kind == "walker":
         return "adult", "pedestrian", WALKER_SIZE
     if actor.kind == "cyclist":
         return "bicycle", "cyclist", CYCLIST_SIZE
     if actor.kind == "npc_vehicle":
         return "car", "vehicle", CAR_SIZE
-    names = ("parked-car", "parked-van") if actor.kind == "parked_vehicle" else _things(actor)
+    names = ("parked-car", "parked-van") if actor.kind == "parked_vehicle" else _find_prop_names(actor)
     name = rng.choice(names)
     return name, PROPS[name].kind, (PROPS[name].length, PROPS[name].width)
 
 
-def _things(actor: ProposedActor) -> tuple[str, ...]:
-    """Which prop a group is made of: what its name says, else cones for many and crates for few."""
+def _find_prop_names(actor: ProposedActor) -> tuple[str, ...]:
+    """Return the props of a group: those named in its id, else cones for large groups and barriers or crates for small
+    ones."""
     named = tuple(name for name in PROPS if name in actor.actor_id)
     return named or (("cone",) if actor.quantity > 3 else ("barrier", "crate"))
 
 
-def _motion(actor: ProposedActor, ego: Ego, station: float, offset: float) -> Motion:
+def _build_motion(actor: ProposedActor, ego: Ego, station: float, offset: float) -> Motion:
     if actor.motion == "static":
         return StandingMotion()
     forth = -1.0 if actor.direction_relative_to == "opposite" else 1.0

@@ -1,4 +1,5 @@
-"""Categories of the Interaction bucket: what each asks of a proposal (paper, "Scenario Description"; protocol 14.1)."""
+"""Categories of the Interaction bucket and what each requires of a proposal (paper, "Scenario Description"; protocol
+14.1)."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,7 +20,7 @@ class Topology(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RoadRequirements:
-    """What a category asks of topology and script (protocol 14.1, "Requirements per category")."""
+    """Requirements of a category on topology and road (protocol 14.1, "Requirements per category")."""
 
     topologies: tuple[Topology, ...]
     oncoming: bool = False
@@ -30,16 +31,16 @@ class RoadRequirements:
 
 @dataclass(frozen=True, slots=True)
 class CategoryRequirements:
-    """Everything that is fixed about a category."""
+    """Fixed properties of a category."""
 
     title: str
     road: RoadRequirements
     cav_range: tuple[int, int]
-    """Least and most CAVs (protocol 14.1: 2 to 6 by category)."""
+    """Least and largest number of CAVs (protocol 14.1: 2 to 6 by category)."""
     paper: CategoryFigures | None
-    """None: the paper lists no scenarios of it."""
+    """None: the paper lists no scenarios of the category."""
     networks: tuple[str, ...] = ()
-    """Networks on which templates stage it; any other that offers what it needs serves too."""
+    """Networks that the templates use; any other one that meets the requirements works too."""
 
 
 _ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)

@@ -1,4 +1,4 @@
-"""Suites of generated scenarios: written with the recipe beside each, and made again from the recipes."""
+"""Suites of generated scenarios: written with a recipe beside each scenario, and rebuilt from the recipes."""
 
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,7 +23,7 @@ from mdrive_sumo.scenario.suite import (
 
 
 def check_output_folder(folder: Path) -> None:
-    """Raises InputError unless the folder is new or empty, and can be written beside its neighbours."""
+    """Raise InputError unless the folder is new or empty and can be written."""
     with report_write_errors(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder}: expected a new or empty folder to write to, found something there")
@@ -33,7 +33,7 @@ def check_output_folder(folder: Path) -> None:
 
 
 def write_generated_suite(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], folder: Path) -> Suite:
-    """Writes a sealed suite and its recipes; the folder appears when everything is written. Raises InputError."""
+    """Write a sealed suite and its recipes; the folder appears when everything is written. Raises InputError."""
     check_output_folder(folder)
     pairs = list(made)
     with (
@@ -52,9 +52,10 @@ def write_generated_suite(about: SuiteFile, made: Iterable[tuple[Recipe, Scenari
 
 
 def load_recipes(name_or_folder: str) -> dict[Path, Recipe]:
-    """By scenario folder, the recipes of a packaged suite or one on disk; raises InputError where one is missing.
+    """Return, by scenario folder, the recipes of a packaged suite or one on disk; raises InputError where one is
+    missing.
 
-    The scenarios are not read: a suite that was changed since, which could not be loaded, can be made again.
+    The scenarios are not read: a suite that was changed since and cannot be loaded can be rebuilt.
     """
     folder = list_packaged_suites().get(name_or_folder, Path(name_or_folder))
     homes = {path.parent for file in (SCENARIO_FILE, RECIPE_FILE) for path in folder.glob(f"*/{file}")}
@@ -66,7 +67,7 @@ def load_recipes(name_or_folder: str) -> dict[Path, Recipe]:
 
 
 def rebuild_scenario(recipe: Recipe) -> Scenario:
-    """The scenario of a recipe; raises InputError where this generator refuses it."""
+    """Return the scenario of a recipe; raises InputError where this generator rejects it."""
     try:
         return build_scenario(recipe)
     except ProposalRejected as refused:
@@ -74,7 +75,7 @@ def rebuild_scenario(recipe: Recipe) -> Scenario:
 
 
 def find_rebuild_differences(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
-    """Names of scenario folders whose file differs from what the recipe makes, byte for byte, or is missing."""
+    """Return the names of scenario folders whose file is missing or differs from the rebuilt one, byte for byte."""
     with tempfile.TemporaryDirectory() as scratch:
         again = Path(scratch) / SCENARIO_FILE
         for home, recipe in recipes.items():
@@ -85,6 +86,6 @@ def find_rebuild_differences(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
 
 
 def load_packaged_generated() -> tuple[Scenario, ...]:
-    """Scenarios of all packaged suites that were generated: they have recipes."""
+    """Return the scenarios of all packaged suites that have recipes."""
     names = [name for name, folder in list_packaged_suites().items() if any(folder.glob(f"*/{RECIPE_FILE}"))]
     return tuple(scenario for name in names for scenario in load_suite(name).scenarios)

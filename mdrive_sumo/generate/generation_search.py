@@ -1,4 +1,4 @@
-"""Search: proposals are drawn one after another until enough of them have become scenarios."""
+"""Draws proposals one after another until enough of them have become scenarios."""
 
 import hashlib
 import random
@@ -15,14 +15,14 @@ from mdrive_sumo.generate.screening import ScreeningResult
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import WeatherName
 
-TRIES = 15
-"""Proposals for every scenario wanted, on average, before the search gives up."""
+MAX_TRIES = 15
+"""Proposals per requested scenario, on average, before the search gives up."""
 WEATHER: tuple[WeatherName, ...] = (
     "cloudy", "night", "default", "rain", "cloudy", "night", "cloudy", "night", "default", "rain",
 )  # fmt: skip
 """Of every ten scenarios 3 cloudy, 3 night, 2 default, 2 rain (paper, "Scenario Description")."""
 Proposer = Callable[[Category, str], Proposal]
-"""Category and seed -> proposal; raises Rejected where it has none."""
+"""Maps category and seed to a proposal; raises ProposalRejected if it has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,21 +34,21 @@ class GenerationRequest:
     seed: int = 0
     split: Literal["public", "hidden"] = "public"
     secret: str = ""
-    """What only the organiser of a hidden split knows; mixed into every seed."""
+    """Known to the organiser of a hidden split only; part of every seed."""
 
     def attempt_seed(self, number: int) -> str:
-        """Seed of the attempt with that number; it tells nothing about the secret."""
+        """Return the seed of the attempt with that number; the secret cannot be derived from it."""
         text = "/".join((str(GENERATOR), self.split, self.secret, self.category, str(self.seed), str(number)))
         return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
     def scenario_id(self, number: int) -> str:
-        """Id of the scenario that attempt makes; no hidden one has the id of a public one."""
+        """Return the id of the attempt's scenario; ids of hidden and public scenarios differ."""
         return f"{self.category}_{'h' if self.split == 'hidden' else ''}{self.attempt_seed(number)[:8]}"
 
 
 @dataclass(frozen=True, slots=True)
 class GenerationAttempt:
-    """What became of one proposal: a scenario, or the stage that refused it and why."""
+    """Result of one proposal: a scenario, or the stage that rejected it and why."""
 
     number: int
     recipe: Recipe | None
@@ -59,7 +59,7 @@ class GenerationAttempt:
 
 
 def propose_from_template(category: Category, seed: str) -> Proposal:
-    """The proposer that needs nothing."""
+    """Propose from a template, without any service."""
     return template_proposer.propose(category, random.Random(f"{seed}/proposal"))
 
 
@@ -69,18 +69,19 @@ def search_scenarios(
     known: Sequence[Scenario] = (),
     name: str = "template",
 ) -> Iterator[GenerationAttempt]:
-    """Attempts until `count` scenarios are found, none like those `known`; gives up after `TRIES` for each."""
+    """Return attempts until `count` scenarios are found, none a duplicate of `known`; gives up after `MAX_TRIES` per
+    scenario."""
     accepted: list[Scenario] = []
-    for number in range(order.count * TRIES):
+    for number in range(order.count * MAX_TRIES):
         if len(accepted) == order.count:
             return
-        attempt = _attempt(order, number, (proposer, name), accepted, known)
+        attempt = _make_attempt(order, number, (proposer, name), accepted, known)
         if attempt.scenario is not None:
             accepted.append(attempt.scenario)
         yield attempt
 
 
-def _attempt(
+def _make_attempt(
     order: GenerationRequest,
     number: int,
     by: tuple[Proposer, str],
@@ -89,14 +90,14 @@ def _attempt(
 ) -> GenerationAttempt:
     recipe: Recipe | None = None
     try:
-        recipe = _recipe(order, number, by, WEATHER[len(accepted) % len(WEATHER)])
+        recipe = _draw_recipe(order, number, by, WEATHER[len(accepted) % len(WEATHER)])
         scenario = build_scenario(recipe)
         return GenerationAttempt(number, recipe, scenario, screen_candidate(scenario, [*known, *accepted]))
     except ProposalRejected as refused:
         return GenerationAttempt(number, recipe, None, None, (refused.stage, refused.reason))
 
 
-def _recipe(
+def _draw_recipe(
     order: GenerationRequest, number: int, by: tuple[Proposer, str], weather: WeatherName = "default"
 ) -> Recipe:
     seed = order.attempt_seed(number)
@@ -105,10 +106,10 @@ def _recipe(
 
 
 def build_public_counterparts(order: GenerationRequest) -> Iterator[Scenario]:
-    """All scenarios of which the public split with the same seed is made by templates; none is driven."""
+    """Return all candidates for the public split with the same seed that templates make; none is driven."""
     public = replace(order, split="public", secret="")
-    for number in range(order.count * TRIES):
+    for number in range(order.count * MAX_TRIES):
         try:
-            yield build_scenario(_recipe(public, number, (propose_from_template, "template")))
+            yield build_scenario(_draw_recipe(public, number, (propose_from_template, "template")))
         except ProposalRejected:
             continue

@@ -1,4 +1,4 @@
-"""The words for a language model: its task, what categories are about, what relations mean, and what rules ask."""
+"""Prompt texts: the task, the categories, the relations, and the rules in words."""
 
 from collections.abc import Mapping
 
@@ -22,34 +22,40 @@ ABOUT: Mapping[Category, str] = {
 }
 """Paper, "Scenario Description", in our words; the lane drop from protocol 14.1."""
 RULES_IN_WORDS: Mapping[str, str] = {
-    "_topology": "topology is one of those that the category allows.",
-    "_needs": "The four needs_* are exactly as the category has them.",
-    "_ego_count": "ego_vehicles: as many as the category allows.",
-    "_ego_ids": 'ego_vehicles have the ids "Vehicle 1", "Vehicle 2" and so on, in this order, without gaps.',
-    "_actor_count": "actors: at most 8 together, quantities counted.",
-    "_actor_ids": "Every actor_id occurs once.",
-    "_known_ids": "a and b of every constraint, and affects_vehicle of every actor, are ids of ego_vehicles.",
-    "_no_self": "No constraint relates a vehicle to itself.",
-    "_contradictions": "Constraints do not contradict one another: one vehicle comes from the approach of the other, or"
+    "_check_topology": "topology is one of those that the category allows.",
+    "_check_needs": "The four needs_* are exactly as the category has them.",
+    "_check_ego_count": "ego_vehicles: as many as the category allows.",
+    "_check_ego_ids": 'ego_vehicles have the ids "Vehicle 1", "Vehicle 2" and so on, in this order, without gaps.',
+    "_check_actor_count": "actors: at most 8 together, quantities counted.",
+    "_check_actor_ids": "Every actor_id occurs once.",
+    "_check_known_ids": "a and b of every constraint, and affects_vehicle of every actor, are ids of ego_vehicles.",
+    "_check_no_self_relation": "No constraint relates a vehicle to itself.",
+    "_check_contradictions": "Constraints do not contradict one another: one vehicle comes from the approach of the"
+    " other, or"
     " from the opposite one, or from its right, or from its left; and it is in the other's lane, or left of it, or"
     ' right of it. Mirrored ones count: "a left_lane_of b" is "b right_lane_of a"; so with perpendicular_right_of and'
     " perpendicular_left_of.",
-    "_crossing": "Only a walker or cyclist has the motion cross_perpendicular.",
-    "_standing": "A static_prop or parked_vehicle has the motion static.",
-    "_active": "With more than one vehicle at least one constraint is opposite_approach_of, perpendicular_right_of,"
+    "_check_crossing_actors": "Only a walker or cyclist has the motion cross_perpendicular.",
+    "_check_static_actors": "A static_prop or parked_vehicle has the motion static.",
+    "_check_conflict_relation": "With more than one vehicle at least one constraint is opposite_approach_of,"
+    " perpendicular_right_of,"
     " perpendicular_left_of, left_lane_of, right_lane_of, merges_into_lane_of or same_lane_as.",
-    "_oncoming": "needs_oncoming asks for an opposite_approach_of.",
-    "_multi_lane": "needs_multi_lane asks for a left_lane_of, right_lane_of, same_lane_as or merges_into_lane_of.",
-    "_merge": "needs_merge and needs_on_ramp ask for a merges_into_lane_of.",
-    "_ramp_roads": "needs_on_ramp asks for a vehicle with entry_road main and one with entry_road side.",
-    "_unprotected_left": "unprotected-left: a vehicle that turns left is opposite_approach_of one that goes straight.",
-    "_walkers": "crosswalk: at least one actor is a walker.",
-    "_no_scripted_change": "blocked-lane: no vehicle has the maneuver lane_change.",
-    "_overtaking": "overtaking: an actor with motion static affects Vehicle 1, and Vehicle 2 is opposite_approach_of"
+    "_check_oncoming_relation": "needs_oncoming asks for an opposite_approach_of.",
+    "_check_lane_relation": "needs_multi_lane asks for a left_lane_of, right_lane_of, same_lane_as or"
+    " merges_into_lane_of.",
+    "_check_merge_relation": "needs_merge and needs_on_ramp ask for a merges_into_lane_of.",
+    "_check_ramp_roads": "needs_on_ramp asks for a vehicle with entry_road main and one with entry_road side.",
+    "_check_unprotected_left": "unprotected-left: a vehicle that turns left is opposite_approach_of one that goes"
+    " straight.",
+    "_check_walkers": "crosswalk: at least one actor is a walker.",
+    "_check_no_lane_change": "blocked-lane: no vehicle has the maneuver lane_change.",
+    "_check_overtaking": "overtaking: an actor with motion static affects Vehicle 1, and Vehicle 2 is"
+    " opposite_approach_of"
     " Vehicle 1.",
-    "_typology": "pre_crash is the number of the NHTSA typology for the category pre-crash, and null for all others.",
+    "_check_typology": "pre_crash is the number of the NHTSA typology for the category pre-crash, and null for all"
+    " others.",
 }
-"""One for every rule of rules.py, by its name."""
+"""The text of every rule of rules.py, by its name."""
 ROLE = (
     "You design traffic scenarios that test how connected automated vehicles (CAVs) cooperate. A scenario is good if"
     " its CAVs and actors get in each other's way at about the same time, so that driving on blindly is dangerous while"
@@ -69,4 +75,4 @@ TERMS: Mapping[str, str] = {
     "merges_into_lane_of": "a enters in another lane than b and ends up in b's",
     "same_lane_as": "a and b enter in the same lane",
 }
-"""What constraints say, as assign.py keeps them."""
+"""Meaning of the constraints, as route_assignment.py applies them."""

@@ -1,4 +1,5 @@
-"""The language model as a proposer: an OpenAI-compatible service proposes, and is told what is wrong until it is right.
+"""Proposer that queries an OpenAI-compatible language model and reports problems back to it until the proposal is
+valid.
 
 Paper, "Agentic scenario generation": category descriptions and demonstrations in context, validation by rules.
 """
@@ -25,63 +26,64 @@ from mdrive_sumo.runs.evaluate import report_write_errors
 
 MAX_TOKENS = 4096
 MAX_ANSWER_CHARS = 32_000
-"""Ten times a long proposal, indented; the rest is for models that reason aloud."""
+"""Ten times a long indented proposal; the rest is for models that print their reasoning."""
 INVALID = "answer: "
-"""Begins the reason if the last answer was no valid proposal; else there was no answer."""
+"""Prefix of the reason if the last answer was not a valid proposal; without it there was no answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class LlmSettings:
-    """Which model proposes, what it sees, and where its words are kept."""
+    """Settings of the model, its examples and its transcripts."""
 
     endpoint: str = ""
-    """Address of any service that speaks OpenAI's chat completions; unused in a replay."""
+    """Address of any OpenAI-compatible chat completions service; unused in a replay."""
     model: str = "default"
     api_key_env: str = ""
-    """Name of the environment variable with the key; "": no key. The key itself is kept nowhere."""
+    """Name of the environment variable with the key; "": no key. The key itself is never stored."""
     attempts: int = 3
-    """Requests for one proposal, failed ones and repairs counted."""
+    """Requests for one proposal, including failed ones and repairs."""
     timeout_s: float = 60.0
-    """For one request."""
+    """[s] Limit for one request."""
     temperature: float = 0.7
     examples: Path | None = None
     """Folder of expert demonstrations: proposals as JSON files, all categories together."""
     transcripts: Path | None = None
-    """Folder that keeps every exchange, a file for each proposal."""
+    """Folder for all exchanges, one file per proposal."""
     replay: Path | None = None
-    """Such a folder; nothing is asked then."""
+    """Folder of transcripts to replay; no request is sent."""
 
 
 def propose(category: Category, seed: str, settings: LlmSettings) -> Proposal:
-    """A valid proposal of the category; seeds give different ones.
+    """Return a valid proposal of the category; different seeds give different ones.
 
-    Raises Rejected if the last attempt was no valid proposal either, InputError if there was no answer at all.
+    Raises ProposalRejected if the last attempt was not a valid proposal either, InputError if there was no answer at
+    all.
     """
     if settings.replay is not None:
-        return _replayed(category, seed, settings.replay)
-    number = _number(category, seed)
+        return _replay(category, seed, settings.replay)
+    number = _model_seed(category, seed)
     examples = load_demonstrations(settings.examples, category) if settings.examples else ()
     model = LanguageModel(_model_settings(settings), number)
     proposal = model.ask(
         build_prompt(category, number, examples), MAX_TOKENS, lambda text: parse_proposal(text, category)
     )
     if settings.transcripts is not None:
-        _keep(model.notes, category, transcript_path(settings.transcripts, category, seed))
+        _save_transcript(model.notes, category, transcript_path(settings.transcripts, category, seed))
     if proposal is None:
-        raise _failure(category, model.notes[-1].text)
+        raise _build_error(category, model.notes[-1].text)
     return proposal
 
 
 def transcript_path(folder: Path, category: Category, seed: str) -> Path:
-    """Where the exchanges of one proposal lie."""
+    """Return the path of the exchanges of one proposal."""
     return folder / (re.sub(r"[^\w.-]+", "_", f"{category}_{seed}") + ".jsonl")
 
 
-def _replayed(category: Category, seed: str, folder: Path) -> Proposal:
-    """The proposal that a recorded model came to, by today's rules; raises as it did."""
+def _replay(category: Category, seed: str, folder: Path) -> Proposal:
+    """Return the proposal that a recorded model produced, under the current rules; raises as it did."""
     path = transcript_path(folder, category, seed)
     reason = "the transcript has no exchange for this category and seed"
-    for outcome in load_outcomes(path, _number(category, seed)):
+    for outcome in load_outcomes(path, _model_seed(category, seed)):
         if not isinstance(outcome, ChatCompletion):
             reason = str(outcome)
             continue
@@ -89,11 +91,11 @@ def _replayed(category: Category, seed: str, folder: Path) -> Proposal:
             return parse_proposal(outcome.text, category)
         except ValueError as error:
             reason = f"{INVALID}{error}"
-    raise _failure(category, reason)
+    raise _build_error(category, reason)
 
 
-def _number(category: Category, seed: str) -> int:
-    """The seed as the model sees it; a private seed stays private."""
+def _model_seed(category: Category, seed: str) -> int:
+    """Return the seed as the model sees it; a private seed stays private."""
     return derive_seed(0, "proposal", category, seed)
 
 
@@ -119,7 +121,7 @@ def _model_settings(settings: LlmSettings) -> LanguageModelSettings:
     )
 
 
-def _failure(category: Category, reason: str) -> ProposalRejected | InputError:
+def _build_error(category: Category, reason: str) -> ProposalRejected | InputError:
     if reason.startswith(INVALID):
         wrong = textwrap.shorten(reason.removeprefix(INVALID), 300)
         return ProposalRejected(
@@ -128,15 +130,15 @@ def _failure(category: Category, reason: str) -> ProposalRejected | InputError:
     return InputError(f"language model: expected a proposal for {category}, found no answer: {reason}")
 
 
-def _keep(notes: Sequence[Note], category: Category, path: Path) -> None:
-    """Writes a line of JSON for every exchange: request, answer or error, and what was wrong with the answer."""
-    lines = [_line(note.text, category) for note in notes if note.kind == EXCHANGE]
+def _save_transcript(notes: Sequence[Note], category: Category, path: Path) -> None:
+    """Write one line of JSON per exchange: request, answer or error, and the problems of the answer."""
+    lines = [_format_exchange(note.text, category) for note in notes if note.kind == EXCHANGE]
     with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(lines), encoding="utf-8")
 
 
-def _line(exchange: str, category: Category) -> str:
+def _format_exchange(exchange: str, category: Category) -> str:
     entry = json.loads(exchange)
     if "answer" in entry:
         try:

@@ -1,4 +1,4 @@
-"""Crops: which networks offer the topology that a proposal asks for. Every packaged network is one crop."""
+"""Features of networks, and which networks fit a proposal. Every packaged network is one crop of a map."""
 
 import math
 from collections.abc import Iterable
@@ -14,13 +14,13 @@ from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 
 HIGHWAY_MPS = 16.0
-"""Roads with this speed limit and one direction of travel are highways."""
+"""[m/s] Roads with a higher speed limit and one direction of travel are highways."""
 OPPOSITE_RAD = math.radians(135)
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkFeatures:
-    """What a network has to offer."""
+    """Topology and features of a network."""
 
     network: str
     topology: Topology
@@ -32,19 +32,19 @@ class NetworkFeatures:
 
 @lru_cache(maxsize=64)
 def extract_features(roads: RoadMap) -> NetworkFeatures:
-    """Topology and features of a network, found from its ways."""
+    """Return topology and features of a network, derived from its lane routes."""
     ways = find_lane_routes(roads)
     entries = {way.entry: way for way in (*ways, *find_lane_change_routes(roads))}
     oncoming = any(are_opposite(one, other) for one, other in combinations(entries.values(), 2))
-    merge = any(_merge(one, other) for one, other in combinations(ways, 2))
+    merge = any(_do_merge(one, other) for one, other in combinations(ways, 2))
     multi_lane = any(way.entry_rank > 0 for way in ways)
     fast = not oncoming and max(lane.speed_limit for lane in roads.driving) > HIGHWAY_MPS
-    topology = _topology(ways, len(entries), fast)
+    topology = _classify_topology(ways, len(entries), fast)
     on_ramp = topology is Topology.HIGHWAY and len(entries) > 1
     return NetworkFeatures(roads.name, topology, oncoming, multi_lane, on_ramp, merge or on_ramp)
 
 
-def _topology(ways: Iterable[LaneRoute], entries: int, fast: bool) -> Topology:
+def _classify_topology(ways: Iterable[LaneRoute], entries: int, fast: bool) -> Topology:
     if fast:
         return Topology.HIGHWAY
     if any(way.turn == "u_turn" for way in ways):
@@ -55,20 +55,21 @@ def _topology(ways: Iterable[LaneRoute], entries: int, fast: bool) -> Topology:
 
 
 def are_opposite(one: LaneRoute, other: LaneRoute) -> bool:
-    """Whether two ways come from opposite directions."""
+    """Return whether two routes come from opposite directions."""
     return abs(wrap_angle(one.entry_yaw - other.entry_yaw)) > OPPOSITE_RAD
 
 
-def _merge(one: LaneRoute, other: LaneRoute) -> bool:
+def _do_merge(one: LaneRoute, other: LaneRoute) -> bool:
     differs = one.lanes[0] != other.lanes[0]
     return differs and one.lanes[-1] == other.lanes[-1]
 
 
 def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
-    """Networks (of the packaged ones, or those named) that offer what the proposal asks for; raises InputError."""
+    """Return the networks (packaged ones, or those named) that meet the proposal's requirements; raises InputError if
+    there is none."""
     folders = list_packaged_networks()
     maps = [load_road_map(folders[name]) for name in sorted(names or folders)]
-    fitting = tuple(roads for roads in maps if _fits(extract_features(roads), proposal))
+    fitting = tuple(roads for roads in maps if _is_suitable(extract_features(roads), proposal))
     if not fitting:
         needs = [name for name in ("oncoming", "multi_lane", "on_ramp", "merge") if getattr(proposal, f"needs_{name}")]
         asked = " with ".join((proposal.topology, *(", ".join(needs),) * bool(needs)))
@@ -76,7 +77,7 @@ def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMa
     return fitting
 
 
-def _fits(offer: NetworkFeatures, proposal: Proposal) -> bool:
+def _is_suitable(offer: NetworkFeatures, proposal: Proposal) -> bool:
     asked = ((proposal.needs_oncoming, offer.oncoming), (proposal.needs_multi_lane, offer.multi_lane))
     ramps = ((proposal.needs_on_ramp, offer.on_ramp), (proposal.needs_merge, offer.merge))
     return offer.topology is proposal.topology and all(has or not need for need, has in (*asked, *ramps))

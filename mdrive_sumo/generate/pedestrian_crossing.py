@@ -1,4 +1,4 @@
-"""Crossing: where people wait at the kerb, where they go, and what sets them off."""
+"""Actors that cross the road: where they wait at the kerb, where they go, and when they start."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,18 +21,18 @@ WALK_MPS: Mapping[str, float] = {
     "stopped": 0.0,
 }
 CROSSING_REACH_M = 18.0
-"""Who crosses near a zebra crossing takes it."""
+"""[m] A crossing actor uses a zebra crossing within this distance."""
 KERB_M = 1.5
-"""How far beyond the road's edge somebody waits."""
+"""[m] Distance of the waiting position beyond the edge of the road."""
 QUEUE_M = 2.5
-"""Who waits where others do stands behind them."""
+"""[m] An actor that waits within this distance of others stands behind them."""
 LANE_M = 3.5
 ActorBody = tuple[str, KindName, tuple[float, float]]
 """Model, kind, and length and width [m]."""
 
 
 def compute_route_pose(ego: Ego, station: float, offset: float) -> tuple[float, float, float]:
-    """Pose [m, m, rad] beside the route, `offset` to its left."""
+    """Return the pose [m, m, rad] beside the route, `offset` to its left."""
     k = min(max(round(station), 0), len(ego.route) - 1)
     x, y, yaw = ego.route[k]
     along = station - k
@@ -43,10 +43,11 @@ def compute_route_pose(ego: Ego, station: float, offset: float) -> tuple[float, 
 def place_crossing_actors(
     actor: ProposedActor, way: tuple[Ego, float], roads: RoadMap, body: ActorBody, others: Sequence[Actor]
 ) -> Iterator[Actor]:
-    """Walks across the CAV's way, on the zebra crossing if there is one, set off so that blind driving meets it."""
+    """Return actors that cross the CAV's route, on the zebra crossing if there is one, triggered such that a blindly
+    driven CAV meets them."""
     model, kind, size = body
     ego, station = way
-    begin, end = _kerbs(actor, ego, roads, station)
+    begin, end = _find_kerbs(actor, ego, roads, station)
     speed = WALK_MPS[actor.speed] if actor.kind == "walker" else 3.0
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
     queue = sum(math.dist((one.start.x, one.start.y), begin) < QUEUE_M for one in others)
@@ -60,7 +61,7 @@ def place_crossing_actors(
             width=size[1],
             start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4)),
             motion=PathMotion(points=((round(x, 3), round(y, 3)), (round(end[0], 3), round(end[1], 3))), speed=speed),
-            trigger=_trigger(ego, (x, y), end, speed),
+            trigger=_build_trigger(ego, (x, y), end, speed),
             action=StartMotion(),
         )
 
@@ -68,7 +69,7 @@ def place_crossing_actors(
 Spot = tuple[float, float]
 
 
-def _kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) -> tuple[Spot, Spot]:
+def _find_kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) -> tuple[Spot, Spot]:
     x, y, yaw = compute_route_pose(ego, station, 0.0)
     near = [
         line for line, _ in roads.crossings if shapely.LineString(line).distance(shapely.Point(x, y)) < CROSSING_REACH_M
@@ -89,8 +90,8 @@ def _kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) -> tu
     return (begin[0] - ux, begin[1] - uy), (end[0] + ux, end[1] + uy)
 
 
-def _trigger(ego: Ego, begin: Spot, end: Spot, speed: float) -> Trigger:
-    """When the CAV is as far away as blind driving covers until the walker is in its lane."""
+def _build_trigger(ego: Ego, begin: Spot, end: Spot, speed: float) -> Trigger:
+    """Start when the CAV is as far away as blind driving covers until the actor is in its lane."""
     meet = shapely.LineString(ego.xy).intersection(shapely.LineString((begin, end)))
     point = shapely.centroid(meet) if not meet.is_empty else shapely.Point(end)
     walk_s = math.hypot(point.x - begin[0], point.y - begin[1]) / max(speed, 0.1)

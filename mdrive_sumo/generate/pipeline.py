@@ -1,4 +1,5 @@
-"""The pipeline: from a proposal to a scenario that is legal, feasible, difficult and new; every stage says why not.
+"""Generation pipeline: from a proposal to a scenario that is valid, feasible, difficult and new; every stage gives the
+reason of a rejection.
 
 proposal -> rules -> crop -> ways -> spawns -> actors -> soundness -> duplicates -> difficulty -> feasibility
 """
@@ -28,12 +29,12 @@ from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 
 BUCKET = "Interaction"
-ROUTE_M = 100.0
-"""Length of routes where the paper lists none."""
+DEFAULT_ROUTE_M = 100.0
+"""[m] Length of routes where the paper lists none."""
 
 
 class PipelineStage(StrEnum):
-    """Stages in their order."""
+    """Stages of the pipeline in order."""
 
     RULES = "rules"
     CROP = "crop"
@@ -47,7 +48,7 @@ class PipelineStage(StrEnum):
 
 
 class ProposalRejected(Exception):
-    """A stage refused; `args` are its name and the reason."""
+    """A stage rejected the proposal; `args` are the stage and the reason."""
 
     def __init__(self, stage: PipelineStage, reason: str) -> None:
         super().__init__(stage, reason)
@@ -55,18 +56,18 @@ class ProposalRejected(Exception):
 
 
 def build_scenario(recipe: Recipe) -> Scenario:
-    """Stages up to soundness; raises Rejected."""
+    """Run the stages up to soundness; raises ProposalRejected."""
     proposal, rng = recipe.proposal, random.Random(recipe.seed)
     if wrong := find_rule_violations(proposal):
         raise ProposalRejected(PipelineStage.RULES, "; ".join(wrong))
-    roads = _crop(proposal, rng)
+    roads = _choose_network(proposal, rng)
     ways = assign_routes(proposal, roads, rng)
     if ways is None:
         raise ProposalRejected(
             PipelineStage.WAYS, f"network {roads.name}: expected ways that keep all relations, found none"
         )
-    egos = _egos(proposal, ways, roads, rng)
-    actors = _actors(proposal, egos, roads, rng)
+    egos = _build_egos(proposal, ways, roads, rng)
+    actors = _place_actors(proposal, egos, roads, rng)
     scenario = Scenario(
         id=recipe.id,
         bucket=BUCKET,
@@ -84,7 +85,7 @@ def build_scenario(recipe: Recipe) -> Scenario:
     return scenario
 
 
-def _crop(proposal: Proposal, rng: random.Random) -> RoadMap:
+def _choose_network(proposal: Proposal, rng: random.Random) -> RoadMap:
     try:
         return rng.choice(
             find_networks(proposal, find_typology_networks(proposal) or CATEGORIES[proposal.category].networks)
@@ -93,11 +94,11 @@ def _crop(proposal: Proposal, rng: random.Random) -> RoadMap:
         raise ProposalRejected(PipelineStage.CROP, str(error)) from None
 
 
-def _egos(proposal: Proposal, ways: LaneRoutes, roads: RoadMap, rng: random.Random) -> dict[str, Ego]:
-    """CAVs by the proposal's vehicle ids."""
+def _build_egos(proposal: Proposal, ways: LaneRoutes, roads: RoadMap, rng: random.Random) -> dict[str, Ego]:
+    """Return the CAVs by the proposal's vehicle ids."""
     share = rng.uniform(0.25, 0.6)
     try:
-        placed = _placed(proposal, ways, share, roads, rng)
+        placed = _place_spawns(proposal, ways, share, roads, rng)
         if isinstance(placed, str):
             raise InputError(placed)
         return {name: build_ego(roads, str(i), way, placed[name], share) for i, (name, way) in enumerate(ways.items())}
@@ -105,19 +106,19 @@ def _egos(proposal: Proposal, ways: LaneRoutes, roads: RoadMap, rng: random.Rand
         raise ProposalRejected(PipelineStage.SPAWNS, f"network {roads.name}: {error}") from None
 
 
-def _placed(
+def _place_spawns(
     proposal: Proposal, ways: LaneRoutes, share: float, roads: RoadMap, rng: random.Random
 ) -> dict[str, SpawnPoint] | str:
-    """Starts and goals, or why there are none."""
+    """Return starts and goals, or why there are none."""
     lines = {name: build_route_line(roads, way, share) for name, way in ways.items()}
     figures = CATEGORIES[proposal.category].paper
-    route_m = figures.route_m if figures else ROUTE_M
+    route_m = figures.route_m if figures else DEFAULT_ROUTE_M
     if proposal.category is Category.PRE_CRASH:  # they begin close to the junction
         return pre_crash_spawns(proposal, lines, ways, roads, route_m, rng)
     return choose_spawn_points(lines, ways, route_m, rng)
 
 
-def _actors(proposal: Proposal, egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random) -> tuple[Actor, ...]:
+def _place_actors(proposal: Proposal, egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random) -> tuple[Actor, ...]:
     place = place_pre_crash_actors if proposal.category is Category.PRE_CRASH else place_actors
     try:
         return place(proposal.actors, egos, roads, rng)
@@ -126,7 +127,7 @@ def _actors(proposal: Proposal, egos: Mapping[str, Ego], roads: RoadMap, rng: ra
 
 
 def screen_candidate(scenario: Scenario, accepted: Sequence[Scenario]) -> ScreeningResult:
-    """Stages after soundness; raises Rejected."""
+    """Run the stages after soundness; raises ProposalRejected."""
     if (twin := find_duplicate(scenario, accepted)) is not None:
         raise ProposalRejected(PipelineStage.DUPLICATES, f"expected something new, found a duplicate of {twin.id}")
     roads = load_road_map(find_network_folder(scenario.network))

@@ -1,4 +1,5 @@
-"""Placing the actors of pre-crash scenarios: who crosses, leads, pulls out or does not yield, and what hides them."""
+"""Places the actors of pre-crash scenarios: crossing, leading, pulling out or not yielding, and the vehicles that hide
+them."""
 
 import math
 import random
@@ -30,37 +31,37 @@ from mdrive_sumo.scenario.scripted_actor import (
 
 VAN = PROPS["parked-van"]
 ROADSIDE_M = 3.05
-"""From the lane's centre line to that of something at the kerb; cars pass it with 0.9 m to spare."""
+"""[m] Lateral distance from the lane's centre line to a vehicle at the kerb; cars pass it with 0.9 m clearance."""
 KERB_M = 3.5
-"""From the lane's centre line to where somebody waits to cross."""
+"""[m] Lateral distance from the lane's centre line to an actor that waits to cross."""
 ACROSS_M = 7.0
-"""From the lane's centre line to the far kerb."""
+"""[m] Lateral distance from the lane's centre line to the far kerb."""
 EXIT_M, APPROACH_M = 6.0, 8.0
-"""How far behind and before the junction things happen."""
+"""[m] Distance of events behind and before the junction."""
 STOPPED_M = 10.0
-"""How far behind the junction somebody stands in the lane."""
+"""[m] Distance behind the junction of a vehicle stopped in the lane."""
 HALF_BESIDE_M = 1.2
-"""From the lane's centre line to that of a car half in it: one passes it without leaving the own lane by half."""
+"""[m] Lateral offset of a car half in the lane: it can be passed without leaving the own lane by half."""
 HIDES_M = 0.6
-"""At least, between the van and whom it hides."""
+"""[m] Least distance between the van and the actor that it hides."""
 CYCLE_MPS = 3.0
 HALF_CAR_S = 0.35
-"""In which a CAV drives half its length."""
+"""[s] Time in which a CAV covers half its length."""
 LEAD_M = 11.0
 CORNER_M = 7.0
-"""How far ahead of a CAV's start the van stands that hides who comes from the right."""
+"""[m] Distance ahead of a CAV's start of the van that hides traffic from the right."""
 BESIDE_M = 1.5
-"""Least distance of a parked van from the centre line of any CAV's route."""
+"""[m] Least distance of a parked van from the centre line of any CAV's route."""
 SHIFTS_M = np.array((0.0, -3.0, 3.0, -6.0, 6.0, -9.0))
 HIDING_M = np.arange(3.75, 7.5, 0.25)
-"""Where a van may stand: from where it belongs, and how far before whom it hides."""
+"""[m] Candidate positions of a van: offsets from its nominal station, and distances before the actor that it hides."""
 HOLD_S = 3.0
 PULL_OUT_M = 8.0
-"""Length of the way from a parking place to the lane."""
+"""[m] Length of the path from a parking place to the lane."""
 
 
 class _CavRoute:
-    """A CAV's way with the places of the drive on it, stations in metres."""
+    """The route of a CAV with the stations of its drive [m]."""
 
     def __init__(self, ego: Ego, roads: RoadMap) -> None:
         self.ego, self.roads = ego, roads
@@ -75,7 +76,7 @@ class _CavRoute:
         return float(shapely.line_locate_point(shapely.LineString(self.line.xy), shapely.Point(x, y)))
 
     def at(self, station: float, offset: float = 0.0) -> Pose:
-        """Pose on the way, `offset` to its left."""
+        """Return the pose on the route, `offset` to its left."""
         line = shapely.LineString(self.line.xy)
         a, b = line.interpolate(station - 0.5), line.interpolate(station + 0.5)
         yaw, mid = math.atan2(b.y - a.y, b.x - a.x), line.interpolate(station)
@@ -83,7 +84,7 @@ class _CavRoute:
         return Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
 
     def lanes_right(self, station: float) -> float:
-        """Width [m] of the lanes between the CAV's lane and the kerb."""
+        """Return the width [m] of the lanes between the CAV's lane and the kerb."""
         here = shapely.Point(self.line.xy[round(station)])
         lanes = [self.roads.lanes[id_] for id_ in self.way.lanes]
         lane = min(lanes, key=lambda lane: shapely.LineString(lane.centre.xy).distance(here))
@@ -94,7 +95,7 @@ class _CavRoute:
         return width
 
     def station(self, actor: ProposedActor) -> float:
-        """Where an actor belongs: before the junction, in it, or behind it."""
+        """Return the station of an actor: before the junction, in it, or behind it."""
         if actor.timing_phase == "on_approach":
             return max(self.edge - APPROACH_M, self.start + 6.0)
         return (self.edge + self.exit) / 2 if actor.timing_phase == "in_intersection" else self.exit + EXIT_M
@@ -103,40 +104,41 @@ class _CavRoute:
 def place_pre_crash_actors(
     proposed: Sequence[ProposedActor], egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random
 ) -> tuple[Actor, ...]:
-    """Actors of the scenario; `egos` are by the proposal's vehicle ids. Raises InputError where one has no room.
+    """Return the actors of the scenario; `egos` are by the proposal's vehicle ids. Raises InputError where one has no
+    room.
 
-    What the typologies' templates propose is staged here; anything else that a proposal names is placed as always.
+    Actors of the typologies' templates are placed here; any other actor of a proposal is placed by `place_actors`.
     """
     drives = {name: _CavRoute(ego, roads) for name, ego in egos.items()}
-    vans = [actor for actor in proposed if actor.kind == "parked_vehicle" and _alone(actor, "offroad_right")]
-    movers = [actor for actor in proposed if _sets_off(actor)]
-    made = {actor.actor_id: _moving(actor, drives[actor.affects_vehicle], egos) for actor in movers}
+    vans = [actor for actor in proposed if actor.kind == "parked_vehicle" and _is_single_at(actor, "offroad_right")]
+    movers = [actor for actor in proposed if _is_mover(actor)]
+    made = {actor.actor_id: _build_mover(actor, drives[actor.affects_vehicle], egos) for actor in movers}
     for actor in vans:
         there = (actor.affects_vehicle, actor.timing_phase)
         hidden = [made[a.actor_id] for a in movers if (a.affects_vehicle, a.timing_phase) == there]
-        made[actor.actor_id] = _van(actor, drives[actor.affects_vehicle], hidden[0] if hidden else None, egos)
+        made[actor.actor_id] = _build_van(actor, drives[actor.affects_vehicle], hidden[0] if hidden else None, egos)
     others = [actor for actor in proposed if actor.actor_id not in made]
     return (*made.values(), *place_actors(others, egos, roads, rng))
 
 
-def _alone(actor: ProposedActor, *laterals: Lateral) -> bool:
+def _is_single_at(actor: ProposedActor, *laterals: Lateral) -> bool:
     return actor.quantity == 1 and actor.lateral_position in laterals
 
 
-def _sets_off(actor: ProposedActor) -> bool:
-    """Whether it crosses, or is a car on the lane of a CAV that goes the same way."""
+def _is_mover(actor: ProposedActor) -> bool:
+    """Return whether the actor crosses, or is a car on the lane of a CAV in the same direction."""
     if actor.kind == "npc_vehicle":
-        known = _alone(actor, "center", "half_right", "left_edge", "offroad_right")
+        known = _is_single_at(actor, "center", "half_right", "left_edge", "offroad_right")
         return known and actor.direction_relative_to == "same"
     return actor.motion == "cross_perpendicular" and actor.quantity == 1
 
 
-def _moving(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
-    return _car(actor, drive, egos) if actor.kind == "npc_vehicle" else _crosser(actor, drive)
+def _build_mover(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
+    return _build_car(actor, drive, egos) if actor.kind == "npc_vehicle" else _build_crosser(actor, drive)
 
 
-def _van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, egos: Mapping[str, Ego]) -> Actor:
-    """At the kerb, directly before whom it hides if there is somebody, else wherever there is room."""
+def _build_van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, egos: Mapping[str, Ego]) -> Actor:
+    """Return a van at the kerb, directly before the actor that it hides, else wherever there is room."""
     if hidden is not None:
         stations = drive.project(hidden.start.x, hidden.start.y) - HIDING_M
     else:
@@ -151,35 +153,35 @@ def _van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, egos: Map
             width=VAN.width,
             start=drive.at(station, -ROADSIDE_M - drive.lanes_right(station)),
         )
-        if hidden is not None and _box(van).distance(_box(hidden)) < HIDES_M:
+        if hidden is not None and _box_polygon(van).distance(_box_polygon(hidden)) < HIDES_M:
             continue
-        if _free(_box(van), drive.roads, egos):
+        if _is_free(_box_polygon(van), drive.roads, egos):
             return van
     raise InputError(f"actor {actor.actor_id}: expected room for a van at the kerb, found none")
 
 
-def _box(actor: Actor) -> shapely.Polygon:
+def _box_polygon(actor: Actor) -> shapely.Polygon:
     start = actor.start
     return shapely.Polygon(box_corners(start.x, start.y, start.yaw, actor.length, actor.width))
 
 
-def _free(box: shapely.Polygon, roads: RoadMap, egos: Mapping[str, Ego]) -> bool:
+def _is_free(box: shapely.Polygon, roads: RoadMap, egos: Mapping[str, Ego]) -> bool:
     inside = any(box.intersects(building) for building in roads.building_shapes)
     return not inside and all(box.distance(shapely.LineString(ego.xy)) > BESIDE_M for ego in egos.values())
 
 
-def _setting_off(actor: ProposedActor, drive: _CavRoute) -> float:
-    """Station of somebody who is hidden: behind a junction there must be room for the van, too."""
+def _start_station(actor: ProposedActor, drive: _CavRoute) -> float:
+    """Return the station of a hidden actor: behind a junction there must be room for the van, too."""
     if actor.kind == "npc_vehicle":
         return drive.exit + VAN.length + CAR_SIZE[0] / 2 + HIDES_M
     return drive.station(actor) + (0.0 if actor.timing_phase == "on_approach" else HIDES_M)
 
 
-def _crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
-    """Crosses from the kerb, set off so that blind driving meets it."""
+def _build_crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
+    """Return an actor that crosses from the kerb, triggered such that a blindly driven CAV meets it."""
     walker = actor.kind == "walker"
     speed = WALK_MPS[actor.speed] if walker else CYCLE_MPS
-    station = _setting_off(actor, drive)
+    station = _start_station(actor, drive)
     right, left = drive.at(station, -KERB_M - drive.lanes_right(station)), drive.at(station, ACROSS_M)
     start, end = (left, right) if actor.crossing_direction == "left" else (right, left)
     here = drive.at(station)
@@ -195,19 +197,19 @@ def _crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
         start=Pose(x=start.x, y=start.y, yaw=round(yaw, 4)),
         motion=PathMotion(points=((start.x, start.y), (end.x, end.y)), speed=speed),
         avoid_collision=walker,
-        trigger=_when_near(drive, start, station, _crossing_s(out, speed, 1.5 if walker else 1.2)),
+        trigger=_build_trigger(drive, start, station, _compute_crossing_s(out, speed, 1.5 if walker else 1.2)),
         action=StartMotion(),
     )
 
 
-def _crossing_s(distance: float, speed: float, acceleration: float) -> float:
-    """Time [s] from the kerb to the middle of the lane, and a bit: a car comes with its front first."""
+def _compute_crossing_s(distance: float, speed: float, acceleration: float) -> float:
+    """Return the time [s] from the kerb to the middle of the lane, plus the time of half a car's length."""
     gaining = min(speed**2 / 2 / acceleration, distance)
     return math.sqrt(2 * gaining / acceleration) + (distance - gaining) / speed + HALF_CAR_S
 
 
-def _when_near(drive: _CavRoute, place: Pose, station: float, needed_s: float) -> DistanceTrigger:
-    """Fires when blind driving needs `needed_s` to the station."""
+def _build_trigger(drive: _CavRoute, place: Pose, station: float, needed_s: float) -> DistanceTrigger:
+    """Return a trigger that fires when blind driving needs `needed_s` to the station."""
     due = compute_arrival_s(drive.line, drive.start, station) - needed_s
     stations = np.arange(drive.start, station, 0.5)
     at = next((s for s in stations if compute_arrival_s(drive.line, drive.start, s) >= due), station - 0.5)
@@ -216,17 +218,17 @@ def _when_near(drive: _CavRoute, place: Pose, station: float, needed_s: float) -
     return DistanceTrigger(vehicle=drive.ego.id, distance_m=round(min(max(away, 3.0), 50.0), 2))
 
 
-def _car(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
+def _build_car(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
     if actor.lateral_position == "left_edge":
-        return _waiting_beside(actor, drive, egos)
+        return _build_waiting_vehicle(actor, drive, egos)
     if actor.lateral_position == "half_right":
-        return _made(actor, start=drive.at(drive.exit + STOPPED_M, -HALF_BESIDE_M))
+        return _build_vehicle(actor, start=drive.at(drive.exit + STOPPED_M, -HALF_BESIDE_M))
     if actor.lateral_position != "center":
-        return _pulling_out(actor, drive)
-    return _leading(actor, drive)
+        return _build_pulling_out_vehicle(actor, drive)
+    return _build_leading_vehicle(actor, drive)
 
 
-def _made(actor: ProposedActor, **more: object) -> Actor:
+def _build_vehicle(actor: ProposedActor, **more: object) -> Actor:
     van = actor.actor_id.startswith("van")
     size = {"length": VAN.length, "width": VAN.width} if van else {"length": CAR_SIZE[0], "width": CAR_SIZE[1]}
     return Actor.model_validate(
@@ -234,45 +236,47 @@ def _made(actor: ProposedActor, **more: object) -> Actor:
     )
 
 
-def _waiting_beside(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
-    """Stands in the junction ahead of the next lane to the left, where one waits to turn left."""
+def _build_waiting_vehicle(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
+    """Return a vehicle that waits in the junction ahead of the next lane to the left, to turn left."""
     lane = drive.roads.lanes[drive.ego.lanes[0]]
     if not lane.left:
         raise InputError(f"actor {actor.actor_id}: expected a lane to the left of {lane.id}, found none")
     edge = drive.at(drive.edge, drive.roads.lanes[lane.left].width)
     for ahead in np.arange((drive.exit - drive.edge) / 2, -VAN.length, -1.0):
         x, y = edge.x + ahead * math.cos(edge.yaw), edge.y + ahead * math.sin(edge.yaw)
-        van = _made(actor, start=Pose(x=round(x, 3), y=round(y, 3), yaw=edge.yaw))
-        if _free(_box(van), drive.roads, egos):
+        van = _build_vehicle(actor, start=Pose(x=round(x, 3), y=round(y, 3), yaw=edge.yaw))
+        if _is_free(_box_polygon(van), drive.roads, egos):
             return van
     raise InputError(f"actor {actor.actor_id}: expected room to wait in the junction, found none")
 
 
-def _along(roads: RoadMap, way: LaneRoute, start: float) -> Ego:
-    """The drive from there to the end of the way, lanes and start."""
+def _build_lane_drive(roads: RoadMap, way: LaneRoute, start: float) -> Ego:
+    """Return lanes and start of a drive from there to the end of the route."""
     return build_ego(roads, "car", way, SpawnPoint(start, len(build_route_line(roads, way, 0.5).xy) - 1 - RIM_M), 0.5)
 
 
-def _leading(actor: ProposedActor, drive: _CavRoute) -> Actor:
-    """Drives ahead on the CAV's way and, if erratic, brakes hard in the junction."""
+def _build_leading_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
+    """Return a vehicle ahead on the CAV's route that, if erratic, brakes hard in the junction."""
     start = drive.start + LEAD_M
-    ahead = _along(drive.roads, drive.way, start)
+    ahead = _build_lane_drive(drive.roads, drive.way, start)
     if actor.speed != "erratic":
-        return _made(actor, start=ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed]))
+        return _build_vehicle(
+            actor, start=ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed])
+        )
     at_s = round(compute_arrival_s(drive.line, start, drive.exit - 4.0), 2)
     motion = LaneMotion(lanes=ahead.lanes, speed=6.0)
     action = HardBrake(hold_s=HOLD_S, pacing=False, least_driven_s=1.0, resume_speed=DRIVE_MPS["normal"])
-    return _made(actor, start=ahead.start, motion=motion, trigger=TimeTrigger(at_s=at_s), action=action)
+    return _build_vehicle(actor, start=ahead.start, motion=motion, trigger=TimeTrigger(at_s=at_s), action=action)
 
 
-def _pulling_out(actor: ProposedActor, drive: _CavRoute) -> Actor:
-    """Stands at the kerb and pulls out when a CAV is near, then drives on before it."""
-    station = _setting_off(actor, drive)
+def _build_pulling_out_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
+    """Return a vehicle that stands at the kerb and pulls out ahead of an approaching CAV."""
+    station = _start_station(actor, drive)
     last = len(drive.line.xy) - 1 - RIM_M
     points = [drive.at(station, -ROADSIDE_M)]
     for s in np.arange(station + 1.0, last, 1.0):
         share = min((s - station) / PULL_OUT_M, 1.0)
         points.append(drive.at(float(s), -ROADSIDE_M * (1 - share**2 * (3 - 2 * share))))
     motion = PathMotion(points=tuple((p.x, p.y) for p in points), speed=DRIVE_MPS[actor.speed])
-    trigger = _when_near(drive, points[0], station, 2.5)
-    return _made(actor, start=points[0], motion=motion, trigger=trigger, action=StartMotion())
+    trigger = _build_trigger(drive, points[0], station, 2.5)
+    return _build_vehicle(actor, start=points[0], motion=motion, trigger=trigger, action=StartMotion())

@@ -1,4 +1,4 @@
-"""Where the CAVs of a pre-crash scenario start: close to the junction, so that they meet in it soon and unseen."""
+"""Spawn points of the CAVs of a pre-crash scenario: close to the junction, so that they meet in it soon and unseen."""
 
 import random
 from collections.abc import Mapping
@@ -28,48 +28,48 @@ from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_c
 from mdrive_sumo.roads import RoadMap
 
 RUN_UP_M = (8.0, 13.0)
-"""From the start of the first CAV to the junction's edge."""
+"""[m] From the start of the first CAV to the edge of the junction."""
 WITNESS_M = (17.0, 24.0)
-"""The same for a CAV that meets nobody: it sees what happens to the first one."""
+"""[m] The same for a CAV without a conflict, which observes what happens to the first one."""
 PAST_M, EVENT_PAST_M = 4.0, 15.0
-"""From the junction to the goal at least, and where something happens behind the junction."""
-SHORT = 0.85
-"""Routes begin with this share of the mean length that is wanted, for conflicts make many of them longer."""
+"""[m] Least distance from the junction to the goal, and where an event happens behind the junction."""
+ROUTE_SHARE = 0.85
+"""Share of the mean route length; conflicts lengthen many routes."""
 REACH_M = (6.0, 26.0)
-"""The same for those that start so as to meet somebody."""
+"""[m] Distance from the junction of starts that are chosen to meet another CAV."""
 APART_S = 0.25
-"""How much earlier or later than another one a CAV may reach their conflict."""
+"""[s] How much earlier or later than another one a CAV may reach their conflict."""
 STEP_M = 0.5
 
 
 def choose_pre_crash_spawn_points(
     proposal: Proposal, lines: RouteLines, ways: LaneRoutes, roads: RoadMap, route_m: float, rng: random.Random
 ) -> dict[str, SpawnPoint] | str:
-    """Start and goal of every CAV; or the reason why there is no room."""
+    """Return start and goal of every CAV, or the reason why there is no room."""
     behind = {actor.affects_vehicle for actor in proposal.actors if actor.timing_phase in ("after_exit", "after_turn")}
     starts: StartStations = {}
     for name, way in ways.items():
-        starts[name] = _start(name, starts, lines, ways, locate_junction(roads, way)[0], rng)
+        starts[name] = _draw_start(name, starts, lines, ways, locate_junction(roads, way)[0], rng)
         if starts[name] < RIM_M:
             return f"{name}: expected room for its start before the junction, found {starts[name]:.0f} m"
     spawned: dict[str, SpawnPoint] = {}
     for name, start in starts.items():
         past = EVENT_PAST_M if name in behind else PAST_M
-        least = max(_last(name, start, lines) + RUN_OUT_M, locate_junction(roads, ways[name])[1] + past)
+        least = max(_last_conflict(name, start, lines) + RUN_OUT_M, locate_junction(roads, ways[name])[1] + past)
         rim = len(lines[name].xy) - 1 - RIM_M
-        spawned[name] = SpawnPoint(start, min(max(start + SHORT * route_m * rng.uniform(0.9, 1.1), least), rim))
+        spawned[name] = SpawnPoint(start, min(max(start + ROUTE_SHARE * route_m * rng.uniform(0.9, 1.1), least), rim))
     return spawned
 
 
-def _last(name: str, start: float, lines: RouteLines) -> float:
-    """Station of the last conflict [m]."""
+def _last_conflict(name: str, start: float, lines: RouteLines) -> float:
+    """Return the station of the last conflict [m]."""
     met = [
         found[0] for other in lines if other != name and (found := find_conflict_stations(lines[name], lines[other]))
     ]
     return max((station for station in met if station > start), default=0.0)
 
 
-def _start(
+def _draw_start(
     name: str, starts: Mapping[str, float], lines: RouteLines, ways: LaneRoutes, edge: float, rng: random.Random
 ) -> float:
     ahead = [start for other, start in starts.items() if ways[other].lanes[0] == ways[name].lanes[0]]
@@ -85,7 +85,7 @@ def _start(
 
 
 def locate_junction(roads: RoadMap, way: LaneRoute) -> tuple[float, float]:
-    """Stations [m] on a way of the beginning and the end of its first junction; where it has none, of its middle."""
+    """Return the stations [m] of begin and end of the first junction on a route; without one, of its middle."""
     begin, found = 0.0, None
     for id_ in way.lanes:
         lane = roads.lanes[id_]
@@ -98,16 +98,16 @@ def locate_junction(roads: RoadMap, way: LaneRoute) -> tuple[float, float]:
 
 
 def compute_arrival_s(line: RouteLine, start: float, station: float) -> float:
-    """Time [s] in which blind driving comes from rest at `start` to `station` [m], slower in bends."""
+    """Return the time [s] in which blind driving gets from rest at `start` to `station` [m], slower in bends."""
     away = np.arange(0.0, max(station - start, STEP_M) + STEP_M / 2, STEP_M)
     rising = np.diff(np.sqrt(2 * away / BLIND_ACCELERATION))
-    bends = np.interp(start + away[1:], np.arange(len(line.xy)), _bends(line))
+    bends = np.interp(start + away[1:], np.arange(len(line.xy)), _curve_speed_profile(line))
     return float(np.maximum(rising, STEP_M / bends).sum())
 
 
 @lru_cache(maxsize=4096)
-def _bends(line: RouteLine) -> Float:
-    """Speed of blind driving [m/s] at the points of a line, but for the start."""
+def _curve_speed_profile(line: RouteLine) -> Float:
+    """Return the speed of blind driving [m/s] at the points of a line, except near the start."""
     path = build_path(line.xy, VEHICLE.rear_to_centre)
     speeds = compute_curve_speeds(path, BLIND_SPEED, CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking)
     share = np.linspace(0.0, path.goal_s, len(line.xy))

@@ -1,4 +1,4 @@
-"""Recipes: what a generated scenario was made from; kept beside it, so that it can be made again byte for byte."""
+"""Recipes: the inputs of a generated scenario, stored beside it, from which it can be rebuilt byte for byte."""
 
 from pathlib import Path
 from typing import Literal
@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.weather import WeatherName
 
 GENERATOR = 1
-"""Version of the generator: it grows whenever the same recipe would make another scenario."""
+"""Version of the generator, incremented whenever the same recipe would make another scenario."""
 
 
 class Recipe(BaseModel):
@@ -24,7 +24,7 @@ class Recipe(BaseModel):
     generator: int = GENERATOR
     id: Identifier
     seed: str = Field(min_length=1, max_length=200)
-    """Seeds everything after the proposal: which crop, which ways, which starts."""
+    """Seed of everything after the proposal: network, lane routes, starts."""
     proposer: str = "template"
     """`template`, or `llm:MODEL`."""
     weather: WeatherName = "default"
@@ -32,7 +32,7 @@ class Recipe(BaseModel):
 
 
 def load_recipe(path: Path) -> Recipe:
-    """Reads a recipe; raises InputError, also for one of another version of the generator."""
+    """Read a recipe; raises InputError, also for one of another version of the generator."""
     try:
         recipe = Recipe.model_validate_json(path.read_bytes())
     except OSError as error:
@@ -45,6 +45,6 @@ def load_recipe(path: Path) -> Recipe:
 
 
 def save_recipe(recipe: Recipe, path: Path) -> None:
-    """Writes a recipe."""
+    """Write a recipe."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(recipe.model_dump_json(exclude_defaults=False) + "\n")

@@ -1,4 +1,5 @@
-"""Assignment: every CAV of a proposal gets a legal way of the crop, so that all its relations hold (a small CSP)."""
+"""Assigns a lane-level route to every CAV of a proposal such that all relations hold (constraint satisfaction by
+backtracking)."""
 
 import math
 import random
@@ -11,7 +12,7 @@ from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.roads import RoadMap
 
 PERPENDICULAR_RAD = math.radians(40)
-"""How far from a right angle a crossing road may be."""
+"""[rad] Largest deviation of a crossing road from a right angle."""
 MOST_TRIES = 20000
 
 
@@ -20,8 +21,8 @@ LaneRoutes = Mapping[str, LaneRoute]
 
 
 def assign_routes(proposal: Proposal, roads: RoadMap, rng: random.Random) -> dict[str, LaneRoute] | None:
-    """Ways by vehicle id that satisfy all constraints; None if the crop has none. Which one is up to `rng`."""
-    domains = {ego.vehicle_id: _domain(ego, roads) for ego in proposal.ego_vehicles}
+    """Return routes by vehicle id that satisfy all constraints, a random solution; None if the network has none."""
+    domains = {ego.vehicle_id: _build_domain(ego, roads) for ego in proposal.ego_vehicles}
     for ways in domains.values():
         rng.shuffle(ways)
     tries = iter(range(MOST_TRIES))
@@ -53,16 +54,16 @@ def _consistent(proposal: Proposal, chosen: LaneRoutes, last: str) -> bool:
     )
 
 
-def _domain(ego: EgoVehicle, roads: RoadMap) -> list[LaneRoute]:
-    """Ways that do what the proposal says of one vehicle, whatever the others do."""
+def _build_domain(ego: EgoVehicle, roads: RoadMap) -> list[LaneRoute]:
+    """Return the routes that match the proposal of one vehicle, independent of the others."""
     plain, changing = find_lane_routes(roads), find_lane_change_routes(roads)
-    sides = _side_entries((*plain, *changing))
+    sides = _find_side_entries((*plain, *changing))
     ramps = {way.entry for way in changing} - {way.entry for way in plain}
     pool = changing if ego.maneuver == "lane_change" else (*plain, *(way for way in changing if way.entry in ramps))
-    return [way for way in pool if _does(ego, way) and _enters(ego, way, sides)]
+    return [way for way in pool if _matches_maneuver(ego, way) and _matches_entry(ego, way, sides)]
 
 
-def _does(ego: EgoVehicle, way: LaneRoute) -> bool:
+def _matches_maneuver(ego: EgoVehicle, way: LaneRoute) -> bool:
     if ego.maneuver == "lane_change":
         late = ego.lane_change_phase == "after_intersection"
         return ego.lane_change_phase == "unknown" or way.changes_late == late
@@ -70,12 +71,12 @@ def _does(ego: EgoVehicle, way: LaneRoute) -> bool:
     return ego.maneuver in turns or bool(way.change_side)
 
 
-def _enters(ego: EgoVehicle, way: LaneRoute, sides: set[str]) -> bool:
+def _matches_entry(ego: EgoVehicle, way: LaneRoute, sides: set[str]) -> bool:
     return ego.entry_road == "unknown" or (way.entry in sides) == (ego.entry_road == "side")
 
 
-def _side_entries(ways: Sequence[LaneRoute]) -> set[str]:
-    """Minor roads: those without a way straight on, and all but the widest of those that lead to one exit."""
+def _find_side_entries(ways: Sequence[LaneRoute]) -> set[str]:
+    """Return the minor roads: those without a straight route, and all but the widest of those that lead to one exit."""
     entries = {way.entry for way in ways}
     width = {entry: max(way.entry_rank for way in ways if way.entry == entry) for entry in entries}
     if len({way.exit for way in ways}) == 1:

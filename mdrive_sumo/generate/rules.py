@@ -1,4 +1,4 @@
-"""What makes a proposal valid before it meets a map: every rule is one function that yields sentences.
+"""Rules that a proposal must satisfy before it is placed on a map; each rule is one function that yields sentences.
 
 Rules of MDrive's generator (protocol 14.1, "Spec validation" and "Conflict rules"), and those of its category table.
 """
@@ -9,9 +9,9 @@ from itertools import combinations
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.proposal import ActorKind, Proposal
 
-MOST_ACTORS = 8
+MAX_ACTORS = 8
 ON_FOOT: tuple[ActorKind, ...] = ("walker", "cyclist")
-ACTIVE = frozenset(
+CONFLICT_RELATIONS = frozenset(
     (
         "opposite_approach_of",
         "perpendicular_right_of",
@@ -46,17 +46,17 @@ MIRRORED = {
 
 
 def find_rule_violations(proposal: Proposal) -> tuple[str, ...]:
-    """Everything that is wrong with a proposal, one sentence each; empty if it is valid."""
+    """Return all rule violations of a proposal, one sentence each; empty if it is valid."""
     return tuple(problem for rule in RULES for problem in rule(proposal))
 
 
-def _topology(proposal: Proposal) -> Iterator[str]:
+def _check_topology(proposal: Proposal) -> Iterator[str]:
     wanted = CATEGORIES[proposal.category].road.topologies
     if proposal.topology not in wanted:
         yield f"topology: expected {' or '.join(wanted)} for {proposal.category}, found {proposal.topology}"
 
 
-def _needs(proposal: Proposal) -> Iterator[str]:
+def _check_needs(proposal: Proposal) -> Iterator[str]:
     if proposal.category is Category.PRE_CRASH:
         return  # the typology decides, see pre_crash.py
     needs = CATEGORIES[proposal.category].road
@@ -66,33 +66,33 @@ def _needs(proposal: Proposal) -> Iterator[str]:
             yield f"needs_{name}: expected {str(wanted).lower()} for {proposal.category}, found {str(found).lower()}"
 
 
-def _ego_count(proposal: Proposal) -> Iterator[str]:
+def _check_ego_count(proposal: Proposal) -> Iterator[str]:
     least, most = CATEGORIES[proposal.category].cav_range
     found = len(proposal.ego_vehicles)
     if not least <= found <= most:
         yield f"ego_vehicles: expected {least} to {most} for {proposal.category}, found {found}"
 
 
-def _ego_ids(proposal: Proposal) -> Iterator[str]:
+def _check_ego_ids(proposal: Proposal) -> Iterator[str]:
     found = [ego.vehicle_id for ego in proposal.ego_vehicles]
     wanted = [f"Vehicle {n}" for n in range(1, len(found) + 1)]
     if found != wanted:
         yield f"ego_vehicles: expected the ids {', '.join(wanted)} in this order, found {', '.join(found)}"
 
 
-def _actor_count(proposal: Proposal) -> Iterator[str]:
+def _check_actor_count(proposal: Proposal) -> Iterator[str]:
     found = sum(actor.quantity for actor in proposal.actors)
-    if found > MOST_ACTORS:
-        yield f"actors: expected at most {MOST_ACTORS}, quantities counted, found {found}"
+    if found > MAX_ACTORS:
+        yield f"actors: expected at most {MAX_ACTORS}, quantities counted, found {found}"
 
 
-def _actor_ids(proposal: Proposal) -> Iterator[str]:
+def _check_actor_ids(proposal: Proposal) -> Iterator[str]:
     ids = [actor.actor_id for actor in proposal.actors]
     for name in sorted({name for name in ids if ids.count(name) > 1}):
         yield f"actors: expected every actor_id once, found {name} {ids.count(name)} times"
 
 
-def _known_ids(proposal: Proposal) -> Iterator[str]:
+def _check_known_ids(proposal: Proposal) -> Iterator[str]:
     known = {ego.vehicle_id for ego in proposal.ego_vehicles}
     for number, constraint in enumerate(proposal.vehicle_constraints):
         for end in (constraint.a, constraint.b):
@@ -105,13 +105,13 @@ def _known_ids(proposal: Proposal) -> Iterator[str]:
             )
 
 
-def _no_self(proposal: Proposal) -> Iterator[str]:
+def _check_no_self_relation(proposal: Proposal) -> Iterator[str]:
     for number, constraint in enumerate(proposal.vehicle_constraints):
         if constraint.a == constraint.b:
             yield f"vehicle_constraints.{number}: expected two vehicles, found {constraint.a} twice"
 
 
-def _contradictions(proposal: Proposal) -> Iterator[str]:
+def _check_contradictions(proposal: Proposal) -> Iterator[str]:
     said: dict[tuple[str, str], set[str]] = {}
     for constraint in proposal.vehicle_constraints:
         said.setdefault((constraint.a, constraint.b), set()).add(constraint.type)
@@ -125,39 +125,39 @@ def _contradictions(proposal: Proposal) -> Iterator[str]:
                 yield f"vehicle_constraints: {a} cannot be both {one} and {other} {b}"
 
 
-def _crossing(proposal: Proposal) -> Iterator[str]:
+def _check_crossing_actors(proposal: Proposal) -> Iterator[str]:
     for actor in proposal.actors:
         if actor.motion == "cross_perpendicular" and actor.kind not in ON_FOOT:
             yield f"actor {actor.actor_id}: expected a walker or cyclist to cross_perpendicular, found {actor.kind}"
 
 
-def _standing(proposal: Proposal) -> Iterator[str]:
+def _check_static_actors(proposal: Proposal) -> Iterator[str]:
     for actor in proposal.actors:
         if actor.kind in ("static_prop", "parked_vehicle") and actor.motion != "static":
             yield f"actor {actor.actor_id}: expected a {actor.kind} to be static, found {actor.motion}"
 
 
-def _active(proposal: Proposal) -> Iterator[str]:
-    if len(proposal.ego_vehicles) > 1 and not _said(proposal) & ACTIVE:
-        yield f"vehicle_constraints: expected at least one of {', '.join(sorted(ACTIVE))}, found none"
+def _check_conflict_relation(proposal: Proposal) -> Iterator[str]:
+    if len(proposal.ego_vehicles) > 1 and not _relation_types(proposal) & CONFLICT_RELATIONS:
+        yield f"vehicle_constraints: expected at least one of {', '.join(sorted(CONFLICT_RELATIONS))}, found none"
 
 
-def _oncoming(proposal: Proposal) -> Iterator[str]:
-    if proposal.needs_oncoming and "opposite_approach_of" not in _said(proposal):
+def _check_oncoming_relation(proposal: Proposal) -> Iterator[str]:
+    if proposal.needs_oncoming and "opposite_approach_of" not in _relation_types(proposal):
         yield "vehicle_constraints: expected opposite_approach_of because of needs_oncoming, found none"
 
 
-def _multi_lane(proposal: Proposal) -> Iterator[str]:
-    if proposal.needs_multi_lane and not _said(proposal) & LANE_RELATIONS:
+def _check_lane_relation(proposal: Proposal) -> Iterator[str]:
+    if proposal.needs_multi_lane and not _relation_types(proposal) & LANE_RELATIONS:
         yield "vehicle_constraints: expected a lane relation because of needs_multi_lane, found none"
 
 
-def _merge(proposal: Proposal) -> Iterator[str]:
-    if (proposal.needs_merge or proposal.needs_on_ramp) and "merges_into_lane_of" not in _said(proposal):
+def _check_merge_relation(proposal: Proposal) -> Iterator[str]:
+    if (proposal.needs_merge or proposal.needs_on_ramp) and "merges_into_lane_of" not in _relation_types(proposal):
         yield "vehicle_constraints: expected merges_into_lane_of because of the merge, found none"
 
 
-def _ramp_roads(proposal: Proposal) -> Iterator[str]:
+def _check_ramp_roads(proposal: Proposal) -> Iterator[str]:
     if not proposal.needs_on_ramp:
         return
     roads = {ego.entry_road for ego in proposal.ego_vehicles}
@@ -165,7 +165,7 @@ def _ramp_roads(proposal: Proposal) -> Iterator[str]:
         yield f"ego_vehicles: expected one main and one side entry_road for the ramp, found {', '.join(sorted(roads))}"
 
 
-def _unprotected_left(proposal: Proposal) -> Iterator[str]:
+def _check_unprotected_left(proposal: Proposal) -> Iterator[str]:
     if proposal.category is not Category.UNPROTECTED_LEFT:
         return
     maneuver = {ego.vehicle_id: ego.maneuver for ego in proposal.ego_vehicles}
@@ -178,18 +178,18 @@ def _opposite(type_: str) -> bool:
     return type_ == "opposite_approach_of"
 
 
-def _walkers(proposal: Proposal) -> Iterator[str]:
+def _check_walkers(proposal: Proposal) -> Iterator[str]:
     if proposal.category is Category.CROSSWALK and not any(actor.kind == "walker" for actor in proposal.actors):
         yield "actors: expected at least one walker for crosswalk, found none"
 
 
-def _no_scripted_change(proposal: Proposal) -> Iterator[str]:
+def _check_no_lane_change(proposal: Proposal) -> Iterator[str]:
     changing = [ego.vehicle_id for ego in proposal.ego_vehicles if ego.maneuver == "lane_change"]
     if proposal.category is Category.BLOCKED_LANE and changing:
         yield f"ego_vehicles: expected no lane_change for blocked-lane, found {', '.join(changing)}"
 
 
-def _overtaking(proposal: Proposal) -> Iterator[str]:
+def _check_overtaking(proposal: Proposal) -> Iterator[str]:
     if proposal.category is not Category.OVERTAKING:
         return
     ahead = [a for a in proposal.actors if a.affects_vehicle == "Vehicle 1" and a.motion == "static"]
@@ -200,36 +200,36 @@ def _overtaking(proposal: Proposal) -> Iterator[str]:
         yield "vehicle_constraints: expected Vehicle 2 opposite_approach_of Vehicle 1 for overtaking, found none"
 
 
-def _typology(proposal: Proposal) -> Iterator[str]:
+def _check_typology(proposal: Proposal) -> Iterator[str]:
     if (proposal.category is Category.PRE_CRASH) != (proposal.pre_crash is not None):
         wanted = "a typology number" if proposal.category is Category.PRE_CRASH else "none"
         yield f"pre_crash: expected {wanted} for {proposal.category}, found {proposal.pre_crash or 'none'}"
 
 
-def _said(proposal: Proposal) -> set[str]:
+def _relation_types(proposal: Proposal) -> set[str]:
     return {constraint.type for constraint in proposal.vehicle_constraints}
 
 
 RULES: tuple[Callable[[Proposal], Iterator[str]], ...] = (
-    _topology,
-    _needs,
-    _ego_count,
-    _ego_ids,
-    _actor_count,
-    _actor_ids,
-    _known_ids,
-    _no_self,
-    _contradictions,
-    _crossing,
-    _standing,
-    _active,
-    _oncoming,
-    _multi_lane,
-    _merge,
-    _ramp_roads,
-    _unprotected_left,
-    _walkers,
-    _no_scripted_change,
-    _overtaking,
-    _typology,
+    _check_topology,
+    _check_needs,
+    _check_ego_count,
+    _check_ego_ids,
+    _check_actor_count,
+    _check_actor_ids,
+    _check_known_ids,
+    _check_no_self_relation,
+    _check_contradictions,
+    _check_crossing_actors,
+    _check_static_actors,
+    _check_conflict_relation,
+    _check_oncoming_relation,
+    _check_lane_relation,
+    _check_merge_relation,
+    _check_ramp_roads,
+    _check_unprotected_left,
+    _check_walkers,
+    _check_no_lane_change,
+    _check_overtaking,
+    _check_typology,
 )

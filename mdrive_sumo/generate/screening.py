@@ -1,4 +1,5 @@
-"""Screening: is a scenario feasible and difficult? It is driven twice, by `omniscient` and blindly (protocol 14.2)."""
+"""Screens a scenario for difficulty and feasibility: blind driving must come close to a collision, `omniscient` must
+succeed (protocol 14.2)."""
 
 from dataclasses import dataclass
 
@@ -22,10 +23,10 @@ class ScreeningResult:
     """Figures of both drives."""
 
     blind_ttc_s: float | None
-    """Least time to collision of blind driving; None: never dangerous."""
+    """Least time to collision of blind driving; None: no dangerous approach."""
     omniscient_ds: float
     is_occluded: bool = False
-    """Whether the scenario has an occlusion certificate (certificate.py)."""
+    """Whether the scenario has an occlusion certificate."""
 
     @property
     def is_difficult(self) -> bool:
@@ -39,7 +40,7 @@ class ScreeningResult:
 
 
 def drive_episode(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
-    """An episode with a built-in agent; raises WorldError."""
+    """Return an episode with a built-in agent; raises WorldError."""
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, derive_seed(SEED, scenario.id, "sumo")) as world:
@@ -47,9 +48,9 @@ def drive_episode(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeReco
 
 
 def screen_scenario(scenario: Scenario, roads: RoadMap) -> ScreeningResult:
-    """Drives a scenario blindly and, if that is dangerous, with `omniscient`."""
+    """Drive a scenario blindly and, if that is dangerous, with `omniscient`."""
     blind = drive_episode(scenario, roads, "constant-speed")
-    ttc = _scored(blind, scenario, roads).min_ttc
+    ttc = _score(blind, scenario, roads).min_ttc
     if ttc is None or ttc >= NEAR_MISS_TTC_S:
         return ScreeningResult(ttc, 0.0)
     solved = drive_episode(scenario, roads, "omniscient")
@@ -57,8 +58,8 @@ def screen_scenario(scenario: Scenario, roads: RoadMap) -> ScreeningResult:
     hidden = [
         found for drive, episode in drives.items() for found in find_occluded_intervals(drive, episode, scenario, roads)
     ]
-    return ScreeningResult(ttc, _scored(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
+    return ScreeningResult(ttc, _score(solved, scenario, roads).ds, any(interval.matters for interval in hidden))
 
 
-def _scored(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> ScenarioResult:
+def _score(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> ScenarioResult:
     return score_episode(episode, scenario, roads, ScoreMode.MDRIVE, SEED)

@@ -1,6 +1,6 @@
-"""Spawns: where on their ways the CAVs of a proposal start and end, so that blind driving brings them together.
+"""Spawn points: start and goal of each CAV on its route, such that blind driving brings the CAVs together.
 
-Every CAV starts from rest and, driven blindly, reaches the conflict with another one at nearly the same time.
+Every CAV starts from rest and, driven blindly, reaches its conflict with another one at nearly the same time.
 """
 
 import math
@@ -19,32 +19,32 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
-"""[m/s], [m/s2] of `constant-speed` (protocol 14.2)."""
+"""[m/s], [m/s2] Parameters of `constant-speed` (protocol 14.2)."""
 RUN_UP_M = (14.0, 56.0)
-"""Distance from start to conflict of the first CAV; the original asks for 28 m before a junction on average."""
+"""[m] Distance from start to conflict of the first CAV; the original uses 28 m before a junction on average."""
 LEAST_RUN_UP_M = 12.0
 CORRIDOR_M = (45.0, 70.0)
-"""Where CAVs start on roads without a junction, so that there is room for a queue behind and things ahead."""
+"""[m] Start of CAVs on roads without a junction, with room for a queue behind and obstacles ahead."""
 BESIDE_M = (-5.0, 5.0)
-"""How far ahead of a CAV one in the next lane starts."""
+"""[m] Distance ahead of a CAV at which one in the next lane starts."""
 DRAWS = 30
 TOGETHER_S = 0.5
-"""CAVs that reach their conflict within this meet there."""
+"""[s] CAVs that reach their conflict within this time meet there."""
 APART_S = 0.5
-"""How much earlier or later than another one a CAV may reach their conflict."""
+"""[s] How much earlier or later than another one a CAV may reach their conflict."""
 GAP_M = (7.0, 14.0)
-"""Between the box centres in a queue, a car's length included, plus what is left free."""
+"""[m] Distance between box centres in a queue, a car's length included."""
 RUN_OUT_M = 14.0
-"""Least way from a conflict to the goal."""
+"""[m] Least distance from a conflict to the goal."""
 RIM_M = 4.0
-"""No start or goal nearer to the end of a way."""
+"""[m] Least distance of starts and goals from the ends of a route."""
 MEETING_M = 1.6
-"""Ways that come so near to each other conflict there."""
+"""[m] Routes within this distance of each other conflict."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteLine:
-    """A way as a line: points every metre (N, 2) [m], and where it begins on its first lane [m]."""
+    """A lane route as a line: points every metre (N, 2) [m], and where it begins on its first lane [m]."""
 
     xy: Float
     start_s: float
@@ -52,13 +52,13 @@ class RouteLine:
 
 @lru_cache(maxsize=4096)
 def build_route_line(roads: RoadMap, way: LaneRoute, change_share: float) -> RouteLine:
-    """The whole way; a lane change begins at that share of the lane that it leaves."""
+    """Return the line of the whole route; a lane change begins at that share of the lane that it leaves."""
     goal_s = roads.lanes[way.lanes[-1]].centre.length
-    route = build_lane_route(roads, way.lanes, 0.0, goal_s, _changes(roads, way, change_share))
+    route = build_lane_route(roads, way.lanes, 0.0, goal_s, _lane_change_stations(roads, way, change_share))
     return RouteLine(route.xy, 0.0)
 
 
-def _changes(roads: RoadMap, way: LaneRoute, share: float) -> dict[int, float]:
+def _lane_change_stations(roads: RoadMap, way: LaneRoute, share: float) -> dict[int, float]:
     if way.change_index < 0:
         return {}
     return {way.change_index: share * roads.lanes[way.lanes[way.change_index]].centre.length}
@@ -66,7 +66,8 @@ def _changes(roads: RoadMap, way: LaneRoute, share: float) -> dict[int, float]:
 
 @lru_cache(maxsize=4096)
 def find_conflict_stations(one: RouteLine, other: RouteLine) -> tuple[float, float] | None:
-    """Stations [m] at which two ways first come together after having been apart; None: they never do."""
+    """Return the stations [m] at which two routes first come together after having been apart; None if they never
+    do."""
     near = np.asarray(shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M)
     if near[0]:
         return None  # they begin together: a queue
@@ -77,7 +78,7 @@ def find_conflict_stations(one: RouteLine, other: RouteLine) -> tuple[float, flo
 
 
 def blind_travel_time(distance: float) -> float:
-    """Time [s] in which blind driving covers a distance [m] from rest."""
+    """Return the time [s] in which blind driving covers a distance [m] from rest."""
     speeding = BLIND_SPEED**2 / 2 / BLIND_ACCELERATION
     if distance < speeding:
         return math.sqrt(2 * max(distance, 0.0) / BLIND_ACCELERATION)
@@ -85,7 +86,7 @@ def blind_travel_time(distance: float) -> float:
 
 
 def blind_distance(time: float) -> float:
-    """Inverse of `blind_time`."""
+    """Return the distance [m] that blind driving covers in a time [s] from rest."""
     speeding = BLIND_SPEED / BLIND_ACCELERATION
     if time < speeding:
         return BLIND_ACCELERATION * max(time, 0.0) ** 2 / 2
@@ -109,16 +110,16 @@ StartStations = dict[str, float]
 def choose_spawn_points(
     lines: RouteLines, ways: LaneRoutes, route_m: float, rng: random.Random
 ) -> dict[str, SpawnPoint] | str:
-    """Start and goal of every CAV, routes about `route_m` long; or the reason why there is no room.
+    """Return start and goal of every CAV, with routes about `route_m` long; or the reason why there is no room.
 
-    The best of some draws: the one in which most pairs of CAVs meet.
+    Of several random draws the one in which most pairs of CAVs meet.
     """
-    draws = [_starts(lines, ways, rng) for _ in range(DRAWS)]
+    draws = [_draw_starts(lines, ways, rng) for _ in range(DRAWS)]
     found = [draw for draw in draws if not isinstance(draw, str)]
     if not found:
         return next(draw for draw in draws if isinstance(draw, str))
-    starts = max(found, key=lambda draw: _encounters(draw, lines))
-    last = {name: max((met[0] for _, met in _met(name, lines)), default=0.0) for name in starts}
+    starts = max(found, key=lambda draw: _count_encounters(draw, lines))
+    last = {name: max((met[0] for _, met in _find_conflicts(name, lines)), default=0.0) for name in starts}
     rims = {name: len(lines[name].xy) - 1 - RIM_M for name in starts}
     goals = {
         name: min(max(start + route_m * rng.uniform(0.9, 1.1), last[name] + RUN_OUT_M), rims[name])
@@ -127,41 +128,42 @@ def choose_spawn_points(
     return {name: SpawnPoint(start, goals[name]) for name, start in starts.items()}
 
 
-def _starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | str:
+def _draw_starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | str:
     starts: StartStations = {}
     for name in ways:
-        start, length = _start(name, starts, lines, ways, rng), len(lines[name].xy) - 1
+        start, length = _draw_start(name, starts, lines, ways, rng), len(lines[name].xy) - 1
         if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
             return f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m"
         starts[name] = start
     return starts
 
 
-def _met(name: str, lines: RouteLines) -> Iterator[tuple[str, tuple[float, float]]]:
+def _find_conflicts(name: str, lines: RouteLines) -> Iterator[tuple[str, tuple[float, float]]]:
     for other in lines:
         if other != name and (met := find_conflict_stations(lines[name], lines[other])) is not None:
             yield other, met
 
 
-def _encounters(starts: StartStations, lines: RouteLines) -> int:
-    """Pairs of CAVs that blind driving brings together."""
+def _count_encounters(starts: StartStations, lines: RouteLines) -> int:
+    """Count the pairs of CAVs that blind driving brings together."""
     return sum(
         min(met[0] - starts[name], met[1] - starts[other]) > 0
         and abs(blind_travel_time(met[0] - starts[name]) - blind_travel_time(met[1] - starts[other])) < TOGETHER_S
         for name in starts
-        for other, met in _met(name, lines)
+        for other, met in _find_conflicts(name, lines)
     )
 
 
-def _start(name: str, starts: StartStations, lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> float:
-    """Behind who starts on the same lane, beside who starts on the same road, else so as to meet somebody."""
+def _draw_start(name: str, starts: StartStations, lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> float:
+    """Return a start behind the CAVs on the same lane, beside those on the same road, or such that it meets another
+    CAV."""
     ahead = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
     if ahead:
         return min(ahead) - rng.uniform(*GAP_M)
     beside = [starts[other] for other in starts if ways[other].entry == ways[name].entry]
     if beside:
         return beside[0] + rng.uniform(*BESIDE_M)
-    met = dict(_met(name, lines))
+    met = dict(_find_conflicts(name, lines))
     if not met:
         return rng.uniform(*CORRIDOR_M)
     first = min(found[0] for found in met.values())
@@ -175,9 +177,9 @@ def _start(name: str, starts: StartStations, lines: RouteLines, ways: LaneRoutes
 
 
 def build_ego(roads: RoadMap, name: str, way: LaneRoute, spawn: SpawnPoint, change_share: float) -> Ego:
-    """The CAV that drives a way from start to goal, at rest on the first point of its dense route."""
-    lanes, start_s, goal_s, dropped = _trimmed(roads, way, spawn)
-    changes = {i - dropped: s for i, s in _changes(roads, way, change_share).items() if i >= dropped}
+    """Return the CAV that drives a route from start to goal, at rest on the first point of its dense route."""
+    lanes, start_s, goal_s, dropped = _trim_lanes(roads, way, spawn)
+    changes = {i - dropped: s for i, s in _lane_change_stations(roads, way, change_share).items() if i >= dropped}
     route = build_lane_route(roads, lanes, start_s, goal_s, changes)
     xy, yaws = route.xy.tolist(), route.yaw.tolist()
     points = tuple((round(x, 3), round(y, 3), round(yaw, 4)) for (x, y), yaw in zip(xy, yaws, strict=True))
@@ -185,8 +187,9 @@ def build_ego(roads: RoadMap, name: str, way: LaneRoute, spawn: SpawnPoint, chan
     return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), lanes=route.lanes, route=points)
 
 
-def _trimmed(roads: RoadMap, way: LaneRoute, spawn: SpawnPoint) -> tuple[Sequence[str], float, float, int]:
-    """Lanes between start and goal, arc lengths on the first and the last, and how many lanes were cut in front."""
+def _trim_lanes(roads: RoadMap, way: LaneRoute, spawn: SpawnPoint) -> tuple[Sequence[str], float, float, int]:
+    """Return the lanes between start and goal, arc lengths on the first and the last, and the number of lanes removed
+    in front."""
     begins = [0.0]
     for i, id_ in enumerate(way.lanes[:-1]):
         begins.append(begins[-1] + (0.0 if i == way.change_index else roads.lanes[id_].centre.length))

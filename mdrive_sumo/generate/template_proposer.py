@@ -1,4 +1,4 @@
-"""Templates: our own proposer. A function a category samples proposals that keep the rules; no language model."""
+"""Template proposer: one function per category draws proposals that satisfy the rules, without a language model."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
@@ -10,13 +10,13 @@ from mdrive_sumo.generate.proposal import Maneuver, Proposal
 
 Draft = dict[str, Any]
 """Fields of a proposal before they are checked."""
-TURNS = 0.4
-"""Share of scenarios on otherwise straight ways in which one CAV turns."""
+TURN_SHARE = 0.4
+"""Share of scenarios on otherwise straight routes in which one CAV turns."""
 SIDE_RELATIONS = ("perpendicular_right_of", "perpendicular_left_of", "opposite_approach_of")
 
 
 def propose(category: Category, rng: random.Random) -> Proposal:
-    """A proposal of the category, drawn by `rng`."""
+    """Return a proposal of the category, drawn by `rng`."""
     needs = CATEGORIES[category].road
     draft: Draft = {
         "category": category,
@@ -29,27 +29,27 @@ def propose(category: Category, rng: random.Random) -> Proposal:
     return Proposal.model_validate(draft | TEMPLATES[category](rng))
 
 
-def _ego(number: int, maneuver: Maneuver = "straight", **more: str) -> Draft:
+def _draft_ego(number: int, maneuver: Maneuver = "straight", **more: str) -> Draft:
     return {"vehicle_id": f"Vehicle {number}", "maneuver": maneuver, **more}
 
 
-def _relation(a: int, type_: str, b: int) -> Draft:
+def _draft_relation(a: int, type_: str, b: int) -> Draft:
     return {"type": type_, "a": f"Vehicle {a}", "b": f"Vehicle {b}"}
 
 
-def _count(rng: random.Random, mean: float) -> int:
-    """A number of CAVs: the integers around the mean, so often that the mean comes out."""
+def _draw_count(rng: random.Random, mean: float) -> int:
+    """Return a number of CAVs next to the mean, randomly rounded such that its expectation is the mean."""
     low = int(mean)
     return low + (rng.random() < mean - low)
 
 
-def _queue(first: int, count: int, behind: Sequence[int], rng: random.Random) -> list[Draft]:
-    """Relations that put further CAVs behind those that are there."""
-    return [_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
+def _relate_followers(first: int, count: int, behind: Sequence[int], rng: random.Random) -> list[Draft]:
+    """Return relations that put further CAVs behind the first ones."""
+    return [_draft_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
 
 
-def _like(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list[Draft]:
-    """CAVs that follow others do what these do."""
+def _add_followers(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list[Draft]:
+    """Add CAVs that do what the CAV ahead of them does."""
     found = list(egos)
     for relation in relations:
         leader = next(ego for ego in found if ego["vehicle_id"] == relation["b"])
@@ -57,18 +57,18 @@ def _like(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list
     return found[:count]
 
 
-def _and_one(egos: list[Draft], turn: Maneuver) -> list[Draft]:
-    """Adds a CAV that turns, from the road opposite the first one; its relation."""
-    egos.append(_ego(len(egos) + 1, turn))
-    return [_relation(len(egos), "opposite_approach_of", 1)]
+def _add_turning_ego(egos: list[Draft], turn: Maneuver) -> list[Draft]:
+    """Add a CAV that turns, from the road opposite the first one; return its relation."""
+    egos.append(_draft_ego(len(egos) + 1, turn))
+    return [_draft_relation(len(egos), "opposite_approach_of", 1)]
 
 
 def _deadlock(rng: random.Random) -> Draft:
-    count = _count(rng, 4.7)
+    count = _draw_count(rng, 4.7)
     turns: list[Maneuver] = [rng.choice(("left", "left", "right", "straight")) for _ in range(4)]
-    relations = [_relation(n + 2, type_, 1) for n, type_ in enumerate(SIDE_RELATIONS)]
-    queue = _queue(5, count, (1, 2, 3, 4), rng)
-    egos = _like([_ego(n + 1, turn) for n, turn in enumerate(turns)], queue, count)
+    relations = [_draft_relation(n + 2, type_, 1) for n, type_ in enumerate(SIDE_RELATIONS)]
+    queue = _relate_followers(5, count, (1, 2, 3, 4), rng)
+    egos = _add_followers([_draft_ego(n + 1, turn) for n, turn in enumerate(turns)], queue, count)
     return {
         "ego_vehicles": egos,
         "vehicle_constraints": relations + queue,
@@ -77,20 +77,23 @@ def _deadlock(rng: random.Random) -> Draft:
 
 
 def _unprotected_left(rng: random.Random) -> Draft:
-    count = _count(rng, 5.1)
-    egos = [_ego(1, "left"), _ego(2), _ego(3)]
-    relations = [_relation(2, "opposite_approach_of", 1), _relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2)]
-    queue = _queue(4, count, (1, 2, 3), rng)
-    parked = _parked("Vehicle 2", rng.choice(("right_edge", "half_right"))) if rng.random() < 0.3 else []
+    count = _draw_count(rng, 5.1)
+    egos = [_draft_ego(1, "left"), _draft_ego(2), _draft_ego(3)]
+    relations = [
+        _draft_relation(2, "opposite_approach_of", 1),
+        _draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
+    ]
+    queue = _relate_followers(4, count, (1, 2, 3), rng)
+    parked = _draft_parked("Vehicle 2", rng.choice(("right_edge", "half_right"))) if rng.random() < 0.3 else []
     return {
-        "ego_vehicles": _like(egos, queue, count),
+        "ego_vehicles": _add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "actors": parked,
         "description": "A CAV turns left through oncoming CAVs.",
     }
 
 
-def _parked(vehicle: str, lateral: str, name: str = "parked_1") -> list[Draft]:
+def _draft_parked(vehicle: str, lateral: str, name: str = "parked_1") -> list[Draft]:
     return [
         {
             "actor_id": name,
@@ -103,64 +106,71 @@ def _parked(vehicle: str, lateral: str, name: str = "parked_1") -> list[Draft]:
 
 
 def _major_minor(rng: random.Random) -> Draft:
-    count = _count(rng, 4.0)
+    count = _draw_count(rng, 4.0)
     egos = [
-        _ego(1, rng.choice(("left", "right")), entry_road="side"),
-        _ego(2, entry_road="main"),
-        _ego(3, rng.choice(("straight", "left")), entry_road="main"),
+        _draft_ego(1, rng.choice(("left", "right")), entry_road="side"),
+        _draft_ego(2, entry_road="main"),
+        _draft_ego(3, rng.choice(("straight", "left")), entry_road="main"),
     ]
-    relations = [_relation(2, "perpendicular_left_of", 1), _relation(3, "perpendicular_right_of", 1)]
-    queue = _queue(4, count, (1, 2, 3), rng)
+    relations = [_draft_relation(2, "perpendicular_left_of", 1), _draft_relation(3, "perpendicular_right_of", 1)]
+    queue = _relate_followers(4, count, (1, 2, 3), rng)
     return {
-        "ego_vehicles": _like(egos, queue, count),
+        "ego_vehicles": _add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
-        "actors": _parked("Vehicle 1", "right_edge") if rng.random() < 0.6 else [],
+        "actors": _draft_parked("Vehicle 1", "right_edge") if rng.random() < 0.6 else [],
         "description": "A CAV enters the main road from the minor one, where CAVs come from both sides.",
     }
 
 
 def _highway_merge(rng: random.Random) -> Draft:
-    count = _count(rng, 4.6)
-    egos = [_ego(1, "unknown", entry_road="side"), _ego(2, entry_road="main"), _ego(3, entry_road="main")]
-    relations = [_relation(1, "merges_into_lane_of", 2), _relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2)]
-    queue = _queue(4, count, (1, 2, 3), rng)
+    count = _draw_count(rng, 4.6)
+    egos = [
+        _draft_ego(1, "unknown", entry_road="side"),
+        _draft_ego(2, entry_road="main"),
+        _draft_ego(3, entry_road="main"),
+    ]
+    relations = [
+        _draft_relation(1, "merges_into_lane_of", 2),
+        _draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
+    ]
+    queue = _relate_followers(4, count, (1, 2, 3), rng)
     return {
-        "ego_vehicles": _like(egos, queue, count),
+        "ego_vehicles": _add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "description": "CAVs on the ramp and CAVs on the motorway want the same gap.",
     }
 
 
 def _lane_drop(rng: random.Random) -> Draft:
-    count = _count(rng, 4.6)
-    relations = [_relation(1, "merges_into_lane_of", 2), _relation(3, "left_lane_of", 2)]
-    queue = _queue(4, count, (1, 2), rng)
+    count = _draw_count(rng, 4.6)
+    relations = [_draft_relation(1, "merges_into_lane_of", 2), _draft_relation(3, "left_lane_of", 2)]
+    queue = _relate_followers(4, count, (1, 2), rng)
     return {
-        "ego_vehicles": _like([_ego(1), _ego(2), _ego(3)], queue, count),
+        "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2), _draft_ego(3)], queue, count),
         "vehicle_constraints": relations + queue,
         "description": "A lane ends; CAVs side by side have to merge one after the other.",
     }
 
 
 def _lane_change(rng: random.Random) -> Draft:
-    count = _count(rng, 4.2)
+    count = _draw_count(rng, 4.2)
     side = rng.choice(("left_lane_of", "right_lane_of"))
     swap = rng.random() < 0.6
-    egos = [_ego(1, "lane_change"), _ego(2, "lane_change" if swap else "straight")]
-    relations = [_relation(2, side, 1)] + ([] if swap else [_relation(1, "merges_into_lane_of", 2)])
-    queue = _queue(3, count, (1, 2), rng)
+    egos = [_draft_ego(1, "lane_change"), _draft_ego(2, "lane_change" if swap else "straight")]
+    relations = [_draft_relation(2, side, 1)] + ([] if swap else [_draft_relation(1, "merges_into_lane_of", 2)])
+    queue = _relate_followers(3, count, (1, 2), rng)
     return {
-        "ego_vehicles": _like(egos, queue, count),
+        "ego_vehicles": _add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "description": "CAVs side by side want to change into each other's lanes.",
     }
 
 
 def _blocked_lane(rng: random.Random) -> Draft:
-    count = _count(rng, 4.7)
+    count = _draw_count(rng, 4.7)
     side = rng.choice(("left_lane_of", "right_lane_of"))
-    relations = [_relation(2, side, 1)]
-    queue = _queue(3, count, (1, 2), rng)
+    relations = [_draft_relation(2, side, 1)]
+    queue = _relate_followers(3, count, (1, 2), rng)
     kind = rng.choice(("static_prop", "parked_vehicle"))
     block = {
         "actor_id": "block_1",
@@ -173,7 +183,7 @@ def _blocked_lane(rng: random.Random) -> Draft:
     }
     more = [block | {"actor_id": "block_2", "kind": "static_prop", "quantity": rng.randint(1, 3)}]
     return {
-        "ego_vehicles": _like([_ego(1), _ego(2)], queue, count),
+        "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2)], queue, count),
         "vehicle_constraints": relations + queue,
         "actors": [block, *more],
         "description": "Something blocks the lane of a CAV; CAVs drive in the next lane.",
@@ -181,12 +191,12 @@ def _blocked_lane(rng: random.Random) -> Draft:
 
 
 def _construction(rng: random.Random) -> Draft:
-    turns = rng.random() < TURNS
-    count = _count(rng, 4.6) - turns
-    relations = [_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
-    queue = _queue(3, count, (1, 2), rng)
-    egos = _like([_ego(1), _ego(2)], queue, count)
-    relations += _and_one(egos, rng.choice(("left", "right"))) if turns else []
+    turns = rng.random() < TURN_SHARE
+    count = _draw_count(rng, 4.6) - turns
+    relations = [_draft_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
+    queue = _relate_followers(3, count, (1, 2), rng)
+    egos = _add_followers([_draft_ego(1), _draft_ego(2)], queue, count)
+    relations += _add_turning_ego(egos, rng.choice(("left", "right"))) if turns else []
     cones = {
         "actor_id": "cones_1",
         "kind": "static_prop",
@@ -208,9 +218,9 @@ def _construction(rng: random.Random) -> Draft:
 
 
 def _overtaking(rng: random.Random) -> Draft:
-    count = _count(rng, 3.7)
-    relations = [_relation(2, "opposite_approach_of", 1)]
-    queue = _queue(3, count, (1, 2), rng)
+    count = _draw_count(rng, 3.7)
+    relations = [_draft_relation(2, "opposite_approach_of", 1)]
+    queue = _relate_followers(3, count, (1, 2), rng)
     ahead = {
         "actor_id": "stopped_1",
         "kind": rng.choice(("parked_vehicle", "static_prop")),
@@ -221,7 +231,7 @@ def _overtaking(rng: random.Random) -> Draft:
         "speed": "stopped",
     }
     return {
-        "ego_vehicles": _like([_ego(1), _ego(2)], queue, count),
+        "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2)], queue, count),
         "vehicle_constraints": relations + queue,
         "actors": [ahead],
         "description": "A CAV has to pass what stands in its lane, in the lane of oncoming CAVs.",
@@ -229,12 +239,12 @@ def _overtaking(rng: random.Random) -> Draft:
 
 
 def _crosswalk(rng: random.Random) -> Draft:
-    turns = rng.random() < TURNS
-    count = _count(rng, 3.8) - turns
-    relations = [_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
-    queue = _queue(3, count, (1, 2), rng)
-    egos = _like([_ego(1), _ego(2)], queue, count)
-    relations += _and_one(egos, rng.choice(("left", "right"))) if turns else []
+    turns = rng.random() < TURN_SHARE
+    count = _draw_count(rng, 3.8) - turns
+    relations = [_draft_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
+    queue = _relate_followers(3, count, (1, 2), rng)
+    egos = _add_followers([_draft_ego(1), _draft_ego(2)], queue, count)
+    relations += _add_turning_ego(egos, rng.choice(("left", "right"))) if turns else []
     actors: list[Draft] = [
         {
             "actor_id": f"walker_{n}",
@@ -247,7 +257,7 @@ def _crosswalk(rng: random.Random) -> Draft:
         }
         for n in range(rng.randint(1, 2))
     ]
-    actors += _parked("Vehicle 1", "right_edge")
+    actors += _draft_parked("Vehicle 1", "right_edge")
     return {
         "ego_vehicles": egos,
         "vehicle_constraints": relations + queue,
@@ -257,12 +267,12 @@ def _crosswalk(rng: random.Random) -> Draft:
 
 
 def _roundabout(rng: random.Random) -> Draft:
-    count = _count(rng, 4.0)
-    egos = [_ego(1, "left"), _ego(2, rng.choice(("left", "straight"))), _ego(3, "left")]
-    relations = [_relation(2, "perpendicular_left_of", 1), _relation(3, "opposite_approach_of", 1)]
-    queue = _queue(4, count, (1, 2, 3), rng)
+    count = _draw_count(rng, 4.0)
+    egos = [_draft_ego(1, "left"), _draft_ego(2, rng.choice(("left", "straight"))), _draft_ego(3, "left")]
+    relations = [_draft_relation(2, "perpendicular_left_of", 1), _draft_relation(3, "opposite_approach_of", 1)]
+    queue = _relate_followers(4, count, (1, 2, 3), rng)
     return {
-        "ego_vehicles": _like(egos, queue, count),
+        "ego_vehicles": _add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "description": "CAVs enter a roundabout from several arms, go around and leave it.",
     }

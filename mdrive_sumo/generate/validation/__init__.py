@@ -1,4 +1,5 @@
-"""Is a suite sound, difficult and solvable, and what its name promises? What `mdrive-sumo validate` reports."""
+"""Validation of suites as reported by `mdrive-sumo validate`: sound, difficult and solvable scenarios that match the
+suite's name."""
 
 from mdrive_sumo.generate.validation.requirements import FULL_SCORE, NEAR_MISS_TTC_S
 from mdrive_sumo.generate.validation.scenario_validation import (

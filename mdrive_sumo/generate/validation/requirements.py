@@ -1,9 +1,9 @@
-"""What is demanded of a scenario, by its bucket.
+"""Requirements on a scenario by its bucket.
 
-Scenarios that were made for the benchmark are screened as the paper screens its generated ones (protocol 14.2): blind
-driving at constant speed has a near miss, and `omniscient` drives every CAV to its goal without an infraction. What was
-recorded is not chosen for its danger, and its road users were never asked to make way for ours: there the goals must be
-reached, and difficulty is only reported.
+Scenarios made for the benchmark are screened as the paper screens its generated ones (protocol 14.2): blind driving at
+constant speed has a near miss, and `omniscient` drives every CAV to its goal without an infraction. Recordings were not
+selected for danger, and their road users never make way for CAVs: there the goals must be reached, and difficulty is
+only reported.
 """
 
 from collections.abc import Mapping
@@ -13,13 +13,13 @@ from typing import Literal
 from mdrive_sumo.scoring import ScenarioResult
 
 NEAR_MISS_TTC_S = 0.9
-"""Blind driving must come closer to a collision than this (paper, CR; protocol 14.2)."""
+"""[s] Blind driving must come closer to a collision than this (paper, CR; protocol 14.2)."""
 FULL_SCORE = 100.0
 
 
 @dataclass(frozen=True, slots=True)
 class ScreeningRequirements:
-    """What the two drives of a scenario must show."""
+    """Requirements on the two drives of a scenario."""
 
     near_miss_required: bool
     """Whether blind driving must have a near miss."""
@@ -35,16 +35,16 @@ REQUIREMENTS_BY_BUCKET: Mapping[str, ScreeningRequirements] = {
     "V2XPnP": RECORDED,
     "Real2Sim": RECORDED,
 }
-"""By bucket; of any other, as of what was made."""
+"""By bucket; any other bucket counts as authored."""
 
 
 def has_near_miss(blind_ttc_s: float | None) -> bool:
-    """Whether blind driving has a near miss."""
+    """Return whether blind driving has a near miss."""
     return blind_ttc_s is not None and blind_ttc_s < NEAR_MISS_TTC_S
 
 
 def find_unmet_requirements(bucket: str, blind: ScenarioResult, omniscient: ScenarioResult) -> tuple[str, ...]:
-    """What the drives of a scenario lack, one sentence each."""
+    """Return the requirements that the drives of a scenario do not meet, one sentence each."""
     demands, problems = REQUIREMENTS_BY_BUCKET.get(bucket, AUTHORED), list[str]()
     if demands.near_miss_required and not has_near_miss(blind.min_ttc):
         found = "none" if blind.min_ttc is None else f"{blind.min_ttc:.2f} s"

@@ -1,4 +1,4 @@
-"""One scenario at a time: is it sound, and what do a blind and an omniscient drive show?"""
+"""Validation of one scenario: soundness, and the results of a blind and an omniscient drive."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ LIMIT_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class ValidationTask:
-    """A scenario to examine; plain values, so that it can be sent to a worker process."""
+    """A scenario to validate; plain values, so that it can be sent to a worker process."""
 
     suite_folder: Path
     scenario: str
@@ -38,7 +38,7 @@ class ValidationTask:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioValidation:
-    """What was found in a scenario; it passes if `problems` is empty."""
+    """Result for one scenario; it passes if `problems` is empty."""
 
     scenario: str
     problems: tuple[str, ...]
@@ -46,7 +46,7 @@ class ScenarioValidation:
     """Least time to collision of constant-speed driving; None: never within 1.8 s, or not driven."""
     omniscient_ds: float | None = None
     certificate: OcclusionCertificate | None = None
-    """Where somebody is hidden from a CAV on the way to a conflict; None if it was not driven."""
+    """Road users hidden from a CAV before a conflict; None if the scenario was not driven."""
 
     @property
     def is_difficult(self) -> bool:
@@ -55,26 +55,27 @@ class ScenarioValidation:
 
     @property
     def is_occluded(self) -> bool:
-        """Whether a conflict is hidden until late, see `certificate.Hidden.matters`."""
+        """Whether a conflict is hidden until late, see `study.occlusion_certificate`."""
         return self.certificate is not None and self.certificate.occluded
 
 
 def sample_scenarios(suite: Suite, size: int | None) -> tuple[Scenario, ...]:
-    """All scenarios of a suite, or `size` of them, of its parts in proportion: always the same, in its order."""
-    drawn = sorted(key for part in suite.parts or (suite,) for key in _places(part))[:size]
+    """Return all scenarios of a suite, or a fixed sample of `size` of them, in proportion over its parts, in the
+    suite's order."""
+    drawn = sorted(key for part in suite.parts or (suite,) for key in _sample_keys(part))[:size]
     kept = {scenario for _, _, scenario in drawn}
     return tuple(scenario for scenario in suite.scenarios if scenario.id in kept)
 
 
-def _places(part: Suite) -> Iterator[tuple[float, int, str]]:
-    """In which order scenarios are drawn: the first half of one part before the second half of any other."""
+def _sample_keys(part: Suite) -> Iterator[tuple[float, int, str]]:
+    """Return sort keys for sampling: the first half of one part before the second half of any other."""
     keys = sorted((derive_seed(0, scenario.id, "validate"), scenario.id) for scenario in part.scenarios)
     for rank, (seed, name) in enumerate(keys):
         yield (rank + 0.5) / len(keys), seed, name
 
 
 def validate_scenarios(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[ScenarioValidation]:
-    """Examines scenarios of a suite in worker processes; they come in the order in which they finish."""
+    """Validate scenarios of a suite in worker processes, in the order in which they finish."""
     questions = [ValidationTask(suite.folder.resolve(), scenario.id) for scenario in scenarios]
     with ProcessPool[ValidationTask, ScenarioValidation](
         validate_scenario, min(workers, len(questions)), LIMIT_S
@@ -85,21 +86,21 @@ def validate_scenarios(suite: Suite, scenarios: Sequence[Scenario], workers: int
 
 
 def validate_scenario(question: ValidationTask) -> ScenarioValidation:
-    """Drives a scenario blind and omniscient and says what is wrong with it. Raises WorldError."""
+    """Drive a scenario blindly and with `omniscient` and report its problems. Raises WorldError."""
     scenario, roads = load_job_scenario(_job(question, "omniscient"))
-    if unsound := tuple(_unsound(scenario, roads)):
+    if unsound := tuple(_find_soundness_problems(scenario, roads)):
         return ScenarioValidation(scenario.id, unsound)
     drives: dict[ReferenceDrive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
     blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
     problems = find_unmet_requirements(scenario.bucket, blind, solved)
-    return ScenarioValidation(scenario.id, problems, blind.min_ttc, solved.ds, _certificate(scenario, roads, drives))
+    return ScenarioValidation(scenario.id, problems, blind.min_ttc, solved.ds, _certify(scenario, roads, drives))
 
 
 def _job(question: ValidationTask, agent: str) -> EpisodeJob:
     return EpisodeJob(question.suite_folder, question.scenario, AgentSpec(agent))
 
 
-def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+def _find_soundness_problems(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
     try:
         check_scenario(scenario, roads)
     except InputError as error:
@@ -108,7 +109,7 @@ def _unsound(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
         yield from find_spawn_overlaps(scenario, roads)
 
 
-def _certificate(
+def _certify(
     scenario: Scenario, roads: RoadMap, drives: Mapping[ReferenceDrive, EpisodeRecord]
 ) -> OcclusionCertificate:
     hidden = (

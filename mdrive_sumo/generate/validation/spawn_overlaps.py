@@ -1,6 +1,6 @@
-"""Does everybody have room at the start? Besides what `soundness` asks before every drive: actors in CAVs.
+"""Overlaps of boxes at the start, in addition to the checks before every drive.
 
-Asked of CAVs, of background vehicles that are there at once, and of actors that stand.
+Covers CAVs, background vehicles present at the start, and standing actors.
 """
 
 import math
@@ -20,12 +20,12 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, StandingMotion, StartMotion
 
 SLACK_M = 0.1
-"""Actors that stand may overlap by so much: a log knows their places and sizes no better, and none of them moves."""
+"""[m] Standing actors may overlap by this: a log has no better positions and sizes, and none of them moves."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpawnBox:
-    """A box that is there in frame 0."""
+    """A box that is present in frame 0."""
 
     kind: str
     """CAV, vehicle or actor."""
@@ -34,8 +34,8 @@ class SpawnBox:
 
 
 def find_spawn_overlaps(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
-    """Who starts inside whom, one sentence each."""
-    spawns = tuple(_spawns(scenario, roads))
+    """Return which boxes overlap at the start, one sentence each."""
+    spawns = tuple(_spawn_boxes(scenario, roads))
     for one, other in combinations(spawns, 2):
         if (one.kind, other.kind) == ("CAV", "actor"):
             continue  # `check_scenario` has looked
@@ -47,31 +47,31 @@ def find_spawn_overlaps(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
             yield f"CAV {spawn.id} starts inside a building"
 
 
-def _spawns(scenario: Scenario, roads: RoadMap) -> Iterator[SpawnBox]:
+def _spawn_boxes(scenario: Scenario, roads: RoadMap) -> Iterator[SpawnBox]:
     for ego in scenario.egos:
-        yield _spawn("CAV", ego.id, ego.start, (VEHICLE.length, VEHICLE.width))
+        yield _make_box("CAV", ego.id, ego.start, (VEHICLE.length, VEHICLE.width))
     for vehicle in scenario.background.vehicles:
-        if (pose := _departure(vehicle, scenario.background, roads)) is not None:
-            yield _spawn("vehicle", vehicle.id, pose, (vehicle.length, vehicle.width))
+        if (pose := _departure_pose(vehicle, scenario.background, roads)) is not None:
+            yield _make_box("vehicle", vehicle.id, pose, (vehicle.length, vehicle.width))
     for actor in scenario.actors:
-        if _stands(actor):
-            yield _spawn(
+        if _is_standing(actor):
+            yield _make_box(
                 "actor", actor.id, compute_first_pose(actor, roads), (actor.length - SLACK_M, actor.width - SLACK_M)
             )
 
 
-def _spawn(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> SpawnBox:
+def _make_box(kind: str, name: str, pose: Pose, size: tuple[float, float]) -> SpawnBox:
     return SpawnBox(kind, name, shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, *size)))
 
 
-def _stands(actor: Actor) -> bool:
-    """Props, parked cars, and who waits for a trigger to set off."""
+def _is_standing(actor: Actor) -> bool:
+    """Return whether the actor stands: props, parked cars, and actors that wait for a trigger."""
     waits = actor.trigger is not None and isinstance(actor.action, StartMotion | None)
     return isinstance(actor.motion, StandingMotion) or (waits and not isinstance(actor.motion, ReplayMotion))
 
 
-def _departure(vehicle: BackgroundVehicle, background: Background, roads: RoadMap) -> Pose | None:
-    """Where a vehicle is in frame 0: on its log, else where it departs on its lane; None if it comes later."""
+def _departure_pose(vehicle: BackgroundVehicle, background: Background, roads: RoadMap) -> Pose | None:
+    """Return where a vehicle is in frame 0: on its log, else where it departs on its lane; None if it comes later."""
     if vehicle.depart_s > 0.0:
         return None
     if vehicle.log and background.mode != "reactive":
@@ -79,9 +79,9 @@ def _departure(vehicle: BackgroundVehicle, background: Background, roads: RoadMa
         return Pose(x=x, y=y, yaw=yaw)
     lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
     front = vehicle.depart_pos_m + (vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0)
-    return None if lane is None or front > lane.centre.length else _behind(lane, front, vehicle.length)
+    return None if lane is None or front > lane.centre.length else _pose_behind_front(lane, front, vehicle.length)
 
 
-def _behind(lane: Lane, front: float, length: float) -> Pose:
+def _pose_behind_front(lane: Lane, front: float, length: float) -> Pose:
     (x, y), yaw = lane.centre.at(front), lane.centre.yaw_at(front)
     return Pose(x=x - math.cos(yaw) * length / 2, y=y - math.sin(yaw) * length / 2, yaw=yaw)

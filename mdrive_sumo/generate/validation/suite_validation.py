@@ -1,7 +1,7 @@
-"""A suite as a whole: is it what its name promises, and as it was sealed?
+"""Validation of a suite as a whole: does it match its name and its seal?
 
-Suites that bear the names of the paper's buckets are held against its tables, and have conflicts that are hidden until
-late. Whatever else lies in a suite's folder (checksum, recipes, certificates) must belong to its scenarios.
+Suites named like the paper's buckets are compared with its tables, and need conflicts that are hidden until late.
+Checksum, recipes and certificates in a suite's folder must belong to its scenarios.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,45 +15,48 @@ from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite, list_packaged_suites
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, read_certificates
 
 TOLERANCE, CATEGORY_TOLERANCE = 0.05, 0.10
-"""How far means of a suite, and of its categories, may be from the paper's."""
+"""Relative tolerance of the means of a suite, and of its categories, against the paper's."""
 ROUNDING = 1e-9
-"""0.4 is not further from 0.3 than 0.1."""
-LEAST_HIDDEN: Mapping[str, Mapping[str, int]] = {
+"""Rounding tolerance: 0.4 is not further from 0.3 than 0.1."""
+MIN_OCCLUDED: Mapping[str, Mapping[str, int]] = {
     "interdrive": {"*": 15},
     "interaction": {"pre-crash": 10, "crosswalk": 10},
 }
-"""Suite -> category -> how many conflicts at least are hidden until late: 15 of 46; 80 % of 12, and all of ten."""
-IN_CATEGORIES = "interaction"
-"""The suite of which the paper has a table of categories."""
-GENERATED = "Interaction"
+"""Suite -> category -> least number of conflicts that are hidden until late: 15 of 46; 80 % of 12, and all of ten."""
+CATEGORY_SUITE = "interaction"
+"""The suite for which the paper has a table of categories."""
+GENERATED_BUCKET = "Interaction"
 """Bucket of generated scenarios."""
 
 
 def find_suite_problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> tuple[str, ...]:
-    """What is wrong with a suite as a whole, or with each of its parts; raises InputError for an unreadable file.
+    """Return the problems of a suite as a whole, or of each of its parts; raises InputError for an unreadable file.
 
-    The number of hidden conflicts is asked for if those of every scenario are known: examined, or kept with the suite.
+    The number of hidden conflicts is checked if those of every scenario are known: validated now, or stored with the
+    suite.
     """
     return tuple(
-        f"{part.name}: {problem}" for part in suite.parts or (suite,) for problem in _problems(part, examinations)
+        f"{part.name}: {problem}"
+        for part in suite.parts or (suite,)
+        for problem in _find_part_problems(part, examinations)
     )
 
 
 def describe_suite(suite: Suite) -> tuple[str, ...]:
-    """What is worth knowing of a suite, or of its parts."""
-    return tuple(f"{part.name}: {note}" for part in suite.parts or (suite,) for note in _notes(part))
+    """Return remarks about a suite, or its parts."""
+    return tuple(f"{part.name}: {note}" for part in suite.parts or (suite,) for note in _describe_part(part))
 
 
-def _problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> Iterator[str]:
+def _find_part_problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> Iterator[str]:
     ours = {scenario.id for scenario in suite.scenarios}
     examined = [one for one in examinations if one.scenario in ours]
-    yield from _against_paper(suite)
-    if suite.name == IN_CATEGORIES:
-        yield from _against_categories(suite.scenarios)
-    yield from _of_certificates(suite, examined)
+    yield from _compare_with_paper(suite)
+    if suite.name == CATEGORY_SUITE:
+        yield from _compare_categories(suite.scenarios)
+    yield from _check_certificates(suite, examined)
     if is_packaged(suite) and not suite.about.checksum:
         yield "suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
-    if missing := _without_recipe(suite):
+    if missing := _find_missing_recipes(suite):
         yield (
             f"expected {RECIPE_FILE} beside each of {len(ours)} scenarios, found {len(ours) - len(missing)};"
             f" {missing[0]} has none"
@@ -61,32 +64,32 @@ def _problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> Itera
 
 
 def is_packaged(suite: Suite) -> bool:
-    """Whether a suite comes with mdrive-sumo."""
+    """Return whether a suite comes with mdrive-sumo."""
     folder = list_packaged_suites().get(suite.name)
     return folder is not None and folder.resolve() == suite.folder.resolve()
 
 
-def _against_paper(suite: Suite) -> Iterator[str]:
+def _compare_with_paper(suite: Suite) -> Iterator[str]:
     if (paper := PAPER.get(suite.name)) is None:
         return
     found = compute_suite_statistics(suite.scenarios)
     if found.scenarios != paper.scenarios:
         yield f"expected {paper.scenarios} scenarios, found {found.scenarios}"
-    yield from _off(_means(found), _means(paper), TOLERANCE)
+    yield from _find_deviations(_list_means(found), _list_means(paper), TOLERANCE)
 
 
-def _means(of: SuiteStatistics) -> tuple[float, ...]:
+def _list_means(of: SuiteStatistics) -> tuple[float, ...]:
     return of.mean_cavs, of.mean_route_m, of.mean_heading_change_deg, of.mean_actors
 
 
-def _off(found: Sequence[float], wanted: Sequence[float], tolerance: float) -> Iterator[str]:
-    """Means that are further from those wanted than the tolerance."""
+def _find_deviations(found: Sequence[float], wanted: Sequence[float], tolerance: float) -> Iterator[str]:
+    """Yield the means that deviate from the wanted ones by more than the tolerance."""
     for name, mean, aim, floor, off in zip(MEANS, found, wanted, FLOOR, compute_deviations(found, wanted), strict=True):
         if abs(off) > tolerance + ROUNDING:
             yield f"{name}: expected {aim:g} +- {max(aim, floor) * tolerance:.2g} on average, found {mean:.2f}"
 
 
-def _against_categories(scenarios: Sequence[Scenario]) -> Iterator[str]:
+def _compare_categories(scenarios: Sequence[Scenario]) -> Iterator[str]:
     names = dict.fromkeys([*map(str, FIGURES), *(scenario.category for scenario in scenarios)])
     for name in names:
         here = [scenario for scenario in scenarios if scenario.category == name]
@@ -95,12 +98,12 @@ def _against_categories(scenarios: Sequence[Scenario]) -> Iterator[str]:
         if len(here) != wanted:
             yield f"{name}: expected {wanted} scenarios, found {len(here)}"
         if here and figures:
-            off = _off(_means(compute_suite_statistics(here)), figures.means, CATEGORY_TOLERANCE)
-            yield from (f"{name}: {problem}" for problem in (*off, *_off_weather(here)))
+            off = _find_deviations(_list_means(compute_suite_statistics(here)), figures.means, CATEGORY_TOLERANCE)
+            yield from (f"{name}: {problem}" for problem in (*off, *_find_weather_deviations(here)))
 
 
-def _off_weather(scenarios: Sequence[Scenario]) -> Iterator[str]:
-    """Of ten exactly so many; of another number, so many but for one that cannot be divided."""
+def _find_weather_deviations(scenarios: Sequence[Scenario]) -> Iterator[str]:
+    """Compare the weather with the paper's shares: exact for ten scenarios, within one for other numbers."""
     total = len(scenarios)
     for weather, of_ten in WEATHER_OF_TEN.items():
         found = sum(scenario.weather == weather for scenario in scenarios)
@@ -108,8 +111,8 @@ def _off_weather(scenarios: Sequence[Scenario]) -> Iterator[str]:
             yield f"weather {weather}: expected {of_ten} of ten scenarios, found {found} of {total}"
 
 
-def _too_few_hidden(suite: Suite, known: Mapping[str, bool]) -> Iterator[str]:
-    for category, least in LEAST_HIDDEN.get(suite.name, {}).items():
+def _check_occluded_count(suite: Suite, known: Mapping[str, bool]) -> Iterator[str]:
+    for category, least in MIN_OCCLUDED.get(suite.name, {}).items():
         names = [scenario.id for scenario in suite.scenarios if fnmatchcase(scenario.category, category)]
         hidden = sum(known.get(name, False) for name in names)
         if hidden < least and all(name in known for name in names):
@@ -117,8 +120,8 @@ def _too_few_hidden(suite: Suite, known: Mapping[str, bool]) -> Iterator[str]:
             yield f"{where}expected {least} conflicts or more that are hidden until late, found {hidden}"
 
 
-def _of_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) -> Iterator[str]:
-    """Whether the certificates beside a suite are its own and still true, and enough of them tell of something."""
+def _check_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) -> Iterator[str]:
+    """Check whether the stored certificates belong to the suite, are still true, and report enough hidden conflicts."""
     mend = f"`mdrive-sumo validate {suite.name if is_packaged(suite) else suite.folder} --write` makes it anew"
     file = read_certificates(suite.folder)
     kept = file.of(suite) if file else {}
@@ -133,18 +136,19 @@ def _of_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) -> It
     elif file is not None and changed:
         yield f"{CERTIFICATE_FILE}: expected what was just found, found otherwise for {changed[0]}; {mend}"
     known = {name: one.occluded for name, one in kept.items()} | {one.scenario: one.is_occluded for one in examined}
-    yield from _too_few_hidden(suite, known)
+    yield from _check_occluded_count(suite, known)
 
 
-def _without_recipe(suite: Suite) -> tuple[str, ...]:
-    """Scenarios of a generated suite that cannot be made again; asked of ours, and where others can."""
+def _find_missing_recipes(suite: Suite) -> tuple[str, ...]:
+    """Return the scenarios of a generated suite without a recipe; checked for packaged suites, and where other
+    scenarios have one."""
     missing = tuple(s.id for s in suite.scenarios if not (suite.folder / s.id / RECIPE_FILE).is_file())
-    ours = is_packaged(suite) and any(scenario.bucket == GENERATED for scenario in suite.scenarios)
+    ours = is_packaged(suite) and any(scenario.bucket == GENERATED_BUCKET for scenario in suite.scenarios)
     return missing if ours or len(missing) < len(suite.scenarios) else ()
 
 
-def _notes(suite: Suite) -> Iterator[str]:
-    if not any(scenario.bucket == GENERATED for scenario in suite.scenarios):
+def _describe_part(suite: Suite) -> Iterator[str]:
+    if not any(scenario.bucket == GENERATED_BUCKET for scenario in suite.scenarios):
         return
     found = sum((suite.folder / scenario.id / RECIPE_FILE).is_file() for scenario in suite.scenarios)
     yield f"{found} of {len(suite.scenarios)} scenarios have a {RECIPE_FILE}" + (

@@ -13,7 +13,7 @@ from testing.negotiation_fakes import completion, served
 from mdrive_sumo.cli import main
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import write_generated_suite
-from mdrive_sumo.generate.generation_search import TRIES
+from mdrive_sumo.generate.generation_search import MAX_TRIES
 from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe, save_recipe
@@ -265,11 +265,11 @@ def test_a_model_that_never_proposes_anything_valid_ends_after_so_many_requests(
     with served(lambda _: (200, completion(empty.model_dump_json()))) as service:
         said = by_model(tmp_path / "out", "--endpoint", service.url, "--attempts", 2)
     assert said == (
-        f"crosswalk: expected a scenario from {TRIES} proposals, found none ({TRIES} at rules); the last one:"
+        f"crosswalk: expected a scenario from {MAX_TRIES} proposals, found none ({MAX_TRIES} at rules); the last one:"
         " the language model never proposed a valid crosswalk; the last time: actors: expected at least one walker for"
         " crosswalk, found none"
     )
-    assert len(service.requests) == 2 * TRIES
+    assert len(service.requests) == 2 * MAX_TRIES
     assert not (tmp_path / "out").exists()
 
 

@@ -13,7 +13,7 @@ from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.duplicates import DUPLICATE, scenario_distance
+from mdrive_sumo.generate.duplicates import DUPLICATE_DISTANCE, scenario_distance
 from mdrive_sumo.generate.generated_suite import load_packaged_generated
 from mdrive_sumo.generate.generation_search import GenerationRequest, build_public_counterparts
 from mdrive_sumo.generate.recipe import load_recipe
@@ -160,7 +160,7 @@ def test_hidden_scenarios_are_neither_public_ones_nor_like_any(made: Made) -> No
     assert set(ids) > {scenario.id for scenario in scenarios(made["public"][0])}
     for scenario in scenarios(made["hidden"][0]):
         assert scenario.id.startswith(f"{FAST}_h") and scenario.id not in ids
-        assert min(scenario_distance(scenario, other) for other in public) >= DUPLICATE
+        assert min(scenario_distance(scenario, other) for other in public) >= DUPLICATE_DISTANCE
 
 
 def test_what_may_be_in_the_public_split_is_made_without_the_secret(made: Made) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, Topology
-from mdrive_sumo.generate.duplicates import DUPLICATE, find_duplicate, scenario_distance
+from mdrive_sumo.generate.duplicates import DUPLICATE_DISTANCE, find_duplicate, scenario_distance
 from mdrive_sumo.generate.generation_search import propose_from_template
 from mdrive_sumo.generate.lane_routes import find_lane_change_routes, find_lane_routes
 from mdrive_sumo.generate.network_features import extract_features, find_networks
@@ -50,7 +50,7 @@ def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
         for i, (here, there) in enumerate(zip(way.lanes, way.lanes[1:], strict=False)):
             lane = roads.lanes[here]
             beside = there in (lane.left, lane.right)
-            assert beside == (i == way.change_at)
+            assert beside == (i == way.change_index)
             assert beside or there in lane.successors
         assert not roads.lanes[way.lanes[-1]].successors
 
@@ -82,7 +82,7 @@ def test_a_scenario_is_its_own_duplicate_and_others_are_not() -> None:
     one, other = made(Category.DEADLOCK, "a"), made(Category.CROSSWALK, "b")
     assert scenario_distance(one, one.model_copy(update={"id": "twin"})) == 0.0
     assert find_duplicate(one, [other, one]) is one
-    assert scenario_distance(one, other) > DUPLICATE
+    assert scenario_distance(one, other) > DUPLICATE_DISTANCE
     assert scenario_distance(one, other) == scenario_distance(other, one)
     assert find_duplicate(one, [other]) is None
 

@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.generate import generation_search, pipeline
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.generated_suite import load_packaged_generated, write_generated_suite
-from mdrive_sumo.generate.generation_search import TRIES, WEATHER, GenerationAttempt, GenerationRequest
+from mdrive_sumo.generate.generation_search import MAX_TRIES, WEATHER, GenerationAttempt, GenerationRequest
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario, screen_candidate
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal, ProposedActor
 from mdrive_sumo.generate.recipe import Recipe
@@ -47,7 +47,7 @@ def screening(monkeypatch: pytest.MonkeyPatch, found: ScreeningResult | Exceptio
             raise found
         return found
 
-    monkeypatch.setattr(pipeline, "screen", screen)
+    monkeypatch.setattr(pipeline, "screen_scenario", screen)
 
 
 TOO_SHORT_FOR_A_CHANGE = other(
@@ -216,7 +216,7 @@ def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytes
         assert of == order
         return public
 
-    monkeypatch.setattr("mdrive_sumo.cli.generate.public_counterparts", counterparts)
+    monkeypatch.setattr("mdrive_sumo.cli.generate.build_public_counterparts", counterparts)
     (tmp_path / "seed").write_text("0123456789abcdef")
     said = explained(tmp_path / "new", "--split", "hidden", "--seed-file", str(tmp_path / "seed"))
     assert said[first.number] == twin_of("public", first.number)
@@ -224,7 +224,7 @@ def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytes
 
 def test_the_search_gives_up_after_so_many_proposals(monkeypatch: pytest.MonkeyPatch) -> None:
     attempts = searched(monkeypatch, ScreeningResult(None, 0.0), count=2)
-    assert len(attempts) == 2 * TRIES
+    assert len(attempts) == 2 * MAX_TRIES
     assert all(attempt.scenario is None and attempt.rejection for attempt in attempts)
 
 

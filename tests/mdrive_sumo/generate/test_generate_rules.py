@@ -56,60 +56,75 @@ def other(category: str, **changed: Any) -> Proposal:
 
 
 BROKEN: dict[str, tuple[Proposal, str]] = {
-    "_topology": (deadlock(topology="corridor"), "topology: expected intersection for deadlock, found corridor"),
-    "_needs": (deadlock(needs_oncoming=True), "needs_oncoming: expected false for deadlock, found true"),
-    "_ego_count": (deadlock(ego_vehicles=[ego(n) for n in (1, 2, 3)]), "ego_vehicles: expected 4 to 6"),
-    "_ego_ids": (deadlock(ego_vehicles=[ego(n) for n in (1, 2, 4, 3)]), "ego_vehicles: expected the ids Vehicle 1"),
-    "_actor_count": (
+    "_check_topology": (deadlock(topology="corridor"), "topology: expected intersection for deadlock, found corridor"),
+    "_check_needs": (deadlock(needs_oncoming=True), "needs_oncoming: expected false for deadlock, found true"),
+    "_check_ego_count": (deadlock(ego_vehicles=[ego(n) for n in (1, 2, 3)]), "ego_vehicles: expected 4 to 6"),
+    "_check_ego_ids": (
+        deadlock(ego_vehicles=[ego(n) for n in (1, 2, 4, 3)]),
+        "ego_vehicles: expected the ids Vehicle 1",
+    ),
+    "_check_actor_count": (
         deadlock(actors=[actor("a", quantity=5), actor("b", quantity=4)]),
         "actors: expected at most 8, quantities counted, found 9",
     ),
-    "_actor_ids": (deadlock(actors=[actor("a"), actor("a")]), "actors: expected every actor_id once, found a 2 times"),
-    "_known_ids": (
+    "_check_actor_ids": (
+        deadlock(actors=[actor("a"), actor("a")]),
+        "actors: expected every actor_id once, found a 2 times",
+    ),
+    "_check_known_ids": (
         deadlock(actors=[actor(affects_vehicle="Vehicle 9")]),
         "actor thing: affects_vehicle: expected one of the ego vehicles, found Vehicle 9",
     ),
-    "_no_self": (
+    "_check_no_self_relation": (
         deadlock(vehicle_constraints=[relation(1, "same_lane_as", 1)]),
         "vehicle_constraints.0: expected two vehicles, found Vehicle 1 twice",
     ),
-    "_contradictions": (
+    "_check_contradictions": (
         deadlock(vehicle_constraints=[relation(1, "left_lane_of", 2), relation(2, "left_lane_of", 1)]),
         "vehicle_constraints: Vehicle 1 cannot be both left_lane_of and right_lane_of Vehicle 2",
     ),
-    "_crossing": (
+    "_check_crossing_actors": (
         deadlock(actors=[actor(kind="npc_vehicle", motion="cross_perpendicular")]),
         "actor thing: expected a walker or cyclist to cross_perpendicular, found npc_vehicle",
     ),
-    "_standing": (
+    "_check_static_actors": (
         deadlock(actors=[actor(motion="straight_line")]),
         "actor thing: expected a static_prop to be static, found straight_line",
     ),
-    "_active": (
+    "_check_conflict_relation": (
         deadlock(vehicle_constraints=[relation(1, "same_exit_as", 2)]),
         "vehicle_constraints: expected at least one of left_lane_of",
     ),
-    "_oncoming": (
+    "_check_oncoming_relation": (
         other("overtaking", vehicle_constraints=[relation(2, "same_lane_as", 1)]),
         "vehicle_constraints: expected opposite_approach_of because of needs_oncoming, found none",
     ),
-    "_multi_lane": (
+    "_check_lane_relation": (
         other("blocked-lane", vehicle_constraints=[relation(2, "opposite_approach_of", 1)]),
         "vehicle_constraints: expected a lane relation because of needs_multi_lane, found none",
     ),
-    "_merge": (
+    "_check_merge_relation": (
         other("lane-drop"),
         "vehicle_constraints: expected merges_into_lane_of because of the merge, found none",
     ),
-    "_ramp_roads": (other("highway-merge"), "ego_vehicles: expected one main and one side entry_road for the ramp"),
-    "_unprotected_left": (other("unprotected-left"), "ego_vehicles: expected a left turn opposite a straight drive"),
-    "_walkers": (other("crosswalk"), "actors: expected at least one walker for crosswalk, found none"),
-    "_no_scripted_change": (
+    "_check_ramp_roads": (
+        other("highway-merge"),
+        "ego_vehicles: expected one main and one side entry_road for the ramp",
+    ),
+    "_check_unprotected_left": (
+        other("unprotected-left"),
+        "ego_vehicles: expected a left turn opposite a straight drive",
+    ),
+    "_check_walkers": (other("crosswalk"), "actors: expected at least one walker for crosswalk, found none"),
+    "_check_no_lane_change": (
         other("blocked-lane", ego_vehicles=[ego(1, "lane_change"), ego(2), ego(3)]),
         "ego_vehicles: expected no lane_change for blocked-lane, found Vehicle 1",
     ),
-    "_overtaking": (other("overtaking"), "actors: expected something parked on the lane of Vehicle 1 for overtaking"),
-    "_typology": (deadlock(pre_crash=30), "pre_crash: expected none for deadlock, found 30"),
+    "_check_overtaking": (
+        other("overtaking"),
+        "actors: expected something parked on the lane of Vehicle 1 for overtaking",
+    ),
+    "_check_typology": (deadlock(pre_crash=30), "pre_crash: expected none for deadlock, found 30"),
 }
 
 

@@ -201,7 +201,7 @@ def test_certificates_that_are_no_longer_found_are_told(small: Suite) -> None:
 @pytest.fixture
 def packaged(small: Suite, monkeypatch: pytest.MonkeyPatch) -> Suite:
     """The small suite, as if it came with mdrive-sumo."""
-    monkeypatch.setattr(suite_validation, "packaged_suites", lambda: {"small": small.folder})
+    monkeypatch.setattr(suite_validation, "list_packaged_suites", lambda: {"small": small.folder})
     return small
 
 
