@@ -1,4 +1,4 @@
-"""The briefing: what a CAV is told before the first tick."""
+"""Construction of the briefing of a CAV."""
 
 import numpy as np
 import shapely
@@ -12,9 +12,9 @@ from mdrive_sumo.sensing.route_room import compute_route_room
 
 
 def build_briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_limit_s: float) -> Briefing:
-    """All that the agent of one CAV is told before the first tick."""
+    """Return the briefing for the agent of one CAV."""
     route = Polyline(ego.xy)
-    lanes = _assigned_lanes(ego, roads)
+    lanes = _find_assigned_lanes(ego, roads)
     return Briefing(
         ego_id=ego.id,
         seed=seed,
@@ -26,26 +26,26 @@ def build_briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, t
         route_s=route.s,
         route_lane_width=np.array([lane.width for lane in lanes]),
         route_speed_limit=np.array([lane.speed_limit for lane in lanes]),
-        stop_signs=tuple(StopSign(s) for s in _sign_stations(ego, roads, route)),
-        traffic_lights=tuple(_lights(ego, roads, route)),
+        stop_signs=tuple(StopSign(s) for s in _find_stop_signs(ego, roads, route)),
+        traffic_lights=tuple(_find_traffic_lights(ego, roads, route)),
         route_room=compute_route_room(roads, ego.xy, ego.yaw),
     )
 
 
-def _assigned_lanes(ego: Ego, roads: RoadMap) -> list[Lane]:
-    """The lane of the route that is nearest to each route point; others may cross there."""
+def _find_assigned_lanes(ego: Ego, roads: RoadMap) -> list[Lane]:
+    """Return the lane of the route that is nearest to each route point; other lanes may cross there."""
     lanes = [roads.lanes[name] for name in ego.lanes]
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in lanes], dtype=object)
     gaps = np.asarray(shapely.distance(np.array(shapely.points(ego.xy), dtype=object)[:, None], lines))
     return [lanes[i] for i in gaps.argmin(axis=1)]
 
 
-def _sign_stations(ego: Ego, roads: RoadMap, route: Polyline) -> list[float]:
+def _find_stop_signs(ego: Ego, roads: RoadMap, route: Polyline) -> list[float]:
     signs = [sign for sign in roads.stop_signs or () if sign.lane in ego.lanes]
     return sorted(route.project(*roads.lanes[sign.lane].centre.at(sign.line_pos_m))[0] for sign in signs)
 
 
-def _lights(ego: Ego, roads: RoadMap, route: Polyline) -> list[TrafficLight]:
+def _find_traffic_lights(ego: Ego, roads: RoadMap, route: Polyline) -> list[TrafficLight]:
     found: list[TrafficLight] = []
     for here, there in zip(ego.lanes, ego.lanes[1:], strict=False):
         lane = roads.lanes[here]

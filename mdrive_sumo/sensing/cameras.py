@@ -1,4 +1,4 @@
-"""Cameras: there are none, and whoever asks for one is told what to use instead."""
+"""Error message for camera sensors, which do not exist here."""
 
 import re
 
@@ -6,7 +6,7 @@ CAMERA_WORDS = frozenset({"camera", "rgb", "rgba", "depth", "semantic", "segment
 
 
 def describe_camera_error(kind: str) -> str:
-    """One sentence for whoever asks for a camera ("rgb", "sensor.camera.depth", "CAM_FRONT"...); "" for other kinds."""
+    """Return the error for a camera kind ("rgb", "sensor.camera.depth", "CAM_FRONT"...); "" for other kinds."""
     words = re.split(r"[^a-z]+", kind.lower())
     if not CAMERA_WORDS.isdisjoint(words) or words[0] == "cam":
         return (

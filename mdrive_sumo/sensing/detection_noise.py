@@ -1,7 +1,7 @@
-"""What a profile makes of the truth: misses, errors and false positives that last for about half a second.
+"""Detection errors of a profile: misses, noise and false positives that last for about half a second.
 
-Everything is drawn from (seed, object id, time), never from what was drawn before, so that results depend neither on
-the order of objects nor on the ticks in which a sensor was asked.
+All random numbers depend on (seed, object id, time) only, so that results depend neither on the order of objects nor
+on the ticks in which a sensor runs.
 """
 
 import math
@@ -16,38 +16,38 @@ from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import Kind
 
 EPOCH_TICKS = 10
-"""0.5 s: something missed stays missed so long, and errors of position change within that time."""
+"""0.5 s: duration of a miss, and time scale of position errors."""
 CELL_M = 50.0
-"""False positives are drawn for each square of the world, and stand still in it."""
+"""Edge of the grid cells for which false positives are drawn."""
 CAR_M = (4.5, 1.9)
 """Length and width of a false positive."""
 
 
 @lru_cache(maxsize=4096)
 def _phase(seed: int, name: str) -> int:
-    """When the epochs of this object begin, so that not all things appear and vanish in the same tick."""
+    """Return the offset of this object's epochs, so that objects do not appear and vanish all in the same tick."""
     return int(draw_uniforms(seed, "phase", name)[0] * EPOCH_TICKS)
 
 
 @lru_cache(maxsize=4096)
-def _luck(seed: int, name: str, epoch: int) -> float:
+def _draw_miss(seed: int, name: str, epoch: int) -> float:
     return draw_uniforms(seed, "miss", name, epoch)[0]
 
 
 @lru_cache(maxsize=4096)
-def _errors(seed: int, name: str, epoch: int) -> tuple[float, ...]:
+def _draw_errors(seed: int, name: str, epoch: int) -> tuple[float, ...]:
     return draw_normals(seed, "error", name, epoch)
 
 
 def draw_detected(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> Bool:
-    """(N,) which of the things that are detected with probability recall (N,) are detected in this tick."""
-    lucks = [_luck(seed, name, (tick + _phase(seed, name)) // EPOCH_TICKS) for name in ids]
+    """Return an (N,) mask of the objects that are detected in this tick, for detection probabilities recall (N,)."""
+    lucks = [_draw_miss(seed, name, (tick + _phase(seed, name)) // EPOCH_TICKS) for name in ids]
     return np.array(lucks, dtype=np.float64) < recall
 
 
 def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, at: Float) -> Objects:
-    """The objects, by true ids, with errors; `at` (2,) [m] is where they are seen from."""
-    noise = np.array([_smooth(seed, tick, name) for name in truth.ids]).reshape(-1, UNIFORMS)
+    """Return the objects, by true ids, with noise; `at` (2,) [m] is the sensor position."""
+    noise = np.array([_interpolate_errors(seed, tick, name) for name in truth.ids]).reshape(-1, UNIFORMS)
     x, y = truth.x - at[0], truth.y - at[1]
     distance = np.hypot(x, y)
     spread, ray = profile.spread_at(distance), np.arctan2(y, x)
@@ -64,24 +64,24 @@ def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, 
     )
 
 
-def _smooth(seed: int, tick: int, name: str) -> Float:
-    """(8,) standard normal errors that change continuously: weights of two neighbouring draws keep the variance."""
+def _interpolate_errors(seed: int, tick: int, name: str) -> Float:
+    """Return (8,) standard normal errors that vary smoothly: the weights of two consecutive draws keep the variance."""
     epoch, step = divmod(tick + _phase(seed, name), EPOCH_TICKS)
     turn = math.pi / 2 * step / EPOCH_TICKS
-    return math.cos(turn) * np.array(_errors(seed, name, epoch)) + math.sin(turn) * np.array(
-        _errors(seed, name, epoch + 1)
+    return math.cos(turn) * np.array(_draw_errors(seed, name, epoch)) + math.sin(turn) * np.array(
+        _draw_errors(seed, name, epoch + 1)
     )
 
 
 def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
-    """Cars that are not there, within range_m of `at` (2,) [m]; each stands still for an epoch."""
+    """Return false positives of car size within range_m of `at` (2,) [m]; each stands still for an epoch."""
     density = profile.false_positives / (math.pi * FAR_M**2)
     low, high = ((at - range_m) // CELL_M).astype(int), ((at + range_m) // CELL_M).astype(int)
     rows: list[tuple[str, float, float, float]] = []
     if density > 0.0:
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
-                rows += _in_cell(seed, tick, i, j, density)
+                rows += _draw_in_cell(seed, tick, i, j, density)
     rows = [row for row in rows if math.hypot(row[1] - at[0], row[2] - at[1]) <= range_m]
     x, y, yaw = np.array([row[1:] for row in rows]).reshape(-1, 3).T
     nothing = np.zeros(len(rows))
@@ -97,15 +97,17 @@ def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Fl
     )
 
 
-def _in_cell(seed: int, tick: int, i: int, j: int, density: float) -> list[tuple[str, float, float, float]]:
-    """At most one false positive a cell: its id, x, y and yaw."""
+def _draw_in_cell(seed: int, tick: int, i: int, j: int, density: float) -> list[tuple[str, float, float, float]]:
+    """Return at most one false positive of a cell: id, x, y and yaw."""
     cell = f"{i} {j}"
     epoch = (tick + _phase(seed, cell)) // EPOCH_TICKS
-    return _ghost(seed, cell, epoch, i, j, density)
+    return _draw_false_positive(seed, cell, epoch, i, j, density)
 
 
 @lru_cache(maxsize=4096)
-def _ghost(seed: int, cell: str, epoch: int, i: int, j: int, density: float) -> list[tuple[str, float, float, float]]:
+def _draw_false_positive(
+    seed: int, cell: str, epoch: int, i: int, j: int, density: float
+) -> list[tuple[str, float, float, float]]:
     luck, x, y, yaw, *_ = draw_uniforms(seed, "ghost", cell, epoch)
     if luck >= density * CELL_M**2:
         return []

@@ -34,35 +34,35 @@ HERE: Float = np.zeros(2)
 
 
 def measure_average_precision(profile: DetectionProfile, iou: float, seed: int, hidden: float = 0.0) -> float:
-    """Average precision in [0, 1] of simulated detections at a threshold of intersection over union in (0, 1]."""
-    frames = _compared(profile, seed, hidden)
-    hits = np.concatenate([_matched(overlap, iou) for _, overlap in frames])
-    return _average_precision(np.concatenate([-distance for distance, _ in frames]), hits, FRAMES * CARS)
+    """Return the average precision in [0, 1] of simulated detections at an IoU threshold in (0, 1]."""
+    frames = _compare_frames(profile, seed, hidden)
+    hits = np.concatenate([_match(overlap, iou) for _, overlap in frames])
+    return _compute_average_precision(np.concatenate([-distance for distance, _ in frames]), hits, FRAMES * CARS)
 
 
 @lru_cache(maxsize=1)
-def _compared(profile: DetectionProfile, seed: int, hidden: float) -> tuple[tuple[Float, Float], ...]:
+def _compare_frames(profile: DetectionProfile, seed: int, hidden: float) -> tuple[tuple[Float, Float], ...]:
     """For every frame: distances (M,) [m] of the detections, and their overlaps (M, CARS) with the truth."""
-    frames = tuple(_frames(profile, seed, hidden))
-    return tuple((np.hypot(told.x, told.y), _overlaps(told, truth)) for truth, told in frames)
+    frames = tuple(_simulate_frames(profile, seed, hidden))
+    return tuple((np.hypot(detected.x, detected.y), _compute_overlaps(detected, truth)) for truth, detected in frames)
 
 
-def _frames(profile: DetectionProfile, seed: int, hidden: float) -> Iterator[tuple[Objects, Objects]]:
+def _simulate_frames(profile: DetectionProfile, seed: int, hidden: float) -> Iterator[tuple[Objects, Objects]]:
     """Truth and detections, nearest first, of every frame; frames are so far apart in time that nothing lasts."""
     rng = np.random.default_rng(seed)
     for frame in range(FRAMES):
-        truth, tick = _cars(rng, frame), frame * 4 * EPOCH_TICKS
+        truth, tick = _draw_cars(rng, frame), frame * 4 * EPOCH_TICKS
         visible = np.where(rng.random(CARS) < PLAIN, 1.0, rng.uniform(0.1, 1.0, CARS))
         visible[rng.random(CARS) < hidden] = 0.0
         recall = profile.recall_at(np.hypot(truth.x, truth.y), visible)
         seen = truth.take(draw_detected(seed, tick, truth.ids, recall))
         ghosts = draw_false_positives(profile, seed, tick, HERE, REACH_M[0])
         ghosts = ghosts.take(np.abs(ghosts.y) <= REACH_M[1])
-        told = add_errors(profile, seed, tick, seen, HERE).concat(ghosts)
-        yield truth, told.take(np.argsort(np.hypot(told.x, told.y), kind="stable"))
+        detected = add_errors(profile, seed, tick, seen, HERE).concat(ghosts)
+        yield truth, detected.take(np.argsort(np.hypot(detected.x, detected.y), kind="stable"))
 
 
-def _cars(rng: np.random.Generator, frame: int) -> Objects:
+def _draw_cars(rng: np.random.Generator, frame: int) -> Objects:
     places: list[Float] = []
     while len(places) < CARS:
         place = rng.uniform(-1.0, 1.0, 2) * REACH_M
@@ -75,23 +75,23 @@ def _cars(rng: np.random.Generator, frame: int) -> Objects:
     return Objects(ids, kind, x, y, rng.uniform(-np.pi, np.pi, CARS), np.zeros(CARS), length, width)
 
 
-def _overlaps(told: Objects, truth: Objects) -> Float:
+def _compute_overlaps(detected: Objects, truth: Objects) -> Float:
     """(M, N) intersection over union of detected and true boxes."""
-    overlap = np.zeros((len(told.ids), len(truth.ids)))
-    i, j = np.nonzero(np.hypot(told.x[:, None] - truth.x, told.y[:, None] - truth.y) < APART_M)
-    first, second = _shapes(told)[i], _shapes(truth)[j]
+    overlap = np.zeros((len(detected.ids), len(truth.ids)))
+    i, j = np.nonzero(np.hypot(detected.x[:, None] - truth.x, detected.y[:, None] - truth.y) < APART_M)
+    first, second = _to_polygons(detected)[i], _to_polygons(truth)[j]
     shared = shapely.area(shapely.intersection(first, second))
     overlap[i, j] = shared / (shapely.area(first) + shapely.area(second) - shared)
     return overlap
 
 
-def _shapes(boxes: Objects) -> npt.NDArray[np.object_]:
+def _to_polygons(boxes: Objects) -> npt.NDArray[np.object_]:
     corners = boxes_corners(boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width)
     return np.array(shapely.polygons(corners), dtype=object)
 
 
-def _matched(overlaps: Float, iou: float) -> Bool:
-    """(M,) whether each detection, nearest first, takes a box of the truth that none before it has taken."""
+def _match(overlaps: Float, iou: float) -> Bool:
+    """Return (M,) whether each detection, nearest first, matches a true box that no earlier detection matched."""
     free = overlaps.copy()
     hits = np.zeros(len(free), dtype=np.bool_)
     for i, row in enumerate(free):
@@ -102,7 +102,7 @@ def _matched(overlaps: Float, iou: float) -> Bool:
     return hits
 
 
-def _average_precision(scores: Float, hits: Bool, truths: int) -> float:
+def _compute_average_precision(scores: Float, hits: Bool, truths: int) -> float:
     """Area under the precision that is at least reached at each recall (VOC 2010)."""
     ranked = hits[np.argsort(-scores, kind="stable")]
     right = np.cumsum(ranked)
@@ -114,13 +114,13 @@ def _average_precision(scores: Float, hits: Bool, truths: int) -> float:
 def fit_profile(
     profile: DetectionProfile, target: PublishedPrecision, seed: int, hidden: float = 0.0
 ) -> DetectionProfile:
-    """The profile with the recall and the spread with which its average precision is the published one.
+    """Return the profile with recall and spread for which its average precision is the published one.
 
-    Recall decides about the figure at 0.5, spread about that at 0.7; each is found by bisection, in turns.
+    Recall determines the value at 0.5, spread that at 0.7; both are found by alternating bisection.
     """
     for _ in range(3):
         for_recall = profile
-        recall = _bisected(
+        recall = _bisect(
             lambda value, p=for_recall: (
                 measure_average_precision(replace(p, recall=value), 0.5, seed, hidden) - target.ap50
             ),
@@ -128,7 +128,7 @@ def fit_profile(
             1.0,
         )
         profile = for_spread = replace(profile, recall=round(recall, 3))
-        spread = _bisected(
+        spread = _bisect(
             lambda value, p=for_spread: (
                 target.ap70 - measure_average_precision(replace(p, spread=value), 0.7, seed, hidden)
             ),
@@ -139,8 +139,8 @@ def fit_profile(
     return profile
 
 
-def _bisected(rising: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function that rises crosses zero, or the nearer bound."""
+def _bisect(rising: Callable[[float], float], low: float, high: float) -> float:
+    """Return the zero of an increasing function, or the nearer bound."""
     for _ in range(8):
         middle = (low + high) / 2
         low, high = (low, middle) if rising(middle) > 0.0 else (middle, high)

@@ -34,7 +34,7 @@ FIELD_DEG = (-30.0, 10.0)
 ATTENUATION = 0.004
 """Of intensity [1/m]: exp(-0.004 d), the formula and default of CARLA's ray-cast LiDAR."""
 ABOVE_ROOF_M = 1.0
-"""Where the sensor sits unless told otherwise, in the middle: at 2.5 m on a car. The paper names no pose."""
+"""Default height above the roof, at the box centre: 2.5 m on a car. The paper gives no pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ RAY_ATTRIBUTES = (
     *("horizontal_fov", "sensor_tick", "atmosphere_attenuation_rate"),
     *("dropoff_general_rate", "dropoff_intensity_limit", "dropoff_zero_intensity", "noise_stddev"),
 )
-"""What agents for CARLA declare; the paper's wrapper overrides it."""
+"""Options that CARLA agents declare; the paper's wrapper overrides them."""
 OPTIONS = ("profile", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "noise_m", "dropout", "hit_ids")
 
 NOTHING = 0xFFFFFFFF
@@ -68,7 +68,7 @@ NOISE, DROPOUT = 0, 1
 
 @dataclass(frozen=True, slots=True)
 class LidarMount:
-    """Where the sensor sits: against the box centre on the ground, right-handed [m, rad]."""
+    """Pose of the sensor relative to the box centre on the ground, right-handed [m, rad]."""
 
     x: float
     y: float
@@ -78,14 +78,14 @@ class LidarMount:
     yaw: float
 
     def to_world(self, eye: SensorPose) -> LidarPose:
-        """In the world, for a carrier there."""
+        """Return the pose in the world for a carrier pose."""
         cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
         x, y = eye.x + cos * self.x - sin * self.y, eye.y + sin * self.x + cos * self.y
         return LidarPose(x, y, self.z, eye.yaw + self.yaw)
 
 
 class LidarSensor:
-    """LiDAR with the pose that the agent asks for and the rays that the paper's wrapper prescribes.
+    """LiDAR with the pose that the agent declares and the rays of the paper's wrapper.
 
     Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see docs/sensors.md.
     """
@@ -98,11 +98,11 @@ class LidarSensor:
         self._mount = _mount(spec, fitting)
         self._noise_m = read_number(spec, "noise_m", 0.0, 0.0, 1.0)
         self._dropout = read_number(spec, "dropout", 0.0, 0.0, 1.0)
-        self._names = _flag(spec, "hit_ids")
+        self._names = _read_flag(spec, "hit_ids")
         self._fitting = fitting
         self._rays = _rays(self._profile.columns, self._mount.roll, self._mount.pitch)
         self._range = RANGE_M * fitting.weather.lidar_range
-        self._empty = _without_anything(self._rays, self._mount.z, self._range)
+        self._empty = _cast_on_ground(self._rays, self._mount.z, self._range)
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> PointCloud | None:
         """The scan of this tick, None in ticks without one."""
@@ -127,15 +127,15 @@ class LidarSensor:
         np.multiply(self._rays.local[rows], distance[:, None], out=points[:, :3])
         reflectivity = assume_reflectivities(scene.boxes, len(self._fitting.roads.buildings))
         np.multiply(reflectivity[owner], np.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
-        hits, names = self._named(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
+        hits, names = self._name_hits(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
         return PointCloud(points, hits, names)
 
     def _random(self, tick: int, stream: int) -> np.random.Generator:
-        """Counter-based: depends on nothing but the sensor, the tick and the stream."""
+        """Return a counter-based generator that depends on the sensor, the tick and the stream only."""
         return np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, stream, tick)))
 
-    def _named(self, scene: SensingFrame, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
-        """Index of what each point lies on, and the names of all that is hit."""
+    def _name_hits(self, scene: SensingFrame, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
+        """Return the index of the object that each point lies on, and the names of all objects hit."""
         boxes, buildings = scene.boxes.ids, self._fitting.roads.buildings
         count = np.bincount(owner, minlength=1 + len(boxes) + len(buildings))
         found = 1 + np.flatnonzero(count[1:])
@@ -150,8 +150,8 @@ class LidarSensor:
         return index[owner], tuple(names)
 
 
-def _without_anything(rays: LidarRays, height: float, reach: float) -> HitKeys:
-    """What the rays hit on bare ground."""
+def _cast_on_ground(rays: LidarRays, height: float, reach: float) -> HitKeys:
+    """Return the hits of the rays on empty ground."""
     ground = height / np.maximum(-rays.slope, 1e-9)
     limit = reach / rays.stretch.astype(np.float64)
     return np.where(ground <= limit, pack_keys(ground, np.array(0)), pack_keys(limit, np.array(NOTHING)))
@@ -195,7 +195,7 @@ def _mount(spec: SensorSpec, fitting: SensorSetup) -> LidarMount:
     return LidarMount(x, y, z, roll, pitch, yaw)
 
 
-def _flag(spec: SensorSpec, name: str) -> bool:
+def _read_flag(spec: SensorSpec, name: str) -> bool:
     value = spec.options.get(name, False)
     if not isinstance(value, bool):
         raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected true or false, found {value!r}")

@@ -1,4 +1,4 @@
-"""What a LiDAR can hit: heights and reflectivities, which SUMO's flat world does not have, are assumed here."""
+"""Targets of a LiDAR, with assumed heights and reflectivities, which SUMO's flat world lacks."""
 
 import math
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ REFLECTIVITY_OF_KIND = np.array((0.8, 0.4, 0.5, 0.6))
 
 @dataclass(frozen=True, slots=True)
 class LidarPose:
-    """Where the level sensor is in the world: x, y, height [m] and yaw [rad]."""
+    """Pose of the level sensor in the world: x, y, height [m] and yaw [rad]."""
 
     x: float
     y: float
@@ -35,7 +35,7 @@ class LidarPose:
     yaw: float
 
     def to_local(self, xy: Float) -> Float:
-        """World points (..., 2) from the level sensor."""
+        """Return world points (..., 2) [m] in the frame of the level sensor."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return (xy - (self.x, self.y)) @ np.array(((cos, -sin), (sin, cos)))
 

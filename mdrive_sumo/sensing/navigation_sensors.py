@@ -21,13 +21,13 @@ MAX_NOISE = 1000.0
 
 
 def to_gnss(x: float, y: float) -> Gnss:
-    """Where the point (x, y) [m] of the world frame lies on the globe; the roads are flat, at altitude 0."""
+    """Return the WGS 84 position of the point (x, y) [m] of the world frame; roads are flat, at altitude 0."""
     latitude = math.atan(math.sinh(y / EARTH_RADIUS_M))
     return Gnss(math.degrees(latitude), math.degrees(x / EARTH_RADIUS_M), 0.0)
 
 
 def to_xy(gnss: Gnss) -> tuple[float, float]:
-    """The point [m] of the world frame that a receiver tells: the inverse of `to_gnss`, for agents."""
+    """Return the point [m] of the world frame for a receiver position: the inverse of `to_gnss`, for agents."""
     y = EARTH_RADIUS_M * math.asinh(math.tan(math.radians(gnss.latitude_deg)))
     return EARTH_RADIUS_M * math.radians(gnss.longitude_deg), y
 
@@ -48,7 +48,7 @@ class GnssSensor:
         self._seed = fitting.seed
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Gnss:
-        """The position of the box centre."""
+        """Return the measured position of the box centre."""
         if not self._noise_m:
             return to_gnss(eye.x, eye.y)
         east, north, up, *_ = (self._noise_m * value for value in draw_normals(self._seed, "gnss", scene.tick))
@@ -72,7 +72,7 @@ class ImuSensor:
         self._carrier, self._seed = fitting.carrier, fitting.seed
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Imu:
-        """What the unit reads in this tick."""
+        """Return the readings of this tick."""
         ego = scene.egos[self._carrier]
         drawn = draw_normals(self._seed, "imu", scene.tick) if self._noisy else (0.0,) * 8
         a, g = self._acceleration, self._gyro
@@ -95,6 +95,6 @@ class SpeedometerSensor:
         check_option_names(spec, ())
         self._carrier = fitting.carrier
 
-    def sense(self, scene: SensingFrame, eye: SensorPose) -> float:  # noqa: ARG002  # every sensor is asked alike
-        """Speed [m/s] along yaw."""
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> float:  # noqa: ARG002  # common signature of all sensors
+        """Return the speed [m/s] along yaw."""
         return scene.egos[self._carrier].speed

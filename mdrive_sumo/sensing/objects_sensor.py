@@ -41,28 +41,28 @@ class ObjectsSensor:
         self._exact = self._profile is PROFILES[IDEAL]
         self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
         self._names: dict[str, str] = {}
-        self._told: deque[tuple[int, Objects]] = deque(maxlen=self._profile.latency_ticks + 1)
+        self._history: deque[tuple[int, Objects]] = deque(maxlen=self._profile.latency_ticks + 1)
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Objects:
-        """The newest look that is `latency_ticks` old or older; before, nothing is seen, nor known to be free."""
-        self._told.append((scene.tick, self._seen(scene, eye)))
+        """Return the newest detections that are at least `latency_ticks` old; empty before there are any."""
+        self._history.append((scene.tick, self._detect(scene, eye)))
         due_tick = scene.tick - self._profile.latency_ticks
-        ready = [seen for tick, seen in self._told if tick <= due_tick]
+        ready = [seen for tick, seen in self._history if tick <= due_tick]
         return ready[-1] if ready else replace(Objects.empty(), free_m=np.zeros(self._sectors))
 
-    def _seen(self, scene: SensingFrame, eye: SensorPose) -> Objects:
+    def _detect(self, scene: SensingFrame, eye: SensorPose) -> Objects:
         view = SightView(eye, scene, load_building_edges(self._roads), self._range_m)
-        truth = scene.boxes.take(self._detected(view))
-        seen = truth if self._exact else self._flawed(view, truth)
+        truth = scene.boxes.take(self._find_detected_rows(view))
+        seen = truth if self._exact else self._add_flaws(view, truth)
         near = seen.take(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
         return replace(near, ids=names, free_m=view.free_sight(self._sectors) if self._sectors else np.zeros(0))
 
-    def _detected(self, view: SightView) -> npt.NDArray[np.intp]:
-        """Rows of what is detected, but for false positives."""
+    def _find_detected_rows(self, view: SightView) -> npt.NDArray[np.intp]:
+        """Return the rows of detected objects, without false positives."""
         fractions = view.visible_fractions()
         boxes, eye = view.scene.boxes, view.eye
-        shown = (fractions >= self._min_visible) & (fractions > 0.0) & self._in_field(boxes.x, boxes.y, eye)
+        shown = (fractions >= self._min_visible) & (fractions > 0.0) & self._is_in_field(boxes.x, boxes.y, eye)
         rows = np.flatnonzero(shown)
         if self._exact:
             return rows
@@ -71,15 +71,15 @@ class ObjectsSensor:
         ids = tuple(boxes.ids[row] for row in rows.tolist())
         return rows[draw_detected(self._seed, view.scene.tick, ids, recall)]
 
-    def _in_field(self, x: Float, y: Float, eye: SensorPose) -> Bool:
-        """(N,) whether the centres lie in the field of view."""
+    def _is_in_field(self, x: Float, y: Float, eye: SensorPose) -> Bool:
+        """Return an (N,) mask of the centres in the field of view."""
         if self._half_fov >= np.pi:
             return np.ones(len(x), dtype=np.bool_)
         bearings = wrap_angles(np.arctan2(y - eye.y, x - eye.x) - eye.yaw - self._yaw)
         return np.abs(bearings) <= self._half_fov
 
-    def _flawed(self, view: SightView, truth: Objects) -> Objects:
-        """With errors, and with false positives among them where sight is free."""
+    def _add_flaws(self, view: SightView, truth: Objects) -> Objects:
+        """Return the objects with noise, and with false positives where sight is free."""
         eye, tick = view.eye, view.scene.tick
         at = np.array((eye.x, eye.y))
         ghosts = draw_false_positives(self._profile, self._seed, tick, at, self._range_m)
@@ -89,7 +89,7 @@ class ObjectsSensor:
             between = sector.astype(int) % SECTORS
             sight = np.minimum(free[between], free[(between + 1) % SECTORS])
             open_to = np.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
-            ghosts = ghosts.take(open_to & self._in_field(ghosts.x, ghosts.y, eye))
+            ghosts = ghosts.take(open_to & self._is_in_field(ghosts.x, ghosts.y, eye))
         return add_errors(self._profile, self._seed, tick, truth, at).concat(ghosts)
 
     def _name(self, true_id: str) -> str:
@@ -100,14 +100,14 @@ class ObjectsSensor:
 
 
 def _sectors(spec: SensorSpec) -> int:
-    """How many sectors of free sight the option `free_space` asks for."""
-    wish = spec.options.get("free_space", False)
-    if isinstance(wish, bool):
-        return SECTORS if wish else 0
+    """Return the number of free-sight sectors of the option `free_space`."""
+    option = spec.options.get("free_space", False)
+    if isinstance(option, bool):
+        return SECTORS if option else 0
     return round(read_number(spec, "free_space", 0.0, 0.0, MAX_SECTORS))
 
 
 @lru_cache(maxsize=8)
 def load_building_edges(roads: RoadMap) -> BuildingEdges:
-    """The walls of a map, made ready once for all sensors."""
+    """Return the building edges of a map, cached for all sensors."""
     return BuildingEdges(roads)

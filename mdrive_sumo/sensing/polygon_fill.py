@@ -1,4 +1,4 @@
-"""Filling of polygons on a grid, exact at the pixels' centres.
+"""Rasterisation of polygons, exact at pixel centres.
 
 Every edge leaves a signed mark at the first pixel to its right in every row that it crosses; the running sum along a
 row is then the winding number. So polygons of one layer may overlap if they are all oriented the same way.
@@ -45,5 +45,5 @@ def fill_polygons(edges: Float, layer: Int, shape: tuple[int, int]) -> npt.NDArr
     column = np.clip(np.ceil(crossing - 0.5), 0, size).astype(np.int64)
     marks = np.zeros(layers * size * (size + 1), dtype=np.int8)
     np.add.at(marks, (layer[edge] * size + row) * (size + 1) + column, np.where(y1 > y0, 1, -1).astype(np.int8)[edge])
-    winding = np.cumsum(marks, dtype=np.int8).reshape(layers, size, size + 1)  # every row adds up to nothing
+    winding = np.cumsum(marks, dtype=np.int8).reshape(layers, size, size + 1)  # every row sums to zero
     return (winding[:, :, :-1] != 0).view(np.uint8) * np.uint8(255)

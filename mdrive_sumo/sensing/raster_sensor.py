@@ -1,4 +1,4 @@
-"""Bird's-eye raster: what a camera that looks straight down on the car would tell, as layers without a renderer."""
+"""Bird's-eye raster: semantic layers of a virtual camera that looks straight down on the car."""
 
 import math
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ PROFILES: Mapping[str, TopView] = MappingProxyType(
 
 
 class RasterSensor:
-    """Bird's-eye raster of the map, the own route and what is in sight.
+    """Bird's-eye raster of the map, the own route and visible objects.
 
     Options: profile (a name in `PROFILES`), size [pixels] (keeps what the profile's image covers), metres_per_pixel.
     """
@@ -69,7 +69,7 @@ class RasterSensor:
         self._layer = np.repeat(np.arange(len(fixed)), [len(edges) for edges in fixed])
 
     def sense(self, scene: SensingFrame, eye: SensorPose, seen: Objects) -> Raster:
-        """The raster of this tick; seen: what is drawn besides the map, the route and the car itself."""
+        """Return the raster of this tick; seen: objects drawn besides the map, the route and the car itself."""
         corners = boxes_corners(seen.x, seen.y, seen.yaw, seen.length, seen.width)
         boxes = np.concatenate((corners, _own_box(scene, eye)[None]))
         layer = np.append(LAYER_OF_KIND[seen.kind], LAYERS.index("self"))

@@ -1,4 +1,4 @@
-"""Scene: the world of one tick as sensors need it, made once for all of them."""
+"""SensingFrame: the world of one tick as input of all sensors, built once per tick."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from mdrive_sumo.v2x.messages import format_track_name
 
 @dataclass(frozen=True)
 class SensingFrame:
-    """Everybody at one tick, by their true ids; the first rows are the CAVs, in the order of `egos`."""
+    """All road users of one tick by true id; the first rows are the CAVs, in the order of `egos`."""
 
     tick: int
     boxes: Objects
@@ -30,18 +30,18 @@ class SensingFrame:
 
 @dataclass(frozen=True, slots=True)
 class SensorPose:
-    """Where a sensor is carried: the pose of the CAV's box centre or of a road-side unit [m, rad]."""
+    """Pose of a sensor's carrier: box centre of the CAV, or road-side unit [m, rad]."""
 
     x: float
     y: float
     yaw: float
     carrier_row: int | None
-    """The carrier's row in `SensingFrame.boxes`, which it neither sees nor is hidden by; None for a road-side unit."""
+    """The carrier's row in `SensingFrame.boxes`, which the sensor ignores; None for a road-side unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorSetup:
-    """What a sensor knows of the car and the world into which it is built."""
+    """Static inputs of one sensor: its carrier, random seed, map and weather."""
 
     carrier: str
     """Id of the CAV or RSU."""
@@ -54,9 +54,9 @@ class SensorSetup:
 
 
 def derive_track_name(carrier: str, true_id: str) -> str:
-    """The track name under which a carrier sees something: the same in every tick, another one for every carrier.
+    """Return the track name of an object for a carrier: constant over time, different for every carrier.
 
-    A perfect tracker is part of every sensor here; that two carriers see the same thing must be found out by them.
+    Every sensor includes a perfect tracker; agents must associate the tracks of different carriers themselves.
     """
     digest = blake2b(f"{carrier}\x00{true_id}".encode(), digest_size=4).digest()
     return format_track_name(int.from_bytes(digest, "big"))

@@ -1,4 +1,4 @@
-"""Options of sensors: what a SensorSpec may say, checked once when the sensor is built."""
+"""Validation of the options of a SensorSpec, when the sensor is built."""
 
 from collections.abc import Collection
 
@@ -7,7 +7,7 @@ from mdrive_sumo.core.errors import InputError
 
 
 def check_option_names(spec: SensorSpec, known: Collection[str]) -> None:
-    """Raises InputError for an option that this kind of sensor does not have."""
+    """Raise InputError for an option that this kind of sensor does not have."""
     for name in spec.options:
         if name not in known:
             expected = f"one of {', '.join(sorted(known))}" if known else "no options"
@@ -15,7 +15,7 @@ def check_option_names(spec: SensorSpec, known: Collection[str]) -> None:
 
 
 def read_number(spec: SensorSpec, name: str, default: float, low: float, high: float) -> float:
-    """The option as a number in [low, high]; raises InputError."""
+    """Return the option as a number in [low, high]. Raises InputError."""
     value = spec.options.get(name, default)
     if isinstance(value, bool | str) or not low <= value <= high:  # NaN fails too
         raise InputError(
@@ -25,7 +25,7 @@ def read_number(spec: SensorSpec, name: str, default: float, low: float, high: f
 
 
 def read_choice(spec: SensorSpec, name: str, default: str, known: Collection[str]) -> str:
-    """The option as one of the known names; raises InputError."""
+    """Return the option as one of the known names. Raises InputError."""
     value = spec.options.get(name, default)
     if not isinstance(value, str) or value not in known:
         raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected one of {', '.join(known)}, found {value!r}")

@@ -1,10 +1,10 @@
-"""Exact line of sight in the plane: what share of each box an eye sees past vehicles, static props and buildings.
+"""Exact line of sight in the plane: visible share of each box past vehicles, static props and buildings.
 
 A ray from the eye meets a box or building first on an edge that faces the eye, so only those edges matter. The angles
 of their ends cut the circle into intervals, in each of which the same edges lie side by side; 1/distance of an edge is
-A cos + B sin of the direction, so that two edges of an interval change places at most once, at an angle that is known.
-Nothing is sampled. Pedestrians, cyclists and low props (cones, crates) hide nothing. What the eye is inside of (a box
-it collided with, a building it is mounted in) hides nothing, and a box around the eye is seen entirely.
+A cos + B sin of the direction, so that two edges of an interval change places at most once, at a known angle.
+Nothing is sampled. Pedestrians, cyclists and low props (cones, crates) hide nothing. A box or building that contains
+the eye (after a collision, or by its mounting) hides nothing, and a box around the eye is fully visible.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 TIE = 1e-9
 """Edges whose 1/distance differs by less [1/m] are equally near: 0.01 mm at 100 m. Touching boxes do not flicker."""
 LOW_M = 2.5
-"""A static thing whose longer side is no longer is taken to be low: one looks over cones, crates, pieces of barrier."""
+"""Static objects with a longer side up to this count as low: sensors look over cones, crates and barrier pieces."""
 FLAT = 1e-9
 """The eye lies on an edge's line, and does not see it, below this value of twice their triangle [m2]."""
 
 
 class BuildingEdges:
-    """The walls of a map, made ready once."""
+    """The building edges of a map, indexed by building."""
 
     def __init__(self, roads: RoadMap) -> None:
         """`roads` may have no buildings; their outlines may run either way round."""
@@ -45,7 +45,7 @@ class BuildingEdges:
         self._building = np.repeat(np.arange(len(rings)), sizes)
 
     def find_near(self, eye: SensorPose, reach_m: float) -> tuple[Float, Float]:
-        """Starts and ends (V, 2) [m] of the walls of buildings that are not wholly farther than reach_m."""
+        """Return starts and ends (V, 2) [m] of the walls of all buildings within reach_m."""
         if not len(self._radii):
             return self.starts, self.ends
         gap = np.hypot(self._middles[:, 0] - eye.x, self._middles[:, 1] - eye.y) - self._radii
@@ -89,7 +89,7 @@ class _Pieces(NamedTuple):
     """(P,) index of the interval."""
 
 
-def _pieces(first: npt.NDArray[np.intp], after: npt.NDArray[np.intp], intervals: int) -> _Pieces:
+def _cut_edges(first: npt.NDArray[np.intp], after: npt.NDArray[np.intp], intervals: int) -> _Pieces:
     """Each edge is in the intervals first ... after - 1, counted around the circle of so many intervals."""
     counts = np.where(after < first, after + intervals, after) - first
     edge = np.repeat(np.arange(len(counts)), counts)
@@ -100,7 +100,7 @@ def _pieces(first: npt.NDArray[np.intp], after: npt.NDArray[np.intp], intervals:
 
 @dataclass(frozen=True)
 class SightView:
-    """What one eye sees of a scene within range_m."""
+    """Visibility from one sensor pose within range_m."""
 
     eye: SensorPose
     scene: SensingFrame
@@ -139,22 +139,22 @@ class SightView:
         return _Edges(right, left, side[:, 1], -side[:, 0], owner, opaque[owner])
 
     def visible_fractions(self) -> Float:
-        """(N,) share in [0, 1] of each box's angular width that nothing hides; 0 for the carrier and out of range."""
+        """Return the visible share (N,) in [0, 1] of each box's angular width; 0 for the carrier and out of range."""
         edges = self._edges
         of_box = edges.owner >= 0
         count = len(self.distances)
         extent = np.bincount(edges.owner[of_box], edges.extent[of_box], count)
-        seen = np.bincount(edges.owner[of_box], self._seen_of_edges()[of_box], count)
+        seen = np.bincount(edges.owner[of_box], self._compute_visible_widths()[of_box], count)
         around = (self.distances <= self.range_m) & (extent == 0.0)  # no edge faces an eye inside
         return np.where(around, 1.0, np.clip(seen / np.where(extent > 0.0, extent, 1.0), 0.0, 1.0))
 
-    def _seen_of_edges(self) -> Float:
-        """(E,) angular width of each edge that nothing hides [rad]."""
+    def _compute_visible_widths(self) -> Float:
+        """Return the visible angular width (E,) [rad] of each edge."""
         edges = self._edges
         if not len(edges.owner):
             return np.zeros(0)
         cuts = np.sort(np.concatenate((edges.right, edges.left)))
-        edge, interval = _pieces(np.searchsorted(cuts, edges.right), np.searchsorted(cuts, edges.left), len(cuts))
+        edge, interval = _cut_edges(np.searchsorted(cuts, edges.right), np.searchsorted(cuts, edges.left), len(cuts))
         widths = np.diff(cuts, append=cuts[0] + TAU)
         hides, cos, sin = edges.hides[edge], np.cos(cuts), np.sin(cuts)
         after = interval + 1
@@ -172,11 +172,13 @@ class SightView:
         hidden = ~winner & (front[0, interval] >= begin - TIE) & (front[1, interval] >= end - TIE)
         for i in np.flatnonzero(~clear & ~hidden):
             others = edge[(interval == interval[i]) & hides & (edge != edge[i])]
-            seen[i] = self._seen_between(int(edge[i]), others, float(cuts[interval[i]]), float(widths[interval[i]]))
+            seen[i] = self._compute_visible_width(
+                int(edge[i]), others, float(cuts[interval[i]]), float(widths[interval[i]])
+            )
         return np.bincount(edge, seen, len(edges.owner)).astype(np.float64, copy=False)
 
-    def _seen_between(self, edge: int, others: npt.NDArray[np.intp], begin: float, width: float) -> float:
-        """Width [rad] of an edge that others leave free from the angle begin on: boxes overlap here."""
+    def _compute_visible_width(self, edge: int, others: npt.NDArray[np.intp], begin: float, width: float) -> float:
+        """Return the visible width [rad] of an edge from the angle begin on, where boxes overlap."""
         edges = self._edges
         a, b = edges.cos[others] - edges.cos[edge], edges.sin[others] - edges.sin[edge]
         first = a * np.cos(begin) + b * np.sin(begin) > 0.0
@@ -187,8 +189,10 @@ class SightView:
         return max(0.0, float(until - since))
 
     def free_sight(self, sectors: int) -> Float:
-        """(sectors,) distance [m] to the first building, vehicle or static box on the ray at the beginning of each
-        equal sector, counter-clockwise from the eye's yaw; at most range_m."""
+        """Return the distance (sectors,) [m] to the first building, vehicle or high static box, at most range_m.
+
+        Each value belongs to the ray at the beginning of its equal sector, counter-clockwise from the eye's yaw.
+        """
         edges, step = self._edges, TAU / sectors
         turned = ((edges.right - self.eye.yaw) % TAU) / step
         first = np.ceil(turned)

@@ -1,4 +1,4 @@
-"""Channel: messages on their way from one station to the others. docs/v2x.md says what it does and what it does not."""
+"""V2X channel: delivery of messages between stations. docs/v2x.md describes its model and its limits."""
 
 import math
 from collections import Counter, deque
@@ -12,53 +12,53 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import displace_message, find_problem
 
-Place = tuple[float, float]
+Position = tuple[float, float]
 
 
 class DeliveryStatus(StrEnum):
-    """What became of a message for one receiver, or (the last four) for all of them."""
+    """Delivery status of a message for one receiver, or (the last four) for all receivers."""
 
     DELIVERED = auto()
     LOST = auto()
     OUT_OF_RANGE = "out-of-range"
     GONE = auto()
-    """The receiver ended before it arrived."""
+    """The receiver ended before the message arrived."""
     MUTED = auto()
     OVER_BUDGET = "over-budget"
     MALFORMED = auto()
-    """Not readable as what its type says."""
+    """The payload is not valid for the type."""
     OFF = auto()
     """The channel is switched off."""
 
 
 @dataclass(frozen=True, slots=True)
 class SentMessage:
-    """A message as it was sent, and what became of it."""
+    """A message as it was sent, and its deliveries."""
 
     message: Message
     deliveries: Mapping[str, tuple[DeliveryStatus, int]]
-    """Receiver -> (fate, tick of arrival or of the loss)."""
+    """Receiver -> (status, tick of arrival or loss)."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Flight:
-    """A message on its way to some receivers, who will all get it in the same tick."""
+    """A message in transit to some receivers, all of which get it in the same tick."""
 
     message: Message
     n: int
-    """Its place among what the sender said in that tick."""
+    """Index among the messages of the sender in that tick."""
     receivers: list[str]
     deliveries: dict[str, tuple[DeliveryStatus, int]]
 
 
 class Channel:
-    """One channel of one episode. Deterministic: what happens to a message depends on names and ticks only."""
+    """The channel of one episode. Deterministic: the delivery of a message depends on names and ticks only."""
 
     def __init__(self, comm: CommSettings, seed: int) -> None:
         self._comm, self._seed = comm, seed
         self._muted = comm.mute_filter
         self._drawn: dict[tuple[str, str, int], tuple[int, tuple[float, ...]]] = {}
-        """(sender, receiver, n) -> the latest block of ticks and its numbers: a cache, nothing depends on it."""
+        """(sender, receiver, n) -> the latest block of ticks and its random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
         self._log: list[tuple[Message, dict[str, tuple[DeliveryStatus, int]]]] = []
@@ -66,30 +66,31 @@ class Channel:
     def send(
         self,
         tick: int,
-        said: Mapping[str, tuple[Message, ...]],
-        places: Mapping[str, Place],
+        outgoing: Mapping[str, tuple[Message, ...]],
+        positions: Mapping[str, Position],
         receivers: Collection[str] | None = None,
     ) -> None:
-        """What stations say in this tick. To be called at most once a tick, after that tick's `deliver`.
+        """Send the messages of this tick. Call it at most once per tick, after that tick's `deliver`.
 
-        places: [m] of all senders and receivers. receivers: who can hear; None: everyone who has a place. Road-side
-        units send only, so they have a place but are no receivers. Nobody hears oneself.
+        outgoing: messages by sender. positions: [m] of all senders and receivers. receivers: ids of the stations that
+        receive; None: all with a position. Road-side units have a position but do not receive. No station receives its
+        own messages.
         """
-        hearing = sorted(places if receivers is None else receivers)
-        for sender in sorted(said):
-            others = {one: math.dist(places[sender], places[one]) for one in hearing if one != sender}
-            for n, unsigned in enumerate(said[sender]):
+        receiver_ids = sorted(positions if receivers is None else receivers)
+        for sender in sorted(outgoing):
+            others = {one: math.dist(positions[sender], positions[one]) for one in receiver_ids if one != sender}
+            for n, unsigned in enumerate(outgoing[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
                 deliveries: dict[str, tuple[DeliveryStatus, int]] = {}
                 self._log.append((message, deliveries))
-                stopped = self._stopped(message)
+                stopped = self._find_drop_reason(message)
                 if stopped is not None:
                     deliveries.update(dict.fromkeys(others, (stopped, tick)))
                 else:
-                    self._start(message, n, others, deliveries)
+                    self._transmit(message, n, others, deliveries)
 
-    def _stopped(self, message: Message) -> DeliveryStatus | None:
-        """Why a message reaches nobody; None if it goes on its way."""
+    def _find_drop_reason(self, message: Message) -> DeliveryStatus | None:
+        """Return why a message reaches no receiver; None if it is transmitted."""
         comm = self._comm
         if not comm.on:
             return DeliveryStatus.OFF
@@ -103,10 +104,10 @@ class Channel:
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
         return None if fits else DeliveryStatus.OVER_BUDGET
 
-    def _start(
+    def _transmit(
         self, message: Message, n: int, others: Mapping[str, float], deliveries: dict[str, tuple[DeliveryStatus, int]]
     ) -> None:
-        """Sends a message, the n-th of its sender in this tick, to the others, who are so far away [m]."""
+        """Transmit a message, the n-th of its sender in this tick; others: distances [m] by receiver."""
         link = self._comm.find_link(message.type)
         reached = list(others)
         if link.loss or not math.isinf(link.range_m):
@@ -114,15 +115,15 @@ class Channel:
             for receiver, distance in others.items():
                 if distance > link.range_m:
                     deliveries[receiver] = beyond
-                elif link.loss and self._luck(message, n, receiver) < link.loss:
+                elif link.loss and self._draw_loss(message, n, receiver) < link.loss:
                     deliveries[receiver] = lost
             reached = [receiver for receiver in others if receiver not in deliveries]
         if reached:
             flight = _Flight(message, n, reached, deliveries)
             self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)
 
-    def _luck(self, message: Message, n: int, receiver: str) -> float:
-        """In [0, 1), of that message for that receiver. Drawn for `UNIFORMS` ticks at once, for that is the cost."""
+    def _draw_loss(self, message: Message, n: int, receiver: str) -> float:
+        """Return the random number in [0, 1) of a message for a receiver; one hash serves `UNIFORMS` ticks."""
         pair = message.sender, receiver, n
         block, place = divmod(message.tick, UNIFORMS)
         drawn = self._drawn.get(pair)
@@ -131,25 +132,25 @@ class Channel:
         return drawn[1][place]
 
     def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
-        """What reaches the living receivers in this tick, in the order of sending (then of senders' ids).
+        """Return the messages that reach the active receivers now, in the order of sending, then of sender ids.
 
-        To be called in every tick; receivers without a message are named too, with an empty tuple.
+        Call it in every tick; receivers without a message get an empty tuple.
         """
-        boxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
+        inboxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
         arrived, gone = (DeliveryStatus.DELIVERED, tick), (DeliveryStatus.GONE, tick)
-        for flight in self._flights.pop(tick, ()):  # in the order of sending, for that is how they were put there
+        for flight in self._flights.pop(tick, ()):  # flights are stored in the order of sending
             link = self._comm.find_link(flight.message.type)
             wrong = link.pose_error_m or link.pose_error_deg
             for receiver in flight.receivers:
-                if receiver not in boxes:
+                if receiver not in inboxes:
                     flight.deliveries[receiver] = gone
                     continue
                 flight.deliveries[receiver] = arrived
-                boxes[receiver].append(self._misplaced(link, flight, receiver) if wrong else flight.message)
-        return {receiver: tuple(box) for receiver, box in boxes.items()}
+                inboxes[receiver].append(self._add_pose_error(link, flight, receiver) if wrong else flight.message)
+        return {receiver: tuple(inbox) for receiver, inbox in inboxes.items()}
 
-    def _misplaced(self, link: LinkSettings, flight: _Flight, receiver: str) -> Message:
-        """The message with an error of its sender's pose, as this receiver gets it."""
+    def _add_pose_error(self, link: LinkSettings, flight: _Flight, receiver: str) -> Message:
+        """Return the message with the pose error that this receiver gets."""
         message = flight.message
         once = () if link.pose_error_per == "episode" else (message.tick, flight.n)
         dx, dy, dyaw = draw_normals(self._seed, "pose", message.sender, receiver, *once)[:3]
@@ -158,12 +159,12 @@ class Channel:
         )
 
     def sent_messages(self) -> tuple[SentMessage, ...]:
-        """Everything that was sent, in order; messages still in flight have no fate for those receivers yet."""
+        """Return all sent messages in order; messages in transit have no status for their receivers yet."""
         return tuple(SentMessage(message, dict(deliveries)) for message, deliveries in self._log)
 
 
 class _Budget:
-    """What one station has sent in the last second."""
+    """Sliding one-second byte budget of one station."""
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
@@ -171,7 +172,7 @@ class _Budget:
         self._sum = 0
 
     def take(self, tick: int, size: int) -> bool:
-        """Whether so many bytes [B] may be sent now; if so, they are counted."""
+        """Reserve `size` bytes and return True if they fit into the budget of the last second."""
         while self._sent and self._sent[0][0] <= tick - TICKS_PER_SECOND:
             self._sum -= self._sent.popleft()[1]
         if self._sum + size > self._limit:
@@ -182,11 +183,13 @@ class _Budget:
 
 
 def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
-    """Messages ("sent") and payload bytes ("bytes") that were handed to the channel, and for every fate how many
-    receivers met it. Empty if nothing was said."""
+    """Return counts of sent messages ("sent"), payload bytes ("bytes") and receivers by delivery status.
+
+    Empty if no message was sent.
+    """
     sent = tuple(messages)
     if not sent:
         return {}
-    deliveries = Counter(fate for one in sent for fate, _ in one.deliveries.values())
+    deliveries = Counter(status for one in sent for status, _ in one.deliveries.values())
     size = sum(len(one.message.payload) for one in sent)
-    return {"sent": len(sent), "bytes": size} | {fate.value: deliveries[fate] for fate in DeliveryStatus}
+    return {"sent": len(sent), "bytes": size} | {status.value: deliveries[status] for status in DeliveryStatus}

@@ -1,4 +1,4 @@
-"""Comm: what a V2X channel does to messages, and the presets that `--comm` names."""
+"""Settings of a V2X channel, and the presets of `--comm`."""
 
 import json
 import math
@@ -23,16 +23,16 @@ def _check(fine: bool, of: object, name: str, expected: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """What happens to the messages of one type on their way to one receiver. Raises InputError for unusable values."""
+    """Transmission of the messages of one type to one receiver. Raises InputError for invalid values."""
 
     latency_ticks: int = 0
     """A message sent in tick t is in the observation of tick t + max(latency, 1): never in the tick of its sending."""
     loss: float = 0.0
     """Probability in [0, 1], drawn for every receiver."""
     range_m: float = math.inf
-    """Between the places of sender and receiver when the message is sent."""
+    """Maximum distance [m] between sender and receiver at the time of sending."""
     pose_error_m: float = 0.0
-    """Standard deviation of the error of x and of y of the sender's pose, as the receiver gets it."""
+    """Standard deviation [m] of the errors of x and y of the sender's pose at the receiver."""
     pose_error_deg: float = 0.0
     pose_error_per: str = "message"
     """"message": drawn for every message and receiver; "episode": once for every pair of stations."""
@@ -49,7 +49,7 @@ class LinkSettings:
 
 @dataclass(frozen=True, slots=True)
 class MuteFilter:
-    """Which messages are muted; any part of (sender, type, tick) may be "*"."""
+    """Filter of muted messages; any part of (sender, type, tick) may be "*"."""
 
     patterns: frozenset[tuple[str, str, str]]
 
@@ -57,32 +57,32 @@ class MuteFilter:
         return bool(self.patterns)
 
     def matches(self, sender: str, message_type: str, tick: int) -> bool:
-        """Whether that message is muted."""
+        """Return whether that message is muted."""
         at = str(tick)
         return any(
-            (who, what, when) in self.patterns
-            for who in (sender, "*")
-            for what in (message_type, "*")
-            for when in (at, "*")
+            (by_sender, by_type, by_tick) in self.patterns
+            for by_sender in (sender, "*")
+            for by_type in (message_type, "*")
+            for by_tick in (at, "*")
         )
 
 
 @dataclass(frozen=True, slots=True)
 class CommSettings:
-    """A channel: a `LinkSettings` for all types of message, others for some, a byte budget, and what is muted.
+    """A channel: default link settings, settings by message type, a byte budget, and muted messages.
 
-    Raises InputError for unusable values.
+    Raises InputError for invalid values.
     """
 
     preset: str = "ideal"
-    """Where these settings come from; the values below are what counts."""
+    """Origin of these settings; only the values below have an effect."""
     on: bool = True
     """False: nothing is ever delivered."""
     link: LinkSettings = LinkSettings()
     by_type: Mapping[str, LinkSettings] = field(default_factory=dict[str, LinkSettings])
     """Links of single types in `messages.TYPES`; an agent's own types have the link of all."""
     budget_bytes_s: float = math.inf
-    """What each station may send in any second, headers included; a message beyond it is dropped."""
+    """Maximum bytes per station in any second, headers included; further messages are dropped."""
     header_bytes: int = 0
     """Added to every payload when its size is counted: network, transport and security headers."""
     mute: tuple[str, ...] = ()
@@ -105,12 +105,12 @@ class CommSettings:
                 )
 
     def find_link(self, message_type: str) -> LinkSettings:
-        """The link of that type of message."""
+        """Return the link settings of a message type."""
         return self.by_type.get(message_type, self.link)
 
     @property
     def mute_filter(self) -> MuteFilter:
-        """What `mute` says, ready to be asked."""
+        """The filter that `mute` describes."""
         found = (_MUTE.fullmatch(pattern) for pattern in self.mute)
         return MuteFilter(frozenset((m[1], m[2], str(int(t)) if (t := m[3] or "*") != "*" else t) for m in found if m))
 
@@ -139,29 +139,29 @@ _OWN: Mapping[str, type] = {"preset": str, "on": bool, "budget_bytes_s": float, 
 
 
 def format_comm_json(comm: CommSettings) -> str:
-    """The channel as canonical JSON, the inverse of `parse_comm`."""
+    """Return the channel as canonical JSON of `describe_comm`."""
     return json.dumps(describe_comm(comm), sort_keys=True, separators=(",", ":"))
 
 
 def describe_comm(comm: CommSettings) -> dict[str, str | float | bool]:
-    """The channel as scalars, for results: unlimited values are left out, links of a type are named "TYPE.field"."""
+    """Return the channel as scalars, for results: without unlimited values; links of a type are "TYPE.field"."""
     own = {name: kind(getattr(comm, name)) for name, kind in _OWN.items() if name != "mute"}
-    told = own | _told("", comm.link)
+    scalars = own | _describe_link("", comm.link)
     for name in sorted(comm.by_type):
-        told |= _told(f"{name}.", comm.by_type[name])
+        scalars |= _describe_link(f"{name}.", comm.by_type[name])
     if comm.mute:
-        told["mute"] = " ".join(comm.mute)
-    return {name: value for name, value in told.items() if value != math.inf}
+        scalars["mute"] = " ".join(comm.mute)
+    return {name: value for name, value in scalars.items() if value != math.inf}
 
 
-def _told(prefix: str, link: LinkSettings) -> dict[str, str | float | bool]:
+def _describe_link(prefix: str, link: LinkSettings) -> dict[str, str | float | bool]:
     return {prefix + name: kind(getattr(link, name)) for name, kind in _LINK.items()}
 
 
 def parse_comm(values: Mapping[str, Any]) -> CommSettings:
-    """The inverse of `describe_comm`. Raises InputError naming the option, what was expected and what was found.
+    """Return the settings for the output of `describe_comm`. Raises InputError that names option, expected and found.
 
-    What is left out has the value of the ideal channel.
+    Missing options have the value of the ideal channel.
     """
     own: dict[str, Any] = {}
     links: dict[str, dict[str, Any]] = {"": {}}
@@ -170,7 +170,7 @@ def parse_comm(values: Mapping[str, Any]) -> CommSettings:
         kind = _LINK.get(option) or (None if dot else _OWN.get(option))
         if kind is None or (dot and not of_type):
             raise InputError(f"V2X channel: unknown option {name!r:.60}, expected one of {', '.join((*_OWN, *_LINK))}")
-        (links.setdefault(of_type, {}) if option in _LINK else own)[option] = _typed(name, value, kind)
+        (links.setdefault(of_type, {}) if option in _LINK else own)[option] = _convert_value(name, value, kind)
     if own.get("preset", "ideal") not in PRESETS:
         raise InputError(f"V2X channel: unknown preset {own['preset']!r:.40}, expected one of {', '.join(PRESETS)}")
     own["mute"] = tuple(own.get("mute", "").split())
@@ -178,8 +178,8 @@ def parse_comm(values: Mapping[str, Any]) -> CommSettings:
     return CommSettings(**own, link=LinkSettings(**links[""]), by_type=by_type)
 
 
-def _typed(name: str, value: object, kind: type) -> Any:
-    """The value as that type; JSON and pydantic do not tell 6 from 6.0."""
+def _convert_value(name: str, value: object, kind: type) -> Any:
+    """Return the value as that type; JSON and pydantic do not distinguish 6 from 6.0."""
     if kind in (str, bool) and type(value) is kind:
         return value
     if kind in (int, float) and type(value) in (int, float):

@@ -1,4 +1,4 @@
-"""What V2X stations say to each other, as values in the world frame: SI units, box centres. Read `messages` first."""
+"""Contents of V2X messages as values in the world frame: SI units, box centres. Read `messages` first."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,11 +24,11 @@ REACH_M = 327.67
 
 
 class MessageError(ValueError):
-    """Bytes that are no message of their type, or contents that no message can carry."""
+    """Invalid bytes for a message type, or contents that a message cannot carry."""
 
 
 class Intention(IntEnum):
-    """What a CAV means to do with its speed (protocol 10.2)."""
+    """Intended change of speed of a CAV (protocol 10.2)."""
 
     STOP = 0
     SLOWER = 1
@@ -37,7 +37,7 @@ class Intention(IntEnum):
 
 
 class Direction(IntEnum):
-    """Where a CAV means to go (protocol 10.2)."""
+    """Intended direction of a CAV (protocol 10.2)."""
 
     FOLLOW = 0
     LEFT = 1
@@ -49,7 +49,7 @@ class Direction(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ReferencePose:
-    """The sender's reference pose [m, rad] and the tick in which it was there."""
+    """The sender's reference pose [m, rad] and its tick."""
 
     x: float
     y: float
@@ -59,7 +59,7 @@ class ReferencePose:
 
 @dataclass(frozen=True, slots=True)
 class Cam:
-    """Cooperative awareness: where I am and how I move."""
+    """Cooperative awareness message: pose, motion and size of the sender."""
 
     pose: ReferencePose
     speed: float
@@ -71,12 +71,12 @@ class Cam:
 
 @dataclass(frozen=True, slots=True)
 class Cpm:
-    """Collective perception: what I detect, and how far I see."""
+    """Collective perception message: detections and free sight of the sender."""
 
     pose: ReferencePose
     range_m: float
     objects: Objects
-    """Track names are the sender's own; `free_m` tells its free sight in equal sectors, see `Objects`."""
+    """Track names are the sender's own; `free_m` is its free sight in equal sectors, see `Objects`."""
     age: npt.NDArray[np.uint8]
     """(N,) ticks since each object was measured, at the tick of the pose."""
     roadside: bool = False
@@ -85,7 +85,7 @@ class Cpm:
 
 @dataclass(frozen=True, slots=True)
 class Mcm:
-    """Manoeuvre coordination: what I plan, what I would rather do, what I ask others to do, what I answer them."""
+    """Manoeuvre coordination message: planned and desired trajectory, requests to other stations, and answers."""
 
     pose: ReferencePose
     speed: float
@@ -94,29 +94,29 @@ class Mcm:
     interval_s: float
     """Between the points of the trajectories; the first point lies one interval after the pose's tick."""
     planned: Float
-    """(K, 2) box centres [m] that I mean to follow."""
+    """(K, 2) box centres [m] that the sender plans to follow."""
     desired: Float = field(default_factory=lambda: np.zeros((0, 2)))
-    """(K, 2) what I would do if the others let me; empty: the same as planned."""
+    """(K, 2) box centres [m] without the constraints of other stations; empty: the same as planned."""
     requests: Mapping[str, Intention] = field(default_factory=lambda: MappingProxyType({}))
-    """What I ask other stations to do, by their id; my own id tells what I take upon me."""
+    """Requested intention by station id; the entry of the sender's own id is its commitment."""
     answers: Mapping[str, bool] = field(default_factory=lambda: MappingProxyType({}))
-    """Whether I accept what that station last asked of me."""
+    """Whether the sender accepts the last request of each station, by its id."""
     group: tuple[str, ...] = ()
-    """The conflict group that I take myself to be in, oneself included, sorted."""
+    """Ids of the conflict group of the sender, itself included, sorted."""
     until_tick: int = 0
-    """How long the requests are meant to hold."""
+    """Tick until which the requests are valid."""
 
 
 Content: TypeAlias = Cam | Cpm | Mcm | str
 
 
 def format_track_name(number: int) -> str:
-    """How `Objects.ids` writes a track number (32 bits)."""
+    """Return the name in `Objects.ids` of a track number (32 bits)."""
     return f"t{number:08x}"
 
 
 def parse_track_name(name: str) -> int:
-    """The inverse of `format_track_name`; raises MessageError for any other name."""
+    """Return the track number of a name. Raises MessageError for names that `format_track_name` does not produce."""
     try:
         number = int(name[1:], 16)
     except ValueError:

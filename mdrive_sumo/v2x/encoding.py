@@ -1,8 +1,8 @@
 """Bytes of CAM, CPM and MCM. The tables are in docs/v2x.md; little-endian throughout.
 
-Reading has two steps: `*_parts` takes a body apart and raises MessageError unless every byte is in order, with plain
-Python and without arrays, which makes it cheap enough for the channel to check everything that is said; `*_of` makes
-contents of parts and cannot fail.
+Decoding has two steps: `parse_*` splits a body and raises MessageError unless every byte is valid, in plain Python
+without arrays, so that the channel can check every message cheaply; `build_*` converts the parts to contents and cannot
+fail.
 """
 
 import math
@@ -51,63 +51,67 @@ HEADER_BYTES = _HEADER.size
 
 
 def encode_header(kind: int, pose: ReferencePose) -> bytes:
-    """The first bytes of every message but text. Places more than 214 km from the origin are told as that far."""
+    """Return the header of every message but text. Positions are clamped to 214 km from the origin."""
     yaw = round(math.degrees(pose.yaw % TAU) * _CENTI) % 36000
-    return _HEADER.pack(kind, _clipped(pose.x * _CENTI, 31), _clipped(pose.y * _CENTI, 31), yaw, pose.tick)
+    return _HEADER.pack(
+        kind, _round_and_clamp(pose.x * _CENTI, 31), _round_and_clamp(pose.y * _CENTI, 31), yaw, pose.tick
+    )
 
 
 def decode_pose(payload: bytes) -> ReferencePose:
-    """The reference pose in a payload of at least `HEADER_BYTES`."""
+    """Return the reference pose in a payload of at least `HEADER_BYTES`."""
     _, x, y, yaw, tick = _HEADER.unpack_from(payload)
     return ReferencePose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick)
 
 
-def _clipped(value: float, bits: int) -> int:
-    """Rounded and kept within a signed integer of so many bits (31: 32-bit). Raises MessageError for no number."""
+def _round_and_clamp(value: float, bits: int) -> int:
+    """Return the value rounded and clamped to +-(2**bits - 1). Raises MessageError if it is not finite."""
     if not math.isfinite(value):
         raise MessageError(f"expected finite numbers, found {value}")
     most = 2**bits - 1
     return min(max(round(value), -most), most)
 
 
-def _turned(xy: Float, yaw: float) -> Float:
+def _rotate(xy: Float, yaw: float) -> Float:
     cos, sin = math.cos(yaw), math.sin(yaw)
     return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
 
 
 def _to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:
-    local = _turned(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
+    local = _rotate(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
     if not (np.abs(local) <= REACH_M).all():  # NaN fails too
         raise MessageError(f"expected positions within {REACH_M} m of the sender, along and across")
     return np.rint(local * _CENTI).astype("<i2")
 
 
 def _to_world(pose: ReferencePose, local: npt.NDArray[np.int16]) -> Float:
-    return _turned(local.reshape(-1, 2) / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
+    return _rotate(local.reshape(-1, 2) / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
 
 
 def encode_cam(cam: Cam, _: ReferencePose) -> bytes:
-    """A CAM without its header."""
+    """Return the body of a CAM, without header."""
     signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
     size = (cam.length * _CENTI, cam.width * _CENTI)
-    return _CAM.pack(*(_clipped(value, 15) for value in signed), *(max(_clipped(value, 16), 0) for value in size))
+    return _CAM.pack(
+        *(_round_and_clamp(value, 15) for value in signed), *(max(_round_and_clamp(value, 16), 0) for value in size)
+    )
 
 
 def parse_cam(body: bytes) -> tuple[int, ...]:
-    """Takes a CAM apart; raises MessageError."""
+    """Return the fields of a CAM body. Raises MessageError."""
     if len(body) != _CAM.size:
         raise MessageError(f"expected {_CAM.size} bytes after the header, found {len(body)}")
     return _CAM.unpack(body)
 
 
 def build_cam(pose: ReferencePose, parts: tuple[int, ...]) -> Cam:
-    """The CAM of these parts."""
+    """Return the CAM of these fields."""
     speed, acceleration, yaw_rate, length, width = parts
     return Cam(pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI)
 
 
 class CpmParts(NamedTuple):
-    """A CPM taken apart."""
+    """The fields of a CPM body."""
 
     range_dm: int
     roadside: bool
@@ -116,18 +120,18 @@ class CpmParts(NamedTuple):
 
 
 def encode_cpm(cpm: Cpm, pose: ReferencePose) -> bytes:
-    """A CPM without its header; `pose` is the one that the receiver will read."""
+    """Return the body of a CPM, without header; `pose` is the rounded pose that the receiver reads."""
     objects, count, sectors = cpm.objects, len(cpm.objects.ids), len(cpm.objects.free_m)
     if count > MAX_OBJECTS or sectors > MAX_SECTORS:
         raise MessageError(
             f"expected at most {MAX_OBJECTS} objects and {MAX_SECTORS} sectors, found {count} and {sectors}"
         )
-    range_dm = min(max(_clipped(cpm.range_m * 10, 16), 0), 65535)
+    range_dm = min(max(_round_and_clamp(cpm.range_m * 10, 16), 0), 65535)
     head = _CPM.pack(range_dm, count, sectors, bool(cpm.roadside))
-    return head + _object_rows(cpm, pose).tobytes() + _sight(objects.free_m, range_dm)
+    return head + _encode_objects(cpm, pose).tobytes() + _encode_free_sight(objects.free_m, range_dm)
 
 
-def _object_rows(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
+def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     objects = cpm.objects
     numbers = np.column_stack((objects.yaw, objects.speed, objects.length, objects.width))
     if not np.isfinite(numbers).all():
@@ -144,16 +148,16 @@ def _object_rows(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     return rows
 
 
-def _sight(free_m: Float, range_dm: int) -> bytes:
-    """Free sight in 255 steps, rounded down: a message never tells of more than its sender has seen."""
+def _encode_free_sight(free_m: Float, range_dm: int) -> bytes:
+    """Return free sight in 255 steps, rounded down, so that a message never claims more than its sender saw."""
     if not np.isfinite(free_m).all():
         raise MessageError("expected finite numbers")
     steps = np.clip(free_m * 10 / max(range_dm, 1), 0, 1) * 255
-    return np.floor(steps + 1e-6).astype(np.uint8).tobytes()  # what was read is written the same again
+    return np.floor(steps + 1e-6).astype(np.uint8).tobytes()  # the slack makes encoding of decoded values exact
 
 
 def parse_cpm(body: bytes) -> CpmParts:
-    """Takes a CPM apart; raises MessageError."""
+    """Return the fields of a CPM body. Raises MessageError."""
     if len(body) < _CPM.size:
         raise MessageError(f"expected at least {_CPM.size} bytes after the header, found {len(body)}")
     range_dm, count, sectors, roadside = _CPM.unpack_from(body)
@@ -166,7 +170,7 @@ def parse_cpm(body: bytes) -> CpmParts:
 
 
 def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
-    """The CPM of these parts."""
+    """Return the CPM of these fields."""
     rows = np.frombuffer(parts.rows, dtype=_OBJECT)
     xy = _to_world(pose, rows["xy"])
     objects = Objects(
@@ -184,7 +188,7 @@ def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
 
 
 class McmParts(NamedTuple):
-    """An MCM taken apart."""
+    """The fields of an MCM body."""
 
     fixed: tuple[int, ...]
     planned: bytes
@@ -195,29 +199,29 @@ class McmParts(NamedTuple):
 
 
 def encode_mcm(mcm: Mcm, pose: ReferencePose) -> bytes:
-    """An MCM without its header; `pose` is the one that the receiver will read."""
-    interval = _clipped(mcm.interval_s * _CENTI, 15)
+    """Return the body of an MCM, without header; `pose` is the rounded pose that the receiver reads."""
+    interval = _round_and_clamp(mcm.interval_s * _CENTI, 15)
     if not 1 <= interval <= 255:
         raise MessageError(f"expected interval_s in [0.01, 2.55] s, found {mcm.interval_s}")
-    speed = _clipped(mcm.speed * _CENTI, 15)
+    speed = _round_and_clamp(mcm.speed * _CENTI, 15)
     fixed = _MCM.pack(speed, Intention(mcm.intention), Direction(mcm.direction), interval, max(mcm.until_tick, 0))
     parts = (
-        _points(pose, mcm.planned),
-        _points(pose, mcm.desired),
-        _names({name: Intention(what) for name, what in mcm.requests.items()}),
-        _names({name: bool(yes) for name, yes in mcm.answers.items()}),
-        _names(dict.fromkeys(mcm.group, 0)),
+        _encode_points(pose, mcm.planned),
+        _encode_points(pose, mcm.desired),
+        _encode_names({name: Intention(what) for name, what in mcm.requests.items()}),
+        _encode_names({name: bool(yes) for name, yes in mcm.answers.items()}),
+        _encode_names(dict.fromkeys(mcm.group, 0)),
     )
     return fixed + b"".join(parts)
 
 
-def _points(pose: ReferencePose, xy: Float) -> bytes:
+def _encode_points(pose: ReferencePose, xy: Float) -> bytes:
     if len(xy) > MAX_POINTS:
         raise MessageError(f"expected at most {MAX_POINTS} points, found {len(xy)}")
     return bytes((len(xy),)) + _to_local(pose, xy).tobytes()
 
 
-def _names(values: Mapping[str, int]) -> bytes:
+def _encode_names(values: Mapping[str, int]) -> bytes:
     entries = [(name.encode(), value) for name, value in values.items()]
     if len(entries) > MAX_NAMES or not all(1 <= len(name) <= MAX_NAME_BYTES for name, _ in entries):
         raise MessageError(f"expected at most {MAX_NAMES} names of 1 to {MAX_NAME_BYTES} bytes, found {len(entries)}")
@@ -225,45 +229,45 @@ def _names(values: Mapping[str, int]) -> bytes:
 
 
 def parse_mcm(body: bytes) -> McmParts:
-    """Takes an MCM apart; raises MessageError."""
+    """Return the fields of an MCM body. Raises MessageError."""
     if len(body) < _MCM.size:
         raise MessageError(f"expected at least {_MCM.size} bytes after the header, found {len(body)}")
     fixed = _MCM.unpack_from(body)
     if fixed[1] > _LAST_INTENTION or fixed[2] > _LAST_DIRECTION or not fixed[3]:
         raise MessageError(f"expected an intention, a direction and an interval above 0, found {fixed[1:4]}")
-    planned, at = _taken_points(body, _MCM.size)
-    desired, at = _taken_points(body, at)
-    requests, at = _taken_names(body, at, _LAST_INTENTION)
-    answers, at = _taken_names(body, at, 1)
-    group, at = _taken_names(body, at, 0)
+    planned, at = _take_points(body, _MCM.size)
+    desired, at = _take_points(body, at)
+    requests, at = _take_names(body, at, _LAST_INTENTION)
+    answers, at = _take_names(body, at, 1)
+    group, at = _take_names(body, at, 0)
     if at != len(body):
         raise MessageError(f"{len(body) - at} bytes too many")
     return McmParts(fixed, planned, desired, requests, answers, group)
 
 
-def _taken(data: bytes, at: int, size: int) -> bytes:
+def _take_bytes(data: bytes, at: int, size: int) -> bytes:
     if at + size > len(data):
         raise MessageError("bytes are missing")
     return data[at : at + size]
 
 
-def _taken_points(data: bytes, at: int) -> tuple[bytes, int]:
-    """Points that begin at that offset, and the offset after them."""
-    count = _taken(data, at, 1)[0]
+def _take_points(data: bytes, at: int) -> tuple[bytes, int]:
+    """Return the bytes of the points at an offset, and the offset after them."""
+    count = _take_bytes(data, at, 1)[0]
     if count > MAX_POINTS:
         raise MessageError(f"expected at most {MAX_POINTS} points, found {count}")
-    return _taken(data, at + 1, 4 * count), at + 1 + 4 * count
+    return _take_bytes(data, at + 1, 4 * count), at + 1 + 4 * count
 
 
-def _taken_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
-    """Names with values from 0 to `most` that begin at that offset, and the offset after them."""
-    count, at = _taken(data, at, 1)[0], at + 1
+def _take_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
+    """Return the names with values from 0 to `most` at an offset, and the offset after them."""
+    count, at = _take_bytes(data, at, 1)[0], at + 1
     found: dict[str, int] = {}
     for _ in range(count):
-        size, value = _taken(data, at, 2)
+        size, value = _take_bytes(data, at, 2)
         if not 1 <= size <= MAX_NAME_BYTES or value > most:
             raise MessageError(f"expected names of 1 to {MAX_NAME_BYTES} bytes with values from 0 to {most}")
-        found[_taken(data, at + 2, size).decode()] = value  # UnicodeDecodeError is a ValueError
+        found[_take_bytes(data, at + 2, size).decode()] = value  # UnicodeDecodeError is a ValueError
         at += 2 + size
     if len(found) < count or count > MAX_NAMES:
         raise MessageError(f"expected at most {MAX_NAMES} different names, found {count}")
@@ -271,7 +275,7 @@ def _taken_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
 
 
 def build_mcm(pose: ReferencePose, parts: McmParts) -> Mcm:
-    """The MCM of these parts."""
+    """Return the MCM of these fields."""
     speed, intention, direction, interval, until = parts.fixed
     return Mcm(
         pose=pose,

@@ -1,10 +1,10 @@
-"""CAM, CPM, MCM and text: what V2X stations say to each other, and how it becomes bytes.
+"""CAM, CPM, MCM and text: the messages of V2X stations and their encoding.
 
-The meaning follows ETSI: CAM (EN 302 637-2) tells the sender's own state, CPM (TS 103 324) what its sensors detect and
-how far it sees, MCM (TR 103 578) what it plans, wishes, asks of others and answers. The bytes are our own, not ASN.1:
+The meaning follows ETSI: CAM (EN 302 637-2) has the sender's own state, CPM (TS 103 324) its detections and free sight,
+MCM (TR 103 578) its plan, desired trajectory, requests and answers. The bytes are our own, not ASN.1:
 little-endian, positions in steps of 1 cm, angles of 0.01 degrees, speeds of 1 cm/s. As in ETSI's messages everything is
-told relative to the sender's reference pose, which alone stands in the world frame: an error of the sender's pose
-shifts and turns all that it says. Arguments and results here are in the world frame, SI units, box centres.
+relative to the sender's reference pose, which alone is in the world frame: an error of the sender's pose shifts and
+rotates the whole content. Arguments and results here are in the world frame, SI units, box centres.
 
 Sizes: header 15 bytes; CAM + 10; CPM + 5 + 18 an object + 1 a sector of free sight; MCM + 14 + 4 a point + (2 + its
 UTF-8 bytes) a name. docs/v2x.md has the tables.
@@ -67,10 +67,10 @@ _NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM}
 
 
 def encode(content: Content) -> Message:
-    """A message ready to send.
+    """Return a message ready to send.
 
     Raises MessageError if the content has more parts than a message can carry, numbers that are not finite, or places
-    more than `REACH_M` from the sender; speeds and sizes too large for their field are told as its largest value.
+    more than `REACH_M` from the sender; speeds and sizes too large for their field are clamped.
     """
     name = TEXT if isinstance(content, str) else _NAMES[type(content)]
     try:
@@ -87,16 +87,16 @@ def _payload(content: Content) -> bytes:
         return data
     codec = _CODECS[_NAMES[type(content)]]
     head = encoding.encode_header(codec.kind, content.pose)
-    # What is told relative to the pose must not carry the rounding of the pose: hence the pose as it will be read.
+    # Relative values refer to the rounded pose, which the receiver reads, so they have no part in its rounding error.
     return head + codec.body(content, encoding.decode_pose(head))
 
 
 def decode(message: Message) -> Content:
-    """What a message of a type in `TYPES` says. Raises MessageError; never anything else, whatever the bytes."""
+    """Return the content of a message of a type in `TYPES`. Raises MessageError only, for any bytes."""
     if message.type not in TYPES:
         raise MessageError(f"expected a type of {', '.join(TYPES)}, found {message.type!r:.40}")
     try:
-        parts = _parts(message)
+        parts = _parse_fields(message)
     except ValueError as error:
         raise MessageError(f"{message.type}: {error}") from None
     if message.type == TEXT:
@@ -105,19 +105,19 @@ def decode(message: Message) -> Content:
 
 
 def find_problem(message: Message) -> str | None:
-    """Why a message cannot be read; None if it can. What `decode` reads has none; other types must only fit in size."""
+    """Return why a message cannot be decoded, or None. Agents' own types have only a size limit."""
     if message.type not in TYPES:
         fits = len(message.payload) <= MAX_PAYLOAD_BYTES
         return None if fits else f"expected at most {MAX_PAYLOAD_BYTES} bytes, found {len(message.payload)}"
     try:
-        _parts(message)
+        _parse_fields(message)
     except ValueError as error:
         return str(error)
     return None
 
 
-def _parts(message: Message) -> Any:
-    """The body taken apart, or the text; raises ValueError unless everything is in order."""
+def _parse_fields(message: Message) -> Any:
+    """Return the fields of the body, or the text. Raises ValueError if anything is invalid."""
     payload, codec = message.payload, _CODECS.get(message.type)
     if codec is None:
         if len(payload) > MAX_TEXT_BYTES:
@@ -131,9 +131,9 @@ def _parts(message: Message) -> Any:
 
 
 def displace_message(message: Message, dx: float, dy: float, dyaw: float) -> Message:
-    """The same message with its reference pose shifted [m] and turned [rad]; types without a pose stay as they are.
+    """Return the message with its reference pose shifted [m] and rotated [rad]; types without a pose stay the same.
 
-    The message must be one that `decode` reads.
+    The message must be valid for `decode`.
     """
     if message.type not in _CODECS:
         return message

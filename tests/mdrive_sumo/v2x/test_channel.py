@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, Place, SentMessage, count_deliveries
+from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, Position, SentMessage, count_deliveries
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, ReferencePose, decode, encode
 
-NEAR: Mapping[str, Place] = {"a": (0.0, 0.0), "b": (30.0, 40.0), "c": (0.0, 200.0)}
+NEAR: Mapping[str, Position] = {"a": (0.0, 0.0), "b": (30.0, 40.0), "c": (0.0, 200.0)}
 Box = dict[str, tuple[Message, ...]]
 
 
@@ -30,7 +30,7 @@ def run(
     comm: CommSettings,
     said: Mapping[int, Mapping[str, tuple[Message, ...]]],
     ticks: int,
-    places: Mapping[str, Place] = NEAR,
+    places: Mapping[str, Position] = NEAR,
     seed: int = 1,
 ) -> tuple[list[Box], Channel]:
     """What every tick delivers."""
