@@ -13,8 +13,9 @@ from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason, Frame
-from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, open_world, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
+from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.open_agents import open_agents
 from mdrive_sumo.scenario.scenario import Scenario
