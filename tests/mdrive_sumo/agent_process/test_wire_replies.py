@@ -61,7 +61,7 @@ def test_numbers_of_numpy_and_lists_of_points_are_numbers() -> None:
     assert found is not None and found.points.tolist() == [[1.0, 2.0], [3.0, 4.5]]
 
 
-def test_nobody_can_pose_as_another() -> None:
+def test_the_channel_sets_the_sender() -> None:
     said = {"": "Message", "type": "cam", "payload": b"hi", "sender": "somebody-else", "tick": 99}
     assert read(answer(TICK, {**GOOD, "messages": [said]})).messages == (Message("cam", b"hi"),)
 

@@ -19,7 +19,7 @@ def brief(scenario: str, ego: int) -> Briefing:
     )
 
 
-def test_the_route_is_told_with_lane_width_speed_limit_and_length() -> None:
+def test_the_briefing_has_lane_width_speed_limit_and_arc_length_of_the_route() -> None:
     told = brief("i03", 0)
     assert told.route_xy.shape == (len(told.route_s), 2)
     assert told.route_s[-1] == pytest.approx(np.hypot(*np.diff(told.route_xy, axis=0).T).sum())
@@ -29,7 +29,7 @@ def test_the_route_is_told_with_lane_width_speed_limit_and_length() -> None:
     assert (told.seed, told.time_limit_s, told.vehicle.length) == (7, 30.0, 4.9)
 
 
-def test_lights_and_stop_signs_lie_on_the_route_of_whom_they_concern() -> None:
+def test_lights_and_stop_signs_lie_on_the_route_that_they_control() -> None:
     lit = brief("i03", 0)
     assert len(lit.traffic_lights) == 1
     assert 0.0 < lit.traffic_lights[0].s < lit.route_s[-1]

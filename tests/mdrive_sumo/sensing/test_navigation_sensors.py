@@ -47,7 +47,7 @@ def test_latitude_grows_to_the_north_and_longitude_to_the_east() -> None:
     assert to_gnss(0.0, 3e5).latitude_deg == pytest.approx(360 / math.pi * math.atan(math.exp(3e5 / 6_378_137.0)) - 90)
 
 
-def test_a_receiver_without_noise_tells_the_box_centre() -> None:
+def test_a_receiver_without_noise_measures_the_box_centre() -> None:
     read = GnssSensor(spec("gnss"), FITTING).sense(scene(), EYE)
     assert to_xy(read) == pytest.approx((EGO.x, EGO.y), abs=1e-6)
     assert read.altitude_m == 0.0
@@ -70,7 +70,7 @@ def test_a_compass_just_left_of_north_reads_zero_not_a_full_turn() -> None:
     assert to_compass(math.nextafter(math.pi / 2, 2.0)) == 0.0
 
 
-def test_an_inertial_unit_without_noise_tells_the_motion() -> None:
+def test_an_inertial_unit_without_noise_measures_the_motion() -> None:
     read = ImuSensor(spec("imu"), FITTING).sense(scene(), EYE)
     assert read.acceleration == (-1.5, 8.0 * 0.25, 9.81)
     assert read.angular_rate == (0.0, 0.0, 0.25)
@@ -82,7 +82,7 @@ def test_a_car_at_rest_feels_gravity_only() -> None:
     assert ImuSensor(spec("imu"), FITTING).sense(still, SensorPose(0.0, 0.0, 0.0, 0)).acceleration == (0.0, 0.0, 9.81)
 
 
-def test_the_speedometer_tells_the_carriers_speed() -> None:
+def test_the_speedometer_measures_the_speed_of_its_carrier() -> None:
     assert SpeedometerSensor(spec("speedometer"), FITTING).sense(scene(), EYE) == 8.0
 
 
@@ -142,7 +142,7 @@ def test_bad_options_are_named(sensor: type[GnssSensor], asked: SensorSpec, said
 @pytest.mark.parametrize(
     "kind", ["camera", "rgb", "sensor.camera.rgb", "sensor.camera.depth", "depth", "semantic", "CAM_FRONT", "Camera"]
 )
-def test_whoever_asks_for_a_camera_is_told_what_to_use(kind: str) -> None:
+def test_the_error_for_a_camera_names_alternatives(kind: str) -> None:
     said = describe_camera_error(kind)
     assert repr(kind) in said
     assert "no renderer" in said

@@ -101,7 +101,7 @@ class TestIdeal:
         assert len(sensor(free_space=8).sense(scene, HERE).free_m) == 8
         assert len(sensor(free_space=False).sense(scene, HERE).free_m) == 0
 
-    def test_the_station_beside_the_road_sees_everybody(self) -> None:
+    def test_a_roadside_unit_detects_all_road_users(self) -> None:
         assert len(sensor().sense(cars((20.0, 0.0)), SensorPose(0.0, 20.0, 0.0, None)).ids) == 2
 
     @pytest.mark.parametrize(

@@ -207,7 +207,7 @@ class TestByHand:
             shares((Kind.VEHICLE, 2.5, 0.0, 0.0, 5.0, 2.0), (Kind.VEHICLE, 9.0, 0.0, 0.0, 4.0, 2.0))
         ).all()
 
-    def test_nobody_there(self) -> None:
+    def test_an_empty_scene_has_no_shares_and_full_sight(self) -> None:
         assert shares().tolist() == []
         assert SightView(HERE, scene(), BuildingEdges(town()), 50.0).free_sight(4).tolist() == [50.0] * 4
 

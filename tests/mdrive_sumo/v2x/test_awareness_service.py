@@ -21,7 +21,7 @@ def told(objects: Objects) -> Cpm:
     return content
 
 
-def test_it_tells_of_itself_and_of_what_it_sees() -> None:
+def test_it_sends_own_state_and_detections() -> None:
     first, second = sent(7, things((20.0, 3.0, 0.2, 4.0), (30.0, 0.0, 0.0, 0.0)))
     assert (first.type, second.type) == (CAM, CPM)
     cam, cpm = decode(first), decode(second)
@@ -41,7 +41,7 @@ def test_it_says_how_old_its_detections_are() -> None:
     assert content.age.tolist() == [2]
 
 
-def test_ten_times_a_second_whoever_asks_how_often() -> None:
+def test_it_sends_at_10_hz_for_any_rate_of_observations() -> None:
     station = AwarenessService(briefing(), 80.0)
     assert [tick for tick in range(8) if sent(tick, things(), station)] == [0, 2, 4, 6]
     station = AwarenessService(briefing(), 80.0)

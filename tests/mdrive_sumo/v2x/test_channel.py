@@ -58,7 +58,7 @@ def test_a_message_arrives_after_its_latency_and_never_in_its_own_tick(latency: 
     )
 
 
-def test_nobody_can_pose_as_another() -> None:
+def test_the_channel_sets_the_sender() -> None:
     boxes, _ = run(CommSettings(), {0: {"a": (Message("text", b"", "b", 99),)}}, 2)
     assert boxes[1]["c"] == (Message("text", b"", "a", 0),)
 
@@ -86,7 +86,7 @@ def test_without_loss_everything_arrives_once_and_in_order(what: list[tuple[str,
         assert heard == posted  # the log is in order of ticks, senders, messages
 
 
-def test_who_is_out_of_range_hears_nothing() -> None:
+def test_receivers_out_of_range_get_nothing() -> None:
     boxes, channel = run(CommSettings(link=LinkSettings(range_m=50.0)), {0: {"a": (text("x"),)}}, 2)
     assert (len(boxes[1]["b"]), len(boxes[1]["c"])) == (1, 0)  # b is at exactly 50 m
     assert fates(channel.sent_messages()) == [{"c": DeliveryStatus.OUT_OF_RANGE, "b": DeliveryStatus.DELIVERED}]
@@ -108,7 +108,7 @@ def test_road_side_units_send_but_do_not_hear() -> None:
     assert all("rsu" not in one.deliveries for one in channel.sent_messages())
 
 
-def test_who_has_ended_gets_nothing() -> None:
+def test_a_receiver_that_has_ended_gets_nothing() -> None:
     channel = Channel(CommSettings(link=LinkSettings(latency_ticks=2)), 1)
     channel.send(0, {"a": (text("x"),)}, NEAR)
     channel.deliver(1, ("a", "b", "c"))
@@ -127,7 +127,7 @@ def test_a_channel_that_is_off_delivers_nothing() -> None:
     assert fates(channel.sent_messages()) == [{"b": DeliveryStatus.OFF, "c": DeliveryStatus.OFF}]
 
 
-def test_malformed_messages_reach_nobody() -> None:
+def test_malformed_messages_are_not_delivered() -> None:
     said = {0: {"a": (Message("cam", b"\1"), Message("own", b"\xff" * 65536), Message("own", b"\xff"), cam())}}
     _, channel = run(CommSettings(), said, 2)
     bad, good = (
@@ -148,7 +148,7 @@ def test_malformed_messages_reach_nobody() -> None:
         ("c/*", set[str]()),
     ],
 )
-def test_muted_messages_reach_nobody(pattern: str, muted: set[str]) -> None:
+def test_muted_messages_are_not_delivered(pattern: str, muted: set[str]) -> None:
     said = {tick: {who: (text("x"), cam()) for who in "ab"} for tick in (0, 1)}
     _, channel = run(CommSettings(mute=(pattern,)), said, 3)
     silent = {
@@ -210,7 +210,7 @@ def test_loss_has_the_given_probability_and_is_independent() -> None:
     assert np.abs(correlations - np.eye(5)).max() < 4 / math.sqrt(2000)
 
 
-def test_luck_depends_on_names_ticks_and_seed_only() -> None:
+def test_losses_depend_on_names_ticks_and_seed_only() -> None:
     _, all_of_them = run(LOSSY, CHATTER, 300)
     pair = {name: NEAR[name] for name in "ab"}
     _, two_of_them = run(LOSSY, {tick: {"a": (text("x"),)} for tick in range(7, 300)}, 300, pair)
@@ -258,7 +258,7 @@ def test_pose_errors_of_an_episode_stay_the_same_for_a_pair() -> None:
         assert not np.allclose(found[0], other[0], atol=0.02)
 
 
-def test_a_pose_error_moves_what_is_told_but_no_text_and_not_the_log() -> None:
+def test_a_pose_error_changes_delivered_content_but_neither_text_nor_the_log() -> None:
     planned = np.array([[20.0, 20.0], [30.0, 20.0]])
     plan = encode(Mcm(ReferencePose(10.0, 20.0, 0.0, 0), 5.0, Intention.KEEP, Direction.FOLLOW, 0.2, planned))
     comm = CommSettings(link=LinkSettings(pose_error_m=2.0, pose_error_deg=0.0))

@@ -142,7 +142,7 @@ def test_a_cpm_comes_back_within_a_step(cpm: Cpm) -> None:
 
 
 @given(cpms())
-def test_free_sight_is_told_in_255_steps_and_never_too_far(cpm: Cpm) -> None:
+def test_free_sight_is_encoded_in_255_steps_and_never_too_far(cpm: Cpm) -> None:
     read = decode(encode(cpm))
     assert isinstance(read, Cpm)
     short = cpm.objects.free_m - read.objects.free_m
@@ -353,7 +353,7 @@ def test_what_no_message_can_carry_is_refused(content: Content, why: str) -> Non
         encode(content)
 
 
-def test_numbers_too_large_for_their_field_are_told_as_its_largest() -> None:
+def test_numbers_too_large_for_their_field_are_clamped() -> None:
     read = decode(encode(Cam(ReferencePose(1e9, 0.0, 0.0, 0), -1e6, 1e6, 100.0, 1e6, -1.0)))
     assert isinstance(read, Cam)
     assert (read.speed, read.acceleration, read.yaw_rate) == (-327.67, 327.67, 32.767)

@@ -243,7 +243,7 @@ def test_agrees_with_commonroads_single_track_model(speed: float) -> None:
     assert most > 1.5  # it did swerve
 
 
-def test_what_the_world_and_agents_are_told() -> None:
+def test_ego_state_and_vehicle_facts_follow_from_state_and_parameters() -> None:
     body = step(VehicleState(1, 2, 0.5, vx=7.0, vy=0.1, yaw_rate=0.2, steer_angle=0.05), Control(0.5, 0, 0.1), MKZ_2017)
     state = to_ego_state(body)
     assert (state.x, state.y, state.yaw, state.speed) == (body.x, body.y, body.yaw, body.vx)
