@@ -133,7 +133,7 @@ def screen_candidate(scenario: Scenario, accepted: Sequence[Scenario]) -> Screen
     roads = load_road_map(find_network_folder(scenario.network))
     if inside := list(find_spawn_overlaps(scenario, roads)):
         raise ProposalRejected(
-            PipelineStage.SOUNDNESS, f"expected room for everybody at the start, found that {inside[0]}"
+            PipelineStage.SOUNDNESS, f"expected no overlapping boxes at the start, found that {inside[0]}"
         )
     try:
         found = screen_scenario(scenario, roads)

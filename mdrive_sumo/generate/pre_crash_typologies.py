@@ -6,7 +6,7 @@ was not at hand to check them against. Left out are those that
 - need what a flat road with scripted road users has not got: vehicle failure 1, loss of control 2 and 3, leaving the
   road 6 to 8, animals 9 and 10, drifting 19; running a red light 4, for lights are at rest;
 - are other categories of the bucket: changing lanes 18, objects 35 and 36;
-- leave no way out for anybody: oncoming vehicles 20 and 21;
+- leave no way to avoid a collision: oncoming vehicles 20 and 21;
 - are much like one that is here: backing up 15 (17), turning side by side 16 (28), other leads 22 to 24 (25 and 26);
 - name no conflict: evasive action 32 and 33, incidents without a collision 34, all others 37.
 """

@@ -94,7 +94,7 @@ def _opposite(a: LaneRoute, b: LaneRoute) -> bool:
 
 def _perpendicular(side: int) -> Callable[[LaneRoute, LaneRoute], bool]:
     def holds(a: LaneRoute, b: LaneRoute) -> bool:
-        """Who comes from b's right drives to b's left: a quarter turn counter-clockwise from b's direction."""
+        """A vehicle from b's right drives to b's left: a quarter turn counter-clockwise from b's direction."""
         away = wrap_angle(a.entry_yaw - b.entry_yaw) - side * math.pi / 2
         return abs(wrap_angle(away)) < PERPENDICULAR_RAD
 

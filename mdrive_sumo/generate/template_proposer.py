@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from mdrive_sumo.generate import pre_crash_typologies
-from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, Topology
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.proposal import Maneuver, Proposal
 
 Draft = dict[str, Any]
@@ -292,4 +292,3 @@ TEMPLATES: Mapping[Category, Callable[[random.Random], Draft]] = {
     Category.UNPROTECTED_LEFT: _unprotected_left,
     Category.LANE_DROP: _lane_drop,
 }
-_ = Topology

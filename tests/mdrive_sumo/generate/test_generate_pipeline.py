@@ -102,7 +102,7 @@ def test_cavs_that_start_inside_each_other_are_refused_before_anything_is_driven
     stage, reason = refused(lambda: screen_candidate(crowded, ()))
     assert stage is PipelineStage.SOUNDNESS
     assert reason.startswith(
-        "expected room for everybody at the start, found that CAV 0 and CAV 1 start inside each other"
+        "expected no overlapping boxes at the start, found that CAV 0 and CAV 1 start inside each other"
     )
 
 
