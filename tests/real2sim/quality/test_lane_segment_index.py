@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from tests.real2sim.quality.test_reconstruction_quality import DT, T, track
 
 from real2sim.quality.actor_quality import compute_actor_quality
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.quality.reconstruction_quality import ReconstructedLog, assess_reconstruction, with_failed_checks
 from real2sim.recording import ObjectCategory
+from tests.real2sim.quality.test_reconstruction_quality import DT, T, track
 
 
 def lanes() -> LaneSegmentIndex:
