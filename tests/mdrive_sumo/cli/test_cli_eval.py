@@ -129,7 +129,7 @@ def test_a_second_ctrl_c_does_not_swallow_the_answer_to_the_first(
     def interrupt(*_: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("mdrive_sumo.cli.evaluate.evaluate", interrupt)
+    monkeypatch.setattr("mdrive_sumo.cli.evaluate.evaluate_run", interrupt)
     monkeypatch.setattr("mdrive_sumo.cli.evaluate.ProgressDisplay.close", interrupt)
     before = signal.getsignal(signal.SIGINT)
     try:
