@@ -167,12 +167,7 @@ def tick_ratios(roads: RoadMap) -> Iterator[Row]:
             "x",
             f"<= {target:g}",
         )
-        yield (
-            f"  bare libsumo, action step {action_step_s:g} s",
-            statistics.median(bare) / ticks * 1e3,
-            "ms/tick",
-            "",
-        )
+        yield (f"  bare libsumo, action step {action_step_s:g} s", statistics.median(bare) / ticks * 1e3, "ms/tick", "")
 
 
 def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
@@ -258,9 +253,11 @@ def last_rows(folder: Path) -> Iterator[Row]:
     """Scripted road users, conversion, generation: last, for their libraries would count as memory of a worker."""
     from actors import actor_rows
     from conversion import conversion_rows
+    from front_door import front_door_rows
     from generation import generation_rows
 
     yield from actor_rows()
+    yield from front_door_rows()
     for name, rows in (("conversion", conversion_rows), ("generation", generation_rows)):
         (folder / name).mkdir()
         yield from rows(folder / name)
