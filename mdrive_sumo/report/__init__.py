@@ -1,1 +1,1 @@
-"""What people read: tables for the terminal, Markdown, pictures and the replay page."""
+"""Output for people: tables for the terminal, Markdown reports, plots and the replay page."""

@@ -1,4 +1,4 @@
-"""What is installed here, and what is missing for which command."""
+"""Examine the installation: what is installed, and what is missing for which command."""
 
 import os
 import platform
@@ -37,7 +37,7 @@ PACKAGES = (
 
 @dataclass(frozen=True, slots=True)
 class InstallationCheck:
-    """One thing looked for: what was found ("" = nothing), who needs it, and how to get it."""
+    """One requirement: what was found ("" = nothing), which commands need it, and how to install it."""
 
     name: str
     found: str
@@ -48,12 +48,12 @@ class InstallationCheck:
 
     @property
     def is_found(self) -> bool:
-        """Whether it is there."""
+        """Whether the requirement is met."""
         return bool(self.found)
 
 
 def examine_installation() -> tuple[InstallationCheck, ...]:
-    """Looks at this machine; starts the simulator's library in a child, because a broken one may crash."""
+    """Examine this machine. SUMO's library is loaded in a child process, because a broken one may crash."""
     return (
         InstallationCheck("mdrive-sumo", _version("mdrive-sumo"), "everything"),
         _python(),
@@ -98,7 +98,7 @@ def _simulator() -> InstallationCheck:
 
 
 def _failure_of(command: Iterable[str]) -> str:
-    """Last line of what a failing command says; "" if it succeeds."""
+    """Return the last line that a failing command prints on standard error; "" if it succeeds."""
     try:
         done = subprocess.run(tuple(command), capture_output=True, text=True, check=False, timeout=TIME_LIMIT_S)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -115,7 +115,7 @@ def _program(name: str, needed_for: str, remedy: str) -> InstallationCheck:
 
 
 def format_installation_table(checks: Iterable[InstallationCheck]) -> str:
-    """The findings for the terminal, what is missing last."""
+    """Return the checks as a table for the terminal, followed by what is missing."""
     checks = tuple(checks)
     rows = [(check.name, check.found or "missing", check.needed_for) for check in checks]
     missing = [check for check in checks if not check.is_found]
@@ -130,7 +130,7 @@ def format_installation_table(checks: Iterable[InstallationCheck]) -> str:
 
 
 def format_sandbox_table(layers: Iterable[SandboxLayer]) -> str:
-    """The layers around a box on this machine for the terminal, then what they do not cover."""
+    """Return the layers of the sandbox on this machine as a table, followed by what they do not cover."""
     rows = [(layer.name, "in force" if layer.active else "absent", layer.detail) for layer in layers]
     return "\n".join(
         (

@@ -1,7 +1,7 @@
-"""What was said, as the replay viewer carries it: every message with its fates, and the contents that it can show.
+"""V2X messages for the replay page: every message with its deliveries, and the contents that the page can show.
 
-Contents are as sent: a receiver under a pose error got them shifted. Rows are sorted by (type, sender, tick), because
-what one sender says changes little from one time to the next, and then packs well.
+Contents are as sent: under a pose error a receiver got them shifted. Rows are sorted by (type, sender, tick), because
+successive messages of a sender differ little and then compress well.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,35 +18,35 @@ from mdrive_sumo.v2x.channel import DeliveryStatus
 from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode
 
 SHOWN_EVERY_TICKS = 4
-"""Objects of CPMs and trajectories of MCMs are carried at 5 Hz at most; all else of them is carried always."""
+"""Objects of CPMs and trajectories of MCMs are included at 5 Hz at most, to limit the size of the page."""
 POINTS_EVERY = 2
-"""Of a trajectory every second point is drawn, and the last."""
+"""Of a trajectory every second point and the last one are included."""
 FATES = tuple(DeliveryStatus)
 Tables: TypeAlias = dict[str, Int]
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
-    """A message at its place in the page."""
+class _MessageRow:
+    """A message and its row in the table of messages."""
 
     row: int
     message: Message
     content: Content | None
-    """None: of a type of the agents' own, or malformed."""
+    """None for a type of the agents' own, or a malformed message."""
     shown: bool
-    """Whether objects or trajectories are carried."""
+    """Whether its objects or trajectories are included."""
 
 
 def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
-    """Header entries and integer tables (columns, rows); positions in cm from the origin [m]."""
+    """Return header entries and integer tables (columns, rows); positions in cm from the origin [m]."""
     sent = sorted(episode.messages, key=lambda one: (one.message.type, one.message.sender, one.message.tick))
-    stations = _stations(episode, scenario)
+    stations = _list_stations(episode, scenario)
     column = {station: i for i, station in enumerate(stations)}
     types = sorted({one.message.type for one in sent})
-    rows = list(_rows([one.message for one in sent]))
+    rows = list(_list_rows([one.message for one in sent]))
     mcms = [row for row in rows if isinstance(row.content, Mcm)]
-    terms, term_of = _terms(mcms)
-    places = {rsu.id: _cm((rsu.x, rsu.y), origin) for rsu in scenario.rsus}
+    terms, term_of = _number_terms(mcms)
+    places = {rsu.id: _to_cm((rsu.x, rsu.y), origin) for rsu in scenario.rsus}
     header = {
         "stations": stations,
         "station_places": [places.get(station) for station in stations],
@@ -62,65 +62,70 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         for receiver, (fate, tick) in one.deliveries.items()
         if receiver in column
     ]
-    objects, tracks = _objects(rows, origin)
+    objects, tracks = _tabulate_objects(rows, origin)
     header["tracks"] = tracks
     return header, {
-        "messages": _table(heads, 4),
-        "fates": _table(fates, 4),
-        "cams": _table((_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9),
-        "cpms": _table((_cpm(row, row.content) for row in rows if isinstance(row.content, Cpm)), 5),
+        "messages": _make_table(heads, 4),
+        "fates": _make_table(fates, 4),
+        "cams": _make_table(
+            (_encode_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9
+        ),
+        "cpms": _make_table((_encode_cpm(row, row.content) for row in rows if isinstance(row.content, Cpm)), 5),
         "cpm_objects": objects,
-        "mcms": _table((_mcm(row, term_of[row.row]) for row in mcms), 9),
-        "mcm_points": _points(mcms, origin),
+        "mcms": _make_table((_encode_mcm(row, term_of[row.row]) for row in mcms), 9),
+        "mcm_points": _tabulate_points(mcms, origin),
     }
 
 
-def _stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:
-    """CAVs first, in the order of their columns."""
+def _list_stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:
+    """Return the ids of all senders: CAVs in the order of their columns, then RSUs, then others."""
     known = [*episode.ego_ids, *(rsu.id for rsu in scenario.rsus)]
     return [*known, *sorted({one.message.sender for one in episode.messages} - set(known))]
 
 
-def _rows(messages: Sequence[Message]) -> Iterator[_Row]:
+def _list_rows(messages: Sequence[Message]) -> Iterator[_MessageRow]:
     last: dict[tuple[str, str], int] = {}
     for row, message in enumerate(messages):
         source = message.sender, message.type
         shown = message.tick - last.get(source, -SHOWN_EVERY_TICKS) >= SHOWN_EVERY_TICKS
         if shown:
             last[source] = message.tick
-        yield _Row(row, message, _decoded(message), shown)
+        yield _MessageRow(row, message, _decode(message), shown)
 
 
-def _decoded(message: Message) -> Content | None:
+def _decode(message: Message) -> Content | None:
     try:
         return decode(message)
     except MessageError:
         return None
 
 
-def _table(rows: Any, columns: int) -> Int:
-    """Rows as (columns, rows)."""
+def _make_table(rows: Any, columns: int) -> Int:
+    """Return rows as an array (columns, rows)."""
     return np.array(list(rows), dtype=np.int64).reshape(-1, columns).T
 
 
-def _cm(xy: Any, origin: Float) -> list[int]:
+def _to_cm(xy: Any, origin: Float) -> list[int]:
     return np.rint((np.asarray(xy) - origin) * 100).astype(np.int64).tolist()
 
 
-def _cam(row: int, cam: Cam, origin: Float) -> tuple[int, ...]:
-    """Row; x, y [cm], yaw [0.1 mrad], speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm]."""
+def _encode_cam(row: int, cam: Cam, origin: Float) -> tuple[int, ...]:
+    """Return row, x, y [cm], yaw [0.1 mrad], speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm]."""
     moving = round(cam.speed * 100), round(cam.acceleration * 100), round(cam.yaw_rate * 1000)
-    x, y = _cm((cam.pose.x, cam.pose.y), origin)
+    x, y = _to_cm((cam.pose.x, cam.pose.y), origin)
     return row, x, y, round(cam.pose.yaw * 10_000), *moving, round(cam.length * 100), round(cam.width * 100)
 
 
-def _cpm(row: _Row, cpm: Cpm) -> tuple[int, ...]:
-    """Row, range [dm], objects, sectors of free sight, whether its objects are carried."""
+def _encode_cpm(row: _MessageRow, cpm: Cpm) -> tuple[int, ...]:
+    """Return row, range [dm], objects, sectors of free sight, whether its objects are included."""
     return row.row, round(cpm.range_m * 10), len(cpm.objects.ids), len(cpm.objects.free_m), row.shown
 
 
-def _objects(rows: Sequence[_Row], origin: Float) -> tuple[Int, list[str]]:
-    """(10, K): row, track, kind, x, y [cm], yaw [0.1 mrad], speed, length, width [cm], age [ticks]; sorted by track."""
+def _tabulate_objects(rows: Sequence[_MessageRow], origin: Float) -> tuple[Int, list[str]]:
+    """Return (10, K), sorted by track, and the names of the tracks.
+
+    Rows: message, track, kind, x, y [cm], yaw [0.1 mrad], speed [cm/s], length, width [cm], age [ticks].
+    """
     names: dict[tuple[str, str], int] = {}
     parts = [np.zeros((10, 0), dtype=np.int64)]
     for row in rows:
@@ -136,34 +141,34 @@ def _objects(rows: Sequence[_Row], origin: Float) -> tuple[Int, list[str]]:
     return table[:, np.lexsort((table[0], table[1]))], [name for _, name in names]
 
 
-def _terms(mcms: Sequence[_Row]) -> tuple[list[Any], Mapping[int, int]]:
-    """All that was ever asked, answered and believed, each once; and which of it each row says."""
+def _number_terms(mcms: Sequence[_MessageRow]) -> tuple[list[Any], Mapping[int, int]]:
+    """Return the distinct terms (requests, answers, group, time), and the index of the terms of each row."""
     found: dict[tuple[Any, ...], int] = {}
     term_of: dict[int, int] = {}
     for row in mcms:
         mcm = row.content
-        assert isinstance(mcm, Mcm), "only MCMs are asked for"
+        assert isinstance(mcm, Mcm), "expected MCMs only"
         asked = tuple((who, what.name) for who, what in sorted(mcm.requests.items()))
         key = asked, tuple(sorted(mcm.answers.items())), mcm.group, mcm.until_tick
         term_of[row.row] = found.setdefault(key, len(found))
     return list(found), term_of
 
 
-def _mcm(row: _Row, term: int) -> tuple[int, ...]:
-    """Row, speed [cm/s], yaw [0.1 mrad], intention, direction, term, interval [10 ms], points planned and desired."""
+def _encode_mcm(row: _MessageRow, term: int) -> tuple[int, ...]:
+    """Return row, speed [cm/s], yaw [0.1 mrad], intention, direction, term, interval [10 ms], counts of points."""
     mcm = row.content
-    assert isinstance(mcm, Mcm), "only MCMs are asked for"
-    counts = [len(_thinned(line)) if row.shown else 0 for line in (mcm.planned, mcm.desired)]
+    assert isinstance(mcm, Mcm), "expected MCMs only"
+    counts = [len(_thin(line)) if row.shown else 0 for line in (mcm.planned, mcm.desired)]
     said = int(mcm.intention), int(mcm.direction), term, round(mcm.interval_s * 100)
     return row.row, round(mcm.speed * 100), round(mcm.pose.yaw * 10_000), *said, *counts
 
 
-def _points(mcms: Sequence[_Row], origin: Float) -> Int:
-    """(2, K): planned, then desired points of all MCMs [cm]."""
+def _tabulate_points(mcms: Sequence[_MessageRow], origin: Float) -> Int:
+    """Return (2, K): planned, then desired points of all MCMs [cm]."""
     kept = [row.content for row in mcms if row.shown and isinstance(row.content, Mcm)]
-    lines = [_thinned(line) for mcm in kept for line in (mcm.planned, mcm.desired)]
+    lines = [_thin(line) for mcm in kept for line in (mcm.planned, mcm.desired)]
     return np.rint((np.concatenate([np.zeros((0, 2)), *lines]) - origin) * 100).astype(np.int64).T
 
 
-def _thinned(line: Float) -> Float:
+def _thin(line: Float) -> Float:
     return np.concatenate((line[:-1:POINTS_EVERY], line[-1:]))

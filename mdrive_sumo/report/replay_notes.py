@@ -1,4 +1,4 @@
-"""What agents noted, as the replay viewer lists it beside the scene."""
+"""Notes of agents for the transcript of the replay page."""
 
 import json
 from typing import Any
@@ -6,43 +6,45 @@ from typing import Any
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 
 EXCHANGE = "llm-exchange"
-LONGEST_CHARS = 4000
+MAX_CHARS = 4000
 
 
 def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
-    """(tick, CAV, kind, what to read at once, what to read on demand) in order."""
-    return [(note.tick, note.ego, note.note.kind, *_told(note)) for note in episode.notes]
+    """Return (tick, CAV, kind, text, details) of every note in order; the page shows details on demand."""
+    return [(note.tick, note.ego, note.note.kind, *_format_note(note)) for note in episode.notes]
 
 
-def _told(record: NoteRecord) -> tuple[str, str]:
+def _format_note(record: NoteRecord) -> tuple[str, str]:
     try:
-        told = json.loads(record.note.text)
+        content = json.loads(record.note.text)
     except ValueError:
-        return _shortened(record.note.text), ""
-    if not isinstance(told, dict):
-        return _shortened(record.note.text), ""
+        return _shorten(record.note.text), ""
+    if not isinstance(content, dict):
+        return _shorten(record.note.text), ""
     if record.note.kind != EXCHANGE:
-        return _shortened("\n".join(f"{name}: {_plain(value)}" for name, value in told.items() if value != "")), ""
-    if "error" in told:
-        return _shortened("no answer: " + " · ".join(map(_plain, told["error"]))), _asked(told)
-    return _shortened(_plain(told.get("answer", ""))), _asked(told)
+        return _shorten(
+            "\n".join(f"{name}: {_format_value(value)}" for name, value in content.items() if value != "")
+        ), ""
+    if "error" in content:
+        return _shorten("no answer: " + " · ".join(map(_format_value, content["error"]))), _find_prompt(content)
+    return _shorten(_format_value(content.get("answer", ""))), _find_prompt(content)
 
 
-def _asked(exchange: dict[str, Any]) -> str:
-    """What the model was last told."""
+def _find_prompt(exchange: dict[str, Any]) -> str:
+    """Return the last message of the request to the model."""
     request = exchange.get("request")
     chat = request.get("messages") if isinstance(request, dict) else None
     last = chat[-1] if isinstance(chat, list) and chat else None
-    return _shortened(_plain(last.get("content", ""))) if isinstance(last, dict) else ""
+    return _shorten(_format_value(last.get("content", ""))) if isinstance(last, dict) else ""
 
 
-def _plain(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_plain(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_format_value(part)}" for name, part in value.items())
     if isinstance(value, list):
-        return ", ".join(map(_plain, value))
+        return ", ".join(map(_format_value, value))
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def _shortened(text: str) -> str:
-    return text if len(text) <= LONGEST_CHARS else text[: LONGEST_CHARS - 1] + "…"
+def _shorten(text: str) -> str:
+    return text if len(text) <= MAX_CHARS else text[: MAX_CHARS - 1] + "…"

@@ -1,4 +1,4 @@
-"""Who sees whom, as the replay viewer carries it: worked out anew from the recording."""
+"""Visibility between road users for the replay page, computed from the recording."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 SIGHT_EVERY_TICKS = 4
 SIGHT_RANGE_M = 100.0
-LEAST_VISIBLE = 0.1
-"""Whoever shows less of himself counts as hidden; the same share as of the ideal detector."""
+MIN_VISIBLE_FRACTION = 0.1
+"""A road user of which less is visible counts as hidden; the threshold of the ideal detector."""
 
 
 def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
-    """(egos, N, S) for every fourth tick: 1 where the CAV sees that road user, else 0."""
+    """Return (egos, N, S) for every fourth tick: 1 where the CAV sees the road user, else 0."""
     ticks = range(0, episode.ticks, SIGHT_EVERY_TICKS)
     sight = np.zeros((episode.egos, len(episode.ids), len(ticks)), dtype=np.int64)
     buildings = BuildingEdges(roads)
@@ -27,7 +27,7 @@ def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
             boxes = scene.boxes
             eye = SensorPose(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
             sight[ego, present, column] = (
-                SightView(eye, scene, buildings, SIGHT_RANGE_M).visible_fractions() >= LEAST_VISIBLE
+                SightView(eye, scene, buildings, SIGHT_RANGE_M).visible_fractions() >= MIN_VISIBLE_FRACTION
             )
     return sight
 

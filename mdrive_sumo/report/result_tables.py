@@ -1,4 +1,4 @@
-"""A run's results as tables for the terminal, at most some 100 columns wide."""
+"""Tables of a run's results for the terminal, about 100 columns wide at most."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -13,7 +13,7 @@ CAPTURED_HEADER = "captured [%]"
 
 @dataclass(frozen=True, slots=True)
 class CapturedCooperation:
-    """Captured cooperation as a share (docs/studies.md), None where cooperation has next to nothing to gain."""
+    """Captured cooperation as a share (docs/studies.md); None where perfect cooperation gains less than 2 DS."""
 
     bucket_mean: float | None
     scenario_mean: float | None
@@ -23,23 +23,23 @@ class CapturedCooperation:
 
 
 def format_captured(value: float | None) -> str:
-    """A share as percent; blank if there is none."""
+    """Return a share as percent; "" for None."""
     return "" if value is None else f"{100 * value:.1f}"
 
 
 def format_scores(means: Means | ScenarioResult) -> TableRow:
-    """DS, SR, RC in percent and IP, as every table shows them."""
+    """Return DS, SR and RC in percent and IP, formatted as in every table."""
     return (f"{means.ds:.2f}", f"{means.sr:.2f}", f"{means.rc:.2f}", f"{means.ip:.3f}")
 
 
 def describe_agent(results: Results) -> str:
-    """The agent with its labels, e.g. "omniscient [privileged]"."""
+    """Return the agent with its labels, e.g. "omniscient [privileged]"."""
     labels = ", ".join(results.run.labels)
     return f"{results.run.agent} [{labels}]" if labels else results.run.agent
 
 
 def count_outcomes(results: Results) -> Counter[str]:
-    """How the CAVs ended, most frequent first: outcome, or "agent-failed (reason)"."""
+    """Count the outcomes of the CAVs, most frequent first; a failed agent counts with its reason."""
     return _sorted(
         f"{ego.outcome} ({ego.reason})" if ego.outcome == "agent-failed" else ego.outcome
         for scenario in results.scenarios
@@ -48,7 +48,7 @@ def count_outcomes(results: Results) -> Counter[str]:
 
 
 def count_infractions(results: Results) -> Counter[str]:
-    """How often each kind of infraction happened, most frequent first, without marks that cost nothing."""
+    """Count the infractions by kind, most frequent first, without those that cost nothing."""
     return _sorted(
         infraction.kind
         for scenario in results.scenarios
@@ -59,7 +59,7 @@ def count_infractions(results: Results) -> Counter[str]:
 
 
 def count_notes(results: Results) -> Counter[str]:
-    """How many notes of each kind agents made, most frequent first: fallbacks of a language model, for instance."""
+    """Count the notes of the agents by kind, most frequent first, e.g. fallbacks of a language model."""
     return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
 
 
@@ -69,7 +69,7 @@ def _sorted(names: Iterable[str]) -> Counter[str]:
 
 
 def build_score_rows(results: Results, captured: CapturedCooperation | None = None) -> tuple[TableRow, list[TableRow]]:
-    """Header and rows of scores: the buckets, then both overall means; with captured cooperation if it is given."""
+    """Return header and rows: the buckets, then both overall means; with captured cooperation if given."""
     overall = results.overall
     rows: list[TableRow] = [
         (name, str(bucket.scenarios), *format_scores(bucket)) for name, bucket in results.buckets.items()
@@ -84,7 +84,7 @@ def build_score_rows(results: Results, captured: CapturedCooperation | None = No
 
 
 def format_summary(results: Results, captured: CapturedCooperation | None = None) -> str:
-    """What a run ends with: scores per bucket and overall, how CAVs ended, infractions, void scenarios."""
+    """Return the summary of a run: scores per bucket and overall, outcomes, infractions, void scenarios."""
     run = results.run
     notes = count_notes(results)
     facts = (
