@@ -110,7 +110,7 @@ def _to_cm(xy: Any, origin: Float) -> list[int]:
 
 
 def _encode_cam(row: int, cam: Cam, origin: Float) -> tuple[int, ...]:
-    """Return row, x, y [cm], yaw [0.1 mrad], speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length and width."""
+    """Return row, x, y [cm], yaw [0.1 mrad], speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width."""
     moving = round(cam.speed * 100), round(cam.acceleration * 100), round(cam.yaw_rate * 1000)
     x, y = _to_cm((cam.pose.x, cam.pose.y), origin)
     return row, x, y, round(cam.pose.yaw * 10_000), *moving, round(cam.length * 100), round(cam.width * 100)

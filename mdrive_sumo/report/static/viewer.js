@@ -178,6 +178,7 @@ class Viewer {
     if (this.playing) return;
     const show = this.shownLayers();
     const hash = `#t=${this.replay.seconds(Math.floor(this.time)).toFixed(2)}${show === this.firstLayers ? "" : `&show=${show}`}`;
+    if (location.protocol === "about:") return; // inside a notebook there is no address to keep the time in
     this.linkTimer = setTimeout(() => history.replaceState(null, "", hash), 250); // browsers limit how often
   }
 
