@@ -18,7 +18,7 @@ import pytest
 from testing.viewer_crossing import crossing, ego_state, record, scenario, some_marks
 
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.report.replay_page import ReplayPage, render_replay
+from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scenario.scenario import Scenario
 
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
@@ -286,21 +286,3 @@ def test_a_hundred_actors_draw_fast_enough(page: Any, record_property: Any) -> N
     record_property("frame_interval_p50_ms", float(np.median(np.diff(frames[-120:]))))
     record_property("draw_p50_ms", float(np.median(draws[-120:])))
     assert statistics.median(draws[-120:]) <= 40.0
-
-
-@needs_browser
-def test_the_replay_works_inside_a_notebook(browser: Any, tmp_path: Path) -> None:
-    """A notebook shows the page in a frame without an address or an origin of its own."""
-    path = tmp_path / "notebook.html"
-    page = ReplayPage(render_replay(record(), scenario(2), crossing(), ()))
-    path.write_text("<!doctype html><body>" + page._repr_html_(), encoding="utf-8")  # noqa: SLF001  # pyright: ignore
-    tab = browser.new_page()
-    trouble: list[str] = []
-    tab.on("pageerror", lambda error: trouble.append(str(error)))
-    tab.goto(path.as_uri())
-    frame = tab.frames[1]
-    frame.wait_for_function("window.viewer && viewer.drawTimes.length > 0")
-    frame.evaluate("viewer.seek(20)")
-    frame.wait_for_timeout(400)  # the address of a page of its own is updated after 250 ms
-    assert frame.evaluate("viewer.tick") == 20 and trouble == []
-    tab.close()

@@ -18,7 +18,7 @@ from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.report.replay_visibility import compute_visibility
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
-from tests.mdrive_sumo.report.test_viewer import HOSTILE, SETTLED, browser, carried, needs_browser, opened, wait  # noqa: F401  # pyright: ignore
+from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, browser, carried, needs_browser, opened, wait  # noqa: F401  # pyright: ignore
 
 LAYERS = ("sight", "intentions", "messages", "shared", "transcript")
 
