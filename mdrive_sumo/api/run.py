@@ -44,7 +44,7 @@ class Scores(Sequence[ScenarioResult]):
         return Scores(self.results[index]) if isinstance(index, slice) else self.results[index]
 
     @property
-    def compute_mean(self) -> Means:
+    def mean(self) -> Means:
         """Mean DS, SR, RC and IP, every scenario with the same weight. Void scenarios count as DS 0."""
         return compute_means(self.results)
 

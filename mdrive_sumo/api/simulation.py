@@ -2,7 +2,7 @@
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, load_agent_class
 from mdrive_sumo.agents.registry import AGENTS
@@ -61,7 +61,7 @@ def simulate(
     Simulation.close_open()
     with _open_local_agents(spec, [ego.id for ego in found.egos]) as drivers, open_world(config) as world:
         if raise_agent_errors:
-            drivers = {ego: _RaisingDriver(ego, driver) for ego, driver in drivers.items()}
+            drivers = {ego: cast(AgentDriver, _RaisingDriver(ego, driver)) for ego, driver in drivers.items()}
         try:
             record = run_episode(config, world, drivers)
         except _AgentError as error:
