@@ -1,4 +1,4 @@
-# What one does here. Everything runs in $(VENV), made from the committed lock; only python3 (3.11 or newer) must exist.
+# The commands of a developer. Everything runs in $(VENV), made from the committed lock; only python3 (3.11 or newer) must exist.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -6,10 +6,12 @@ STAMP := $(VENV)/installed
 # libsumo is linked against these, although nothing is ever drawn with them.
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
 PYTEST := $(BIN)/python -m pytest
+# The gate adds the measurement of coverage.
+PYTEST_FLAGS ?=
 # The suite that has all others as its parts.
 WHOLE := mdrive
 .DEFAULT_GOAL := help
-.PHONY: help install libraries eval test test-all check lint types imports bench networks scenarios schemas validate lock clean
+.PHONY: help install libraries eval test test-all check lint types imports bench docs networks scenarios schemas validate lock clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -31,8 +33,8 @@ libraries: ## system libraries of SUMO, on Debian and Ubuntu
 eval: install ## drive the built-in InterDrive suite with the idm baseline
 	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
 
-test: install ## the tests (two cores: under 10 minutes)
-	$(PYTEST) -n 2 -m "not full"
+test: install ## the tests
+	$(PYTEST) -n 2 -m "not full" $(PYTEST_FLAGS)
 
 test-all: install ## every test: each scenario, each log, long soaks
 	$(PYTEST) -n 2
@@ -56,6 +58,9 @@ bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/store.py sqlite
 	$(BIN)/python tests/bench/server.py --workers 2
 	$(BIN)/python tests/bench/submission.py
+
+docs: install ## build the documentation site into site/, without a network
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 networks: install ## compile networks/ anew from their recipes
 	$(BIN)/python -m tools.build_networks

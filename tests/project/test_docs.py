@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from testing.paths import ROOT
 
+import mdrive_sumo
+
 from mdrive_sumo.cli import COMMANDS
 from mdrive_sumo.cli.schema import SCHEMAS
 from mdrive_sumo.contract import (
@@ -27,15 +29,50 @@ from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.vehicle.control import CONTROLLERS
+from tools.write_results import README as README_PAGE
+from tools.write_results import RESULTS_PAGE, format_speed, render_pages, replace_block
 
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")})
 README = (ROOT / "README.md").read_text()
 
 
-def test_every_command_is_in_the_readme() -> None:
-    described = set(re.findall(r"^\| `mdrive-sumo ([a-z][a-z-]*)", README, re.MULTILINE))
+def test_every_command_is_in_the_page_of_commands() -> None:
+    page = (ROOT / "docs" / "cli.md").read_text()
+    described = set(re.findall(r"^\| `mdrive-sumo ([a-z][a-z-]*)", page, re.MULTILINE))
     plugged = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["mdrive_sumo.commands"]
     assert {*COMMANDS, *plugged} == described
+
+
+def test_readme_is_a_first_impression_and_not_a_manual() -> None:
+    assert len(README.splitlines()) <= 120
+
+
+def test_readme_uses_names_of_the_python_front_door() -> None:
+    used = set(re.findall(r"\bmd\.(\w+)", README))
+    assert used
+    assert used <= set(mdrive_sumo.__all__)
+
+
+@pytest.mark.parametrize("page", [README_PAGE, RESULTS_PAGE], ids=str)
+def test_tables_of_measured_numbers_are_those_that_the_program_writes(page: Path) -> None:
+    """After a new measurement: `python -m tools.write_results RUN...`."""
+    assert (ROOT / page).read_text("utf-8") == render_pages(ROOT)[page]
+
+
+def test_a_page_without_the_block_of_a_table_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected a block 'speed', found none"):
+        replace_block("# Results\n", "speed", "| a |")
+
+
+def test_a_missed_target_is_shown() -> None:
+    rows = format_speed({"tick": {"value": 3.25, "unit": "x", "target": "<= 3.0"}, "start": {"value": 1.0, "unit": "s", "target": "< 2"}})
+    assert "| tick | 3.25 x | <= 3.0: missed |" in rows
+    assert "| start | 1 s | < 2 |" in rows
+
+
+def test_decisions_are_all_listed() -> None:
+    folder = ROOT / "docs" / "decisions"
+    assert sorted(re.findall(r"\]\((0[^)]+)\)", (folder / "README.md").read_text())) == sorted(p.name for p in folder.glob("0*.md"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

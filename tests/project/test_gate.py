@@ -1,12 +1,13 @@
-"""The gate fails where pytest alone would let pass (tests/conftest.py)."""
+"""The gate fails where pytest alone would pass (tests/conftest.py), and its sample of long tests names tests that exist."""
 
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from testing.paths import TESTS
+from testing.paths import ROOT, TESTS
 
 OURS = [
     TESTS / "conftest.py",
@@ -60,3 +61,15 @@ def test_a_last_test_that_breaks_its_worker_fails_the_session(tmp_path: Path) ->
     body += "    __import__('time').sleep(1.0)\n    record_property('x', np.float64(1))"
     ended = session(tmp_path, body, "-n", "2")
     assert (ended.returncode, "a worker was lost" in ended.stdout) == (1, True)
+
+
+def test_every_name_in_the_sample_of_full_tests_is_a_test() -> None:
+    """A renamed test would otherwise leave the gate without a word."""
+    script = (ROOT / ".ci" / "run").read_text()
+    names = set(re.findall(r"\btest_\w+", "".join(re.findall(r"^FULL_SAMPLE.*$", script, re.MULTILINE))))
+    assert names
+    files = [path for path in TESTS.rglob("test_*.py") if path != Path(__file__)]
+    known = {path.stem for path in files} | {
+        name for path in files for name in re.findall(r"^\s*(?:async )?def (test_\w+)", path.read_text(), re.MULTILINE)
+    }
+    assert {name for name in names if not any(name in one for one in known)} == set()
