@@ -69,10 +69,10 @@ class JointAgentSession:
                 self._line.receive(reply_decoding.read_none)
             self._check()
 
-    def ask(self, ego: str, seen: Observation) -> None:
+    def ask(self, ego: str, observation: Observation) -> None:
         """Keep an observation until the first answer is requested."""
         self._check()
-        self._asked[ego] = seen
+        self._asked[ego] = observation
 
     def answer(self, ego: str) -> Reply:
         """Return the reply for one CAV."""
@@ -144,9 +144,9 @@ class JointDriver:
         """See AgentDriver."""
         self._session.brief(briefing)
 
-    def ask(self, seen: Observation) -> None:
+    def ask(self, observation: Observation) -> None:
         """See AgentDriver."""
-        self._session.ask(self._ego, seen)
+        self._session.ask(self._ego, observation)
 
     def answer(self) -> Reply:
         """See AgentDriver."""

@@ -54,9 +54,9 @@ class RemoteDriver:
         self._line.send("start", START_TICK, briefing)
         self._line.receive(reply_decoding.read_none)
 
-    def ask(self, seen: Observation) -> None:
+    def ask(self, observation: Observation) -> None:
         """See AgentDriver."""
-        self._line.send("act", seen.tick, seen)
+        self._line.send("act", observation.tick, observation)
 
     def answer(self) -> Reply:
         """See AgentDriver."""

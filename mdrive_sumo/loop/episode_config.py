@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any
+from typing import Any, cast
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
@@ -52,7 +52,11 @@ class EpisodeOptions:
     @classmethod
     def list_choices(cls) -> dict[str, tuple[str, type[StrEnum], str]]:
         """Return the options with a fixed set of values: key -> (field, type, help text)."""
-        return {f.metadata["key"]: (f.name, type(f.default), f.metadata["help"]) for f in fields(cls) if f.metadata}
+        chosen = [option for option in fields(cls) if isinstance(option.default, StrEnum)]
+        return {
+            option.metadata["key"]: (option.name, cast("type[StrEnum]", type(option.default)), option.metadata["help"])
+            for option in chosen
+        }
 
     def to_dict(self) -> dict[str, str]:
         """Return the options as journal and recordings hold them; the inverse of `from_dict`."""
@@ -65,7 +69,9 @@ class EpisodeOptions:
 
         Raises KeyError, ValueError or InputError for unusable values.
         """
-        choices = {name: kind(values[key]) for key, (name, kind, _) in cls.list_choices().items() if key in values}
+        choices: dict[str, Any] = {
+            name: kind(values[key]) for key, (name, kind, _) in cls.list_choices().items() if key in values
+        }
         return cls(parse_comm(json.loads(values["comm"])), parse_clock(values["agent_clock"]), **choices)
 
 

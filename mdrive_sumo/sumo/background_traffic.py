@@ -1,6 +1,7 @@
 """Background vehicles that SUMO drives: departures, schedules, and standing still after an impact."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 from collections.abc import Callable, Collection, Sequence
 
 import libsumo

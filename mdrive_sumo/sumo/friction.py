@@ -5,7 +5,8 @@ documentation, Simulation/Friction; 0.90 at 0.7). Braking is unchanged. Vehicles
 they do not slow down.
 """
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 import libsumo
 
 

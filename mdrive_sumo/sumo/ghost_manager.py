@@ -1,6 +1,7 @@
 """Ghost vehicles of everything that SUMO does not drive, so that its traffic reacts wherever it overlaps a lane."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 from collections.abc import Collection, Sequence
 
 import libsumo

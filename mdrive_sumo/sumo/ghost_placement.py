@@ -1,6 +1,7 @@
 """Ghost vehicles: placeholders on every lane that a box overlaps without SUMO knowing (sumo_pitfalls 1.5)."""
 
-# pyright: basic  (shapely's array functions have no precise types)
+# pyright: basic
+# Because shapely's array functions have no precise types.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,6 +1,7 @@
 """Insertion of background vehicles into SUMO: vehicle types, and departure at the exact pose and speed of a log."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

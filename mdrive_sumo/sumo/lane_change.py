@@ -6,7 +6,8 @@ centre crosses the marking, and the lateral offset is added to the poses that ar
 overlaps the strip that vehicles on the other lane sweep for only 0.1 s longer than SUMO has it there.
 """
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 import math
 from collections.abc import Callable
 

@@ -1,6 +1,7 @@
 """Vehicles that are placed in SUMO on every step, so that SUMO's traffic reacts to what SUMO does not drive."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 import libsumo
 
 from mdrive_sumo.roads import RoadMap

@@ -1,6 +1,7 @@
 """Planned poses of vehicles with a schedule: the schedule mapped onto the route, without disturbances."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 from collections.abc import Iterable, Iterator
 
 import libsumo

@@ -1,6 +1,7 @@
 """CarFollowing by schedule: the commands to SUMO on every step for a vehicle that has a schedule."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 import math
 
 import libsumo

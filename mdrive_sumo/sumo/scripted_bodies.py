@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mdrive_sumo.core.state import Actors
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.sumo.ghost_placement import SourceBox
@@ -20,8 +22,8 @@ class MirroredActors:
         """Return the actors that SUMO's traffic reacts to."""
         if self._not_mirrored.isdisjoint(scripted.ids):
             return scripted
-        chosen = [i for i, name in enumerate(scripted.ids) if name not in self._not_mirrored]
-        return scripted.take(chosen)
+        chosen = [name not in self._not_mirrored for name in scripted.ids]
+        return scripted.take(np.array(chosen, np.bool_))
 
 
 def build_source_ids(actors: Actors) -> set[str]:

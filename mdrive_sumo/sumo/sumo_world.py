@@ -1,6 +1,7 @@
 """SUMO in process. Ghosts, placed vehicles and SUMO's own ids are internal to this package."""
 
-# pyright: basic  (libsumo has no type information)
+# pyright: basic
+# Because libsumo has no type information.
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, repeat
