@@ -56,13 +56,5 @@ class ScenarioVerdict(StrEnum):
 
     OK = auto()
     AGENT_FAILED = "agent-failed"
-    """At least one CAV's agent failed, see `FailureReason`. The scenario is scored."""
+    """At least one CAV's agent failed, see `mdrive_sumo.core.state.FailureReason`. The scenario is scored."""
     FAILED_OURS = "failed-ours"
-
-
-class FailureReason(StrEnum):
-    """Why an agent failed."""
-
-    CRASHED = auto()
-    TIMEOUT = auto()
-    INVALID = auto()

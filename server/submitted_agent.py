@@ -7,14 +7,14 @@ from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import declare_agent
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 from server.archive import ArchiveRefused, Manifest
-from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
+from server.enums import ChallengeTrack, ScenarioVerdict
 from server.environments import RECIPES, Environment
 
 TRACK_BY_LABEL = {

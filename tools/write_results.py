@@ -1,8 +1,10 @@
-"""Write the tables of measured numbers in README.md and docs/results.md: `python -m tools.write_results RUN... [--bench FILE]`.
+"""Write the tables of measured numbers in README.md and docs/results.md.
+
+    python -m tools.write_results RUN... [--bench FILE]
 
 RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME` wrote. Its scores replace the row of that agent in
-`docs/results/baselines.json`; `--bench` copies the figures of `make bench` to `docs/results/speed.json`. Without arguments the
-tables are written again from these two files, which a test compares with the pages.
+`docs/results/baselines.json`; `--bench` copies the figures of `make bench` to `docs/results/speed.json`. Without
+arguments the tables are written again from these two files, which a test compares with the pages.
 """
 
 import argparse
@@ -33,7 +35,7 @@ DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "single": "alone: plans in space and time around what it sees",
     "sharing": "the same planner, which also receives CAMs and CPMs",
     "colmdriver-rule": "the same planner, negotiates by rule: the nearest goes, the others stop",
-    "sharing+negotiation": "both: shares perception and negotiates who passes behind whom",
+    "sharing+negotiation": "both: shares perception and negotiates the order of passing",
     "omniscient": "privileged, every state and plan: the upper bound",
 }
 """Rows of the tables, in this order."""
@@ -41,7 +43,7 @@ README_AGENTS = ("constant-speed", "idm", "single", "sharing", "sharing+negotiat
 
 
 def build_row(results: Results) -> dict[str, Any]:
-    """Return what the tables need of one run: DS and SR [%] by bucket and overall (mean of the buckets), and its provenance."""
+    """Return DS and SR [%] of a run by bucket and overall (mean of the buckets), and its provenance."""
     means = {bucket: results.buckets[bucket] for bucket in BUCKETS} | {"overall": results.overall.bucket_mean}
     run = results.run
     return {
@@ -81,7 +83,10 @@ def is_target_met(value: float, target: str) -> bool:
 
 
 def replace_block(text: str, name: str, table: str) -> str:
-    """Return the page with the block between `<!-- NAME:begin ... -->` and `<!-- NAME:end -->` replaced; raises ValueError."""
+    """Return the page with the lines between `<!-- NAME:begin ... -->` and `<!-- NAME:end -->` replaced.
+
+    Raises ValueError for a page without them.
+    """
     pattern = re.compile(rf"(<!-- {name}:begin[^>]*-->\n).*?(<!-- {name}:end -->)", re.DOTALL)
     if not pattern.search(text):
         raise ValueError(f"expected a block {name!r}, found none")
@@ -92,9 +97,10 @@ def render_pages(root: Path) -> dict[Path, str]:
     """Return the text that each page with measured tables should have, from the JSON files below `root`."""
     rows = json.loads((root / BASELINES).read_text("utf-8"))
     speed = json.loads((root / SPEED).read_text("utf-8"))
-    results = replace_block((root / RESULTS_PAGE).read_text("utf-8"), "baselines", format_baselines(rows, DESCRIPTION_BY_AGENT))
+    readme, results = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE))
+    results = replace_block(results, "baselines", format_baselines(rows, DESCRIPTION_BY_AGENT))
     return {
-        README: replace_block((root / README).read_text("utf-8"), "baselines", format_baselines(rows, README_AGENTS)),
+        README: replace_block(readme, "baselines", format_baselines(rows, README_AGENTS)),
         RESULTS_PAGE: replace_block(results, "speed", format_speed(speed)),
     }
 
@@ -109,7 +115,8 @@ def main() -> None:
     for folder in options.runs:
         results = load_results(folder / "results.json")
         rows[results.run.agent] = build_row(results)
-    (ROOT / BASELINES).write_text(json.dumps({name: rows[name] for name in DESCRIPTION_BY_AGENT if name in rows}, indent=1) + "\n")
+    ordered = {name: rows[name] for name in DESCRIPTION_BY_AGENT if name in rows}
+    (ROOT / BASELINES).write_text(json.dumps(ordered, indent=1) + "\n")
     if options.bench:
         (ROOT / SPEED).write_text(json.dumps(json.loads(options.bench.read_text("utf-8")), indent=1) + "\n")
     for page, text in render_pages(ROOT).items():

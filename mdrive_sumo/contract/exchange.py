@@ -52,7 +52,7 @@ STANDSTILL = Control(throttle=0.0, brake=1.0, steer=0.0)
 class Message:
     """Something said to all others over the V2X channel; `mdrive_sumo.v2x.messages` makes and reads the usual types.
 
-    An agent gives `type` and `payload`; the channel fills in `sender` (nobody can pose as another) and `tick`.
+    An agent gives `type` and `payload`; the channel fills in `sender` (an agent cannot pose as another) and `tick`.
     """
 
     type: str
@@ -66,7 +66,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something that an agent wants to be kept with the recording, for people and for replays; nobody else hears it."""
+    """An entry for the recording, for people and replays; other agents do not receive it."""
 
     kind: str
     """A short name, e.g. "llm-exchange"; results count the notes of every kind."""

@@ -170,10 +170,10 @@ def choose_mutes(
             raise InputError(f"ablate: --mute: expected a pattern that fits a message, found {pattern!r}")
     found = (*dict.fromkeys(given), *(list_message_patterns(messages, each) if each else ()))
     if each and len(found) == len(set(given)):
-        raise InputError(f"ablate: --each-message: expected a type of message that reached somebody, found {each!r}")
+        raise InputError(f"ablate: --each-message: expected a type of message that reached a receiver, found {each!r}")
     found = found or list_sender_and_type_patterns(messages)
     if not found:
-        raise InputError("ablate: expected an episode in which a message reached somebody, found none")
+        raise InputError("ablate: expected an episode in which a message reached a receiver, found none")
     if len(found) > most:
         raise InputError(
             f"ablate: expected at most {most} runs, found {len(found)}; --max-runs {len(found)} allows them"

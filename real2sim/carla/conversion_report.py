@@ -129,16 +129,7 @@ def _format_markdown(report: ConversionReport) -> str:
         ),
         f"## Starts (waypoint 0) and other waypoints over {report.off_lane_threshold_m:g} m off their lane",
         _format_table(
-            (
-                "scenario",
-                "CAV",
-                "waypoint",
-                "x, y [m]",
-                "lane",
-                "distance [m]",
-                "nearest lane",
-                "distance [m]",
-            ),
+            ("scenario", "CAV", "waypoint", "x, y [m]", "lane", "distance [m]", "nearest lane", "distance [m]"),
             map(_format_off_lane_row, sorted(report.off_lane, key=lambda off: -off.distance_m)),
         ),
         "## Notes",

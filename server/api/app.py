@@ -53,10 +53,9 @@ def create_app(
     clock [us since 1970]. Raises InputError.
     """
     reader = DirectDatabaseReader(store) if store is not None else SubprocessDatabaseReader(settings.database_url)
-    store = store if store is not None else Store(settings.database_url)
     services = Services(
         settings,
-        store,
+        store if store is not None else Store(settings.database_url),
         suites if suites is not None else LoadedPhaseSuites(settings),
         runner if runner is not None else SubprocessRunner(MAX_CHECKS),
         runner if runner is not None else SubprocessRunner(MAX_REPLAYS),
@@ -68,15 +67,14 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
         await run_in_threadpool(prepare_storage, services, now())
         await services.leaderboards.refresh_all(now)
-        await run_in_threadpool(
-            services.check_runner.call, START_S, ArchiveLimits
-        )  # starts the child before the first upload needs it
+        # Starts the child process before the first upload needs it.
+        await run_in_threadpool(services.check_runner.call, START_S, ArchiveLimits)
         refresher = create_task(services.leaderboards.refresh_forever(now))
         yield
         refresher.cancel()
         await run_in_threadpool(services.leaderboards.close)
-        for runner in (services.check_runner, services.replay_runner):
-            await run_in_threadpool(runner.close)
+        await run_in_threadpool(services.check_runner.close)
+        await run_in_threadpool(services.replay_runner.close)
 
     app = FastAPI(
         title="mdrive-sumo challenge",

@@ -17,7 +17,7 @@ from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mdrive_sumo.core.errors import InputError
-from server import environments, web
+from server import environments
 from server.api import create_app
 from server.api.app import prepare_storage
 from server.api.upload import UPLOAD_S
@@ -26,6 +26,7 @@ from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
 from server.settings import WARM_UP, ServerSettings
 from server.store import Store, phases
+from server.web.mount_pages import mount_pages
 
 GRACE_S = 5
 """Time for open responses when the server stops [s]; event streams are closed, and clients reconnect."""
@@ -78,7 +79,7 @@ def serve(
 def make_app(settings: ServerSettings) -> FastAPI:
     """Return the application with API and pages."""
     app = create_app(settings)
-    web.mount(app)
+    mount_pages(app)
     return app
 
 

@@ -10,7 +10,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, Select, and_, exists, func, select, update
 from sqlalchemy.orm import Session, aliased
 
-from server.enums import FailureReason, JobState, ScenarioVerdict, SubmissionState
+from mdrive_sumo.core.state import FailureReason
+from server.enums import JobState, ScenarioVerdict, SubmissionState
 from server.store import events, submissions
 from server.store.errors import NotFound
 from server.store.quota import UNFINISHED

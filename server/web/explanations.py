@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 
-from server.enums import FailureReason, ScenarioVerdict, SubmissionState
+from mdrive_sumo.core.state import FailureReason
+from server.enums import ScenarioVerdict, SubmissionState
 
 STATES: Mapping[SubmissionState, str] = {
     SubmissionState.QUEUED: "Waiting in the queue.",

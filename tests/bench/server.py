@@ -40,13 +40,13 @@ BOUNDARY = "bench"
 PAUSES_S = (0.0, 0.5, 5.0)
 PROGRAM = """
 import sys, uvicorn
-from server import web
+from server.web.mount_pages import mount_pages
 from server.api import create_app
 from server.evaluation.supervisor import Supervisor
 from server.settings import Settings
 settings = Settings.model_validate_json(sys.argv[1])
 app = create_app(settings)
-web.mount(app)
+mount_pages(app)
 supervisor = Supervisor(app.state.services.store, settings)
 supervisor.start()
 try:

@@ -1,4 +1,4 @@
-"""The gate fails where pytest alone would pass (tests/conftest.py), and its sample of long tests names tests that exist."""
+"""The gate fails where pytest alone would pass (tests/conftest.py); its sample of long tests names real tests."""
 
 import re
 import shutil

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from mdrive_sumo import cli
+from mdrive_sumo.cli import command_line as cli
 
 COMMANDS = {
     "init-agent": "server.participant.init_agent:init_agent",

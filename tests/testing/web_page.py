@@ -8,11 +8,11 @@ from typing import Any
 
 from httpx import Response
 
-from server import web
 from server.api.leaderboard_cache import STALE_US
 from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
+from server.web.mount_pages import mount_pages
 from server.web.templating import POLICY
 from server.web.visitor import COOKIE
 from testing.api_app import Server, TestClient, another_zip
@@ -138,7 +138,7 @@ class Visit:
 
     def __post_init__(self) -> None:
         if not hasattr(self.server.app.state, "error_page"):
-            web.mount(self.server.app)
+            mount_pages(self.server.app)
         self.client = TestClient(self.server.app, follow_redirects=False)
         if self.who:
             self.client.cookies.set(COOKIE, self.server.tokens[self.who])

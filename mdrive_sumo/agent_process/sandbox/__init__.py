@@ -1,4 +1,4 @@
-"""Boxes for programs that nobody trusts."""
+"""Sandbox boxes for untrusted programs."""
 
 from mdrive_sumo.agent_process.sandbox.box import Box, BoxReport
 from mdrive_sumo.agent_process.sandbox.box_spec import BACKENDS, BoxSpec

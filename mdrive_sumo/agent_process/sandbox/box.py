@@ -31,7 +31,7 @@ SIGNAL_BASE = 128
 
 @dataclass(frozen=True, slots=True)
 class BoxReport:
-    """How a box ended and what it used. Numbers that nobody counted here are None."""
+    """How a box ended and what it used. Numbers that this machine cannot count are None."""
 
     exit_code: int | None
     """Of the program itself; None if a signal, or `close`, ended it."""
@@ -63,7 +63,7 @@ class BoxParts:
 
 
 class Box:
-    """One program behind walls. Made by `open_box`; whoever opened it closes it."""
+    """One isolated program. `open_box` makes it; its caller closes it."""
 
     def __init__(self, parts: BoxParts, own_end: socket.socket, log: LogRing, backend: str) -> None:
         self.socket = own_end
@@ -86,7 +86,7 @@ class Box:
 
     @property
     def log_fd(self) -> int:
-        """To wait on beside the socket; -1 once everybody inside has closed it."""
+        """To wait on beside the socket; -1 once every process inside has closed it."""
         return self._log.fd
 
     def pump(self) -> None:
@@ -178,7 +178,7 @@ class Box:
         return report
 
     def _is_our_failure(self, by_itself: bool, oom: bool) -> bool:
-        """Whether it was not the program that ended the box: bubblewrap gave up, or somebody outside killed it.
+        """Whether it was not the program that ended the box: bubblewrap gave up, or a process outside killed it.
 
         bubblewrap tells an exit code only if the program had begun. It cannot once memory has run out and the kernel
         has killed the box's first process, which a program may bring about.

@@ -130,7 +130,7 @@ class Cgroup:
         return {int(pid) for folder in self._group_folders() for pid in _read_words(folder / "cgroup.procs")}
 
     def kill(self) -> None:
-        """SIGKILL to everybody in it, once."""
+        """Send SIGKILL once to every process in the group."""
         for folder in self._group_folders():
             with suppress(OSError):
                 (folder / "cgroup.kill").write_text("1")  # version 2 since Linux 5.14

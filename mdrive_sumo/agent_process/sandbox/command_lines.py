@@ -18,7 +18,7 @@ CAP_SYS_ADMIN = 1 << 21
 
 @dataclass(frozen=True, slots=True)
 class BoxPlacement:
-    """Where and as whom a box runs."""
+    """Where a box runs, and under which user and group."""
 
     uid: int | None
     """None: as the user who starts it."""

@@ -473,7 +473,7 @@ def test_what_is_muted_without_a_wish_is_every_sender_and_every_type_that_was_he
     ("choice", "sentence"),
     [
         (((), "cam", 1), "expected at most 1 runs, found 2; --max-runs 2 allows them"),
-        (((), "text"), "expected a type of message that reached somebody, found 'text'"),
+        (((), "text"), "expected a type of message that reached a receiver, found 'text'"),
         ((("9/*",),), "expected a pattern that fits a message, found '9/\\*'"),
         ((("9",),), "mute: expected SENDER/TYPE"),
     ],

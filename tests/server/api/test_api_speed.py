@@ -11,13 +11,13 @@ from testing.api_app import CLOSED, HIDDEN, Server, TestClient
 from testing.store_samples import NOON, PHASE
 from testing.web_page import driven
 
-from server import web
 from server.api import create_app, database_reader, leaderboard_cache
 from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
 from server.api.leaderboards import BoardKey
 from server.api.problems import ProblemError
 from server.settings import ServerSettings
 from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
+from server.web.mount_pages import mount_pages
 
 MANY = [BoardKey("dev", None, f"bucket {number}", None) for number in range(20)]
 
@@ -54,7 +54,7 @@ def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At the start, and again after a change; those of phases that are over are not."""
     server = Server(tmp_path)
-    web.mount(server.app)
+    mount_pages(server.app)
     driven(server, "red", 50.0)
     monkeypatch.setattr(leaderboard_cache, "REFRESH_S", 0.01)
     made: list[str] = []

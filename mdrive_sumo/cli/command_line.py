@@ -1,0 +1,87 @@
+"""The command line: `mdrive-sumo COMMAND`. A command's module is imported only when it is called."""
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+
+import click
+
+from mdrive_sumo import __version__
+from mdrive_sumo.core.errors import InputError
+
+PLUG_IN_GROUP = "mdrive_sumo.commands"
+"""Entry points through which other packages add commands."""
+
+COMMANDS: Mapping[str, tuple[str, str]] = {
+    "eval": ("evaluate", "Drive a suite with an agent and score it."),
+    "list": ("list", "List suites, scenarios, agents or networks."),
+    "show": ("show", "Draw a scenario."),
+    "view": ("view", "Replay a recorded episode in the browser."),
+    "verify": ("verify", "Execute a run again and compare every tick."),
+    "rescore": ("rescore", "Score a run's recordings again, without simulation."),
+    "compare": ("compare", "Compare two runs scenario by scenario."),
+    "study": ("study", "Measure cooperation: worse channels, the value of messages."),
+    "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
+    "generate": ("generate", "Generate scenarios: proposed, placed, checked, driven."),
+    "schema": ("schema", "Print a file format as JSON Schema."),
+    "doctor": ("doctor", "Show what is installed and what is missing for which command."),
+}
+"""Command -> its module in this package and one line of help."""
+
+
+class InputProblem(click.ClickException):
+    """Unusable input: one sentence, exit code 2."""
+
+    exit_code = 2
+
+
+class CommandLine(click.Group):
+    """The commands of `COMMANDS` and of other packages, imported when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
+        """Return the own commands in the order of their use, then those of other packages."""
+        return [*COMMANDS, *sorted(_plug_ins())]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import a command."""
+        if cmd_name in COMMANDS:
+            return import_module(f"mdrive_sumo.cli.{COMMANDS[cmd_name][0]}").command
+        plug_in = _plug_ins().get(cmd_name)
+        return plug_in.load() if plug_in else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write one line per command without importing any."""
+        own = [(name, text) for name, (_, text) in COMMANDS.items()]
+        others = [(name, _line(plug_in)) for name, plug_in in sorted(_plug_ins().items())]
+        with formatter.section("Commands"):
+            formatter.write_dl([*own, *others])
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a command; an InputError ends in one sentence and exit code 2, Ctrl-C in 130."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            raise InputProblem(str(error)) from None
+        except KeyboardInterrupt:
+            ctx.exit(130)
+
+
+def _plug_ins() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=PLUG_IN_GROUP)}
+
+
+def _line(plug_in: EntryPoint) -> str:
+    """Return the help line of a plug-in: from `COMMANDS` of its package, else from the package's docstring."""
+    package = import_module(plug_in.module.partition(".")[0])
+    help_lines: Mapping[str, str] = getattr(package, "COMMANDS", {})
+    return help_lines.get(plug_in.name) or (package.__doc__ or "").strip().partition("\n")[0]
+
+
+@click.command(cls=CommandLine, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="mdrive-sumo")
+def main() -> None:
+    """MDrive on SUMO: closed-loop cooperative driving, from one command to a score that anyone can re-run.
+
+    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs, 2 unusable input,
+    130 interrupted.
+    """

@@ -1,0 +1,77 @@
+"""Names and sizes: one meaning for each public class name, plain words, small files and functions."""
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from testing.paths import ROOT
+
+PACKAGES = ("mdrive_sumo", "networks", "real2sim", "server", "tools")
+SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py") if "samples" not in path.parts)
+RECORDED_TEXTS = ("mdrive_sumo/negotiation/prompt.py", "mdrive_sumo/generate/template_proposer.py")
+"""Texts that transcripts and recipes repeat byte for byte."""
+PRONOUNS = re.compile(r"\b(nobody|somebody|everybody|whom|whoever)\b", re.IGNORECASE)
+"""Words for people, which stand for vehicles, messages and files nowhere."""
+LONG_FILES = {"server/api/schemas.py": "everything that crosses the HTTP border, in one table"}
+MAX_FILE_LINES, MAX_BODY_LINES = 300, 40
+"""Lines of a file, and of the body of a function without its docstring."""
+
+
+def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+def test_a_public_class_name_has_one_meaning() -> None:
+    files_by_class: dict[str, list[str]] = defaultdict(list)
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                files_by_class[node.name].append(str(path.relative_to(ROOT)))
+    assert {name: files for name, files in files_by_class.items() if len(files) > 1} == {}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_vehicles_and_data_are_not_called_people(package: str) -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in SOURCES
+        if path.is_relative_to(ROOT / package) and str(path.relative_to(ROOT)) not in RECORDED_TEXTS
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1)
+        if PRONOUNS.search(line)
+    ]
+    assert found == []
+
+
+def test_files_and_functions_are_small() -> None:
+    long: list[str] = []
+    for path in SOURCES:
+        text = path.read_text("utf-8")
+        if text.count("\n") > MAX_FILE_LINES and str(path.relative_to(ROOT)) not in LONG_FILES:
+            long.append(f"{path.relative_to(ROOT)}: {text.count(chr(10))} lines")
+        for function in functions(ast.parse(text)):
+            body = function.body[1:] if ast.get_docstring(function) else function.body
+            lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+            if lines > MAX_BODY_LINES:
+                long.append(f"{path.relative_to(ROOT)}:{function.lineno} {function.name}: {lines} lines")
+    assert long == []
+
+
+def test_packages_only_export() -> None:
+    """An `__init__.py` holds a docstring, imports and `__all__`; only the front door has lazy exports."""
+    allowed = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.Expr)
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in SOURCES
+        if path.name == "__init__.py" and path != ROOT / "mdrive_sumo" / "__init__.py"
+        for node in ast.parse(path.read_text("utf-8")).body
+        if not isinstance(node, allowed)
+    ]
+    assert found == []
+
+
+def test_the_front_door_holds_no_classes(path: Path = ROOT / "mdrive_sumo" / "__init__.py") -> None:
+    body = ast.parse(path.read_text("utf-8")).body
+    assert [node.name for node in body if isinstance(node, ast.ClassDef)] == []
