@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, overload
 from mdrive_sumo.api.episode import Episode, load_episode
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.result_tables import format_summary
+from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.report.result_tables import format_scores, format_summary
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.process_pool import count_available_cores
@@ -24,11 +25,16 @@ if TYPE_CHECKING:
 SCORE_COLUMNS = ("scenario", "seed", "bucket", "category", "status", "ds", "sr", "rc", "ip", "min_ttc", "ticks")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scores(Sequence[ScenarioResult]):
     """Results of scenarios, one per scenario and seed. DS, SR and RC are percentages, IP is a factor in [0, 1]."""
 
     results: tuple[ScenarioResult, ...]
+
+    def __repr__(self) -> str:
+        header = ("scenario", "seed", "DS", "SR", "RC", "IP")
+        rows = ((result.id, str(result.seed), *format_scores(result)) for result in self.results)
+        return format_text_table(header, (*rows, ("mean", "", *format_scores(self.mean))))
 
     def __len__(self) -> int:
         return len(self.results)

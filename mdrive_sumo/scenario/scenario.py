@@ -86,6 +86,11 @@ class Scenario(ScenarioPart):
     rsus: tuple[RoadsideUnit, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return (
+            f"Scenario({self.id!r}, {self.bucket}, {self.category}, {len(self.egos)} CAVs, {len(self.actors)} actors)"
+        )
+
     @model_validator(mode="after")
     def _check_unique_ids(self) -> "Scenario":
         ids = [one.id for one in (*self.egos, *self.background.vehicles, *self.actors, *self.rsus)]

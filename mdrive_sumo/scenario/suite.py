@@ -49,7 +49,7 @@ class SuiteFile(BaseModel):
     """Of the sealed suite, see `Suite.checksum`; "": it may be changed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Suite:
     """A loaded suite. Scenarios are sorted by id, numbers in it by value (r2 before r10)."""
 
@@ -58,6 +58,9 @@ class Suite:
     scenarios: tuple[Scenario, ...]
     parts: tuple["Suite", ...] = ()
     """The suites that it is made of, see `SuiteFile.parts`."""
+
+    def __repr__(self) -> str:
+        return f"Suite({self.name!r}, {len(self)} scenarios)"
 
     def __len__(self) -> int:
         """Number of scenarios."""

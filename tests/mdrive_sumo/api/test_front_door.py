@@ -58,3 +58,9 @@ def test_without_pandas_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatc
 
 def test_packaged_suites_are_listed() -> None:
     assert "interdrive" in md.list_suites()
+
+
+def test_what_a_notebook_echoes_fits_on_the_screen() -> None:
+    suite = md.load_suite("interdrive")
+    assert repr(suite) == "Suite('interdrive', 46 scenarios)"
+    assert repr(suite["i11_ins_sl_town"]) == "Scenario('i11_ins_sl_town', InterDrive, ins_sl, 3 CAVs, 0 actors)"

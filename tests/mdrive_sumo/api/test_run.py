@@ -60,6 +60,7 @@ def test_a_class_drives_in_worker_processes(standing: md.Run) -> None:
 
 
 def test_scores_as_frames(run: md.Run) -> None:
+    assert repr(run.scores).splitlines()[-1].startswith("mean ")
     frame = run.scores.to_frame()
     assert frame.ds.mean() == pytest.approx(run.scores.mean.ds)
     cavs = run.scores.cavs_to_frame()
