@@ -107,7 +107,7 @@ class ReconstructionQuality(BaseModel):
     least_distance: float | None
     close_frames: int
     lost: dict[str, str] = {}
-    """Tracks that cleaning removed, with the reason (`CleaningReport.lost`)."""
+    """Tracks that cleaning removed, with the reason (`CleaningReport.drop_reason_by_track`)."""
     off_map: dict[str, str] = {}
     """Moving vehicles that the log itself shows off all lanes for some frames, in which lane checks do not apply."""
 

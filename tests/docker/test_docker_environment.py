@@ -63,8 +63,18 @@ def test_an_image_is_known_by_its_programs(tmp_path: Path) -> None:
         ("perl", HOST, PYTHON, r"^environment: expected one of mine, other, more, found 'perl'$"),
         ("other", HOST, PYTHON, r"^environment other: expected Python 2\.7 in /, found 3\.\d+$"),
         ("more", HOST, PYTHON, r"^environment more: expected absent==1\.0 in /, found \S"),
-        ("mine", HOST, "/usr/bin/env", r"^environment mine: /usr/bin/env of / does not tell .*invalid option"),
-        ("mine", HOST, "/usr/bin/nothing", r"^environment mine: /usr/bin/nothing of / does not tell .*No such file"),
+        (
+            "mine",
+            HOST,
+            "/usr/bin/env",
+            r"^environment mine: /usr/bin/env of / does not list its packages .*invalid option",
+        ),
+        (
+            "mine",
+            HOST,
+            "/usr/bin/nothing",
+            r"^environment mine: /usr/bin/nothing of / does not list its packages .*No such file",
+        ),
         ("mine", Path("/etc"), PYTHON, r"expected an unpacked image with a folder usr in /etc"),
     ],
 )
@@ -121,9 +131,9 @@ def test_agents_of_an_imported_environment_see_the_image(tmp_path: Path, monkeyp
     monkeypatch.undo()
     manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
     image = Environment("python3.11-numpy", Path(environments.IMAGE_PYTHON), None, (), tmp_path)
-    plan = SubmittedAgent(manifest, tmp_path, image).plan()
+    plan = SubmittedAgent(manifest, tmp_path, image).agent_box()
     assert plan is not None
-    assert (plan.rootfs, plan.python, plan.site) == (str(tmp_path), environments.IMAGE_PYTHON, "")
+    assert (plan.rootfs, plan.python, plan.site) == (tmp_path, environments.IMAGE_PYTHON, None)
     site = replace(image, rootfs=None, site=Path("/site"))
-    plan = SubmittedAgent(manifest, tmp_path, site).plan()
-    assert plan is not None and (plan.rootfs, plan.site) == ("", "/site")
+    plan = SubmittedAgent(manifest, tmp_path, site).agent_box()
+    assert plan is not None and (plan.rootfs, plan.site) == (None, Path("/site"))

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import WorldError
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from server import phase_suites
 from server.clock import DAY_US, now_us
-from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
+from server.enums import ChallengeTrack, ScenarioVerdict
 from server.evaluation import worker
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask
 from server.phase_suites import LoadedPhaseSuites

@@ -2,8 +2,9 @@
 
 from typing import Any
 
+from mdrive_sumo.core.state import FailureReason
 from server import paths
-from server.enums import FailureReason, ScenarioVerdict
+from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.standings import SummaryData
 from testing.api_app import Server

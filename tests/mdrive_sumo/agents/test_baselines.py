@@ -209,7 +209,7 @@ def test_the_rule_agent_stops_where_agreed(monkeypatch: pytest.MonkeyPatch) -> N
     def agreed(self: NegotiationInterface, seen: Observation, planner: SpaceTimePlanner) -> list[StopPoint]:
         return [StopPoint(20.0)]
 
-    monkeypatch.setattr(NegotiationInterface, "barriers", agreed)
+    monkeypatch.setattr(NegotiationInterface, "find_stop_points", agreed)
     assert 15.0 < plan_of("colmdriver-rule", things())[-1, 0] < 20.0
     assert plan_of("sharing+negotiation", things())[-1, 0] > 60.0  # passes behind others, as planned
 
@@ -273,7 +273,7 @@ def test_sharing_knows_an_occluded_car(monkeypatch: pytest.MonkeyPatch) -> None:
         known[id(self), tick] = fuse(self, tick, own, seen)
         return known[id(self), tick]
 
-    monkeypatch.setattr(LateFusion, "fused", fused)
+    monkeypatch.setattr(LateFusion, "fuse", fused)
     _, drivers = past_the_house("sharing")
     first = next(iter(known))[0]  # "0" is asked first
     hidden = {tick for tick in hidden_ticks(drivers["0"].seen) if 4 <= tick < 40}

@@ -49,7 +49,7 @@ from mdrive_sumo.study.study_summary import (
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings, format_comm_json
 
-FAKE_MAIN = [sys.executable, "-c", "import study_fakes; study_fakes.main()"]
+FAKE_MAIN = [sys.executable, "-c", "from testing import study_fakes; study_fakes.main()"]
 TALKER = str(TESTS / "testing" / "study_talker.py") + ":Talker"
 IDEAL, OFF = PRESETS["ideal"], PRESETS["off"]
 

@@ -54,7 +54,7 @@ def test_cavs_may_be_named_as_in_the_manifest(directory: Directory) -> None:
     directory.manifest["ego"][1]["name"] = "the second"
     directory.add("pedestrian", "a.xml", WALK, name="a")
     directory.behave("a", None, vehicle="the second")
-    assert directory.actor().vehicles == ("1",)
+    assert directory.actor().referenced_cav_ids == ("1",)
 
 
 def test_behaviours_that_do_nothing_are_noted(directory: Directory) -> None:

@@ -50,7 +50,7 @@ def converted(name: str) -> tuple[ReconstructionQuality, Recording]:
         [lane.centre for lane in driving], [lane.directed for lane in driving], [lane.width for lane in driving]
     )
     return assess_reconstruction(
-        ReconstructedLog(name, cleaned.dt_s, tracks, raw, lanes, cleaned.report.lost)
+        ReconstructedLog(name, cleaned.dt_s, tracks, raw, lanes, cleaned.report.drop_reason_by_track)
     ), recording
 
 

@@ -17,6 +17,7 @@ from testing.processes import wait_for
 from testing.store_samples import LEASE, S, summary
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
@@ -25,7 +26,7 @@ from server.api import replay_page
 from server.api.app import MAX_REPLAYS
 from server.api.problems import ProblemError
 from server.api.subprocess_runner import SubprocessRunner
-from server.enums import FailureReason, ScenarioVerdict
+from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 

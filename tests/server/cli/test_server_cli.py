@@ -215,7 +215,7 @@ def test_from_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.chdir(tmp_path)
     before = signal.getsignal(signal.SIGTERM)
     with served(tmp_path) as (address, process, log):
-        assert "there is one phase, warm-up, on the public suite interdrive" in log.read_text()
+        assert "using one phase, warm-up, on the public suite interdrive" in log.read_text()
         assert "environment build python3.11-numpy" in log.read_text()
         phases = httpx.get(f"{address}/api/v1/phases", timeout=60).json()["items"]
         assert [(each["id"], each["suite"], each["public"], each["open"]) for each in phases] == [

@@ -14,8 +14,9 @@ from testing.evaluation_fakes import fake, read, scored, submitted
 from testing.paths import TESTS
 from testing.suite_fakes import make_suite
 
+from mdrive_sumo.core.state import FailureReason
 from server import environments
-from server.enums import FailureReason, JobState, ScenarioVerdict, SubmissionState
+from server.enums import JobState, ScenarioVerdict, SubmissionState
 from server.evaluation import spot_checks
 from server.evaluation.dispatcher import EvaluatorMismatchError
 from server.evaluation.job_task import JobResult, JobTask

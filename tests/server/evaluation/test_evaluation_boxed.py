@@ -15,6 +15,7 @@ from testing.sandbox_runs import needs_bubblewrap
 
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -23,7 +24,7 @@ from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.v2x.channel import DeliveryStatus
 from server import environments
-from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
+from server.enums import ChallengeTrack, ScenarioVerdict
 from server.evaluation.job_task import AgentRejection, JobTask
 from server.evaluation.submission_job import run_submission_job
 from server.settings import ArchiveSettings, SandboxSettings
@@ -38,7 +39,7 @@ pytestmark = [
 
 DRIVER = """
 from mdrive_sumo.contract import Control, Message, Reply, SensorSpec
-from mdrive_sumo.v2x.messages import Cam, Pose, encode
+from mdrive_sumo.v2x.messages import Cam, ReferencePose, encode
 
 class Agent:
     label = "negotiation"
@@ -153,7 +154,7 @@ def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
     ],
 )
 def test_a_track_decides_what_arrives(tmp_path: Path, track: ChallengeTrack, arrives: set[str]) -> None:
-    cam = "encode(Cam(Pose(seen.own.x, seen.own.y, seen.own.yaw, seen.tick), 1.0, 0.0, 0.0, 4.5, 2.0))"
+    cam = "encode(Cam(ReferencePose(seen.own.x, seen.own.y, seen.own.yaw, seen.tick), 1.0, 0.0, 0.0, 4.5, 2.0))"
     said = f'({cam}, Message("text", b"after you"), Message("own", b"x"))'
     wanted = task(tmp_path, team(messages=said), track=track)
     outcome = driven(wanted)
@@ -176,7 +177,7 @@ def test_an_agent_finds_no_packages_but_its_environment_s(tmp_path: Path) -> Non
 def test_what_happens_to_an_archive_on_our_disk_is_not_the_team_s_fault(tmp_path: Path) -> None:
     wanted = task(tmp_path, team())
     wanted.archive.write_bytes(b"PK")
-    with pytest.raises(WorldError, match=r"\.zip: expected the bytes that the team sent, found others$"):
+    with pytest.raises(WorldError, match=r"\.zip: expected the bytes of the submission, found others$"):
         run_submission_job(wanted)
     wanted.archive.unlink()
     with pytest.raises(FileNotFoundError):

@@ -14,14 +14,14 @@ from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits, SandboxLayer
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import CommSettings
 from server import environments
 from server.archive import ArchiveLimits, check_archive
-from server.enums import ChallengeTrack, FailureReason, ScenarioVerdict
+from server.enums import ChallengeTrack, ScenarioVerdict
 from server.environments import Environment, EnvironmentRecipe, build_environment, load_environment
 from server.participant import dry_run
 from server.participant.dry_run import format_result, with_server_limits
@@ -200,7 +200,7 @@ def test_what_is_asked_for_only_while_driving_is_rejected(
     later = f'SensorSpec("{kind}") if os.path.exists("/agent/src/later") else SensorSpec("gnss"),'
     agents = HOSTILE.format(sensors=later, deed="pass").encode()
     archive = written(tmp_path, packed(dict(GOOD) | {"agents.py": agents, "src/x.py": b""}))
-    ask = dry_run.ask
+    ask = dry_run.ask_agent
 
     def asked(entrant: SubmittedAgent) -> AgentDeclaration:
         found = ask(entrant)

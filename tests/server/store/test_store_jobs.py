@@ -8,8 +8,9 @@ import pytest
 from testing import databases
 from testing.store_samples import GOOD, JOBS, LEASE, NOON, PHASE, S, all_of, sent, states, summary, with_teams
 
+from mdrive_sumo.core.state import FailureReason
 from server.clock import DAY_US
-from server.enums import FailureReason, JobState, ScenarioVerdict, SubmissionState
+from server.enums import JobState, ScenarioVerdict, SubmissionState
 from server.store import NotFound, Store, events, jobs, phases, submissions
 from server.store.jobs import MAX_FAILURES, JobOutcome
 from server.store.tables import JobRow, SubmissionRow
