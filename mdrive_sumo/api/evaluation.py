@@ -3,11 +3,11 @@
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Unpack
 
-from mdrive_sumo.api.options import make_options
 from mdrive_sumo.api.run import Run
-from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
@@ -18,7 +18,6 @@ from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scoring import Results, ScoreMode
-from mdrive_sumo.v2x.comm_settings import CommSettings
 
 
 def evaluate(
@@ -28,10 +27,6 @@ def evaluate(
     scenario: str = "*",
     agent_config: Mapping[str, ConfigValue] | None = None,
     seeds: int | Iterable[int] = 1,
-    comm: str | CommSettings = "ideal",
-    agent_clock: str | Clock = "ideal",
-    actors: str = "default",
-    friction: str = "dry",
     score_mode: str = "mdrive",
     workers: int | None = None,
     scheduler: str = "",
@@ -39,6 +34,7 @@ def evaluate(
     out: str | Path | None = None,
     fresh: bool = False,
     progress: bool = True,
+    **options: Unpack[EpisodeArguments],
 ) -> Run:
     """Drive every scenario of a suite in worker processes, score it, and return the run.
 
@@ -48,8 +44,8 @@ def evaluate(
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
     out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
     the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
-    progress: whether to print a line per scenario on standard error. The other arguments are the options of
-    `mdrive-sumo eval`.
+    progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
+    `agent_clock`, `actors`, `friction`. They and the other arguments are the options of `mdrive-sumo eval`.
 
     Raises InputError, also if the folder holds another run.
     """
@@ -57,7 +53,7 @@ def evaluate(
     chosen = tuple(range(seeds) if isinstance(seeds, int) else seeds)
     if not chosen:
         raise InputError("evaluate: seeds: expected at least one, found none")
-    options = make_options(comm, agent_clock, actors, friction)
+    episode_options = EpisodeOptions.parse(**options)
     configs = [
         RunConfig(
             suite=name,
@@ -65,7 +61,7 @@ def evaluate(
             agent=AgentSpec(agent, agent_config or {}),
             seed=seed,
             score_mode=ScoreMode(score_mode),
-            options=options,
+            options=episode_options,
             workers=workers or count_available_cores(),
             scheduler=scheduler,
             record=record,

@@ -2,26 +2,25 @@
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self, Unpack, cast
 
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, load_agent_class
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.api.episode import Episode
-from mdrive_sumo.api.options import make_options
 from mdrive_sumo.api.scenario_source import find_scenario
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
-from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
+from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop.open_world import open_world
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.open_agents import open_agents
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.v2x.comm_settings import CommSettings
 
 DEFAULT_SENSORS = (SensorSpec("objects"),)
 
@@ -33,31 +32,21 @@ def simulate(
     agent_config: Mapping[str, Any] | None = None,
     seed: int = 0,
     suite: str | Suite | None = None,
-    comm: str | CommSettings = "ideal",
-    agent_clock: str | Clock = "ideal",
-    actors: str = "default",
-    friction: str = "dry",
     raise_agent_errors: bool = True,
+    **options: Unpack[EpisodeArguments],
 ) -> Episode:
     """Drive one scenario in this process and return the episode: the same one, bit for bit, as `evaluate` records.
 
     scenario: an id, or a scenario of a suite. agent: a built-in name, a class, `module:Class`, `path.py:Class` or
     `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
     raise_agent_errors: an agent that fails raises AgentFailure here, with its own exception as the cause, instead of
-    ending its CAV.
+    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, as for `evaluate`.
 
     Raises InputError, WorldError and AgentFailure.
     """
     found, roads = find_scenario(scenario, suite)
     spec = AgentSpec(agent, agent_config or {})
-    options = make_options(comm, agent_clock, actors, friction)
-    config = EpisodeConfig(
-        found,
-        roads,
-        seed,
-        {"agent": spec.resolve().name, "seed": seed, **options.to_dict()},
-        options=options,
-    )
+    config = _make_config(found, roads, seed, spec.resolve().name, options)
     Simulation.close_open()
     with _open_local_agents(spec, [ego.id for ego in found.egos]) as drivers, open_world(config) as world:
         if raise_agent_errors:
@@ -69,6 +58,14 @@ def simulate(
                 error.failure.__cause__
             )
     return Episode(record, found, roads, seed)
+
+
+def _make_config(
+    scenario: Scenario, roads: RoadMap, seed: int, agent: str, arguments: EpisodeArguments
+) -> EpisodeConfig:
+    options = EpisodeOptions.parse(**arguments)
+    about = {"agent": agent, "seed": seed, **options.to_dict()}
+    return EpisodeConfig(scenario, roads, seed, about, options=options)
 
 
 @contextmanager
@@ -133,22 +130,20 @@ class Simulation:
         seed: int = 0,
         suite: str | Suite | None = None,
         sensors: Sequence[SensorSpec] | Mapping[str, Sequence[SensorSpec]] = DEFAULT_SENSORS,
-        comm: str | CommSettings = "ideal",
-        actors: str = "default",
-        friction: str = "dry",
+        **options: Unpack[EpisodeArguments],
     ) -> None:
         """sensors: those of every CAV, or those of each CAV by id. The other arguments are those of `simulate`.
 
-        Raises InputError.
+        There is no agent clock here: the caller may think as long as it likes. Raises InputError.
         """
         self.scenario, self.roads = find_scenario(scenario, suite)
         self.seed = seed
         egos = [ego.id for ego in self.scenario.egos]
         by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)
         self._sensors = {ego: tuple(by_ego.get(ego, ())) for ego in egos}
-        options = make_options(comm, "ideal", actors, friction)
-        about = {"agent": "external", "seed": seed, **options.to_dict()}
-        self._config = EpisodeConfig(self.scenario, self.roads, seed, about, options=options)
+        if "agent_clock" in options:
+            raise InputError("Simulation: agent_clock: expected none, for the caller replies in the tick it was asked")
+        self._config = _make_config(self.scenario, self.roads, seed, "external", options)
         self._world: SumoWorld | None = None
         self._simulation = EpisodeSimulation(self._config, open_world(self._config), self._sensors)
 

@@ -6,7 +6,6 @@ from typing import Any, TypeVar
 
 import click
 
-from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.episode_config import EpisodeOptions
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
@@ -61,10 +60,8 @@ def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
     """Return the options of an episode and take them out of the dict. Raises InputError naming the option."""
     names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
     comm = parse_comm_options(**{name: options.pop(name) for name in names})
-    choices: dict[str, Any] = {
-        name: kind(options.pop(key)) for key, (name, kind, _) in EpisodeOptions.list_choices().items()
-    }
-    return EpisodeOptions(comm, parse_clock(options.pop("agent_clock")), **choices)
+    others: dict[str, Any] = {key: options.pop(key) for key in ("agent_clock", *EpisodeOptions.list_choices())}
+    return EpisodeOptions.parse(comm=comm, **others)
 
 
 def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:

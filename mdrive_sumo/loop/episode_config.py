@@ -4,10 +4,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any, cast
+from typing import Any, TypedDict, Unpack, cast
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import Ending, ThinkTime
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
@@ -19,13 +20,23 @@ VEHICLE = dynamics.MKZ_2017
 """Every CAV is the paper's car (protocol K6)."""
 
 
+class EpisodeArguments(TypedDict, total=False):
+    """Keyword arguments of the Python front door; each means what the option of `mdrive-sumo eval` means."""
+
+    comm: str | CommSettings
+    agent_clock: str | Clock
+    actors: str
+    friction: str
+
+
 @dataclass(frozen=True, slots=True)
 class EpisodeOptions:
     """Conditions of an episode that the user chooses besides scenario, agents and seed.
 
     They identify a run: journal, recordings and results hold them. An option whose type is a StrEnum needs a field with
-    metadata here, a field of `scoring.RunInfo` (the published format of results.json) and its place of use. The
-    option of the command line, the name of the default run folder and the serialised forms follow from the field.
+    metadata here and its line in `EpisodeArguments`, a field of `scoring.RunInfo` (the published format of
+    results.json) and its place of use. The option of the command line, the name of the default run folder, the line in
+    the report and the serialised forms follow from the field.
     """
 
     comm: CommSettings = PRESETS["ideal"]
@@ -48,6 +59,26 @@ class EpisodeOptions:
         },
     )
     """Road friction. Agents are not informed: the briefing states the limits of a dry road."""
+
+    @classmethod
+    def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":
+        """Return the options that texts or typed values stand for. Raises InputError, also for an unknown argument."""
+        values: dict[str, Any] = {**arguments}
+        comm, clock = values.pop("comm", "ideal"), values.pop("agent_clock", IDEAL)
+        if isinstance(comm, str):
+            if comm not in PRESETS:
+                raise InputError(f"comm: expected one of {', '.join(PRESETS)}, found {comm!r:.40}")
+            comm = PRESETS[comm]
+        choices = cls.list_choices()
+        chosen: dict[str, Any] = {}
+        for key, value in values.items():
+            if key not in choices:
+                raise InputError(f"{key}: unknown option, expected {', '.join(EpisodeArguments.__annotations__)}")
+            name, kind, _ = choices[key]
+            if value not in list(kind):
+                raise InputError(f"{key}: expected one of {', '.join(kind)}, found {value!r:.40}")
+            chosen[name] = kind(value)
+        return cls(comm, parse_clock(clock) if isinstance(clock, str) else clock, **chosen)
 
     @classmethod
     def list_choices(cls) -> dict[str, tuple[str, type[StrEnum], str]]:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_table
+from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
     SCORE_HEADER,
@@ -81,8 +82,7 @@ def _facts(results: Results) -> str:
         "suite": f"{run.suite}, checksum `{run.suite_checksum}`",
         "seed": str(run.seed),
         "score mode": run.score_mode,
-        "scripted road users": run.actors,
-        "friction of the road": run.friction,
+        **{key: str(getattr(run, key)) for key in EpisodeOptions.list_choices()},
         "command": f"`{shlex.join(run.command)}`",
         "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
     }

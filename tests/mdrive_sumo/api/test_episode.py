@@ -109,10 +109,16 @@ def test_a_scenario_of_a_suite_can_be_given_itself() -> None:
         ({"scenario": "nothing"}, "expected the id of a scenario in a packaged suite, found none"),
         ({"scenario": SCENARIO, "suite": "v2xpnp"}, "expected the id of a scenario in suite v2xpnp"),
         ({"scenario": SCENARIO, "comm": "perfect"}, "comm: expected one of ideal"),
-        ({"scenario": SCENARIO, "friction": "ice"}, "expected one of default, original, and one of dry, weather"),
+        ({"scenario": SCENARIO, "friction": "ice"}, "friction: expected one of dry, weather, found 'ice'"),
+        ({"scenario": SCENARIO, "frictions": "dry"}, "frictions: unknown option, expected comm, agent_clock, actors"),
         ({"scenario": SCENARIO, "agent": "nobody"}, "agent 'nobody': expected a built-in name"),
     ],
 )
 def test_unusable_arguments_are_named(options: dict[str, str], problem: str) -> None:
     with pytest.raises(md.InputError, match=problem):
         md.simulate(**options)
+
+
+def test_a_simulation_has_no_agent_clock() -> None:
+    with pytest.raises(md.InputError, match="agent_clock: expected none"):
+        md.Simulation(SCENARIO, agent_clock="fixed:100")
