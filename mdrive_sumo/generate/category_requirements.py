@@ -34,6 +34,8 @@ class CategoryRequirements:
     """Fixed properties of a category."""
 
     title: str
+    description: str
+    """One sentence for a language model (paper, "Scenario Description", in our words; the lane drop: protocol 14.1)."""
     road: RoadRequirements
     cav_range: tuple[int, int]
     """Least and largest number of CAVs (protocol 14.1: 2 to 6 by category)."""
@@ -45,9 +47,19 @@ class CategoryRequirements:
 
 _ANY = (Topology.INTERSECTION, Topology.T_JUNCTION, Topology.CORRIDOR, Topology.TWO_LANE_CORRIDOR)
 CATEGORIES: dict[Category, CategoryRequirements] = {
-    Category.PRE_CRASH: CategoryRequirements("Pre-crash", RoadRequirements(_ANY), (1, 3), FIGURES[Category.PRE_CRASH]),
+    Category.PRE_CRASH: CategoryRequirements(
+        "Pre-crash",
+        (
+            "A situation that precedes many real crashes, by NHTSA's typology: a road user is hidden"
+            " from another, sees too little, or does something dangerous."
+        ),
+        RoadRequirements(_ANY),
+        (1, 3),
+        FIGURES[Category.PRE_CRASH],
+    ),
     Category.BLOCKED_LANE: CategoryRequirements(
         "Blocked Lane Obstacle",
+        "Things that stand still block the lane in which CAVs drive; they have to get past.",
         RoadRequirements((Topology.CORRIDOR,), multi_lane=True),
         (3, 6),
         FIGURES[Category.BLOCKED_LANE],
@@ -55,6 +67,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.CONSTRUCTION: CategoryRequirements(
         "Construction Zone",
+        "A work zone of cones and barriers narrows the road near a crossing.",
         RoadRequirements((Topology.INTERSECTION,), multi_lane=True),
         (3, 6),
         FIGURES[Category.CONSTRUCTION],
@@ -62,6 +75,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.HIGHWAY_MERGE: CategoryRequirements(
         "Highway On-Ramp Merge",
+        "CAVs come from a ramp onto a highway on which other CAVs drive.",
         RoadRequirements((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
         (3, 6),
         FIGURES[Category.HIGHWAY_MERGE],
@@ -69,6 +83,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.LANE_CHANGE: CategoryRequirements(
         "Interactive Lane Change",
+        "CAVs on several lanes weave into one another's lanes.",
         RoadRequirements((Topology.HIGHWAY,), multi_lane=True),
         (3, 6),
         FIGURES[Category.LANE_CHANGE],
@@ -76,6 +91,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.DEADLOCK: CategoryRequirements(
         "Intersection Deadlock Resolution",
+        "Several CAVs reach a crossing without signals at once, and it is unclear who goes first.",
         RoadRequirements((Topology.INTERSECTION,)),
         (4, 6),
         FIGURES[Category.DEADLOCK],
@@ -83,6 +99,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.MAJOR_MINOR: CategoryRequirements(
         "Major / Minor Unsignalized Entry",
+        "A CAV comes out of a minor road into a major one at a T-junction without signals.",
         RoadRequirements((Topology.T_JUNCTION,)),
         (3, 5),
         FIGURES[Category.MAJOR_MINOR],
@@ -90,6 +107,10 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.OVERTAKING: CategoryRequirements(
         "Overtaking on Two-Lane Road",
+        (
+            "On a road with one lane each way a CAV has to pass what stands in its lane while another CAV"
+            " comes towards it."
+        ),
         RoadRequirements((Topology.TWO_LANE_CORRIDOR,), oncoming=True),
         (2, 5),
         FIGURES[Category.OVERTAKING],
@@ -97,6 +118,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.CROSSWALK: CategoryRequirements(
         "Pedestrian Crosswalk",
+        "People on foot cross the ways of the CAVs.",
         RoadRequirements((Topology.INTERSECTION,)),
         (3, 5),
         FIGURES[Category.CROSSWALK],
@@ -104,6 +126,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.ROUNDABOUT: CategoryRequirements(
         "Roundabout Navigation",
+        "CAVs yield at a roundabout, merge into it, go round and leave it.",
         RoadRequirements((Topology.ROUNDABOUT,)),
         (3, 5),
         FIGURES[Category.ROUNDABOUT],
@@ -111,6 +134,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.UNPROTECTED_LEFT: CategoryRequirements(
         "Unprotected Left Turn",
+        "CAVs turn left through oncoming CAVs, with no signal that protects them.",
         RoadRequirements((Topology.INTERSECTION,), oncoming=True),
         (4, 6),
         FIGURES[Category.UNPROTECTED_LEFT],
@@ -118,6 +142,7 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
     ),
     Category.LANE_DROP: CategoryRequirements(
         "Lane Drop / Alternating Merge",
+        "A lane ends, and the CAVs of two lanes have to take turns.",
         RoadRequirements((Topology.HIGHWAY,), multi_lane=True, merge=True),
         (3, 6),
         None,

@@ -5,7 +5,7 @@ import random
 from collections.abc import Sequence
 
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, CategoryRequirements, RoadRequirements
-from mdrive_sumo.generate.llm_prompt_texts import ABOUT, ROLE, RULES_IN_WORDS, TERMS
+from mdrive_sumo.generate.llm_prompt_texts import ROLE, RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.template_proposer import TEMPLATES
 from mdrive_sumo.generate.template_proposer import propose as from_template
@@ -43,7 +43,7 @@ def _describe_category(category: Category) -> list[str]:
     least, most = facts.cav_range
     return [
         f"Category: {category} ({facts.title}), interactivity level {LEVELS[category]}.",
-        ABOUT[category],
+        facts.description,
         f"topology: {' or '.join(facts.road.topologies)}. {_describe_needs(category, facts.road)}",
         f"ego_vehicles: {least} to {most}.",
     ]

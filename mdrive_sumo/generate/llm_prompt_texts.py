@@ -1,26 +1,7 @@
-"""Prompt texts: the task, the categories, the relations, and the rules in words."""
+"""Prompt texts: the task, the relations, and the rules in words."""
 
 from collections.abc import Mapping
 
-from mdrive_sumo.generate.category_requirements import Category
-
-ABOUT: Mapping[Category, str] = {
-    Category.PRE_CRASH: "A situation that precedes many real crashes, by NHTSA's typology: a road user is hidden"
-    " from another, sees too little, or does something dangerous.",
-    Category.BLOCKED_LANE: "Things that stand still block the lane in which CAVs drive; they have to get past.",
-    Category.CONSTRUCTION: "A work zone of cones and barriers narrows the road near a crossing.",
-    Category.HIGHWAY_MERGE: "CAVs come from a ramp onto a highway on which other CAVs drive.",
-    Category.LANE_CHANGE: "CAVs on several lanes weave into one another's lanes.",
-    Category.DEADLOCK: "Several CAVs reach a crossing without signals at once, and it is unclear who goes first.",
-    Category.MAJOR_MINOR: "A CAV comes out of a minor road into a major one at a T-junction without signals.",
-    Category.OVERTAKING: "On a road with one lane each way a CAV has to pass what stands in its lane while another CAV"
-    " comes towards it.",
-    Category.CROSSWALK: "People on foot cross the ways of the CAVs.",
-    Category.ROUNDABOUT: "CAVs yield at a roundabout, merge into it, go round and leave it.",
-    Category.UNPROTECTED_LEFT: "CAVs turn left through oncoming CAVs, with no signal that protects them.",
-    Category.LANE_DROP: "A lane ends, and the CAVs of two lanes have to take turns.",
-}
-"""Paper, "Scenario Description", in our words; the lane drop from protocol 14.1."""
 RULES_IN_WORDS: Mapping[str, str] = {
     "_check_topology": "topology is one of those that the category allows.",
     "_check_needs": "The four needs_* are exactly as the category has them.",

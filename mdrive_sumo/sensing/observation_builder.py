@@ -19,7 +19,12 @@ from mdrive_sumo.sensing.raster_sensor import RasterSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 
 SINGLE: Mapping[str, Callable[[SensorSpec, SensorSetup], Any]] = MappingProxyType(
-    {"objects": ObjectsSensor, "gnss": GnssSensor, "imu": ImuSensor, "speedometer": SpeedometerSensor}
+    {
+        "objects": ObjectsSensor,
+        "gnss": GnssSensor,
+        "imu": ImuSensor,
+        "speedometer": SpeedometerSensor,
+    }
 )
 """Sensor kinds with at most one instance per CAV; each fills the observation field of that name."""
 KINDS = (*SINGLE, "lidar", "bev", "privileged")

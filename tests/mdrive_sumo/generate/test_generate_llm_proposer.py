@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
 from mdrive_sumo.generate.llm_prompt import build_prompt
-from mdrive_sumo.generate.llm_prompt_texts import ABOUT, RULES_IN_WORDS, TERMS
+from mdrive_sumo.generate.llm_prompt_texts import RULES_IN_WORDS, TERMS
 from mdrive_sumo.generate.llm_proposer import LlmSettings, propose, transcript_path
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import ConstraintType, Proposal
@@ -236,7 +236,7 @@ def test_transcripts_that_cannot_be_written_end_with_one_sentence(tmp_path: Path
 def test_every_rule_and_relation_is_told_in_words() -> None:
     assert set(RULES_IN_WORDS) == {rule.__name__ for rule in RULES}
     assert set(TERMS) == set(get_args(ConstraintType))
-    assert list(ABOUT) == CATEGORY_LIST
+    assert list(CATEGORIES) == CATEGORY_LIST
 
 
 @pytest.mark.parametrize("category", CATEGORY_LIST)
@@ -246,7 +246,7 @@ def test_the_prompt_has_schema_rules_and_the_facts_of_the_category(category: Cat
     assert all(words in system for words in (*RULES_IN_WORDS.values(), *TERMS))
     facts = CATEGORIES[category]
     assert f"{facts.cav_range[0]} to {facts.cav_range[1]}" in user and " or ".join(facts.road.topologies) in user
-    assert facts.title in user and LEVELS[category] in user and ABOUT[category] in user
+    assert facts.title in user and LEVELS[category] in user and facts.description in user
 
 
 def test_examples_in_the_prompt_are_valid_answers() -> None:
