@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from testing.paths import ROOT
+from testing.paths import ROOT, TESTS
 
 PACKAGES = ("mdrive_sumo", "networks", "real2sim", "server", "tools")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py") if "samples" not in path.parts)
+TEST_FILES = sorted(TESTS.rglob("*.py"))
 RECORDED_TEXTS = ("mdrive_sumo/negotiation/prompt.py", "mdrive_sumo/generate/template_proposer.py")
 """Texts that transcripts and recipes repeat byte for byte."""
 PRONOUNS = re.compile(r"\b(nobody|somebody|everybody|whom|whoever)\b", re.IGNORECASE)
@@ -57,6 +58,11 @@ def test_files_and_functions_are_small() -> None:
             if lines > MAX_BODY_LINES:
                 long.append(f"{path.relative_to(ROOT)}:{function.lineno} {function.name}: {lines} lines")
     assert long == []
+
+
+def test_test_files_are_small() -> None:
+    lines_by_file = {str(path.relative_to(ROOT)): path.read_text("utf-8").count("\n") for path in TEST_FILES}
+    assert {path: lines for path, lines in lines_by_file.items() if lines > MAX_FILE_LINES} == {}
 
 
 def test_packages_only_export() -> None:

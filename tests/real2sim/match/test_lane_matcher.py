@@ -1,4 +1,4 @@
-"""Tracks on lanes: manoeuvres on drawn roads, noise, what stands off the road, and the search against brute force."""
+"""Tracks on lanes: manoeuvres on drawn roads, noise, and what stands off the road."""
 
 import itertools
 from dataclasses import dataclass
@@ -6,21 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from testing.map_faults import drive, lane, lanes_map
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, build_lane_route, list_packaged_networks, load_road_map
 from real2sim.hd_map import HdMap
-from real2sim.match.lane_candidates import load_candidate_index
 from real2sim.match.lane_matcher import (
-    DETOUR_M,
-    LANE_CHANGE_M,
     LaneMatch,
-    compute_emission_cost,
-    compute_transition_cost,
-    find_best_chain,
     match_track,
 )
 from real2sim.network import build_network
@@ -255,49 +247,3 @@ def test_where_no_way_leads_on_the_match_says_so(tmp_path: Path) -> None:
     assert len(found.break_frames) == 1
     assert found.lanes[found.break_frames[0]] == "eb_0"
     assert found.route in (("ea_0",), ("eb_0",))
-
-
-# --- the search ---------------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_the_chain_is_the_cheapest_of_all(seed: int) -> None:
-    """Against every combination of candidates of a few key frames."""
-    roads = load_road_map(list_packaged_networks()["town_crossing"])
-    rng = np.random.default_rng(seed)
-    index = load_candidate_index(roads)
-    ways = [one for one in roads.driving if one.junction]
-    through = ways[int(rng.integers(len(ways)))].centre
-    xy = np.array([through.at(s) for s in np.linspace(-6.0, through.length + 6.0, 4)]) + rng.normal(0, 1.0, (4, 2))
-    yaw = np.array([through.yaw_at(s) for s in np.linspace(0.0, through.length, 4)])
-    near = index.find_candidates(xy, yaw, 3.0)
-    keys = [int(k) for k in np.unique(near.point)]
-    rows, hops = find_best_chain(index, near, keys, xy)
-
-    def cost(chain: tuple[int, ...]) -> float:
-        total = float(compute_emission_cost(near.offset[list(chain)], near.turn[list(chain)]).sum())
-        for a, b in itertools.pairwise(chain):
-            driven = float(np.hypot(*np.diff(xy[near.point[a] : near.point[b] + 1], axis=0).T).sum())
-            start, goal = (roads.driving[near.lane[row]].id for row in (a, b))
-            hop = index.find_paths(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
-            along = 0.0 if hop is None else hop.length + float(near.s[b] - near.s[a])
-            total += 60.0 if hop is None else min(compute_transition_cost(along, driven, hop.lane_changes), 60.0)
-        return total
-
-    layers = [np.flatnonzero(near.point == key).tolist() for key in keys]
-    assert cost(tuple(rows)) == pytest.approx(min(cost(chain) for chain in itertools.product(*layers)))
-    assert len(hops) == len(rows) - 1
-
-
-def test_hops_are_the_shortest_ways() -> None:
-    roads = load_road_map(list_packaged_networks()["boulevard"])
-    index = load_candidate_index(roads)
-    start = next(one.id for one in roads.driving if not one.junction and one.left and one.successors)
-    for goal, hop in index.find_paths(start, 400.0, LANE_CHANGE_M).items():
-        assert (hop.lanes[0], hop.lanes[-1]) == (start, goal)
-        steps = list(itertools.pairwise(hop.lanes))
-        ahead = [roads.lanes[a].centre.length for a, b in steps if b in roads.lanes[a].successors]
-        assert hop.length == pytest.approx(sum(ahead))
-        assert hop.lane_changes == len(steps) - len(ahead)
-    assert {goal: hop.length for goal, hop in index.find_paths(start, 1.0, LANE_CHANGE_M).items()}[start] == 0.0

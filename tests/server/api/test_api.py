@@ -1,7 +1,5 @@
 """The API: who may do what, and what it says when it says no."""
 
-from pathlib import Path
-
 import pytest
 from testing.api_app import API, Server, TestClient, problem
 from testing.store_samples import NOON, S
@@ -9,11 +7,6 @@ from testing.store_samples import NOON, S
 from server.store import StoreUnavailable, audit, workers
 
 JSON = {"Content-Type": "application/json"}
-
-
-@pytest.fixture
-def server(tmp_path: Path) -> Server:
-    return Server(tmp_path)
 
 
 def test_health_says_when_the_database_is_away(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

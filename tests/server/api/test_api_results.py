@@ -38,11 +38,6 @@ RESULT = {"ds": 20.0, "sr": 0.0, "rc": 20.0, "ip": 1.0, "bucket": "interdrive", 
 OUTCOME = JobOutcome(ScenarioVerdict.AGENT_FAILED, RESULT, FailureReason.TIMEOUT, {"cpu_s": 1.5})
 
 
-@pytest.fixture
-def server(tmp_path: Path) -> Server:
-    return Server(tmp_path)
-
-
 def finished(server: Server, phase: str = "dev", with_files: bool = True) -> str:
     """A submission of red, driven; with the files that the evaluation writes."""
     mine = server.send(phase=phase).json()["id"]
