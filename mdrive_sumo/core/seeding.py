@@ -11,13 +11,13 @@ UNIFORMS = 8
 
 
 def derive_seed(run_seed: int, *purpose: str) -> int:
-    """Return a seed in [0, 2**31) for one purpose, e.g. derived_seed(0, scenario.id, "sumo")."""
+    """Return a seed in [0, 2**31) for one purpose, e.g. derive_seed(0, scenario.id, "sumo")."""
     text = "\x00".join((str(run_seed), *purpose))
     return int.from_bytes(blake2b(text.encode(), digest_size=4).digest(), "big") >> 1
 
 
 def draw_uniforms(seed: int, *purpose: str | int) -> tuple[float, ...]:
-    """`UNIFORMS` independent numbers in [0, 1) for one purpose, e.g. uniforms(seed, "loss", sender, receiver, tick)."""
+    """Return `UNIFORMS` independent numbers in [0, 1) for a purpose, e.g. (seed, "loss", sender, receiver, tick)."""
     digest = blake2b("\x00".join(map(str, (seed, *purpose))).encode(), digest_size=8 * UNIFORMS).digest()
     return tuple((int.from_bytes(digest[i : i + 8], "little") >> 11) * 2.0**-53 for i in range(0, len(digest), 8))
 

@@ -72,7 +72,7 @@ def _was_delivered(sent: SentMessage) -> bool:
 def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], workers: int) -> Iterator[MuteEffect]:
     """First the recording unchanged, then each pattern alone, as they finish. Raises InputError.
 
-    The first is to be identical (`Effect.difference` is ""): otherwise the others tell nothing, and are not driven
+    The first is to be identical (`MuteEffect.difference` is ""): otherwise the others tell nothing, and are not driven
     if the caller stops there.
     """
     scenario = next(scenario for scenario in run.scenarios if scenario.id == recorded.id)

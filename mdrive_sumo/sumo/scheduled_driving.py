@@ -1,4 +1,4 @@
-"""CarFollowing by schedule: the commands to SUMO on every step for a vehicle that has a schedule."""
+"""Scheduled driving: the commands to SUMO on every step for a vehicle that has a schedule."""
 
 # pyright: basic
 # Because libsumo has no type information.

@@ -21,7 +21,7 @@ MIN_ROUTE_M = 20.0
 MAX_START_OFFSET_M = 2.0
 """[m] Largest distance of the start from the first lane (`checks.START_GAP_M`)."""
 LANE_CHANGE_M = 20.0
-"""[m] Length of a lane change of `route_along`; it begins half of that before the lane marking is crossed."""
+"""[m] Length of a lane change of a route; it begins half of that before the lane marking is crossed."""
 
 
 def choose_cavs(
@@ -30,7 +30,7 @@ def choose_cavs(
     """Return the track ids of the CAVs: those of the source that move on a usable route, else the vehicle that is
     present longest.
 
-    `wanted` are the ids of the source's CAVs (`Cleaned.cavs`). Raises InputError if no vehicle is usable.
+    `wanted` are the ids of the source's CAVs (`CleanedRecording.cavs`). Raises InputError if no vehicle is usable.
     """
     fit = {
         track.id: track for track in tracks if not track.parked and not explain_unusable(track, matches.get(track.id))
