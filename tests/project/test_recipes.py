@@ -120,7 +120,7 @@ def test_the_code_of_the_recipes_passes_the_linter(scratch: Path) -> None:
 
 def drive_baseline(folder: Path) -> tuple[dict[str, Any], str]:
     """Return results and report of a run."""
-    run_command("eval", "--scenario", "i01*", "--agent", "full-throttle", "--out", folder / "run", "--no-record")
+    run_command("eval", "--scenario", "i02*", "--agent", "full-throttle", "--out", folder / "run", "--no-record")
     return json.loads((folder / "run" / "results.json").read_text("utf-8")), (folder / "run" / "report.md").read_text()
 
 
