@@ -50,6 +50,8 @@ class Crowd:
 
 
 BUSY = Crowd()
+QUIET = Crowd(vehicles=24, walkers=8, all=36)
+"""Most tests need no more."""
 USUAL = ObservationNoise()
 
 
@@ -62,9 +64,11 @@ class Driven:
     episode: EpisodeRecord
 
 
-def make_busy_log(folder: Path, noise: ObservationNoise | None = USUAL, seed: int = 0) -> tuple[Path, Path]:
+def make_busy_log(
+    folder: Path, noise: ObservationNoise | None = USUAL, seed: int = 0, crowd: Crowd = BUSY
+) -> tuple[Path, Path]:
     """Writes folder/busy (agents 1, 2, -1, -2; 101 frames) and folder/map.pkl; returns both."""
-    truth = busy_truth(seed)
+    truth = busy_truth(seed, crowd)
     write_v2xpnp(truth, folder / "busy", noise, seed)
     write_vector_map(truth.map, folder / "map.pkl")
     return folder / "busy", folder / "map.pkl"

@@ -135,7 +135,7 @@ def test_omniscient_has_no_contacts_and_all_arrive(name: str) -> None:
     assert all_arrived(episode)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_omniscient_solves_a_crowded_crossing() -> None:
     assert drive("constant-speed", EIGHT).contacts
     episode = drive("omniscient", EIGHT)

@@ -89,14 +89,9 @@ def test_groups_do_not_stand_in_each_other(category: Category) -> None:
 
 @pytest.mark.parametrize(
     "category",
-    [
-        pytest.param(Category.CROSSWALK, marks=pytest.mark.slow),
-        *(
-            pytest.param(category, marks=pytest.mark.full)
-            for category in (Category.BLOCKED_LANE, Category.CONSTRUCTION, Category.OVERTAKING)
-        ),
-    ],
+    [Category.CROSSWALK, Category.BLOCKED_LANE, Category.CONSTRUCTION, Category.OVERTAKING],
 )
+@pytest.mark.full
 def test_half_of_the_proposals_and_more_are_difficult_and_feasible(category: Category) -> None:
     found = [
         screen_scenario(scenario, load_road_map(find_network_folder(scenario.network)))

@@ -42,13 +42,13 @@ def test_worker_count_and_process_age_do_not_change_a_digest(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("agent", [pytest.param("single", marks=pytest.mark.full), *MOST])
 def test_loss_and_noise_are_the_same_for_any_worker_count(agent: str, tmp_path: Path) -> None:
-    sample = "i1[0-3]*"
+    sample = "i1[03]*"
     one = evaluated(tmp_path / "one", sample, "--workers", "1", *WORN, agent=agent)
-    assert len(one) == 4
+    assert len(one) == 2
     assert evaluated(tmp_path / "two", sample, "--workers", "2", *WORN, agent=agent) == one
     verify = [*COMMAND, "verify", str(tmp_path / "two"), "--workers", "1"]
     said = subprocess.run(verify, check=True, capture_output=True, text=True, timeout=600).stdout
-    assert said.splitlines()[-1] == "4 of 4 scenarios are identical"
+    assert said.splitlines()[-1] == "2 of 2 scenarios are identical"
 
 
 @pytest.mark.parametrize("agent", MOST)

@@ -106,6 +106,7 @@ class TestOnTheRoad:
         assert episode.find_ending("0").end is End.ARRIVED
         assert np.abs(episode.y[episode.valid[:, 0], 0] + WIDTH / 2).max() < 0.1
 
+    @pytest.mark.full
     def test_the_car_stops_at_a_wall_across_the_road(self) -> None:
         _, lane = lane_of(*STREETS[0])
         wall = beside(lane, 45.0, 1.75, Kind.STATIC, (1.0, 12.0))
@@ -114,7 +115,7 @@ class TestOnTheRoad:
         assert episode.contacts == ()
         assert episode.x[:, 0].max() > wall.x - 16.0
 
-    @pytest.mark.parametrize("gap_m", [30.0, 60.0])
+    @pytest.mark.parametrize("gap_m", [30.0, pytest.param(60.0, marks=pytest.mark.full)])
     def test_oncoming_traffic_goes_first(self, gap_m: float) -> None:
         _, lane = lane_of(*STREETS[0])
         thing = beside(lane, 45.0, 0.0, Kind.STATIC, (2.0, 2.0))
@@ -135,7 +136,7 @@ class TestOnTheRoad:
         assert episode.contacts == ()
         assert off_road_m(episode, roads) < 0.05
 
-    @pytest.mark.slow
+    @pytest.mark.full
     @pytest.mark.parametrize("agent", ["single", "sharing", "sharing+negotiation", "colmdriver-rule"])
     @pytest.mark.parametrize("seed", range(3))
     def test_with_other_errors_of_the_detector(self, agent: str, seed: int) -> None:

@@ -98,7 +98,7 @@ def test_notes_are_told_with_what_was_asked(talk: EpisodeRecord) -> None:
     assert notes[2][3] == "round: 1\nfeedback: I wait for you."
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_talkative_minute_stays_small() -> None:
     """Four CAVs among 100 others for a minute, CAM at 20 Hz, CPM and MCM at 10 Hz, as restless as measured objects."""
     episode = talking(ticks=1200, egos=4, actors=100)
@@ -259,7 +259,7 @@ def test_a_link_opens_with_its_layers(browser: Any, talk_file: Path) -> None:  #
         wait(tab, "location.hash === '#t=2.00&show=messages'")
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @needs_browser
 def test_all_layers_draw_fast_enough(browser: Any, tmp_path: Path, record_property: Any) -> None:  # noqa: F811
     """As without layers; the limit is for machines that are busy."""

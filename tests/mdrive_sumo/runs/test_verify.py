@@ -223,7 +223,7 @@ class Sleeper:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     """The agent needs 5 s of wall clock to time out when it is recorded, and none when it is verified."""
     (tmp_path / "sleeper.py").write_text(AGENT)

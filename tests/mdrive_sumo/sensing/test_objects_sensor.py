@@ -249,7 +249,7 @@ class TestPublishedFigures:
     """Seeds 1 and 2 were not used in the fit, which is of seed 0."""
 
     @pytest.mark.parametrize(
-        "profile", ["cobevt", *(pytest.param(p, marks=pytest.mark.slow) for p in PUBLISHED if p != "cobevt")]
+        "profile", ["cobevt", *(pytest.param(p, marks=pytest.mark.full) for p in PUBLISHED if p != "cobevt")]
     )
     def test_surrogates_reach_them(self, profile: str) -> None:
         hidden = HIDDEN_FROM_ONE if profile == "lidar-single" else 0.0

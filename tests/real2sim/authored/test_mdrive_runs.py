@@ -61,7 +61,7 @@ def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path
 
 
 @needs_data
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_real_directories_run(tmp_path: Path) -> None:
     convert(SHARED_DATA / "mdrive" / "interaction", "--towns", SHARED_DATA / "carla_towns", "--out", tmp_path / "out")
     episodes = driven(tmp_path / "out", "idm", tmp_path / "run")

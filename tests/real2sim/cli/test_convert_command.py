@@ -276,11 +276,11 @@ def test_authored_sources_share_the_command(tmp_path: Path, shared_data: Path) -
 @pytest.mark.parametrize(
     ("source", "path", "more"),
     [
-        ("scenarionet", "scenarionet_nuscenes", ()),
+        pytest.param("scenarionet", "scenarionet_nuscenes", (), marks=pytest.mark.full),
         ("commonroad", "commonroad", ()),
-        ("argoverse2", "argoverse2/forecasting", ()),
-        ("argoverse2", "argoverse2/sensor", ()),
-        ("interaction", "interaction", ("--window", "0,40", "--every", "20")),
+        pytest.param("argoverse2", "argoverse2/forecasting", (), marks=pytest.mark.full),
+        pytest.param("argoverse2", "argoverse2/sensor", (), marks=pytest.mark.full),
+        pytest.param("interaction", "interaction", ("--window", "0,40", "--every", "20"), marks=pytest.mark.full),
     ],
 )
 def test_real_logs(source: str, path: str, more: tuple[str, ...], shared_data: Path, tmp_path: Path) -> None:

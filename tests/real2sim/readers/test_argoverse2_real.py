@@ -57,7 +57,7 @@ def _in_lanes(recording: Recording) -> tuple[Bool, Bool]:
         if np.hypot(*np.ptp(track.xy[track.valid_frames], axis=0)) > 5
     ]
     points = shapely.points(np.concatenate(moving))
-    return shapely.contains(area, points), shapely.contains(area.convex_hull, points)
+    return np.asarray(shapely.contains(area, points)), np.asarray(shapely.contains(area.convex_hull, points))
 
 
 def test_everything_of_the_real_scenario_is_there(forecasting: Recording, forecasting_folder: Path) -> None:

@@ -4,6 +4,7 @@ import json
 import math
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def work(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def converted(work: Path, *routes: Points) -> tuple[Scenario, dict[str, object]]:
+def converted(work: Path, *routes: Points) -> tuple[Scenario, dict[str, Any]]:
     folder = work / "src" / "r1_townxx_hw_c"
     folder.mkdir(parents=True)
     for i, points in enumerate(routes):

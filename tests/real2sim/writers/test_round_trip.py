@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from testing.busy_log import ACTORS, Crowd, busy_truth, make_busy_log
+from testing.busy_log import ACTORS, QUIET, Crowd, busy_truth, make_busy_log
 from testing.round_trip import Trip, as_truth, motions_of, there_and_back, windowed
 
 from mdrive_sumo.core.geometry import Bool
@@ -41,7 +41,7 @@ def check(trip: Trip, median_m: float = 0.15, p95_m: float = 0.5) -> None:
 
 @pytest.fixture(scope="module")
 def busy() -> Recording:
-    return busy_truth()
+    return busy_truth(crowd=QUIET)
 
 
 @pytest.fixture(scope="module")
@@ -51,19 +51,20 @@ def trip(busy: Recording, tmp_path_factory: pytest.TempPathFactory) -> Trip:
     return there_and_back(busy, folder / "log", folder / "map.pkl")
 
 
-def test_the_busy_log_is_as_large_as_its_speed_target_says(busy: Recording, tmp_path: Path) -> None:
+@pytest.mark.full
+def test_the_busy_log_is_as_large_as_its_speed_target_says(tmp_path: Path) -> None:
     log, vector_map = make_busy_log(tmp_path, noise=None)
     found = read_v2xpnp(log, vector_map)
     assert (found.frame_count, [view.observer for view in found.views]) == (101, ["1", "2", "-1", "-2"])
     assert len({track.id for view in found.views for track in view.tracks}) == ACTORS == 84
-    moving = [track for track in busy.views[0].tracks if not track.parked]
+    moving = [track for track in busy_truth().views[0].tracks if not track.parked]
     assert len(moving) > 60
     assert sum(track.category.kind is Kind.PEDESTRIAN for track in moving) == 12
 
 
 def test_a_drive_in_sumo_comes_back(trip: Trip) -> None:
     check(trip)
-    assert len(trip.visible) > 50
+    assert len(trip.visible) > 20
     cavs = {thing.id for thing in trip.truth[:2]}
     assert {trip.owners[track] for track in trip.cleaned.cavs.values()} == cavs
     assert trip.cleaned.cavs.keys() == {"1", "2"}

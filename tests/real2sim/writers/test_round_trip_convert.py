@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from testing.busy_log import WAYS, make_busy_log
+from testing.busy_log import BUSY, QUIET, WAYS, Crowd, make_busy_log
 from testing.round_trip import as_truth
 
 from mdrive_sumo.cli import main
@@ -30,8 +30,11 @@ from tests.real2sim.writers.test_round_trip import real
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The busy log, converted without a wish."""
-    folder = tmp_path_factory.mktemp("busy")
-    log, vector_map = make_busy_log(folder)
+    return converted(tmp_path_factory.mktemp("busy"), QUIET)
+
+
+def converted(folder: Path, crowd: Crowd) -> Path:
+    log, vector_map = make_busy_log(folder, crowd=crowd)
     done = CliRunner().invoke(
         main, ["convert", "v2xpnp", str(log), "--map", str(vector_map), "--out", str(folder / "s")]
     )
@@ -43,6 +46,13 @@ def test_a_drive_in_sumo_becomes_a_suite_that_meets_every_target(suite: Path) ->
     quality = json.loads((suite / "busy" / "quality.json").read_text())
     assert quality["misses"] == []
     assert quality["passed"] is True
+    assert quality["fidelity"]["moving_vehicles"] > 15
+
+
+@pytest.mark.full
+def test_traffic_keeps_the_order_of_a_busy_log(tmp_path: Path) -> None:
+    quality = json.loads((converted(tmp_path, BUSY) / "busy" / "quality.json").read_text())
+    assert quality["misses"] == []
     assert quality["fidelity"]["moving_vehicles"] > 55
     assert quality["closeness"]["order_share"] >= 0.9
 
@@ -50,7 +60,7 @@ def test_a_drive_in_sumo_becomes_a_suite_that_meets_every_target(suite: Path) ->
 def test_its_cavs_stations_and_people_are_those_of_the_drive(suite: Path) -> None:
     (scenario,) = load_suite(str(suite)).scenarios
     assert [(rsu.id, rsu.x, rsu.y) for rsu in scenario.rsus] == [("rsu1", 14.0, 16.0), ("rsu2", -14.0, -16.0)]
-    assert sum(actor.kind == "pedestrian" for actor in scenario.actors) >= 10
+    assert sum(actor.kind == "pedestrian" for actor in scenario.actors) >= 7
     original = load_road_map(find_network_folder("boulevard"))
     assert len(scenario.egos) == len(WAYS)
     for ego, (first, _) in zip(scenario.egos, WAYS, strict=True):
@@ -65,7 +75,7 @@ def test_it_runs(suite: Path) -> None:
     episode = reexecute(EpisodeJob(suite, "busy", AgentSpec("idm")))
     assert [ending.end for ending in episode.endings] == [End.ARRIVED] * 2
     assert episode.ticks > 100
-    assert len(episode.ids) > 70
+    assert len(episode.ids) > 30
 
 
 def scene(name: str, recording: Recording) -> SourceScene:

@@ -97,6 +97,7 @@ def shares(results: Sequence[Result]) -> dict[str, float]:
     return {kind: good[kind] / total[kind] for kind in total}
 
 
+@pytest.mark.full
 def test_a_clean_log_needs_no_repair() -> None:
     """Each thing has one track near it: what the other tests count as repaired was in order before."""
     log = clean_log(0)

@@ -25,13 +25,13 @@ def lanes(draw: st.DrawFn, name: str) -> MapLane:
     turn, x, y = draw(st.floats(-3.14, 3.14)), *draw(st.tuples(st.floats(-500, 500), st.floats(-500, 500)))
     ahead, aside = np.array((math.cos(turn), math.sin(turn))), np.array((-math.sin(turn), math.cos(turn)))
     centre = np.array((x, y)) + along[:, None] * ahead
-    sides = [
+    left, right = (
         centre + aside * draw(st.floats(1.0, 3.0)) * sign if draw(st.booleans()) else centre[:0] for sign in (1, -1)
-    ]
+    )
     near = st.lists(st.sampled_from(["0_1", "1_1", "1_-2", "9_9"]), max_size=2).map(tuple)
     kind = draw(st.sampled_from([LaneKind.DRIVING, LaneKind.SIDEWALK, LaneKind.SHOULDER, LaneKind.PARKING]))
     group = name.partition("_")[0]
-    return MapLane(name, kind, centre, *sides, draw(near), draw(near), group=group, directed=False)
+    return MapLane(name, kind, centre, left, right, draw(near), draw(near), group=group, directed=False)
 
 
 @st.composite

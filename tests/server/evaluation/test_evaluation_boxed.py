@@ -108,7 +108,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
     )
     assert outcome.result == run_job(again).model_dump(mode="json")
     used = outcome.usage
-    assert used is not None
+    assert used is not None and outcome.result is not None
     assert used["layers"] == list(check_layers(())) != []
     assert {box["backend"] for box in used["boxes"].values()} == {"bubblewrap"}
     assert sum(used["latency"]["counts"]) == sum(box["answers"] for box in used["boxes"].values()) > 100

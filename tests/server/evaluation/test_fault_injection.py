@@ -28,6 +28,8 @@ from server.evaluation.stop_request import StopRequest
 from server.evaluation.supervisor import Supervisor
 from server.phase_suites import LoadedPhaseSuites
 
+pytestmark = pytest.mark.usefixtures("steady_code")
+
 
 @pytest.mark.full
 def test_killed_workers_lose_and_double_nothing(tmp_path: Path) -> None:
@@ -50,7 +52,7 @@ def test_225_rows_survive_many_kills(tmp_path: Path, backend: str) -> None:
         check_scored_once(store, settings, submission, 225)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_killed_server_takes_its_workers_along_and_the_next_goes_on(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = challenge(tmp_path, store, "nap", "hang once").model_copy(update={"database": url(store)})

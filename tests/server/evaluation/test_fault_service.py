@@ -21,7 +21,6 @@ from testing.evaluation_real import (
     quietly_done,
     rows,
     served,
-    steady_code,  # noqa: F401 (a fixture)
     supervised,
     url,
     wait_for,
@@ -34,13 +33,14 @@ from server.evaluation.worker import NICE
 from server.settings import ServerSettings
 from server.store import Store, submissions
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("steady_code")]
 
 
 def with_database(settings: ServerSettings, store: Store) -> ServerSettings:
     return settings.model_copy(update={"database": url(store)})
 
 
+@pytest.mark.full
 def test_a_stop_gives_back_what_is_under_way_and_blames_nobody(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = with_database(challenge(tmp_path, store, "hang", "hang"), store)
@@ -56,6 +56,7 @@ def test_a_stop_gives_back_what_is_under_way_and_blames_nobody(tmp_path: Path) -
     assert [(job.state, job.failures, job.owner) for job in rows(store, submission)] == [(JobState.QUEUED, 0, None)] * 2
 
 
+@pytest.mark.full
 def test_a_cancelled_submission_s_process_is_gone_within_a_heartbeat(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = with_database(challenge(tmp_path, store, "hang", "nap"), store)
@@ -97,6 +98,7 @@ def test_everything_killed_at_once_loses_nothing(tmp_path: Path) -> None:
     assert sum(job.failures for job in rows(store, submission)) >= 1  # a lease that ended is a failure of ours
 
 
+@pytest.mark.full
 def test_a_database_that_restarts_in_mid_run(tmp_path: Path) -> None:
     """PostgreSQL ends all connections and recovers when one of its processes is killed."""
     store = databases.emptied("postgresql")
@@ -118,6 +120,7 @@ def _crash(database: str) -> None:
         connection.execute("SELECT 1")
 
 
+@pytest.mark.full
 def test_a_disk_that_fills_in_mid_run(tmp_path: Path) -> None:
     with small_disk(tmp_path / "data", 100) as data:
         store = Store(f"sqlite:///{data / 'server.sqlite'}")
@@ -159,6 +162,7 @@ def small_disk(folder: Path, mebibytes: int) -> Generator[Path]:
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
+@pytest.mark.full
 def test_the_service_clears_up_by_itself(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = with_database(challenge(tmp_path, store, "nap", "hang"), store)

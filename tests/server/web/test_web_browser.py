@@ -164,7 +164,7 @@ def test_scenarios_are_filtered_in_place(world: World) -> None:
     tab.context.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])
 def test_every_page_is_legible_named_and_no_wider_than_a_phone(world: World, scheme: str) -> None:
     world.seen.trouble.clear()
     found: list[str] = []
