@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +107,7 @@ def index() -> list[str]:
 
 
 @contextmanager
-def built(folder: Path) -> Iterator[Images]:
+def built(folder: Path) -> Generator[Images]:
     """The images on a base of Debian's own packages; nothing of them is left afterwards."""
     images = Images(folder / "store", folder / "context")
     base = folder / "base"

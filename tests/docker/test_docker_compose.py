@@ -138,7 +138,7 @@ def test_volumes_and_files_exist() -> None:
 
 def test_the_variables_are_settings_that_fit_the_services() -> None:
     service = SERVICES["server"]
-    mounts = dict(reversed(volume.split(":")[:2]) for volume in service["volumes"])
+    mounts = {target: source for source, target in (volume.split(":")[:2] for volume in service["volumes"])}
     told = {**variables("server"), **service["environment"]}
     file = DOCKER / mounts[told.pop("MDRIVE_SETTINGS")]
     settings = load_settings(file, told)

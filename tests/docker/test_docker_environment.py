@@ -43,7 +43,7 @@ def test_an_imported_image_is_found_again_and_may_be_replaced(tmp_path: Path) ->
 
 def test_an_image_is_known_by_its_programs(tmp_path: Path) -> None:
     def checksum() -> str:
-        return environments._checksum_programs(tmp_path)  # pyright: ignore[reportPrivateUsage]
+        return environments._checksum_programs(tmp_path)
 
     library = tmp_path / "usr" / "lib" / "libblas.so"
     library.parent.mkdir(parents=True)

@@ -88,6 +88,6 @@ class Film:
     @staticmethod
     def _row(frame: Actors, name: str) -> Row:
         if name not in frame.ids:
-            return (math.nan,) * 4
+            return math.nan, math.nan, math.nan, math.nan
         i = frame.ids.index(name)
         return float(frame.x[i]), float(frame.y[i]), float(frame.yaw[i]), float(frame.speed[i])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 AGENT = b"class Agent:\n    pass\n"
 ENV = b"environment: python3.11-numpy\n"
-GOOD: Mapping[str, bytes] = {"agents.py": AGENT, "model_env.yaml": ENV}
+GOOD: dict[str, bytes] = {"agents.py": AGENT, "model_env.yaml": ENV}
 Info = zipfile.ZipInfo
 
 

@@ -92,7 +92,7 @@ def url(backend: str, folder: Path) -> str:
         pytest.skip("needs PostgreSQL")
     name = f"test_{next(_names)}"
     with _admin(socket) as connection:
-        connection.execute(f"CREATE DATABASE {name}")  # pyright: ignore[reportArgumentType, reportCallIssue]
+        connection.execute(f"CREATE DATABASE {name}")  # pyright: ignore[reportCallIssue]
     return f"postgresql://postgres@/{name}?host={socket}"
 
 

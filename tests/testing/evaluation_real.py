@@ -13,8 +13,6 @@ from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
-import pytest
-
 from server.enums import JobState, SubmissionState
 from server.evaluation import supervisor
 from server.evaluation.summary import summarise
@@ -23,18 +21,11 @@ from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, audit
 from server.store.tables import AuditEntryRow, EventRow, JobRow
 from testing import processes
-from testing.evaluation_fakes import fast_clock, read, scored, steady
+from testing.evaluation_fakes import fast_clock, read, scored
 from testing.paths import TESTS
 
 wait_for = partial(processes.wait_for, limit_s=120.0)
 COMMAND = (sys.executable, "-m", "testing.evaluation_fakes")
-
-
-@pytest.fixture(autouse=True)
-def steady_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In each test of a module that imports it; the workers' programs do it themselves."""
-    monkeypatch.setattr("server.phase_suites.compute_code_checksum", steady)
-    monkeypatch.setenv("PYTHONPATH", str(TESTS))  # what `COMMAND` imports
 
 
 @contextmanager

@@ -40,7 +40,9 @@ class Case:
 
 def packed(value: object) -> bytes:
     """msgpack."""
-    return msgpack.packb(value)
+    data = msgpack.packb(value)
+    assert isinstance(data, bytes)
+    return data
 
 
 def answer(tick: int, value: object) -> bytes:

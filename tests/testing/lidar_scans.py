@@ -44,15 +44,15 @@ def make_briefing(vehicle: VehicleFacts = CAR) -> Briefing:
 
 
 def sensor(roads: RoadMap | None = None, weather: str = "default", seed: int = 5, **options: Option) -> LidarSensor:
-    fitting = SensorSetup("a", seed, roads or town(), WEATHERS[weather], make_briefing())  # type: ignore[index]
+    fitting = SensorSetup("a", seed, roads or town(), WEATHERS[weather], make_briefing())
     return LidarSensor(SensorSpec("lidar", "top", options=options), fitting)
 
 
 def scene(*boxes: Box, tick: int = 0) -> SensingFrame:
-    table = np.array([box[1:] for box in boxes])
+    x, y, yaw, length, width = np.array([box[1:] for box in boxes]).T
     kinds = np.array([box[0] for box in boxes], dtype=np.uint8)
     ids = tuple("abcdefghijklmnopqrstuvwxyz"[: len(boxes)])
-    return SensingFrame(tick, Objects(ids, kinds, *table[:, :3].T, np.zeros(len(boxes)), *table[:, 3:].T), {})
+    return SensingFrame(tick, Objects(ids, kinds, x, y, yaw, np.zeros(len(boxes)), length, width), {})
 
 
 def scan(of: LidarSensor, *others: Box, own: Box = OWN, tick: int = 0) -> PointCloud:

@@ -33,7 +33,7 @@ def as_map(roads: RoadMap, directed: bool = True) -> HdMap:
 
 def lane(id_: str, points: object, exits: tuple[str, ...] = (), **more: object) -> MapLane:
     """A driving lane through the given points."""
-    return MapLane(id_, LaneKind.DRIVING, np.asarray(points, dtype=np.float64), exits=exits, **more)  # type: ignore[arg-type]
+    return MapLane(id_, LaneKind.DRIVING, np.asarray(points, dtype=np.float64), exits=exits, **more)
 
 
 def lanes_map(*lanes: MapLane) -> HdMap:

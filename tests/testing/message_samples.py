@@ -87,11 +87,11 @@ PLACE = ReferencePose(100.0, 50.0, 0.3, 9)
 
 def mcm_with(**parts: object) -> Mcm:
     values: dict[str, object] = {"speed": 1.0, "interval_s": 0.2, "planned": np.zeros((0, 2))}
-    return Mcm(PLACE, intention=Intention.KEEP, direction=Direction.LEFT, **(values | parts))  # pyright: ignore[reportArgumentType]
+    return Mcm(PLACE, intention=Intention.KEEP, direction=Direction.LEFT, **(values | parts))
 
 
 def cpm_with(count: int = 1, sectors: int = 0, **parts: object) -> Cpm:
     values: dict[str, object] = {name: np.zeros(count) for name in ("yaw", "speed", "length", "width")}
     values |= {"ids": (format_track_name(1),) * count, "kind": np.zeros(count, np.uint8), "free_m": np.zeros(sectors)}
     values |= {"x": np.full(count, PLACE.x), "y": np.full(count, PLACE.y)}
-    return Cpm(PLACE, 50.0, Objects(**(values | parts)), np.zeros(count, np.uint8))  # pyright: ignore[reportArgumentType]
+    return Cpm(PLACE, 50.0, Objects(**(values | parts)), np.zeros(count, np.uint8))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from email import message_from_bytes
+from email.message import Message
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.metadata import EntryPoint
 from typing import Any
@@ -21,6 +22,8 @@ COMMANDS = {
     "submit": "server.participant.submit:submit",
 }
 Run = Callable[..., Result]
+Refusal = tuple[int, dict[str, Any], dict[str, str]]
+"""Status, problem and headers of the answer to an upload."""
 
 
 def command_line(monkeypatch: pytest.MonkeyPatch) -> Run:
@@ -40,8 +43,7 @@ class Fake:
 
     url: str = ""
     phases: list[dict[str, Any]] = field(default_factory=lambda: [OPEN, CLOSED])
-    refusal: tuple[int, dict[str, Any], dict[str, str]] | None = None
-    """Status, problem and headers of the answer to an upload."""
+    refusal: Refusal | None = None
     lost: int = 0
     """How many uploads break off."""
     away: int = 0
@@ -61,7 +63,7 @@ class Handler(BaseHTTPRequestHandler):
     fake: Fake
     protocol_version = "HTTP/1.1"
 
-    def log_message(self, *_: object) -> None:
+    def log_message(self, format: str, *args: Any) -> None:
         pass
 
     def answer(self, status: int, content: dict[str, Any], headers: dict[str, str] | None = None) -> None:
@@ -76,7 +78,11 @@ class Handler(BaseHTTPRequestHandler):
         body = self.rfile.read(int(self.headers["Content-Length"]))
         kind = f"Content-Type: {self.headers['Content-Type']}\n\n".encode()
         parts = message_from_bytes(kind + body).get_payload()
-        fields = {p.get_param("name", header="content-disposition"): p.get_payload(decode=True) for p in parts}
+        fields = {
+            part.get_param("name", header="content-disposition"): part.get_payload(decode=True)
+            for part in parts
+            if isinstance(part, Message)
+        }
         self.fake.uploads.append((dict(self.headers), fields))
         if self.fake.lost:
             self.fake.lost -= 1

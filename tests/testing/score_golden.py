@@ -41,7 +41,7 @@ def lane(lane_id: str, *points: tuple[float, float], junction: bool = False, **m
         speed_limit=13.9,
         centre=Polyline(np.array(points, dtype=np.float64)),
         junction=junction,
-        **facts,  # pyright: ignore[reportArgumentType]
+        **facts,
     )
 
 
@@ -109,7 +109,7 @@ def episode(
     ends: Mapping[str, End],
     hits: Hits = NO_HITS,
     actors: Actors | None = None,
-    signals: Mapping[int, Mapping[str, str]] = NO_HITS,  # pyright: ignore[reportArgumentType]
+    signals: Mapping[int, Mapping[str, str]] = NO_HITS,
 ) -> EpisodeRecord:
     """The recording of CAVs that live as many ticks as they have rows. Signals hold until the next tick named."""
     recorder = Recorder(about.id, {"seed": 1}, {one.id: BOX for one in about.egos})

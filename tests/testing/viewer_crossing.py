@@ -113,7 +113,7 @@ def record(ticks: int = 40, egos: int = 2, actors: int = 3, prefix: str = "car_"
 
 
 def plan_ahead(state: EgoState) -> Float:
-    steps = np.arange(1, 9) * 3.0
+    steps = np.arange(3.0, 27.0, 3.0)
     return np.stack((state.x + steps * math.cos(state.yaw), state.y + steps * math.sin(state.yaw)), axis=-1)
 
 

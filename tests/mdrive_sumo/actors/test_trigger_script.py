@@ -108,7 +108,7 @@ def test_hard_brake_waits_for_the_metres_too() -> None:
 def test_lane_change_keeps_for_5_m_goes_over_in_25_m_and_then_on_in_parallel(
     direction: str, lane: str, y: float
 ) -> None:
-    action = LaneChange(direction=direction, least_driven_s=2.0)  # pyright: ignore[reportArgumentType]
+    action = LaneChange(direction=direction, least_driven_s=2.0)
     at = 3.5 - y
     film = Film(lane_follower(action, at, lane), roads=two_lanes(), seconds=15).of("v")
     fires = film[40, 0]

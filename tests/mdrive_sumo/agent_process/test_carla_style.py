@@ -40,7 +40,7 @@ def arc(turn: float, straight: int = 20) -> Briefing:
 
 
 def seen(yaw: float = 0.0, **sensors: object) -> Observation:
-    return Observation(40, OwnState(10.0, 20.0, yaw, 5.0, 1.0, 0.2, 0.0), **sensors)  # type: ignore[arg-type]
+    return Observation(40, OwnState(10.0, 20.0, yaw, 5.0, 1.0, 0.2, 0.0), **sensors)
 
 
 def style(

@@ -242,7 +242,7 @@ BAD = (
 @pytest.mark.parametrize(("wrong", "sentence"), BAD, ids=lambda value: str(value)[:40])
 def test_what_cannot_be_is_refused_with_a_sentence(wrong: dict[str, object], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        BoxSpec(**{"command": ("/bin/sh",), "readonly": {}, **wrong})  # type: ignore[arg-type]
+        BoxSpec(**{"command": ("/bin/sh",), "readonly": {}, **wrong})
 
 
 def test_limits_are_positive_integers() -> None:

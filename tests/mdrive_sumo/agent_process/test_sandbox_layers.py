@@ -64,7 +64,7 @@ def test_without_the_filter_nested_user_namespaces_are_still_refused(monkeypatch
     text = "unshare --user true && echo nested; grep Seccomp: /proc/self/status"
 
     class Nothing(pyseccomp.SyscallFilter):
-        def add_rule(self, *_: object) -> None:
+        def add_rule(self, *_: object, **__: object) -> None:
             """Refuses nothing."""
 
     monkeypatch.setattr(pyseccomp, "SyscallFilter", Nothing)
@@ -186,5 +186,5 @@ def test_layers_of_gvisor_are_those_of_its_own_box() -> None:
 
 def test_a_box_that_is_out_of_memory_ends_alike_under_both_versions() -> None:
     """Version 1 kills the process that asks for too much; version 2 must not be told to kill the whole box."""
-    files = {file for _, file, _ in cgroups._limit_settings(2, BoxLimits())}  # pyright: ignore[reportPrivateUsage]
+    files = {file for _, file, _ in cgroups._limit_settings(2, BoxLimits())}
     assert files == {"memory.max", "memory.swap.max", "pids.max", "cpu.max"}

@@ -104,8 +104,8 @@ def test_a_place_beyond_the_frame_is_an_error(folder: frame_file.FrameFolder) ->
     reader = frame_file.FrameReader(folder.path)
     with pytest.raises(OSError, match="expected a frame of at least"):
         reader.load(np.zeros(10), 1 << 40)
+    array = {"": "array", "dtype": "<f8", "shape": (9,), "offset": 0}
     with pytest.raises(wire_protocol.WireError, match="expected a frame of at least"):
-        array = {"": "array", "dtype": "<f8", "shape": (9,), "offset": 0}
         wire_protocol.decode(wire_protocol.msgpack.packb(array), reader.load)
     with pytest.raises(wire_protocol.WireError, match="expected no array outside the message"):
         wire_protocol.decode(wire_protocol.msgpack.packb(array))

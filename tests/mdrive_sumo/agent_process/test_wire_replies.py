@@ -52,11 +52,11 @@ def test_a_good_reply_arrives_as_it_was_sent(reply: Reply) -> None:
 
 
 def test_numbers_of_numpy_and_lists_of_points_are_numbers() -> None:
-    control = Control(np.float32(0.5), np.array(0.0), np.int64(1))  # type: ignore[arg-type]
+    control = Control(np.float32(0.5), np.array(0.0), np.int64(1))
     assert read(wire_protocol.encode_frame({"tick": TICK, "value": Reply(control)})[4:]).control == Control(
         0.5, 0.0, 1.0
     )
-    plan = Plan([(1, 2), (3, 4.5)], 0.2)  # type: ignore[arg-type]
+    plan = Plan([(1, 2), (3, 4.5)], 0.2)
     found = read(wire_protocol.encode_frame({"tick": TICK, "value": Reply(plan=plan)})[4:]).plan
     assert found is not None and found.points.tolist() == [[1.0, 2.0], [3.0, 4.5]]
 
@@ -83,7 +83,7 @@ def test_what_an_agent_declares() -> None:
         ({"label": "single", "sensors": None}, r"sensors\(\): expected a tuple"),
         ({"label": "single", "sensors": ("lidar",)}, "expected a SensorSpec, found str"),
         ({"label": "single", "sensors": (SensorSpec("x"),) * 65}, r"sensors\(\): expected a tuple of at most 64"),
-        ({"label": "single", "sensors": (SensorSpec("x", options={"a": None}),)}, "option 'a': expected a number"),  # type: ignore[dict-item]
+        ({"label": "single", "sensors": (SensorSpec("x", options={"a": None}),)}, "option 'a': expected a number"),
         ({"label": "single", "sensors": (SensorSpec("x", range_m=True),)}, "range_m: expected a number, found bool"),
         ("single", "what an agent declares: expected a mapping, found str"),
     ],

@@ -234,9 +234,9 @@ class Watched(LocalDriver):
         super().__init__(AGENTS[agent]({"detector": "ideal"}))
         self.seen = []
 
-    def ask(self, seen: Observation) -> None:
-        self.seen.append(seen)
-        super().ask(seen)
+    def ask(self, observation: Observation) -> None:
+        self.seen.append(observation)
+        super().ask(observation)
 
 
 def past_the_house(agent: str) -> tuple[EpisodeRecord, dict[str, Watched]]:

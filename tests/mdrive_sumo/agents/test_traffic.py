@@ -54,9 +54,7 @@ def test_a_cav_arrives_in_flowing_traffic_without_a_scratch(agent: str) -> None:
 
 def test_followers_wait_behind_a_cav_that_stands() -> None:
     episode = driven("stationary")
-    ego = boxes_corners(
-        *(np.array(v) for v in (episode.x[:, :1], episode.y[:, :1], episode.yaw[:, :1])), *_size(episode, 0)
-    )
+    ego = boxes_corners(episode.x[:, :1], episode.y[:, :1], episode.yaw[:, :1], *_size(episode, 0))
     others = boxes_corners(episode.x[:, 1:], episode.y[:, 1:], episode.yaw[:, 1:], *_size(episode, slice(1, None)))
     touching = boxes_overlap(ego, others) & episode.valid[:, 1:]
     assert not touching.any()

@@ -41,7 +41,7 @@ def episode() -> md.Episode:
 
 
 def test_simulate_gives_the_episode_of_the_worker(episode: md.Episode) -> None:
-    options = md.Simulation(SCENARIO, comm="realistic")._config.options  # pyright: ignore
+    options = md.Simulation(SCENARIO, comm="realistic")._config.options
     folder = str(list_packaged_suites()["interdrive"])
     result = run_job(EpisodeJob(folder, SCENARIO, AgentSpec("sharing"), 1, ScoreMode.MDRIVE, options=options))
     assert episode.digest == result.digest
@@ -73,7 +73,7 @@ def test_a_plot_shows_the_cavs_of_its_tick(episode: md.Episode) -> None:
 
 def test_the_replay_is_shown_in_a_frame_and_saved(episode: md.Episode, tmp_path: Path) -> None:
     page = episode.replay()
-    shown = page._repr_html_()  # pyright: ignore[reportPrivateUsage]
+    shown = page._repr_html_()
     assert shown.startswith("<iframe srcdoc=") and "<script" not in shown
     assert page.save(tmp_path / "new" / "replay.html").read_text(encoding="utf-8") == page.html
 

@@ -18,7 +18,7 @@ def test_every_public_name_can_be_imported() -> None:
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
-        md.simulat  # noqa: B018  # pyright: ignore
+        md.simulat  # noqa: B018
 
 
 def test_the_import_loads_no_other_package() -> None:

@@ -21,21 +21,21 @@ def test_an_object_that_moved_is_remembered() -> None:
 class TestStanding:
     def test_the_mean_of_noisy_detections_is_more_accurate(self) -> None:
         rng, standing = np.random.default_rng(0), StaticObjectTracker()
-        for tick in range(0, 80, 4):
-            noisy = things((20.0 + rng.normal(0, 0.2), rng.normal(0, 0.2), rng.normal(0, 0.5)))
-            standing.update(tick, noisy)
-        best = standing.replace_by_means(noisy, np.array([True]))
-        assert standing.compute_standstill_durations(noisy) == pytest.approx([3.8])
+        detections = [things((20.0 + rng.normal(0, 0.2), rng.normal(0, 0.2), rng.normal(0, 0.5))) for _ in range(20)]
+        for index, noisy in enumerate(detections):
+            standing.update(4 * index, noisy)
+        best = standing.replace_by_means(detections[-1], np.array([True]))
+        assert standing.compute_standstill_durations(detections[-1]) == pytest.approx([3.8])
         assert math.hypot(best.x[0] - 20.0, best.y[0]) < 0.12
         assert best.speed[0] == 0.0
         assert best.kind[0] == Kind.STATIC
 
     def test_a_creeping_object_does_not_stand(self) -> None:
         standing = StaticObjectTracker()
-        for tick in range(0, 240, 4):
-            creeping = things((20.0 + 0.3 * tick * DT, 0.0, 0.3))
+        detection_by_tick = {tick: things((20.0 + 0.3 * tick * DT, 0.0, 0.3)) for tick in range(0, 240, 4)}
+        for tick, creeping in detection_by_tick.items():
             standing.update(tick, creeping)
-        assert standing.compute_standstill_durations(creeping)[0] < 8.0
+        assert standing.compute_standstill_durations(detection_by_tick[236])[0] < 8.0
 
     def test_a_missed_object_is_added_for_a_second(self) -> None:
         standing, nothing = StaticObjectTracker(), things()

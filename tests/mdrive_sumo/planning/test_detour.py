@@ -77,7 +77,7 @@ def test_a_detour_is_clear_on_the_road_and_drivable(
     assume(detour is not None)
     assert detour is not None
     cells = find_cells(detour.path, np.arange(3.0, detour.last_s, SPACING_M))
-    mine = shapely.polygons(compute_footprints(detour.path, CAR.length, CAR.width, cells))
+    mine = np.asarray(shapely.polygons(compute_footprints(detour.path, CAR.length, CAR.width, cells)))
     passed = shapely.polygons(corners[compute_box_extents(path, 3.0, corners)[:, 0] < detour.last_s - 4.0])
     assert shapely.distance(mine[:, None], passed).min() > 0.2
     beside = shapely.distance(shapely.union_all(mine), passed)
@@ -85,8 +85,8 @@ def test_a_detour_is_clear_on_the_road_and_drivable(
     assert shapely.covers(strip(radius, oncoming), mine[np.linspace(0, len(mine) - 1, 40).astype(int)]).all()
     assert np.abs(detour.path.curvature[cells]).max() <= DETOUR.max_curvature
     # It begins and ends as the old path does, and its points are evenly spaced.
-    old, new = shapely.LineString(path.xy), shapely.points(detour.path.xy)
-    gone = shapely.distance(new, old)
+    old, new = shapely.LineString(path.xy), np.asarray(shapely.points(detour.path.xy))
+    gone = np.asarray(shapely.distance(new, old))
     stations = np.arange(len(new)) * SPACING_M
     assert gone[(stations < detour.first_s) | (stations > detour.last_s)].max() < 0.01
     assert np.hypot(*np.diff(detour.path.xy, axis=0).T) == pytest.approx(SPACING_M, abs=0.01)

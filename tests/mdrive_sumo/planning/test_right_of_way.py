@@ -17,10 +17,10 @@ REAR = 1.42
 
 def cars(*rows: tuple[float, float, float, float]) -> Objects:
     """Cars of x, y [m], yaw [rad], speed [m/s]."""
-    table = np.array(rows).reshape(-1, 4)
-    names = tuple(f"b{i}" for i in range(len(table)))
-    kind = np.full(len(table), Kind.VEHICLE, dtype=np.uint8)
-    return Objects(names, kind, *table.T, np.full(len(table), 4.5), np.full(len(table), 1.8))
+    x, y, yaw, speed = np.array(rows).reshape(-1, 4).T
+    names = tuple(f"b{i}" for i in range(len(rows)))
+    kind = np.full(len(rows), Kind.VEHICLE, dtype=np.uint8)
+    return Objects(names, kind, x, y, yaw, speed, np.full(len(rows), 4.5), np.full(len(rows), 1.8))
 
 
 def mover(speed: float = 8.0) -> right_of_way.EgoMotion:

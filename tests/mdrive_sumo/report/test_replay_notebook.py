@@ -14,7 +14,7 @@ def test_the_replay_works_inside_a_notebook(browser: Any, tmp_path: Path) -> Non
     """A notebook shows the page in a frame without an address or an origin of its own."""
     path = tmp_path / "notebook.html"
     page = ReplayPage(render_replay(record(), scenario(2), crossing(), ()))
-    path.write_text("<!doctype html><body>" + page._repr_html_(), encoding="utf-8")  # pyright: ignore[reportPrivateUsage]
+    path.write_text("<!doctype html><body>" + page._repr_html_(), encoding="utf-8")
     tab = browser.new_page()
     trouble: list[str] = []
     tab.on("pageerror", lambda error: trouble.append(str(error)))

@@ -134,7 +134,7 @@ def test_a_cluster_works_in_children_of_its_workers_at_once(fakes: ModuleType, t
     with opened(fakes, two_workers.address) as dask:
         wait_for(lambda: dask.free_slots == 2)
         found = [outcome for _, outcome in run_jobs(dask, [fakes.Task(str(i), "nap") for i in range(6)])]
-    pids = {int(outcome.split()[1]) for outcome in found}
+    pids = {int(str(outcome).split()[1]) for outcome in found}
     assert len(pids) == 2  # each thread keeps its child
     assert not pids & {worker.pid for worker in two_workers.workers}
 

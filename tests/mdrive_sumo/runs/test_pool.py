@@ -7,6 +7,7 @@ import sys
 from functools import partial
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from testing import processes
@@ -26,7 +27,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return pool_fakes
 
 
-def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0, folder: str = "") -> list:
+def run(fakes: ModuleType, *deeds: str, workers: int = 1, limit_s: float = 60.0, folder: str = "") -> list[Any]:
     tasks = [fakes.Task(f"{i}", deed, folder) for i, deed in enumerate(deeds)]
     with ProcessPool(fakes.perform, workers, limit_s) as pool:
         found = {task.name: outcome for task, outcome in pool.run(tasks)}

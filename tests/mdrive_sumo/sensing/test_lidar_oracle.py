@@ -119,7 +119,7 @@ def cases(draw: st.DrawFn, leaning: bool) -> Case:
         pose |= {"roll_deg": draw(st.floats(-180, 180)), "pitch_deg": draw(st.floats(-180, 180))}
     others = [(k, x + own[1], y + own[2], *rest) for k, x, y, *rest in draw(st.lists(BOXES, max_size=12))]
     shifted = [tuple((x + own[1], y + own[2]) for x, y in ring) for ring in draw(st.lists(rings(), max_size=3))]
-    return Case(own, others, shifted, pose)  # type: ignore[arg-type]
+    return Case(own, others, shifted, pose)
 
 
 def check(case: Case) -> None:

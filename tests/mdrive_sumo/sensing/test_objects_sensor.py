@@ -120,7 +120,7 @@ class TestIdeal:
     )
     def test_bad_options(self, options: dict[str, float | str | bool]) -> None:
         with pytest.raises(InputError):
-            sensor(**options)  # type: ignore[arg-type]
+            sensor(**options)
 
     @pytest.mark.parametrize("range_m", [0.0, -1.0, math.nan, math.inf])
     def test_bad_range(self, range_m: float) -> None:
@@ -141,7 +141,7 @@ def seen_at(device: ObjectsSensor, tick: int, places: tuple[Place, ...] = RING) 
 
 def instant(profile: str, monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
     """The profile without latency, for tests that ask in any order."""
-    changed = {**PROFILES, profile: replace(PROFILES[profile], latency_ticks=0, **changes)}  # type: ignore[arg-type]
+    changed = {**PROFILES, profile: replace(PROFILES[profile], latency_ticks=0, **changes)}
     monkeypatch.setattr("mdrive_sumo.sensing.objects_sensor.PROFILES", changed)
 
 

@@ -38,13 +38,16 @@ def sensor(roads: RoadMap, route: Float | None = None, **options: float | str | 
 
 def objects(*boxes: tuple[Kind, float, float, float, float, float]) -> Objects:
     """Objects of kind, x, y, yaw, length and width."""
-    table = np.array([box[1:] for box in boxes]).reshape(-1, 5)
+    x, y, yaw, length, width = np.array([box[1:] for box in boxes]).reshape(-1, 5).T
     return Objects(
         tuple(f"t{i}" for i in range(len(boxes))),
         np.array([box[0] for box in boxes], dtype=np.uint8),
-        *table[:, :3].T,
+        x,
+        y,
+        yaw,
         np.zeros(len(boxes)),
-        *table[:, 3:].T,
+        length,
+        width,
     )
 
 
@@ -72,7 +75,7 @@ def beside(roads: RoadMap, points: Float, streets_only: bool) -> Float:
     """(M, L) distance of points to the lanes' borders [m], negative inside; infinite before and after the lane."""
     lanes = [lane for lane in roads.driving if not (streets_only and lane.junction)]
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in lanes])
-    here = shapely.points(points)[:, None]
+    here = np.asarray(shapely.points(points))[:, None]
     along = shapely.line_locate_point(lines, here)
     outside = (along <= 0) | (along >= shapely.length(lines))
     return np.where(outside, np.inf, shapely.distance(lines, here) - np.array([lane.width / 2 for lane in lanes]))

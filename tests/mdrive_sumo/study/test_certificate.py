@@ -38,7 +38,7 @@ def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
 
 def hidden_in(scenario: str, **changes: object) -> tuple[OccludedInterval, ...]:
     episode, found = blind(scenario)
-    return find_occluded_intervals("constant-speed", episode, found, replace(TOWN, **changes))  # type: ignore[arg-type]
+    return find_occluded_intervals("constant-speed", episode, found, replace(TOWN, **changes))
 
 
 def test_houses_hide_who_comes_from_the_side() -> None:

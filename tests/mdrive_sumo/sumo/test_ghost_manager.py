@@ -112,7 +112,7 @@ def test_a_thing_that_stands_is_placed_once(roads: RoadMap, monkeypatch: pytest.
 
     def counted(name: str, *rest: object) -> None:
         placed.append(name)
-        real(name, *rest)  # pyright: ignore[reportArgumentType]
+        real(name, *rest)
 
     monkeypatch.setattr(ghost_manager, "place_vehicle", counted)
     driven(roads, [thing(lane_x(roads), -80.0, (4.6, 1.85))] * 100)

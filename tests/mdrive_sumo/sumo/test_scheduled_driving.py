@@ -42,11 +42,11 @@ def logged(
     **more: object,
 ) -> BackgroundVehicle:  # fmt: skip
     (t0, s0), (t1, s1) = progress[:2]
-    schedule = Schedule(progress=progress, **{key: more.pop(key) for key in ("lanes", "leaves") if key in more})  # pyright: ignore[reportArgumentType]
+    schedule = Schedule(progress=progress, **{key: more.pop(key) for key in ("lanes", "leaves") if key in more})
     return BackgroundVehicle(
         id=name, depart_s=t0, edges=edges, depart_lane=lane, depart_pos_m=START_M, depart_speed=(s1 - s0) / (t1 - t0),
         driving=CarFollowing(sigma=0), schedule=schedule, **more,
-    )  # fmt: skip  # pyright: ignore[reportArgumentType]
+    )  # fmt: skip
 
 
 def run(roads: RoadMap, vehicles: list[BackgroundVehicle], egos: list[EgoState | None]) -> list[Actors]:

@@ -32,13 +32,13 @@ def track(x: Float, y: Float | float = 0.0, yaw: Float | float = 0.0, **kwargs: 
     full = {"length": 4.5, "width": 1.8} | {k: v for k, v in kwargs.items() if k in ("length", "width")}
     return RecordedTrack(
         id=str(kwargs.get("id", "a")),
-        category=kwargs.get("category", ObjectCategory.CAR),  # type: ignore[arg-type]
+        category=kwargs.get("category", ObjectCategory.CAR),
         valid=np.ones(n, dtype=np.bool_),
         x=np.asarray(x, dtype=np.float64),
         y=np.broadcast_to(np.asarray(y, dtype=np.float64), n).copy(),
         yaw=np.broadcast_to(np.asarray(yaw, dtype=np.float64), n).copy(),
-        length=np.full(n, float(full["length"])),  # type: ignore[arg-type]
-        width=np.full(n, float(full["width"])),  # type: ignore[arg-type]
+        length=np.full(n, float(full["length"])),
+        width=np.full(n, float(full["width"])),
     )
 
 

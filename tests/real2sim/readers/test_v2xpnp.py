@@ -155,11 +155,11 @@ BAD: dict[str, tuple[Spoil, str]] = {
         "object 7: angle: expected 3 numbers, found [1.0, 'north', 2.0]",
     ),
     "object is a number": (
-        lambda f: (f / "1/000001.yaml").write_text(frame({7: 5})),  # pyright: ignore[reportArgumentType]
+        lambda f: (f / "1/000001.yaml").write_text(frame({7: 5})),
         "object 7: expected a mapping with location, found 5",
     ),
     "vehicles is a list": (
-        lambda f: (f / "1/000001.yaml").write_text(frame(vehicles=[1])),  # pyright: ignore[reportArgumentType]
+        lambda f: (f / "1/000001.yaml").write_text(frame(vehicles=[1])),
         "vehicles: expected a mapping of objects, found list",
     ),
     "a hole": (

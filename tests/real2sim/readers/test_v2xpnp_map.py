@@ -146,9 +146,7 @@ def test_bad_maps(tmp_path: Path, types: Any) -> None:
         types.Map([lane(types, 1, 1, [(0, 0), (math.nan, 1)])], None)
     )
     assert "lane 1_1: type: expected a whole number" in message(types.Map([lane(types, 1, 1, EAST, type="a")], None))
-    assert "road_id: expected a whole number, found 'x'" in message(
-        types.Map([lane(types, "x", 1, EAST)], None)  # pyright: ignore[reportArgumentType]
-    )
+    assert "road_id: expected a whole number, found 'x'" in message(types.Map([lane(types, "x", 1, EAST)], None))
     path.unlink()
     with pytest.raises(InputError, match="cannot be read"):
         read_vector_map(path)

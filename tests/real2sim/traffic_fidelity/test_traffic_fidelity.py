@@ -142,6 +142,6 @@ def test_reactive_traffic_stays_with_every_real_log(name: str, shared_data: Path
 @pytest.mark.full
 @pytest.mark.parametrize("mode", ["replay", "hybrid"])
 def test_other_modes_repeat_a_real_log_while_the_cavs_do(mode: str, shared_data: Path, tmp_path: Path) -> None:
-    log = fitted_log("peach", tmp_path, mode)  # type: ignore[arg-type]
+    log = fitted_log("peach", tmp_path, mode)
     found = measure_traffic_fidelity(log.scenario, log.roads, log.tracks, log.fitted.names, log.dt_s)
     assert max(one.worst for one in found.errors if one.worst is not None) < 0.02

@@ -55,7 +55,7 @@ def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.
         return {"type": "http.disconnect"}
 
     async def streamed() -> str:
-        body = request_bodies._Body(receive, 100)  # pyright: ignore[reportPrivateUsage]
+        body = request_bodies._Body(receive, 100)
         leaving = asyncio.create_task(body.receive())
         await waits.wait()
         await body.drain(1)
@@ -93,7 +93,7 @@ def test_a_request_in_hand_is_not_cut(server: Server) -> None:
     """The time for the next one begins with each answer; here the next one is there by then, and takes longer."""
 
     @server.app.get("/slow")
-    async def slow() -> str:  # pyright: ignore[reportUnusedFunction]
+    async def slow() -> str:
         await asyncio.sleep(2.5)
         return "done"
 

@@ -18,7 +18,7 @@ from sqlalchemy import update
 from testing import archive_samples
 from testing.api_app import with_environment
 
-from mdrive_sumo.cli.command_line import _plug_ins, main  # pyright: ignore[reportPrivateUsage]
+from mdrive_sumo.cli.command_line import _plug_ins, main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import load_suite
 from server import COMMANDS, environments

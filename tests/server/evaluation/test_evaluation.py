@@ -133,7 +133,7 @@ def without_database(bench: Bench) -> Generator[None]:
 
 def test_results_wait_for_a_database_that_is_away(bench: Bench) -> None:
     submission = bench.begin("nap")
-    bench.dispatcher._claim()  # pyright: ignore[reportPrivateUsage]
+    bench.dispatcher._claim()
 
     with without_database(bench):
         bench.steps(3, pause_us=100 * S)  # longer than a lease
@@ -147,7 +147,7 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench) -> None:
 def test_who_waits_for_a_database_does_so_in_peace(bench: Bench) -> None:
     """However long: a second between the tries, and a failure of ours is counted once."""
     bench.begin("raise")
-    bench.dispatcher._claim()  # pyright: ignore[reportPrivateUsage]
+    bench.dispatcher._claim()
 
     with without_database(bench):
         for _ in range(1100):

@@ -13,7 +13,6 @@ from testing.evaluation_real import (
     rows,
     served,
     states,
-    steady_code,  # noqa: F401 (a fixture)
     supervised,
     url,
     wait_for,

@@ -132,7 +132,7 @@ def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatc
     offline = ("--no-index", "--find-links", str(tmp_path))
     built = build_environment("mine", tmp_path / "envs", offline)
     assert load_environment("mine", tmp_path / "envs") == built
-    assert (built.site / "tiny.py").is_file()
+    assert built.site is not None and (built.site / "tiny.py").is_file()
     assert "tiny==1.0" in built.packages
     with pytest.raises(InputError, match="already built"):
         build_environment("mine", tmp_path / "envs", offline)

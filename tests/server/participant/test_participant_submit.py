@@ -3,10 +3,11 @@
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from testing.archive_samples import GOOD, packed, written
-from testing.participant_fakes import CLOSED, OPEN, Fake, Run, command_line, serving
+from testing.participant_fakes import CLOSED, OPEN, Fake, Refusal, Run, command_line, serving
 
 from server.enums import ChallengeTrack
 from server.participant import client, follow
@@ -72,10 +73,10 @@ def test_a_submission_is_followed_over_broken_streams(run: Run, fake: Fake, arch
     fake.shown = {"id": "s1", "state": "queued", "summary": {"overall": {"ds": 50.75, "sr": 50.0, "rc": 77.0}}}
     fake.shown["state"] = "running"
 
-    class Done(dict):
+    class Done(dict[str, Any]):
         """Done as soon as the last stream has said it."""
 
-        def items(self):
+        def items(self) -> Any:
             return {**dict(self), "state": "done" if not fake.streams else "running"}.items()
 
     fake.shown = Done(fake.shown)
@@ -132,7 +133,9 @@ def test_an_upload_that_breaks_off_is_repeated_under_the_same_key(run: Run, fake
         ((301, {}, {"Location": "https://x/"}), "(301): it has moved to https://x/"),
     ],
 )
-def test_refusals_are_the_servers_own_sentence(run: Run, fake: Fake, archive: Path, refusal, expected: str) -> None:
+def test_refusals_are_the_servers_own_sentence(
+    run: Run, fake: Fake, archive: Path, refusal: Refusal, expected: str
+) -> None:
     fake.refusal = refusal
     found = send(run, fake, archive)
     assert found.exit_code == 2
@@ -145,7 +148,9 @@ def test_refusals_are_the_servers_own_sentence(run: Run, fake: Fake, archive: Pa
     ("phases", "expected"),
     [([OPEN, OPEN | {"id": "more"}], "expected --phase, one of: warm-up, more"), ([CLOSED], "none is open now")],
 )
-def test_the_phase_is_asked_for_unless_there_is_one(run: Run, fake: Fake, archive: Path, phases, expected: str) -> None:
+def test_the_phase_is_asked_for_unless_there_is_one(
+    run: Run, fake: Fake, archive: Path, phases: list[dict[str, Any]], expected: str
+) -> None:
     fake.phases = phases
     found = send(run, fake, archive)
     assert (found.exit_code, expected in found.output) == (2, True)

@@ -178,7 +178,7 @@ def test_what_is_no_backup_is_refused(store: Store, tmp_path: Path, content: byt
         connection.execute("CREATE TABLE other (id INTEGER)")
         connection.close()
     elif content is not None:
-        file.write_bytes(content)  # type: ignore[arg-type]
+        file.write_bytes(content)
     with pytest.raises(InputError, match="expected a backup"):
         restore_backup(store, file)
 

@@ -159,9 +159,11 @@ def test_three_failures_of_ours_end_the_submission_without_cost(store: Store, ho
     (red,) = with_teams(store, "red")
     with store.write() as session:
         submission = sent(session, red).id
+    job_ids: set[int] = set()
     for attempt in range(1, MAX_FAILURES + 1):
         now_us = NOON + attempt * 2 * LEASE
         job = claimed(store, now_us=now_us)
+        job_ids.add(job.id)
         assert (job.attempt, job.failures) == (attempt, attempt - 1)
         with store.write() as session:
             if how == "lease":
@@ -177,8 +179,9 @@ def test_three_failures_of_ours_end_the_submission_without_cost(store: Store, ho
                     JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure="SUMO crashed"),
                     now_us,
                 )
+    (job_id,) = job_ids
     with store.read() as session:
-        found, failed = submissions.get(session, submission), jobs.get(session, job.id)
+        found, failed = submissions.get(session, submission), jobs.get(session, job_id)
         assert (found.state, found.counts) == (SubmissionState.FAILED_OURS, False)
         assert "does not count" in found.why and "SUMO" not in found.why
         assert (failed.state, failed.verdict) == (JobState.FAILED, ScenarioVerdict.FAILED_OURS)

@@ -179,7 +179,7 @@ def test_the_summary_is_made_of_the_jobs_in_order(store: Store, red: str) -> Non
         submission = sent(session, red, jobs=[("b", 1), ("b", 0), ("a", 0)])
         while (job := jobs.claim(session, "w", LEASE, NOON)) is not None:
             jobs.finish(session, job.id, "w", 1, GOOD, NOON)
-        submissions.finish_if_complete(session, submission.id, summarise, NOON)  # type: ignore[arg-type]
+        submissions.finish_if_complete(session, submission.id, summarise, NOON)
     assert seen == [("a", 0, GOOD.result), ("b", 0, GOOD.result), ("b", 1, GOOD.result)]
 
 

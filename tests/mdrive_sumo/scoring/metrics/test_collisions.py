@@ -47,11 +47,11 @@ def test_both_cavs_of_a_pair_pay() -> None:
 
 
 def hits_of(*ticks_and_others: tuple[int, str]) -> dict[int, list[object]]:
-    return {tick: [hit("0", other)] for tick, other in ticks_and_others}  # pyright: ignore
+    return {tick: [hit("0", other)] for tick, other in ticks_and_others}
 
 
 def collision_ticks(rows: Sequence[Row], *ticks_and_others: tuple[int, str]) -> list[int]:
-    return [tick for _, tick in events(record(rows, hits=hits_of(*ticks_and_others)))]  # pyright: ignore
+    return [tick for _, tick in events(record(rows, hits=hits_of(*ticks_and_others)))]
 
 
 def test_touching_on_is_one_collision() -> None:
