@@ -61,7 +61,7 @@ capabilities who can win none, `/proc` partly covered or not. Not the engine's f
 
 @dataclass(frozen=True, slots=True)
 class Images:
-    """Built with buildah in a store of their own, from a copy of the code, which nobody changes meanwhile."""
+    """Built with buildah in a store of their own, from a copy of the code, which does not change meanwhile."""
 
     store: Path
     context: Path

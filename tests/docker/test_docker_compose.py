@@ -174,7 +174,7 @@ def test_only_what_opens_boxes_is_less_confined() -> None:
     assert all(f"`{option}`" in page for option in BOX_OPTIONS if option.endswith("unconfined"))
 
 
-def test_nobody_outside_reaches_the_cluster_and_the_database() -> None:
+def test_the_cluster_and_the_database_are_not_reachable_from_outside() -> None:
     outside = {name for name, each in SERVICES.items() if "outside" in each.get("networks", [])}
     assert outside == {name for name, each in SERVICES.items() if "ports" in each} == {"server"}
     assert all(port.startswith("127.0.0.1:") for port in SERVICES["server"]["ports"])

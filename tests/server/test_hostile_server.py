@@ -118,7 +118,7 @@ def archives(door: Door) -> set[str]:
 
 
 def check_verdicts(door: Door, found: Mapping[str, Mapping[str, Any]]) -> None:
-    """Each is in the table, nobody is failed by us."""
+    """Each is in the table, and none has a failure of ours."""
     jobs = jobs_of(door)
     got = {name: verdict(found[name], jobs[name][0]) for name in SERVED}
     assert got == {name: each.verdict for name, each in SERVED.items()}
@@ -207,7 +207,7 @@ def check_nothing_is_left(door: Door) -> None:
 
 
 def given(folder: Path) -> dict[Path, bytes]:
-    """What a server reads and nobody writes."""
+    """What a server reads and no agent may write."""
     paths = (folder / "server.toml", *folder.glob("*/suite.json"), *folder.glob("*/*/scenario.json"))
     return {path: path.read_bytes() for path in paths}
 
@@ -233,7 +233,7 @@ def owner(path: Path) -> int:
 
 
 def check_date(door: Door, date_s: float) -> None:
-    """What a date changes, a spot re-run shows; who does the same twice is not blamed."""
+    """What a date changes, a spot re-run shows; an agent that does the same twice is not blamed."""
     time.sleep(max(0.0, date_s - time.time()))
     checked = door.admin("verify", door.sent["until-a-date"], door.sent["diary"])
     lines = {line.split()[0]: line for line in checked.stdout.splitlines()}

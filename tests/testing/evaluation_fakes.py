@@ -38,7 +38,7 @@ def fast_clock() -> int:
 
 
 def steady() -> str:
-    """In place of the code's checksum, so that nobody who changes the code while a test runs ends its workers."""
+    """In place of the code's checksum, so that a change of the code while a test runs does not end its workers."""
     return "of a test"
 
 

@@ -75,9 +75,9 @@ class Made:
 def made(
     roads: RoadMap, *tracks: RecordedTrack, mode: BackgroundMode = "reactive", cavs: Sequence[str] = ("cav",)
 ) -> Made:
-    """Fitted tracks and their scenario; a CAV far ahead of everybody is added."""
-    everybody = (track("cav", 300.0 + 8.0 * seconds(), 0.0), *tracks)
-    fitted = fit_traffic(everybody, matches_of(everybody, roads), roads, cavs, mode, DT_S)
+    """Fitted tracks and their scenario; a CAV far ahead of all others is added."""
+    all_tracks = (track("cav", 300.0 + 8.0 * seconds(), 0.0), *tracks)
+    fitted = fit_traffic(all_tracks, matches_of(all_tracks, roads), roads, cavs, mode, DT_S)
     scenario = Scenario(
         id="crossing",
         bucket="Test",
@@ -87,4 +87,4 @@ def made(
         background=fitted.background,
         actors=fitted.actors,
     )
-    return Made(fitted, scenario, roads, everybody)
+    return Made(fitted, scenario, roads, all_tracks)

@@ -135,7 +135,7 @@ def plant_jumps(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 6, lon
 
 
 def plant_ego_ghosts(log: Log, seed: int, avoid: Avoid = NOTHING) -> Planted:
-    """A CAV lists itself as somebody else."""
+    """A CAV lists itself as another vehicle."""
     rng = np.random.default_rng(seed)
     faults: list[Fault] = []
     for v, view in enumerate(log.recording.views):
@@ -172,7 +172,7 @@ def plant_headings(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 6) 
 
 
 def plant_gaps(log: Log, seed: int, avoid: Avoid = NOTHING, count: int = 6, longest: int = 15) -> Planted:
-    """For some frames nobody sees a thing."""
+    """For some frames no observer sees a road user."""
     rng = np.random.default_rng(seed)
     faults: list[Fault] = []
     everywhere = {log.truth[n].id for n in range(len(log.truth)) if n not in (0, 7)}

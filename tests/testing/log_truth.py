@@ -83,7 +83,7 @@ def made(number: int, category: ObjectCategory, pose: tuple[Float, Float, Float]
 
 
 def alone(things: Sequence[RecordedTrack], seed: int, noise: float = 1.0) -> Log:
-    """What one all-seeing observer without a pose records: there is nobody to correct it."""
+    """What one all-seeing observer without a pose records: there is no other observer to correct it."""
     frames = len(things[0].x)
     view = seen(things, "log", np.zeros((frames, 3)), (np.random.default_rng(seed + 20_000), noise), reach=1e6)
     recording = Recording(f"made-{seed}", "made", DT, frames, (replace(view, pose=np.zeros((0, 3))),), HdMap())

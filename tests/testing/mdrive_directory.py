@@ -32,7 +32,7 @@ WALK = xml([(60, 8, -90), (60, -6, -90)])
 
 
 class Directory:
-    """A scenario directory to be: two CAVs, and whoever is added."""
+    """A scenario directory to be: two CAVs, and the actors that are added."""
 
     def __init__(self, root: Path) -> None:
         self.towns = make_town(root / "towns")

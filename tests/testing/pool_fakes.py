@@ -31,7 +31,7 @@ def perform(task: Task) -> str:
 
 
 def dies_answering(task: Task) -> bytes:
-    """Its answer is too long to be sent before somebody reads; it is killed meanwhile."""
+    """Its answer is too long to be sent before the other end reads; it is killed meanwhile."""
     (Path(task.folder) / f"{task.name}.started").write_text(str(os.getpid()))
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGKILL)).start()
     return bytes(2**24)

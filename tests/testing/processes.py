@@ -14,12 +14,12 @@ def wait_for(condition: Callable[[], bool], limit_s: float) -> None:
 
 
 def written(path: Path) -> bool:
-    """Whether somebody has written something into it: a file is there before its text is."""
+    """Whether it has content: a file exists before its text is written."""
     return path.exists() and path.read_text() != ""
 
 
 def alive(pid: int) -> bool:
-    """Whether it runs: one that nobody has collected yet does not."""
+    """Whether it runs: one that has ended and is not collected yet does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):  # the second where it is collected while we read

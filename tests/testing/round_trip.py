@@ -22,7 +22,7 @@ NEAR_M = 1.0
 WALKER_M = 0.6
 COVERED = 0.9
 LONG_FRAMES = 10
-"""Who is seen by anybody in fewer frames was not visible long enough."""
+"""A road user seen by any observer in fewer frames was not visible long enough."""
 USUAL = ObservationNoise()
 
 
@@ -118,7 +118,7 @@ def there_and_back(
 
 
 def _seen(views: Sequence[ObserverView], thing: RecordedTrack, carried: set[str]) -> Bool:
-    """(T,) whether anybody noted it; whoever observes is known to itself."""
+    """(T,) whether any observer recorded it; an observer knows itself."""
     noted = [track.valid for view in views for track in view.tracks if track.id == thing.id]
     return np.any([*noted, np.full(len(thing.x), thing.id in carried)], axis=0)
 

@@ -42,7 +42,7 @@ def needs_root() -> None:
 def own_slot() -> int:
     """A slot that, with the one after it, no other file of tests and no other process of them uses.
 
-    Held by a name as slots are, so until this process ends; the first ones are left to whoever takes any.
+    Held by a name as slots are, so until this process ends; the first ones are left to callers that take any.
     """
     for number in range(SLOTS // 2, SLOTS, 2):
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

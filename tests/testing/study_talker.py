@@ -1,4 +1,4 @@
-"""A third-party agent that talks, and brakes for a while when it hears somebody."""
+"""A third-party agent that talks, and brakes for a while when it receives a message."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from mdrive_sumo.contract import Briefing, Control, Message, Observation, Reply,
 
 
 class Talker:
-    """Says something every half second; whoever hears anything in the first five seconds brakes in that tick."""
+    """Sends a text every half second; brakes in each tick of the first five seconds in which it receives one."""
 
     label = "sharing"
 

@@ -1,4 +1,4 @@
-"""Synthetic recordings in the V2XPnP format: who is where on the two maps, and which part of a drive is kept."""
+"""Synthetic recordings in the V2XPnP format: places of vehicles on the two maps, and which part of a drive is kept."""
 
 import math
 from types import MappingProxyType

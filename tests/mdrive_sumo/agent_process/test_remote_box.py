@@ -194,7 +194,7 @@ class Driver:
 @boxed
 @pytest.mark.parametrize("target", ["os.kill(1, number)", "os.kill(-1, number)", "os.killpg(0, number)"])
 def test_an_agent_cannot_make_its_end_ours(folder: Path, target: str) -> None:
-    """Whom it kills, itself and the first process of its box included: it is the agent that failed."""
+    """Whichever process it kills, itself and the first process of its box included: it is the agent that failed."""
     (folder / "agents.py").write_text(KILLER.replace("TARGET", target))
     remote = driver(folder, AgentLimits())
     remote.sensors()

@@ -137,7 +137,7 @@ def test_an_answer_in_pieces_in_time_is_one(child: FakeChild, tmp_path: Path) ->
     line.close()
 
 
-def test_who_does_not_read_runs_out_of_time(hasty: AgentConnection) -> None:
+def test_an_agent_that_does_not_read_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="act: the agent does not read within the time limit") as caught:
         hasty.send("act", 1, b"x" * 50_000_000)

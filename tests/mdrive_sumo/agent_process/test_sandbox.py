@@ -127,7 +127,7 @@ def test_each_slot_has_a_user_of_its_own_and_one_box_at_a_time() -> None:
         assert again.slot == SLOT
 
 
-def test_a_slot_that_could_not_be_cleaned_stays_taken_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slot_that_could_not_be_cleaned_stays_taken_and_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     if cgroups.find_hierarchy() is None:
         pytest.skip("needs control groups")
     removed = cgroups.Cgroup.remove

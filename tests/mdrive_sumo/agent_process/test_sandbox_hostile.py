@@ -124,7 +124,7 @@ def test_a_flood_of_output_is_read_and_only_its_end_kept() -> None:
     assert ended.log.endswith(b"the end\n")
 
 
-def test_a_flood_that_nobody_reads_costs_nothing() -> None:
+def test_a_flood_that_is_not_read_costs_nothing() -> None:
     with open_box(python_spec("stdoutflood", slot=SLOT, limits=SMALL)) as box:
         time.sleep(0.5)
         assert box.alive()

@@ -24,7 +24,7 @@ from mdrive_sumo.core.errors import InputError
 
 SLOT = own_slot()
 PLAIN_USER = 54321 if os.geteuid() == 0 else None
-"""Whom to become; None: one is such a user already."""
+"""User to change to; None: this process runs as such a user already."""
 
 
 shell = partial(shell_spec, slot=SLOT)

@@ -97,7 +97,7 @@ def test_what_an_agent_may_not_declare(value: object, text: str | None) -> None:
             reply_decoding.read_declaration(reply_decoding.decode_answer(data, -2))
 
 
-def test_a_joint_agent_answers_for_whom_it_was_asked() -> None:
+def test_a_joint_agent_answers_for_the_cavs_it_was_asked_about() -> None:
     def told(egos: dict[str, object]) -> object:
         return reply_decoding.decode_answer(wire_protocol.encode_frame({"tick": 1, "value": egos})[4:], 1)
 

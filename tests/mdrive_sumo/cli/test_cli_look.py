@@ -16,7 +16,7 @@ def call(*arguments: object) -> Result:
 
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of one scenario in which nobody moves: blocked after 30 s."""
+    """A run of one scenario in which no vehicle moves: blocked after 30 s."""
     folder = tmp_path_factory.mktemp("run")
     first = load_suite("interdrive").scenarios[0].id
     done = call("eval", "--agent", "stationary", "--scenario", first, "--workers", 1, "--out", folder)

@@ -122,7 +122,7 @@ def test_no_answer_at_all_ends_with_one_sentence(answering: Answering, reason: s
 
 
 def test_a_refused_connection_ends_with_one_sentence() -> None:
-    with socket.socket() as taken:  # bound, but nobody listens
+    with socket.socket() as taken:  # bound, but not listening
         taken.bind(("127.0.0.1", 0))
         with pytest.raises(InputError, match="no answer: connection: ConnectError"):
             propose(CROSSWALK, "7", settings_for(f"http://127.0.0.1:{taken.getsockname()[1]}"))

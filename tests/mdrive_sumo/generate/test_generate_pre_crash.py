@@ -91,7 +91,7 @@ def test_same_recipe_same_scenario() -> None:
 @pytest.mark.parametrize(
     ("number", "who"), [(11, "walker"), (12, "walker"), (13, "cyclist"), (14, "cyclist"), (17, "car")]
 )
-def test_who_sets_off_stands_right_behind_a_van(number: int, who: str) -> None:
+def test_the_actor_that_sets_off_stands_right_behind_a_van(number: int, who: str) -> None:
     scenario = first_made(number)
     van, hidden = actor(scenario, "van"), actor(scenario, who)
     gap = shapely.distance(_box(van), _box(hidden))

@@ -113,7 +113,7 @@ def test_a_prop_where_a_vehicle_departs_is_told() -> None:
     assert told == "vehicle car and actor a start inside each other (0.81 m2 overlap)"
 
 
-def test_who_waits_for_a_trigger_stands_and_who_moves_does_not() -> None:
+def test_an_actor_that_waits_for_a_trigger_stands_and_one_that_moves_does_not() -> None:
     start, end = pose_at_start(8.0), pose_at_start(20.0)
     walk = PathMotion(points=((start.x, start.y), (end.x, end.y)), speed=1.0)
     walker = Actor(id="walker", kind="pedestrian", length=0.5, width=0.5, start=start, motion=walk)
@@ -152,7 +152,7 @@ def test_an_actor_in_a_cav_is_told_once(tmp_path: Path) -> None:
     assert problem == f"scenario {TOWN}: actor a: start: expected room, found CAV 0 there (1.00 m2 overlap)"
 
 
-def test_everybody_without_room_is_told(tmp_path: Path) -> None:
+def test_every_road_user_without_room_is_reported(tmp_path: Path) -> None:
     props = tuple(prop(name, pose_at_start(ahead)) for name, ahead in (("a", 8.0), ("b", 8.5)))
     background = Background(vehicles=(vehicle(at=12.0),))
     assert len(examined(tmp_path, actors=(*props, prop("c", FURTHER)), background=background).problems) == 2

@@ -78,8 +78,8 @@ def test_unreadable_and_foreign_messages_are_only_named() -> None:
     assert tables["cams"].size == 0 and header["talk"]["texts"] == []
 
 
-def test_whom_a_cav_sees() -> None:
-    """cav_0 drives east, the building hides from it what comes from behind; nobody sees himself."""
+def test_what_a_cav_sees() -> None:
+    """cav_0 drives east, the building hides from it what comes from behind; no CAV sees itself."""
     episode = record(actors=30)
     sight = compute_visibility(episode, crossing())
     assert sight.shape == (2, 32, 10)

@@ -1,4 +1,4 @@
-"""GNSS, IMU and speedometer, and what is said to whoever wants a camera."""
+"""GNSS, IMU and speedometer, and the error for an agent that declares a camera."""
 
 import math
 from dataclasses import replace

@@ -31,7 +31,7 @@ PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
 
 
 @given(tick=st.integers(0, 5))
-def test_episodes_part_where_somebody_is_somewhere_else(tick: int) -> None:
+def test_episodes_diverge_at_the_first_different_position(tick: int) -> None:
     same = [float(i) for i in range(6)]
     moved = [x + 0.01 * (i >= tick) for i, x in enumerate(same)]
     assert find_divergence_tick(episode(same), episode(moved)) == tick

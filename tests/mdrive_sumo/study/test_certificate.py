@@ -1,4 +1,4 @@
-"""Occlusion certificates: who is hidden from whom on the way to a conflict."""
+"""Occlusion certificates: which vehicle is hidden from which CAV on the way to a conflict."""
 
 from dataclasses import replace
 from functools import cache
@@ -41,14 +41,14 @@ def hidden_in(scenario: str, **changes: object) -> tuple[OccludedInterval, ...]:
     return find_occluded_intervals("constant-speed", episode, found, replace(TOWN, **changes))
 
 
-def test_houses_hide_who_comes_from_the_side() -> None:
+def test_houses_hide_vehicles_from_the_side() -> None:
     intervals = hidden_in("i07_ins_ss_town")
     assert {(h.ego, h.actor) for h in intervals if h.matters} >= {("0", "1"), ("1", "0")}
     assert all(h.start_s <= h.end_s <= h.conflict_s for h in intervals)
     assert all(h.actor in h.by for h in intervals)  # a CAV can always tell of itself
 
 
-def test_without_houses_nobody_is_hidden() -> None:
+def test_without_houses_no_vehicle_is_hidden() -> None:
     assert not any(h.matters for h in hidden_in("i07_ins_ss_town", buildings=()))
 
 
@@ -84,7 +84,7 @@ def test_an_interval_matters_if_it_is_long_and_late(hidden: OccludedInterval, ma
     assert hidden.matters is matters
 
 
-def test_a_certificate_tells_who_knows() -> None:
+def test_a_certificate_names_the_observers() -> None:
     alone = OcclusionCertificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0), interval(0.0, 0.4, 1.0, ("b", "c"))))
     assert (alone.occluded, alone.longest_s, alone.by_third) == (True, 3.0, False)
     helped = OcclusionCertificate(scenario="s", hidden=(interval(0.0, 3.0, 4.0, ("b", "c")),))

@@ -80,7 +80,7 @@ def test_one_command_makes_the_table_the_numbers_and_the_pictures(suite: Path, t
     assert load_results(out / "runs" / "stationary" / "loss_0.5" / "seed1" / "results.json").run.comm["loss"] == 0.5
 
 
-def test_who_says_nothing_is_driven_once_and_finished_runs_never_again(suite: Path, tmp_path: Path) -> None:
+def test_an_agent_without_messages_is_driven_once_and_finished_runs_never_again(suite: Path, tmp_path: Path) -> None:
     ended = study(tmp_path, *SWEEP)
     calls = called(suite)
     drivers = [call.split()[0] for call in calls]

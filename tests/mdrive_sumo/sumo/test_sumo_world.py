@@ -111,7 +111,7 @@ def test_no_vehicle_drives_through_an_ego_that_straddles_or_stands_across(
         assert actors.speed[0] < 0.1
 
 
-def test_an_ego_half_a_metre_inside_a_lane_edge_does_not_stop_whom_it_does_not_touch(roads: RoadMap) -> None:
+def test_an_ego_half_a_metre_inside_a_lane_edge_does_not_stop_vehicles_that_it_does_not_touch(roads: RoadMap) -> None:
     ego = EgoState(-60.0, -4.8 + 0.3, 0.0, 0.0)  # its side is 0.9 m from the other car's corridor
     overlaps, actors = standing(roads, ego, car("bg", lane=1), ticks=200)
     assert overlaps == 0

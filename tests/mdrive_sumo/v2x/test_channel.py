@@ -1,4 +1,4 @@
-"""The channel: who hears what and when, and that chance depends on names and ticks only."""
+"""The channel: which receiver gets which message when; chance depends on names and ticks only."""
 
 import math
 import statistics

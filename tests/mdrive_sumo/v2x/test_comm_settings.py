@@ -184,7 +184,7 @@ def test_nothing_given_is_the_preset() -> None:
             LinkSettings(pose_error_m=0.6, pose_error_deg=0.6),
             {"cam": LinkSettings(), "cpm": LinkSettings(pose_error_m=1, pose_error_deg=2, pose_error_per="episode")},
         ),
-        # Options of a type and of all types meet: whoever says it of all types leaves the others' own values.
+        # Options of a type and of all types meet: a setting of all types leaves the values of single types.
         ({"comm_latency": "cpm=6", "comm_loss": "0.5"}, LinkSettings(loss=0.5), {"cpm": LinkSettings(6, 0.5)}),
         ({"comm_loss": "0.5", "comm_latency": "cpm=6"}, LinkSettings(loss=0.5), {"cpm": LinkSettings(6, 0.5)}),
     ],

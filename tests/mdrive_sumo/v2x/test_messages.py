@@ -137,7 +137,7 @@ def test_bytes_of_an_object_are_the_documented_ones() -> None:
     cpm = Cpm(ReferencePose(10.0, 20.0, math.pi / 2, 0), 100.0, one, np.array([3], np.uint8))
     body = encode(cpm).payload[HEADER:].hex()
     head = "e803010200"  # 1000 dm, one object, two sectors, no road-side unit
-    # 3 m to the east of a sender who looks north is 3 m to its right: x = 0, y = -300 cm; yaw 90 degrees to its left.
+    # 3 m to the east of a sender that faces north is 3 m to its right: x = 0, y = -300 cm; yaw 90 degrees to its left.
     row = "2a000000010000d4fe2823ceff3200280003"
     assert body == head + row + "7fff"
 

@@ -76,7 +76,7 @@ def test_everything_moves_by_the_networks_offset(directory: Directory, tmp_path:
     )
 
 
-def test_who_paces_follows_its_lanes_and_beyond_its_path(directory: Directory, tmp_path: Path) -> None:
+def test_a_pacing_actor_follows_its_lanes_and_beyond_its_path(directory: Directory, tmp_path: Path) -> None:
     path = xml([(60, 5.25, 0), (90, 5.4, 0)])
     for name, action in (("a", {"type": "hard_brake"}), ("b", {"type": "hard_brake", "pacing": False})):
         directory.add("npc", f"{name}.xml", path, name=name, speed=7)
@@ -91,7 +91,7 @@ def test_who_paces_follows_its_lanes_and_beyond_its_path(directory: Directory, t
     assert pacing.speed == 7
 
 
-def test_who_paces_off_the_lanes_keeps_to_its_path_with_a_note(directory: Directory, tmp_path: Path) -> None:
+def test_a_pacing_actor_off_the_lanes_keeps_to_its_path_with_a_note(directory: Directory, tmp_path: Path) -> None:
     directory.add("npc", "a.xml", xml([(60, 9, 0), (90, 9, 0)]), name="a")
     directory.behave("a", {"type": "lane_change"})
     scenario, _ = one(directory, tmp_path / "out")

@@ -56,7 +56,7 @@ def told(fault: Fault, log: Log, cleaned: CleanedRecording) -> bool:
 
 
 def rates(logs: Iterable[tuple[Log, list[Fault]]]) -> tuple[dict[str, float], list[Fault]]:
-    """Share of repaired faults per kind, and those nobody was told about."""
+    """Share of repaired faults per kind, and those that no report mentions."""
     total, good, silent = Counter[str](), Counter[str](), list[Fault]()
     for log, faults in logs:
         cleaned = clean_recording(log.recording)

@@ -64,7 +64,7 @@ def test_a_track_inside_another_is_dropped_with_a_reason() -> None:
     assert (change.reason, change.track, change.frames) == (ChangeReason.INSIDE, ghost.id, 50)
 
 
-def test_a_connected_vehicle_stays_whoever_came_first() -> None:
+def test_a_connected_vehicle_stays_whichever_came_first() -> None:
     cav = late(car(1, 8 * T + 1.5, 0.3), 10)
     (kept,), (change,) = settled(car(0, 8 * T), cav, cavs=(cav.id,))
     assert kept.id == cav.id

@@ -120,7 +120,7 @@ CAR = made(0, ObjectCategory.CAR, (8 * T, np.zeros(100), np.zeros(100)))
 
 
 def test_an_uncorrected_lasting_jump_is_spread() -> None:
-    """Which side is right nobody knows: the track stays one, and no step remains."""
+    """Which side is right is unknown: the track stays one, and no step remains."""
     cleaned = clean_recording(recording(replace(CAR, y=2.0 * (T >= 5))))
     (track,) = cleaned.tracks
     assert np.hypot(*np.diff(track.xy, axis=0).T).max() < 0.8 + 0.25
@@ -249,7 +249,7 @@ def test_a_large_log_is_cleaned_and_reconstructed_in_seconds_of_one_core() -> No
 
 
 @pytest.mark.parametrize(("seconds", "mistake"), [(2.0, True), (5.0, False)])
-def test_who_leaves_its_place_and_comes_back_faster_than_a_car_can_was_there_all_the_time(
+def test_a_vehicle_that_returns_faster_than_a_car_can_was_in_its_place_all_the_time(
     seconds: float, mistake: bool
 ) -> None:
     """A parked car of Argoverse wanders 3 m off within a second, and back: that would take 10 m/s²."""
@@ -261,7 +261,7 @@ def test_who_leaves_its_place_and_comes_back_faster_than_a_car_can_was_there_all
     assert bool(np.abs(there).max() < 0.6) is mistake
 
 
-def test_who_goes_away_is_not_held() -> None:
+def test_a_vehicle_that_drives_away_is_not_held() -> None:
     t = np.arange(100) * 0.1
     x = np.where(t < 7, 0.0, 3 * (t - 7) ** 2)
     assert remove_excursions(np.ones(100, dtype=np.bool_), x, np.zeros(100), 0.1)[2] == 0

@@ -1,4 +1,4 @@
-"""Tracks become traffic: who becomes what, on a drawn crossing; and all real logs."""
+"""Tracks become traffic: which track becomes what, on a drawn crossing; and all real logs."""
 
 from pathlib import Path
 
@@ -113,7 +113,7 @@ def test_of_two_vehicles_abreast_in_one_lane_only_one_is_sumos(roads: RoadMap) -
 # --- what stands, who walks ---------------------------------------------------------------------------------------
 
 
-def test_what_never_moves_stands_and_who_walks_repeats_the_log(roads: RoadMap) -> None:
+def test_what_never_moves_stands_and_pedestrians_repeat_the_log(roads: RoadMap) -> None:
     fitted = made(
         roads,
         track("parked", 50.0, -2.6, parked=True),
@@ -139,7 +139,7 @@ def test_what_was_driven_around_is_not_mirrored(roads: RoadMap) -> None:
     assert made(roads, parked).fitted.actors[0].mirrored
 
 
-def test_what_leaves_before_somebody_drives_through_its_place_is_there_only_that_long(roads: RoadMap) -> None:
+def test_a_track_that_leaves_before_a_vehicle_drives_through_its_place_is_there_only_that_long(roads: RoadMap) -> None:
     parked = track("parked", np.where(seconds() < 2.95, 80.0, np.nan), 0.0, parked=True)
     fitted = made(roads, parked, track("a", 20.0 + 10.0 * seconds(), 0.0)).fitted
     motion = fitted.actors[0].motion
@@ -185,7 +185,9 @@ def test_the_route_of_a_cav_that_hardly_moves_goes_on_along_its_lane(roads: Road
         (track("a", 20.0, seconds(), ObjectCategory.PEDESTRIAN), "expected a vehicle, found a pedestrian"),
     ],
 )
-def test_who_cannot_be_a_cav_is_refused_in_one_sentence(roads: RoadMap, one: RecordedTrack, sentence: str) -> None:
+def test_a_track_that_cannot_be_a_cav_is_refused_in_one_sentence(
+    roads: RoadMap, one: RecordedTrack, sentence: str
+) -> None:
     with pytest.raises(InputError, match=f"CAV a: .*{sentence}"):
         made(roads, one, cavs=("a",))
 
@@ -195,7 +197,7 @@ def test_an_unknown_cav_is_refused_by_name(roads: RoadMap) -> None:
         made(roads, cavs=("nobody",))
 
 
-def test_the_cavs_of_the_source_are_taken_if_they_will_do_else_who_is_there_longest(roads: RoadMap) -> None:
+def test_the_cavs_of_the_source_are_taken_if_suitable_else_the_longest_tracks(roads: RoadMap) -> None:
     short = track("short", np.where(seconds() < 4.0, 20.0 + 10.0 * seconds(), np.nan), 0.0)
     long, off = track("long", 100.0 + 9.0 * seconds(), 0.0), track("off", 20.0 + 10.0 * seconds(), -12.0)
     tracks = (short, long, off)

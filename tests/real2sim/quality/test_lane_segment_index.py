@@ -100,7 +100,7 @@ def test_crossing_an_opposite_lane_is_no_wrong_way_driving() -> None:
 
 
 @pytest.mark.parametrize(("degrees", "wrong"), [(25, False), (15, True)])
-def test_who_goes_slantwise_crosses_and_who_swerves_drives_the_wrong_way(degrees: float, wrong: bool) -> None:
+def test_a_slanting_path_crosses_and_a_swerving_one_drives_the_wrong_way(degrees: float, wrong: bool) -> None:
     """The second of two lanes is crossed over about 10 m; overtaking stays in it for longer."""
     index = LaneSegmentIndex.from_centre_lines([np.array(((200.0, 0.0), (-50.0, 0.0)))], [True])
     angle = math.radians(degrees)

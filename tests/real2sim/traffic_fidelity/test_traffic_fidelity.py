@@ -77,8 +77,8 @@ def test_paths_that_cross_have_a_conflict_point_and_an_order() -> None:
     assert is_order_kept(one, log, log)
     late = {"east": east.xy - (40.0, 0.0), "north": north.xy}
     assert not is_order_kept(one, log, late)
-    nobody = {"east": np.full((FRAMES, 2), np.nan), "north": np.full((FRAMES, 2), np.nan)}
-    assert not is_order_kept(one, log, nobody)
+    absent = {"east": np.full((FRAMES, 2), np.nan), "north": np.full((FRAMES, 2), np.nan)}
+    assert not is_order_kept(one, log, absent)
 
 
 def test_paths_that_merge_have_a_conflict_point() -> None:
@@ -89,13 +89,13 @@ def test_paths_that_merge_have_a_conflict_point() -> None:
 
 
 @pytest.mark.parametrize("aside", [0.0, 3.5])
-def test_who_follows_or_drives_beside_has_no_conflict_point(aside: float) -> None:
+def test_vehicles_that_follow_or_drive_beside_have_no_conflict_point(aside: float) -> None:
     one, other = track("a", 20.0 + 10.0 * seconds(), 0.0), track("b", 10.0 * seconds(), aside)
     assert find_conflict_points({"a": one.xy, "b": other.xy}) == ()
 
 
 def test_crossing_traffic_keeps_the_order_of_the_log(roads: RoadMap) -> None:
-    """Who comes from the side goes first in the log: with SUMO's own right of way it might not."""
+    """The vehicle from the side goes first in the log: with SUMO's own right of way it might not."""
     for east in (130.0, 145.0, 172.0, 190.0):
         scene = made(roads, track("a", east + 10.0 * seconds(), 0.0), track("b", 215.0, -55.0 + 10.0 * seconds()))
         found = measured(scene)

@@ -68,7 +68,7 @@ def test_a_drive_in_sumo_comes_back(trip: Trip) -> None:
     cavs = {thing.id for thing in trip.truth[:2]}
     assert {trip.owners[track] for track in trip.cleaned.cavs.values()} == cavs
     assert trip.cleaned.cavs.keys() == {"1", "2"}
-    for track, thing in trip.owners.items():  # nobody is taken for another kind of thing
+    for track, thing in trip.owners.items():  # no track is taken for another kind of road user
         kinds = {t.category.kind for t in trip.truth if t.id == thing}
         assert {t.category.kind for t in trip.tracks if t.id == track} == kinds
 

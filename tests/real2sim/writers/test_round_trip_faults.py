@@ -37,7 +37,7 @@ CLEAN = ObservationNoise(
     label_error_probability=0.0,
     attribute_error_probability=0.0,
 )
-"""Everybody sees everything all the time, with the usual errors of position, size and yaw."""
+"""Every observer sees everything all the time, with the usual errors of position, size and yaw."""
 CROWD = Crowd(vehicles=30, walkers=12, all=54)
 MAP_SHARE = 0.15
 """Of the lanes drawn backwards, and of the links taken away."""

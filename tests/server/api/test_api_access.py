@@ -15,7 +15,7 @@ from server.store.phases import set_phases
 from server.store.tables import AuditEntryRow
 
 WHO = ("", "blue", "red", "worker", "admin")
-"""Nobody, another team, the submission's own team, a worker, an admin."""
+"""No token, another team, the submission's own team, a worker, an admin."""
 PUBLIC = "200 200 200 200 200"
 NO_OTHERS = "401 404 200 404 200"
 ADMINS = "401 403 403 403 200"
@@ -110,7 +110,7 @@ def test_who_may_do_what(server: Server) -> None:
     assert found == ACCESS
 
 
-def test_what_a_team_does_not_show_is_nobody_elses(server: Server) -> None:
+def test_other_teams_cannot_read_what_a_team_does_not_show(server: Server) -> None:
     mine = sent(server)
     with server.store.write() as session:
         while (job := jobs.claim(session, "w", LEASE, server.now_us)) is not None:
@@ -134,7 +134,7 @@ def test_no_part_of_a_path_is_a_path(server: Server, part: str) -> None:
         assert server.ask("GET", path, "admin").status_code in (404, 422), path
 
 
-def test_what_is_ones_own_is_kept_by_nobody(server: Server) -> None:
+def test_answers_for_one_team_are_not_cached(server: Server) -> None:
     mine = sent(server)
     own = server.ask("GET", f"/submissions/{mine}", "red").headers
     assert (own["cache-control"], own["x-content-type-options"]) == ("no-store", "nosniff")

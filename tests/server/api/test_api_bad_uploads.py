@@ -90,7 +90,7 @@ def test_broken_forms_are_refused(server: Server, kind: str, content: bytes, sta
     assert list(server.settings.archives.iterdir()) == []
 
 
-def test_a_refusal_is_heard_by_who_is_still_sending(tmp_path: Path) -> None:
+def test_a_refusal_reaches_a_client_that_is_still_sending(tmp_path: Path) -> None:
     """Without reading on, the connection would be cut, and a client would report that and not the answer."""
     server = Server(tmp_path, archive_bytes=20_000_000)
     with listening(server) as address:

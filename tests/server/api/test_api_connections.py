@@ -42,7 +42,7 @@ def test_a_body_that_does_not_end_is_not_waited_for(server: Server, monkeypatch:
 
 
 def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever streams waits for the client to leave, also where the middleware has read the body's end."""
+    """A stream waits for the client to leave, also where the middleware has read the body's end."""
     monkeypatch.setattr(request_bodies, "JSON_S", 0.01)
     gone, waits = asyncio.Event(), asyncio.Event()
     arrived = [{"type": "http.request", "body": b"", "more_body": False}]

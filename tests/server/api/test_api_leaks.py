@@ -120,7 +120,7 @@ class Phase:
         return mine
 
     def answers(self) -> Iterator[tuple[str, str]]:
-        """Every GET of the description, for everybody but admins, with all that could be asked for."""
+        """Every GET of the description, for every caller but admins, with all that could be asked for."""
         for template, methods in self.server.app.openapi()["paths"].items():
             if "get" not in methods:
                 continue

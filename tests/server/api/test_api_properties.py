@@ -69,7 +69,7 @@ def tried(server: Server, address: str, examples: int) -> dict[str, list[int]]:
 
 
 def caller(server: Server, address: str, session: requests.Session, told: list[int]) -> Callable[[Any], None]:
-    """Sends a case, by turns as everybody there is, and checks the answer."""
+    """Send a case as each kind of caller in turn, and check the answer."""
     found = server.get("/submissions", "admin")["items"]
     known = [each["id"] for each in found if each["finished"]]  # those that admins rerun would stream events for ever
 

@@ -114,7 +114,7 @@ def test_a_replay_is_made_once(server: Server, monkeypatch: pytest.MonkeyPatch) 
 
 
 def locked(order: replay_page.ReplayRequest) -> None:
-    """A painter that takes as long as somebody holds the recording; in another process."""
+    """Paint a replay in another process; it takes as long as the recording is locked."""
     with order.recording.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
     part = order.page.with_suffix(".part")
@@ -122,7 +122,7 @@ def locked(order: replay_page.ReplayRequest) -> None:
     part.replace(order.page)  # it may be being read
 
 
-def test_who_waits_for_replays_does_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requests_that_wait_for_replays_do_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
     paths.replay_path(server.settings, mine, "merge", 0).unlink()
     monkeypatch.setattr(replay_page, "write_replay_page", locked)
@@ -213,7 +213,7 @@ def test_a_process_of_its_own_answers_and_raises() -> None:
         aside.close()
 
 
-def test_a_process_of_its_own_ends_at_once_with_all_who_wait(tmp_path: Path) -> None:
+def test_closing_a_subprocess_ends_all_waiting_calls_at_once(tmp_path: Path) -> None:
     aside, begun = SubprocessRunner(5), tmp_path / "begun"
     with ThreadPoolExecutor(5) as pool:
         asked = [pool.submit(aside.call, 600.0, noted_sleep, begun) for _ in range(5)]
@@ -222,7 +222,7 @@ def test_a_process_of_its_own_ends_at_once_with_all_who_wait(tmp_path: Path) -> 
         for each in asked:
             with pytest.raises(ProblemError):
                 each.result(timeout=60)
-    assert begun.read_text() == "x", "nobody after the first had a turn"
+    assert begun.read_text() == "x", "no call after the first had a turn"
     with pytest.raises(ProblemError, match="the server is shutting down"):
         aside.call(60.0, os.getpid)
 

@@ -140,7 +140,7 @@ def test_options_after_the_name_of_an_environment_are_pips(data: Path, monkeypat
         ("--executor local --scheduler tcp://named:2", None),
     ],
 )
-def test_who_works_may_be_said_as_to_eval(
+def test_workers_are_chosen_as_for_eval(
     data: Path, monkeypatch: pytest.MonkeyPatch, options: str, scheduler: str | None
 ) -> None:
     asked: list[str] = []
@@ -231,13 +231,13 @@ def test_from_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert isinstance(elsewhere.exception, InputError) and f"port {port}: Address" in str(elsewhere.exception)
         with socket.create_connection(("127.0.0.1", int(port))) as silent:
             silent.settimeout(60)
-            assert silent.recv(1) == b"", "a connection on which nobody asks is closed"
+            assert silent.recv(1) == b"", "a connection without a request is closed"
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0, log.read_text()
         assert "Traceback" not in log.read_text()
 
 
-def test_phases_that_nobody_names_are_not_applied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_phases_are_not_applied_unless_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MDRIVE_DATA", str(tmp_path))
     monkeypatch.delenv("MDRIVE_SETTINGS", raising=False)
     result = run("phase", "apply")

@@ -144,7 +144,7 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench) -> None:
     assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)]
 
 
-def test_who_waits_for_a_database_does_so_in_peace(bench: Bench) -> None:
+def test_waiting_for_a_database_counts_as_one_failure_of_ours(bench: Bench) -> None:
     """However long: a second between the tries, and a failure of ours is counted once."""
     bench.begin("raise")
     bench.dispatcher._claim()
@@ -219,7 +219,7 @@ def test_a_summary_is_that_of_the_library_with_intervals() -> None:
     assert summarise(rows) == summary
 
 
-def test_only_what_nobody_needs_is_cleared_up(tmp_path: Path) -> None:
+def test_only_unused_files_are_deleted(tmp_path: Path) -> None:
     for name in ("unpacked/needed", "unpacked/old", "unpacked/half.made", "stage/s.1.1"):
         (tmp_path / name).mkdir(parents=True)
     now_s = (tmp_path / "stage/s.1.1").stat().st_mtime

@@ -50,7 +50,7 @@ def test_another_evaluator_s_job_is_refused_until_the_server_renews_it(bench: Be
         assert audit.verify_chain(session).broken is None
 
 
-def test_what_cannot_be_driven_any_more_is_our_failure_and_stops_nobody(bench: Bench) -> None:
+def test_a_submission_that_cannot_be_driven_any_more_is_our_failure_and_raises_nothing(bench: Bench) -> None:
     submission = bench.begin("nap")
     (bench.folder / "suite" / "suite.json").unlink()
     assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 0
@@ -177,7 +177,7 @@ def test_the_share_of_spot_checks_is_that_of_the_submissions() -> None:
     assert 0.07 < np.mean([spot_checks.is_drawn(one, 0.1) for one in heads]) < 0.13
 
 
-def test_who_is_drawn_is_known_from_the_audit_log_only_when_it_is_over(bench: Bench) -> None:
+def test_the_draw_of_a_submission_follows_from_the_audit_log_only_after_its_end(bench: Bench) -> None:
     """What a team is told with its upload must not tell it whether to cancel and send again."""
     bench.begin("nap")
     work = bench.settings.work.model_copy(update={"spot_check": 0.5})

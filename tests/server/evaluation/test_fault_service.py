@@ -41,7 +41,7 @@ def with_database(settings: ServerSettings, store: Store) -> ServerSettings:
 
 
 @pytest.mark.full
-def test_a_stop_gives_back_what_is_under_way_and_blames_nobody(tmp_path: Path) -> None:
+def test_a_stop_gives_back_running_jobs_and_blames_no_agent(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = with_database(challenge(tmp_path, store, "hang", "hang"), store)
     submission = submitted(store, settings, fast_clock())

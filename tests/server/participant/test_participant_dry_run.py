@@ -213,7 +213,7 @@ def test_what_is_asked_for_only_while_driving_is_rejected(
     assert "rejected: i13_ins_sl_minor_road: " in found.output
 
 
-def test_messages_reach_whom_the_track_lets_them_reach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_reach_the_receivers_that_the_track_allows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     asked: list[CommSettings] = []
 

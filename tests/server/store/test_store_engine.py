@@ -194,7 +194,7 @@ with store.write() as session:
 """
 
 
-def test_a_writer_killed_half_way_leaves_nothing_and_blocks_nobody(store: Store) -> None:
+def test_a_writer_killed_half_way_leaves_nothing_and_blocks_no_other(store: Store) -> None:
     url = store.url.render_as_string(hide_password=False)
     writer = subprocess.Popen([sys.executable, "-c", _KILLED, url], stdout=subprocess.PIPE, cwd=ROOT)
     assert writer.stdout is not None and writer.stdout.readline() == b"in\n"

@@ -64,7 +64,7 @@ def test_a_token_is_held_until_revoked_and_stored_as_hash_only(store: Store) -> 
 
 
 @pytest.mark.parametrize("guess", ["", "mdrive_", "no token", "\ud800", "x" * 10_000, "a\x00b"])
-def test_nobody_holds_what_was_never_issued(store: Store, guess: str) -> None:
+def test_a_token_that_was_never_issued_has_no_holder(store: Store, guess: str) -> None:
     with store.read() as session:
         assert tokens.find_token(session, guess) is None
 

@@ -101,7 +101,7 @@ def test_filters(tmp_path: Path, backend: str) -> None:
     ("sort", "order"),
     [
         ("rank", ["blue", "red", "green"]),
-        ("rank&turned=1", ["red", "blue", "green"]),  # who has no rank stands last either way
+        ("rank&turned=1", ["red", "blue", "green"]),  # a row without a rank stands last either way
         ("team", ["blue", "green", "red"]),
         ("team&turned=1", ["red", "green", "blue"]),
         ("method", ["red", "green", "blue"]),

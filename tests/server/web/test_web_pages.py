@@ -124,7 +124,7 @@ def test_a_database_that_is_away_is_a_page(server: Server, monkeypatch: pytest.M
 
 
 def opened(server: Server, per_day: int = 20) -> Visit:
-    """Where everybody may make a team."""
+    """With registration open: every visitor may create a team."""
     changed = server.settings.model_copy(update={"registration": RegistrationSettings(open=True, per_day=per_day)})
     server.app.state.services = replace(server.app.state.services, settings=changed)
     return Visit(server)
