@@ -58,7 +58,7 @@ def _check_topology(proposal: Proposal) -> Iterator[str]:
 
 def _check_needs(proposal: Proposal) -> Iterator[str]:
     if proposal.category is Category.PRE_CRASH:
-        return  # the typology decides, see pre_crash.py
+        return  # the typology decides, see pre_crash_typologies.py
     needs = CATEGORIES[proposal.category].road
     for name in ("oncoming", "multi_lane", "on_ramp", "merge"):
         wanted, found = getattr(needs, name), getattr(proposal, f"needs_{name}")

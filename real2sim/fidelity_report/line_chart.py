@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
 from real2sim.fidelity_report.html import Markup, join_markup, tag
-from real2sim.fidelity_report.svg import render_picture
+from real2sim.fidelity_report.svg import format_path, render_picture
 from real2sim.tracks.kinematics import find_runs
 
 WIDTH, HEIGHT = 3600, 1700
@@ -75,7 +75,7 @@ def _draw_series(series: ChartSeries, x_range: tuple[float, float], top: float) 
         x, y = series.x[run], series.y[run]
         if upper is not None:
             x, y = np.concatenate((x, x[::-1])), np.concatenate((y, upper[run][::-1]))
-        d += _relative_path(_to_pixels(x, y, x_range, top)) + ("z" if upper is not None else "")
+        d += format_path(_to_pixels(x, y, x_range, top)) + ("z" if upper is not None else "")
     return tag("path", d=d, class_=series.class_) if d else Markup("")
 
 
@@ -84,11 +84,6 @@ def _to_pixels(x: Float, y: Float, x_range: tuple[float, float], top: float) -> 
     across = LEFT + (x - first) / max(last - first, 1e-9) * (RIGHT - LEFT)
     down = LOW - np.clip(y / top, 0.0, 1.03) * (LOW - TOP)
     return np.rint(np.column_stack((across, down))).astype(np.int64)
-
-
-def _relative_path(points: Int) -> str:
-    steps = " ".join(f"{x} {y}" if y >= 0 else f"{x}{y}" for x, y in np.diff(points, axis=0))
-    return f"M{points[0, 0]} {points[0, 1]}" + (f"l{steps}" if steps else "h0")
 
 
 def _x(x: float, x_range: tuple[float, float]) -> int:

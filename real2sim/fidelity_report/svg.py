@@ -60,7 +60,7 @@ class SvgFrame:
     def line_path(self, xy: Float, valid: Bool | None = None) -> str:
         """Return the path of a line (N, 2), interrupted at invalid rows."""
         there = np.asarray(np.isfinite(xy).all(axis=1)) if valid is None else valid
-        return "".join(_relative_path(self.to_cm(xy[run])) for run in find_runs(there))
+        return "".join(format_path(self.to_cm(xy[run])) for run in find_runs(there))
 
     def dots_path(self, xy: Float) -> str:
         """Return the path of points (N, 2): strokes of zero length, which round caps turn into dots."""
@@ -74,7 +74,7 @@ class SvgFrame:
 
     def area_path(self, xy: Float) -> str:
         """Return the path around an area (N, 2)."""
-        return _relative_path(self.to_cm(xy)) + "z"
+        return format_path(self.to_cm(xy)) + "z"
 
     def vehicle_path(self, pose: Sequence[float], length: float, width: float) -> str:
         """Return the path of a box with a pointed front; pose is x, y, yaw of its centre."""
@@ -92,7 +92,8 @@ class SvgFrame:
         return f"{x} {y} {width * CM:.0f} {height * CM:.0f}"
 
 
-def _relative_path(points: Int) -> str:
+def format_path(points: Int) -> str:
+    """Return the path of a line through points (N, 2) in whole units; repeated points are left out."""
     steps = np.diff(points, axis=0)
     steps = steps[(steps != 0).any(1)]
     return f"M{_format_point(points[0])}" + (

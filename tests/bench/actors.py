@@ -42,9 +42,9 @@ def actor_rows() -> Iterator[Row]:
     world = straight_scenario(straight_ego("0"), straight_ego("1", x=30))
     cast = ScriptedActors(world.model_copy(update={"actors": tuple(crowd(rng))}), straight_road())
     egos = {"0": EgoState(10, 0, 0, 5.0), "1": EgoState(30, 0, 0, 5.0)}
-    one, place = np.ones(BACKGROUND), rng.uniform(-60, 60, (2, BACKGROUND))
+    one, x, y = np.ones(BACKGROUND), rng.uniform(-60, 60, BACKGROUND), rng.uniform(-60, 60, BACKGROUND)
     ids = tuple(f"b{i:02}" for i in range(BACKGROUND))
-    cars = Actors(ids, np.zeros(BACKGROUND, np.uint8), *place, 0 * one, 5 * one, 4.5 * one, 1.8 * one)
+    cars = Actors(ids, np.zeros(BACKGROUND, np.uint8), x, y, 0 * one, 5 * one, 4.5 * one, 1.8 * one)
     advancing: list[float] = []
     merging: list[float] = []
     for tick in range(TICKS):

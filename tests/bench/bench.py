@@ -145,7 +145,7 @@ def bare_ticks(scenario: Scenario, roads: RoadMap, ticks: int) -> list[float]:
             begin = time.perf_counter()
             libsumo.simulationStep()
             for name in vehicle.getIDList():
-                vehicle.getPosition(name), vehicle.getAngle(name), vehicle.getSpeed(name)
+                _ = vehicle.getPosition(name), vehicle.getAngle(name), vehicle.getSpeed(name)
             times.append(time.perf_counter() - begin)
     return times
 
