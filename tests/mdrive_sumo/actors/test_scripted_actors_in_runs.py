@@ -105,7 +105,7 @@ def test_the_mode_stands_in_results_and_fingerprint_and_verify_honours_it(tmp_pa
     default = evaluated(folder, tmp_path / "default", agent="stationary")
     original = evaluated(folder, tmp_path / "original", "--actors", "original", agent="constant-speed")
     assert (default.run.actors, original.run.actors) == ("default", "original")
-    assert "scripted road users: original" in (tmp_path / "original" / "report.md").read_text()
+    assert "actors: original" in (tmp_path / "original" / "report.md").read_text()
     first = json.loads((tmp_path / "original" / "journal.jsonl").read_text().splitlines()[0])
     assert "original" in json.dumps(first)
     assert load_episode(tmp_path / "original" / "episodes" / "s.npz").about["actors"] == "original"
