@@ -66,7 +66,7 @@ def drive(remote: RemoteDriver, tick: int, large: bool) -> Control | None:
     return remote.answer().control
 
 
-@pytest.mark.parametrize("where", ["plain", pytest.param("box", marks=boxed)])
+@pytest.mark.parametrize("where", [pytest.param("plain", marks=pytest.mark.full), pytest.param("box", marks=boxed)])
 @pytest.mark.parametrize("name", [*DEEDS, "stale", "result", "deep-and-wide", "nan"])
 def test_an_abuse_ends_with_its_verdict(name: str, where: str, folder: Path) -> None:
     case = CASES[name]

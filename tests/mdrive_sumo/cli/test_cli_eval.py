@@ -203,10 +203,10 @@ def test_a_full_disk_under_a_recording(fakes: ModuleType, tmp_path: Path) -> Non
 )
 def test_usage_and_input_errors_exit_2(fakes: ModuleType, tmp_path: Path, more: tuple[str, ...], sentence: str) -> None:
     fakes.make_suite(tmp_path / "suite", "answer")
-    ended = evaluate(tmp_path, *more)
-    assert ended.returncode == 2
+    ended = CliRunner().invoke(main, [*arguments(tmp_path, *more)[len(FAKE_MAIN) :]])
+    assert ended.exit_code == 2
     assert ended.stderr.splitlines()[-1].startswith(sentence)
-    assert "Traceback" not in ended.stderr
+    assert isinstance(ended.exception, SystemExit)
 
 
 def test_a_reader_that_leaves_early_is_no_error() -> None:

@@ -78,7 +78,7 @@ def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_pat
 
 
 def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
-    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=15.0)
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=8.0)
     assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
 
 

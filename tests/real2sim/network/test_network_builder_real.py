@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from testing.map_faults import all_links, lane, plant
+from testing.sampling import sampled
 from testing.shared_material import SHARED_DATA
 
 from mdrive_sumo.core.geometry import Float, build_polyline
@@ -70,7 +71,7 @@ class Network:
     roads: RoadMap
 
 
-@pytest.fixture(scope="module", params=READ)
+@pytest.fixture(scope="module", params=sampled(READ, ("scene-0103", "us101", "interaction")))
 def network(request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Network:
     return Network(request.param, *built(request.param, read(request.param).map, tmp_path_factory.mktemp("net")))
 

@@ -177,9 +177,9 @@ def test_a_sample_drives_in_its_box(run: Run, tmp_path: Path) -> None:
     ("deed", "verdict"),
     [
         ("os._exit(3)", "agent-failed (crashed): i13_ins_sl_minor_road"),
-        ("raise SystemExit", "agent-failed (crashed): i13_ins_sl_minor_road"),
+        pytest.param("raise SystemExit", "agent-failed (crashed): i13_ins_sl_minor_road", marks=pytest.mark.full),
         ("return Reply()", "agent-failed (invalid): i13_ins_sl_minor_road"),
-        ("time.sleep(60)", "agent-failed (timeout): i13_ins_sl_minor_road"),
+        pytest.param("time.sleep(60)", "agent-failed (timeout): i13_ins_sl_minor_road", marks=pytest.mark.full),
     ],
 )
 def test_verdicts_of_hostile_agents(run: Run, tmp_path: Path, deed: str, verdict: str) -> None:

@@ -1,0 +1,13 @@
+"""Parameters of which `make test` takes a sample; `make test-all` takes all."""
+
+from collections.abc import Collection, Iterable
+
+import pytest
+from _pytest.mark.structures import ParameterSet
+
+
+def sampled(values: Iterable[str], kept: Collection[str]) -> list[ParameterSet]:
+    """The values as parameters; those that are not `kept` are marked `full`."""
+    values = tuple(values)
+    assert set(kept) <= set(values), f"{set(kept) - set(values)} are no values"
+    return [pytest.param(value, marks=() if value in kept else pytest.mark.full) for value in values]
