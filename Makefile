@@ -39,8 +39,8 @@ test: install ## the tests
 test-all: install ## every test: each scenario, each log, long soaks
 	$(PYTEST) -n 2
 
-check: lint types imports ## lint, types, import contracts, fast tests (under 2 minutes)
-	$(PYTEST) -n 2 -m "not slow and not full" -q
+check: lint types imports ## lint, types, import contracts, fast tests
+	MDRIVE_HYPOTHESIS=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q
 
 lint: install
 	$(BIN)/ruff check .

@@ -23,7 +23,8 @@ SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
 
 settings.register_profile("laptop", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "laptop")
+settings.register_profile("check", deadline=None, max_examples=20)
+settings.load_profile(os.environ.get("MDRIVE_HYPOTHESIS") or ("ci" if os.environ.get("CI") else "laptop"))
 
 
 @pytest.fixture(scope="session")

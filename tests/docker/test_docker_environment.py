@@ -20,7 +20,7 @@ from server.submitted_agent import SubmittedAgent
 PYTHON = "/usr/bin/python3"
 HOST = Path("/")
 """The host itself is an image too: it has a folder usr."""
-pytestmark = needs_bubblewrap
+pytestmark = [pytest.mark.slow, needs_bubblewrap]
 
 
 @pytest.fixture(autouse=True)

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from testing.paths import ROOT, TESTS
 
+pytestmark = pytest.mark.slow
+
 OURS = [
     TESTS / "conftest.py",
     *(TESTS / "testing" / name for name in ("__init__.py", "paths.py", "shared_material.py")),
@@ -51,7 +53,6 @@ def test_a_whole_module_is_no_way_around(tmp_path: Path) -> None:
     assert session(tmp_path, "pytest.skip('no time', allow_module_level=True)").returncode == 1
 
 
-@pytest.mark.slow
 def test_a_last_test_that_breaks_its_worker_fails_the_session(tmp_path: Path) -> None:
     """A numpy number in a report breaks a worker of pytest-xdist, which alone would say "1 passed" and exit 0."""
     body = "def test_first(): pass\n\n\ndef test_last(record_property):\n"

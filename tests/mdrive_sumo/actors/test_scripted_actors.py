@@ -14,6 +14,8 @@ from mdrive_sumo.core.state import Actors, EgoState, Kind
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import LaneMotion
 
+pytestmark = pytest.mark.slow
+
 AHEAD = [(0.0, 0.0), (100.0, 0.0)]
 
 

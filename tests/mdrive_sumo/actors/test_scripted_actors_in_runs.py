@@ -21,6 +21,8 @@ from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, LaneMoti
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from mdrive_sumo.scoring import Results, load_results
 
+pytestmark = pytest.mark.slow
+
 assert NET
 assert NETWORK
 

@@ -22,6 +22,8 @@ from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor, ope
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 
+pytestmark = pytest.mark.slow
+
 EGOS = ("b", "a")
 
 

@@ -12,6 +12,8 @@ from mdrive_sumo.contract import Observation, OwnState, PointCloud
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
+pytestmark = pytest.mark.slow
+
 AGENT = """
 import ctypes, os, sys, time
 import numpy as np

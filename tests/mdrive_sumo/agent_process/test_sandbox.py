@@ -33,7 +33,7 @@ SLOT = own_slot()
 
 
 shell = partial(shell_spec, slot=SLOT)
-pytestmark = needs_bubblewrap
+pytestmark = [pytest.mark.slow, needs_bubblewrap]
 
 
 def test_box_speaks_both_ways_and_tells_its_own_exit_code() -> None:

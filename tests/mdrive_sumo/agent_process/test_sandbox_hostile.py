@@ -17,6 +17,8 @@ from testing.sandbox_runs import AGENTS, MEBIBYTE, PATIENCE_S, SMALL, left_behin
 from mdrive_sumo.agent_process.sandbox import examine_layers, open_box
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 
+pytestmark = pytest.mark.slow
+
 SLOT = own_slot()
 
 

@@ -15,6 +15,8 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads.network_file import StopSignBox
 
+pytestmark = pytest.mark.slow
+
 NEEDED: Mapping[str, Mapping[str, str]] = {"colmdriver": {"endpoint": "http://127.0.0.1:9/v1"}}
 """Options without which an agent cannot be made."""
 STRAIGHT = crossing_route("straight", 0)

@@ -32,6 +32,8 @@ from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, ReferencePose, decode, encode
 
+pytestmark = pytest.mark.slow
+
 TOWN, MINOR_ROAD = "i07_ins_ss_town", "i13_ins_sl_minor_road"
 SWAPS = ("attfuse", "disconet", "fcooper", "cobevt")
 DRIVING = ("single", "sharing", "colmdriver-rule", "sharing+negotiation")

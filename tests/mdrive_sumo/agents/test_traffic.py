@@ -16,6 +16,8 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.sumo import SumoWorld
 
+pytestmark = pytest.mark.slow
+
 ROADS = load_road_map(find_network_folder("motorway"))
 
 

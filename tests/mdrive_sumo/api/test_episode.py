@@ -13,6 +13,8 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.scenario.suite import list_packaged_suites
 from mdrive_sumo.scoring import ScoreMode
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = "i12_ins_sl_old_town"
 mpl.use("Agg")
 

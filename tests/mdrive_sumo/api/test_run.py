@@ -8,6 +8,8 @@ import pytest
 
 import mdrive_sumo as md
 
+pytestmark = pytest.mark.slow
+
 SCENARIOS = "i1[12]*"
 
 

@@ -8,6 +8,8 @@ import mdrive_sumo as md
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.state import End
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = "i12_ins_sl_old_town"
 
 

@@ -18,6 +18,8 @@ from testing.paths import TESTS
 
 from mdrive_sumo.cli import main
 
+pytestmark = pytest.mark.slow
+
 FAKE_MAIN = [sys.executable, "-c", "from testing import suite_fakes; suite_fakes.main()"]
 REAL_MAIN = [sys.executable, "-c", "from mdrive_sumo.cli import main; main()"]
 

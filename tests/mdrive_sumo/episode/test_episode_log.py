@@ -21,6 +21,8 @@ from real2sim.recording import ObjectCategory
 from real2sim.writers.episode_map import build_hd_map
 from real2sim.writers.episode_recording import record_episode
 
+pytestmark = pytest.mark.slow
+
 THINGS = {
     "bike": (Kind.CYCLIST, 1.8, 0.7, ObjectCategory.BICYCLE),
     "bus": (Kind.VEHICLE, 12.0, 2.5, ObjectCategory.BUS),

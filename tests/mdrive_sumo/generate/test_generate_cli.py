@@ -21,6 +21,8 @@ from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
 
+pytestmark = pytest.mark.slow
+
 FAST = Category.PRE_CRASH
 SECRET, OTHER = "correct horse battery staple", "staple battery horse correct"
 SEED = 19

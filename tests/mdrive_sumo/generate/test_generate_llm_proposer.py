@@ -24,6 +24,8 @@ from mdrive_sumo.generate.rules import RULES
 from mdrive_sumo.generate.template_proposer import propose as from_template
 from mdrive_sumo.scenario.categories import LEVELS
 
+pytestmark = pytest.mark.slow
+
 CROSSWALK, DEADLOCK = Category.CROSSWALK, Category.DEADLOCK
 CATEGORY_LIST = list(Category)
 

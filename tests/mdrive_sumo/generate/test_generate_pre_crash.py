@@ -29,6 +29,8 @@ from mdrive_sumo.study.occlusion_certificate import (
     find_occluded_intervals,
 )
 
+pytestmark = pytest.mark.slow
+
 NUMBERS = sorted(pre_crash_typologies.TYPOLOGIES)
 SEEDS = 8
 

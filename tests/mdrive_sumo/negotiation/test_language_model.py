@@ -17,6 +17,8 @@ from mdrive_sumo.negotiation.llm_options import read_llm_options
 from mdrive_sumo.negotiation.prompt import clean_message, parse_actions
 from mdrive_sumo.v2x.messages import Intention
 
+pytestmark = pytest.mark.slow
+
 GROUP = ("a", "b")
 
 

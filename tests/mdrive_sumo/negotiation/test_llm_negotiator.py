@@ -14,6 +14,8 @@ from mdrive_sumo.negotiation.language_model import LanguageModel, LanguageModelS
 from mdrive_sumo.negotiation.llm_negotiator import LlmNegotiator
 from mdrive_sumo.v2x.messages import Intention, Mcm, decode
 
+pytestmark = pytest.mark.slow
+
 GROUP = ("a", "b")
 
 

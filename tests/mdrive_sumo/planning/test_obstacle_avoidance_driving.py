@@ -19,6 +19,8 @@ from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import Lane, RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 
 @dataclass(frozen=True)
 class Thing:

@@ -20,6 +20,8 @@ from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
 from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, browser, carried, needs_browser, opened, wait  # noqa: F401  # pyright: ignore
 
+pytestmark = pytest.mark.slow
+
 LAYERS = ("sight", "intentions", "messages", "shared", "transcript")
 
 

@@ -21,6 +21,8 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scenario.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
 
 

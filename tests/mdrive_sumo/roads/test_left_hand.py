@@ -24,6 +24,8 @@ from real2sim.recording import RecordedTrack, Recording
 from real2sim.source_scene import SourceScene
 from tests.real2sim.network.test_network_builder_real import READ
 
+pytestmark = pytest.mark.slow
+
 NODES = '<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>'
 EDGES = '<edges><edge id="ab" from="a" to="b" numLanes="3"/><edge id="ba" from="b" to="a" numLanes="2"/></edges>'
 

@@ -15,6 +15,8 @@ from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results, ScenarioResult, load_results
 
+pytestmark = pytest.mark.slow
+
 
 class Notes:
     """A Progress that remembers."""

@@ -16,6 +16,8 @@ from testing.processes import alive, written
 
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure, count_available_cores
 
+pytestmark = pytest.mark.slow
+
 wait_for = partial(processes.wait_for, limit_s=60.0)
 
 

@@ -21,6 +21,8 @@ from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, q
 from mdrive_sumo.runs.verify import find_first_difference, sample_results
 from mdrive_sumo.scoring import load_results
 
+pytestmark = pytest.mark.slow
+
 TICKS = 8
 PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
 

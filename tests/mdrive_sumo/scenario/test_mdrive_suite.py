@@ -11,6 +11,8 @@ from mdrive_sumo.roads import list_packaged_networks
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from mdrive_sumo.study.occlusion_certificate import load_certificates
 
+pytestmark = pytest.mark.slow
+
 PACKED_LIMIT = 25 * 2**20
 """Bytes of the wheel."""
 

@@ -14,6 +14,8 @@ from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.sensing.sensing_frame import derive_track_name
 
+pytestmark = pytest.mark.slow
+
 
 @dataclass
 class Oracle:

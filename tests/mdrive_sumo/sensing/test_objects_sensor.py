@@ -22,6 +22,8 @@ from mdrive_sumo.sensing.detector_calibration import HIDDEN_FROM_ONE, fit_profil
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 
+pytestmark = pytest.mark.slow
+
 HERE = SensorPose(0.0, 0.0, 0.0, 0)
 Place = tuple[float, float]
 

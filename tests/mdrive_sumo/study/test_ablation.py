@@ -18,6 +18,8 @@ from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings, format_comm_json
 
+pytestmark = pytest.mark.slow
+
 
 def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> EpisodeRecord:
     recorder = Recorder("s", {}, dict.fromkeys(ids, (4.9, 2.0)))
@@ -149,7 +151,6 @@ def test_without_a_recording_there_is_nothing_to_ablate(finished: Path, tmp_path
     assert ended.exit_code == 2 and "expected a recording of i02" in ended.stderr
 
 
-@pytest.mark.slow
 def test_show_finds_or_drives_the_references(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     plain = invoke("show", finished)

@@ -17,6 +17,8 @@ from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing, Sch
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.sumo.schedule import CATCH_UP_FACTOR, MIN_CATCH_UP_SPEED, ScheduleTable
 
+pytestmark = pytest.mark.slow
+
 AWAY = EgoState(60, 60, 0, 0)
 START_M = 20.0
 

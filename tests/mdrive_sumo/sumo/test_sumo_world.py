@@ -16,6 +16,8 @@ from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_sumo_angles, convert_yaw_to_sumo
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def roads(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:

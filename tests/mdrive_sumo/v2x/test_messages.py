@@ -32,6 +32,8 @@ from mdrive_sumo.v2x.messages import (
     parse_track_name,
 )
 
+pytestmark = pytest.mark.slow
+
 STEP_M = 0.005 + 1e-6
 """Half a step of 1 cm."""
 

@@ -15,6 +15,8 @@ from mdrive_sumo.core.state import DT, Actors, Contact, Kind
 from mdrive_sumo.vehicle.contact import build_obstacle_motion, build_walls, resolve_contacts
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleState, step
 
+pytestmark = pytest.mark.slow
+
 NOBODY = build_obstacle_motion(Actors.empty(), Actors.empty())
 NOTHING = build_walls([])
 LIGHT = VehicleParameters(mass=1000.0, yaw_inertia=2000.0)

@@ -22,6 +22,8 @@ from real2sim.carla.opendrive_converter import convert_opendrive
 from real2sim.carla.road_links import repair_road_links
 from real2sim.carla.town_network import TownNetwork, build_town_network
 
+pytestmark = pytest.mark.slow
+
 MAPS = SHARED_DATA / "carla_towns"
 
 ROAD = """

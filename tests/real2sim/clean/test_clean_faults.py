@@ -12,6 +12,8 @@ from mdrive_sumo.core.geometry import wrap_angles
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.clean.cleaning_report import ChangeReason
 
+pytestmark = pytest.mark.slow
+
 REASONS = {
     "duplicate": {ChangeReason.DUPLICATE},
     "id flip": {ChangeReason.ID_FLIP},

@@ -20,6 +20,8 @@ from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Reco
 from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.tracks.track_contacts import find_contacts
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_clean_log_stays_as_it_is(seed: int) -> None:

@@ -15,6 +15,8 @@ from testing.small_log import road, write_small_log
 from real2sim.hd_map import HdMap
 from real2sim.pipeline.log_conversion import MAX_LOG_S
 
+pytestmark = pytest.mark.slow
+
 
 def truncated(log: Path) -> None:
     file = log / "1" / "000020.yaml"

@@ -31,6 +31,8 @@ from real2sim.recording import ObserverView
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
+pytestmark = pytest.mark.slow
+
 LOGS = Path("real_logs")
 
 
@@ -272,7 +274,6 @@ def test_authored_sources_share_the_command(tmp_path: Path, shared_data: Path) -
     assert (tmp_path / "b" / "networks" / "Town01" / "network.json").is_file()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "path", "more"),
     [

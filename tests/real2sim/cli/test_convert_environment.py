@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from testing.convert_command import refused, run
 
+pytestmark = pytest.mark.slow
+
 COMMAND = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()", "convert")
 
 
@@ -78,7 +80,6 @@ def test_help_waits_for_no_simulator() -> None:
     assert done.stdout == "[]\n"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("most_bytes", [100, 6_000])
 def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tuple[Path, Path], tmp_path: Path) -> None:
     """No file may grow beyond the limit: the first one, or the quality.json."""
@@ -95,7 +96,6 @@ def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tup
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_ctrl_c_leaves_nothing(small: tuple[Path, Path], tmp_path: Path) -> None:
     logs = tmp_path / "logs"
     for k in range(30):

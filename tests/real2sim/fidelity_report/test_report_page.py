@@ -17,6 +17,8 @@ from real2sim.fidelity_report.network_section import compute_deviation
 from real2sim.fidelity_report.report_page import PAGE, render_report, write_report
 from real2sim.readers.scenarionet import read_scenarionet
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> ConversionFindings:

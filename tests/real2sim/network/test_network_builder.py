@@ -21,6 +21,8 @@ from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.network import build_network
 from real2sim.network.map_measurements import measure_line_distances
 
+pytestmark = pytest.mark.slow
+
 
 # --- geometry of the result ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", sampled(sorted(list_packaged_networks()), ("boulevard", "old_town", "roundabout")))

@@ -26,6 +26,8 @@ from real2sim.readers.interaction import read_interaction
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 LOGS = SHARED_DATA / "real_logs"
 SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
 READ: dict[str, Callable[[], Recording]] = {

@@ -22,6 +22,8 @@ from real2sim.authored.start_separation import advance_start
 from real2sim.match.waypoint_matcher import RouteLeg, match_waypoints
 from real2sim.readers.interdrive import read_interdrive
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def work(tmp_path: Path) -> Path:

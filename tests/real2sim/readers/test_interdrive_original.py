@@ -19,6 +19,8 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from real2sim.cli import convert
 from real2sim.readers.interdrive import read_interdrive
 
+pytestmark = pytest.mark.slow
+
 ROUTES = SHARED_DATA / "mdrive" / "interdrive"
 
 

@@ -17,6 +17,8 @@ from real2sim.recording import ObjectCategory, RecordedTrack
 from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.tracks.smoothing import smooth_positions
 
+pytestmark = pytest.mark.slow
+
 T = np.arange(100) * DT
 
 

@@ -23,6 +23,8 @@ from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Reco
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.network.test_network_builder_real import READ
 
+pytestmark = pytest.mark.slow
+
 SHARE = 0.98
 """Of the moving vehicles that were visible long enough, found again one to one."""
 CM = 0.01

@@ -28,6 +28,8 @@ from real2sim.writers.v2xpnp import write_views
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.clean.test_clean_faults import repaired, told
 
+pytestmark = pytest.mark.slow
+
 SHARE = 0.98
 CLEAN = ObservationNoise(
     min_visible_share=0.0,

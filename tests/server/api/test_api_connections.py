@@ -19,6 +19,8 @@ from server.api.upload import MAX_UPLOADS
 from server.cli import serve_command
 from server.cli.serve_command import TimeoutProtocol
 
+pytestmark = pytest.mark.slow
+
 
 def test_heads_without_bodies(server: Server) -> None:
     with listening(server) as address:

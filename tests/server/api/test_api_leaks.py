@@ -27,6 +27,8 @@ from server.store import events, jobs, submissions, tables
 from server.store.jobs import JobOutcome
 from server.store.phases import NewPhase, set_phases
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = "marker-scenario-id"
 COORDINATES = ("4711.25", "-815.125")
 TIMES = {"started_us": 40_000 * DAY_US, "finished_us": 40_000 * DAY_US + S}

@@ -30,6 +30,8 @@ from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 
+pytestmark = pytest.mark.slow
+
 EGO = {
     "id": "cav-1", "outcome": "agent-failed", "reason": "timeout: 10 s", "ds": 20.0, "rc": 20.0, "ip": 1.0,
     "infractions": [{"kind": "collision-vehicle", "tick": 7, "x": 1.5, "y": 2.5, "factor": 0.6, "other": "bg-3"}],
@@ -153,7 +155,6 @@ def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> Non
     assert page.read_text() == "made"
 
 
-@pytest.mark.slow
 def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
     scenario = load_suite("interdrive").scenarios[0].id
     recording, page = tmp_path / "episode.npz", tmp_path / "page.html"

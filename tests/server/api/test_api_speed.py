@@ -19,6 +19,8 @@ from server.settings import ServerSettings
 from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
 from server.web.mount_pages import mount_pages
 
+pytestmark = pytest.mark.slow
+
 MANY = [BoardKey("dev", None, f"bucket {number}", None) for number in range(20)]
 
 

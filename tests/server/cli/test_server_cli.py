@@ -29,6 +29,8 @@ from server.settings import ServerSettings
 from server.store import Store, tokens
 from server.store.tables import AuditEntryRow
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = """
 port = 0
 [work]
@@ -171,7 +173,6 @@ def test_a_suite_that_is_not_there_is_said_before_anything_listens(data: Path, m
     assert isinstance(result.exception, InputError) and "/nowhere" in str(result.exception)
 
 
-@pytest.mark.slow
 def test_a_server_starts_answers_and_ends(data: Path, tmp_path: Path) -> None:
     with_environment(ServerSettings(data=data))
     with served(tmp_path, "--settings", str(tmp_path / "server.toml"), "--data", str(data)) as (address, process, log):
@@ -209,7 +210,6 @@ def served(folder: Path, *options: str) -> Generator[tuple[str, "subprocess.Pope
         process.wait()
 
 
-@pytest.mark.slow
 def test_from_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One phase, and what is missing is said; a second server of the folder is refused; Ctrl-C ends it."""
     monkeypatch.chdir(tmp_path)

@@ -25,6 +25,8 @@ from server.store import audit, events, submissions
 from server.store.jobs import JobOutcome
 from server.store.tables import AuditEntryRow
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Generator[Bench]:

@@ -32,6 +32,8 @@ from server.store.backup import restore_backup, write_backup
 from server.store.retention import RetainedFiles, RetentionPolicy
 from server.store.tables import TableBase
 
+pytestmark = pytest.mark.slow
+
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
 
 

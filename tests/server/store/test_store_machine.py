@@ -22,6 +22,8 @@ from server.store import OverLimit, audit, jobs, quota, submissions
 from server.store.jobs import MAX_FAILURES, JobOutcome
 from server.store.tables import EventRow, JobRow, SubmissionRow
 
+pytestmark = pytest.mark.slow
+
 OPEN = {SubmissionState.QUEUED, SubmissionState.RUNNING}
 MOVES = {
     SubmissionState.QUEUED: {

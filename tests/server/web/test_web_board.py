@@ -17,6 +17,8 @@ from server.enums import TokenScope
 from server.store import phases, teams, tokens
 from server.web import templating
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def server(tmp_path: Path) -> Server:

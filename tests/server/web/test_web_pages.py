@@ -17,6 +17,8 @@ from server.settings import RegistrationSettings, load_settings
 from server.store import StoreUnavailable, audit, teams
 from server.web import static_files
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def server(tmp_path: Path) -> Server:

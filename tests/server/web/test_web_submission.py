@@ -12,6 +12,8 @@ from testing.web_scenes import drive, files, finish, sent
 
 from server.store import submissions
 
+pytestmark = pytest.mark.slow
+
 SENT = {"phase": "dev", "track": "negotiation", "name": "My <method>"}
 SAME = {"Sec-Fetch-Site": "same-origin"}
 
