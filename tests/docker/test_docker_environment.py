@@ -34,6 +34,7 @@ def recipes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environments, "RECIPES", {recipe.name: recipe for recipe in made})
 
 
+@pytest.mark.full
 def test_an_imported_image_is_found_again_and_may_be_replaced(tmp_path: Path) -> None:
     made = import_image("mine", tmp_path, HOST, PYTHON)
     assert (made.python, made.site, made.rootfs) == (Path(PYTHON), None, HOST)

@@ -87,6 +87,7 @@ def test_the_recording_knows_them(crashes: tuple[Path, Path, Results]) -> None:
     assert {contact.kind for _, contact in episode.contacts} == {Kind.PEDESTRIAN}
 
 
+@pytest.mark.full
 def test_two_workers_make_the_same_and_verify_and_rescore_agree(crashes: tuple[Path, Path, Results]) -> None:
     things, run, once = crashes
     again = evaluated(things, run.with_name("two"), "--workers", 2)

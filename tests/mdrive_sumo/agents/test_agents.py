@@ -159,6 +159,7 @@ def test_omniscient_lets_background_traffic_pass() -> None:
     assert all_arrived(episode)
 
 
+@pytest.mark.full
 def test_omniscient_waits_for_a_car_that_stands_in_its_way() -> None:
     episode = drive("omniscient", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
     assert not episode.contacts

@@ -10,7 +10,7 @@ import mdrive_sumo as md
 
 pytestmark = pytest.mark.slow
 
-SCENARIOS = "i1[12]*"
+SCENARIOS = "i0[12]*"
 
 
 def make_agent() -> type:
@@ -67,7 +67,7 @@ def test_scores_as_frames(run: md.Run) -> None:
     assert frame.ds.mean() == pytest.approx(run.scores.mean.ds)
     cavs = run.scores.cavs_to_frame()
     assert len(cavs.explode("infractions").dropna(subset="infractions")) == frame.infractions.sum() > 0
-    assert isinstance(run.scores[:2], md.Scores) and run.scores[0].id == "i11_ins_sl_town"
+    assert isinstance(run.scores[:2], md.Scores) and run.scores[0].id == "i01_ins_c_main_street_right"
 
 
 def test_the_worst_scenario_has_its_recording(run: md.Run) -> None:
@@ -98,7 +98,7 @@ def test_a_run_is_verified_and_rescored(run: md.Run) -> None:
 
 def test_a_finished_run_is_not_driven_again(run: md.Run, capsys: pytest.CaptureFixture[str]) -> None:
     again = md.evaluate(
-        "interdrive", "constant-speed", scenario="i11_ins_sl_town,i12_ins_sl_old_town", seeds=[3], out=run.folders[0]
+        "interdrive", "constant-speed", scenario="i01_ins_c_main_street_right,i02_ins_c_boulevard_straight", seeds=[3], out=run.folders[0]
     )
     assert again.results[0].scenarios == run.results[0].scenarios
     assert "already complete" in capsys.readouterr().err
@@ -120,7 +120,7 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     script.write_text(
         "import mdrive_sumo as md\n"
         "print('started')\n"
-        "run = md.evaluate('interdrive', 'constant-speed', scenario='i12*', workers=1, out='run', progress=False)\n"
+        "run = md.evaluate('interdrive', 'constant-speed', scenario='i02*', workers=1, out='run', progress=False)\n"
         "print(run.results[0].void)\n"
     )
     ended = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path, check=True)

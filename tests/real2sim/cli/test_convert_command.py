@@ -263,6 +263,7 @@ def test_progress_is_one_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch
     assert half == "█" * 12 + "░" * 12 + " 1/2  first: passed"
 
 
+@pytest.mark.full
 def test_authored_sources_share_the_command(tmp_path: Path, shared_data: Path) -> None:
     done = run(
         "mdrive", shared_data / "mdrive/interaction", "--towns", shared_data / "carla_towns", "--out", tmp_path / "a"

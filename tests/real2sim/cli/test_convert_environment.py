@@ -80,7 +80,7 @@ def test_help_waits_for_no_simulator() -> None:
     assert done.stdout == "[]\n"
 
 
-@pytest.mark.parametrize("most_bytes", [100, 6_000])
+@pytest.mark.parametrize("most_bytes", [pytest.param(100, marks=pytest.mark.full), 6_000])
 def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tuple[Path, Path], tmp_path: Path) -> None:
     """No file may grow beyond the limit: the first one, or the quality.json."""
     done = subprocess.run(

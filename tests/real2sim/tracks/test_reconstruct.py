@@ -169,7 +169,7 @@ def test_a_log_that_is_no_motion_is_left_near_and_rough() -> None:
 
 
 @pytest.mark.parametrize("seed", [11, *(pytest.param(seed, marks=pytest.mark.full) for seed in (12, 13))])
-@pytest.mark.parametrize("views", ["several", "one"])
+@pytest.mark.parametrize("views", ["several", pytest.param("one", marks=pytest.mark.full)])
 def test_faulty_logs_become_faithful_scenes(seed: int, views: str) -> None:
     """The figures of issue C, on made-up logs with every fault planted."""
     log = observed(truth(seed), seed) if views == "several" else alone(truth(seed), seed)
