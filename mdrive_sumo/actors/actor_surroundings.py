@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.core.state import Frame, Kind
+from mdrive_sumo.core.state import Frame, Kind, RoadUsers
 from mdrive_sumo.vehicle import dynamics
 
-CAR = dynamics.MKZ_2017
-"""Every CAV is the paper's car (protocol K6)."""
+CAR_SIZE = (dynamics.MKZ_2017.length, dynamics.MKZ_2017.width)
+"""Length and width [m]: every CAV is the paper's car (protocol K6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,22 +44,20 @@ class SurroundingsBuilder:
 
     def build(self, frame: Frame) -> ActorSurroundings:
         """Return the CAVs and actors of a frame."""
-        actors, egos = frame.actors, frame.egos.values()
-        if actors.ids is not self._ids or len(egos) != self._cav_count:
-            self._ids, self._cav_count = actors.ids, len(egos)
-            self._constant_columns = self._build_constant_columns(frame)
-        own = np.array([(ego.x, ego.y, ego.yaw, ego.speed) for ego in egos], dtype=np.float64).reshape(-1, 4).T
-        x, y, yaw, speed = (
-            np.concatenate(pair) for pair in zip(own, (actors.x, actors.y, actors.yaw, actors.speed), strict=True)
+        users = RoadUsers.from_egos(frame.egos, dict.fromkeys(frame.egos, CAR_SIZE)).concat(frame.actors)
+        if frame.actors.ids is not self._ids or len(frame.egos) != self._cav_count:
+            self._ids, self._cav_count = frame.actors.ids, len(frame.egos)
+            self._constant_columns = self._build_constant_columns(users)
+        return ActorSurroundings(
+            users.x, users.y, users.yaw, users.speed, *self._constant_columns, cav_count=len(frame.egos)
         )
-        return ActorSurroundings(x, y, yaw, speed, *self._constant_columns, cav_count=len(egos))
 
-    def _build_constant_columns(self, frame: Frame) -> tuple[Float, Float, Bool, Int, Bool]:
-        actors, cavs = frame.actors, len(frame.egos)
+    def _build_constant_columns(self, users: RoadUsers) -> tuple[Float, Float, Bool, Int, Bool]:
+        cavs, actor_ids = self._cav_count, users.ids[self._cav_count :]
         return (
-            np.concatenate((np.full(cavs, CAR.length), actors.length)) / 2,
-            np.concatenate((np.full(cavs, CAR.width), actors.width)) / 2,
-            np.concatenate((np.zeros(cavs, dtype=np.bool_), actors.kind == Kind.PEDESTRIAN)),
-            np.array([-1] * cavs + [self._mover_index_by_id.get(name, -1) for name in actors.ids], dtype=np.int64),
-            np.array([False] * cavs + [name in self._static_ids for name in actors.ids], dtype=np.bool_),
+            users.length / 2,
+            users.width / 2,
+            users.kind == Kind.PEDESTRIAN,
+            np.array([-1] * cavs + [self._mover_index_by_id.get(name, -1) for name in actor_ids], dtype=np.int64),
+            np.array([False] * cavs + [name in self._static_ids for name in actor_ids], dtype=np.bool_),
         )

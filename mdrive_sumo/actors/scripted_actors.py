@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from mdrive_sumo.actors.actor_assembler import ActorAssembler
-from mdrive_sumo.actors.actor_surroundings import CAR, SurroundingsBuilder
+from mdrive_sumo.actors.actor_surroundings import CAR_SIZE, SurroundingsBuilder
 from mdrive_sumo.actors.collision_avoidance import CollisionAvoidance
 from mdrive_sumo.actors.lane_change import compute_lane_change_offset
 from mdrive_sumo.actors.motion_path import MotionPath, build_lane_change_path, build_motion_path
@@ -157,7 +157,7 @@ class ScriptedActors:
         is_entering = self._find_present() & ~self._present
         if not is_entering.any() or self._mode is ActorMode.ORIGINAL or not frame.egos:
             return
-        ego_boxes = np.stack([box_corners(ego.x, ego.y, ego.yaw, CAR.length, CAR.width) for ego in frame.egos.values()])
+        ego_boxes = np.stack([box_corners(ego.x, ego.y, ego.yaw, *CAR_SIZE) for ego in frame.egos.values()])
         progress = self._motion.progress.copy()
         for i in np.flatnonzero(is_entering).tolist():
             actor, path = self._movers[i], self._paths[i]

@@ -1,7 +1,7 @@
 """Error profiles of object detectors: recall, accuracy and latency for visible objects.
 
 No detector runs here. "ideal" sees everything exactly; the others are SURROGATES: statistical error models whose free
-parameters (`recall` and `spread`) were fitted so that `detector_calibration.measure_average_precision` agrees
+parameters (`recall` and `spread`) were fitted so that `tools/detector_calibration.py` agrees
 with published figures. Only that agreement is claimed. Everything else in them (how errors grow with distance, false
 positives, heading and speed errors) is an assumption, named as such in docs/sensors.md.
 """
@@ -88,7 +88,7 @@ def _build_surrogate(recall: float, spread: float) -> DetectionProfile:
     )
 
 
-# Recall and spread result from `detector_calibration.fit_profile` for `PUBLISHED` with seed 0.
+# Recall and spread result from `fit_profile` of `tools/detector_calibration.py` for `PUBLISHED` with seed 0.
 PROFILES: Mapping[str, DetectionProfile] = MappingProxyType(
     {
         IDEAL: DetectionProfile(1.0, 1.0, 0.1, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0),

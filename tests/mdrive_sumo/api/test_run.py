@@ -98,7 +98,11 @@ def test_a_run_is_verified_and_rescored(run: md.Run) -> None:
 
 def test_a_finished_run_is_not_driven_again(run: md.Run, capsys: pytest.CaptureFixture[str]) -> None:
     again = md.evaluate(
-        "interdrive", "constant-speed", scenario="i01_ins_c_main_street_right,i02_ins_c_boulevard_straight", seeds=[3], out=run.folders[0]
+        "interdrive",
+        "constant-speed",
+        scenario="i01_ins_c_main_street_right,i02_ins_c_boulevard_straight",
+        seeds=[3],
+        out=run.folders[0],
     )
     assert again.results[0].scenarios == run.results[0].scenarios
     assert "already complete" in capsys.readouterr().err

@@ -18,9 +18,9 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS, WeatherName
 from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS
-from mdrive_sumo.sensing.detector_calibration import HIDDEN_FROM_ONE, fit_profile, measure_average_precision
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from tools.detector_calibration import HIDDEN_FROM_ONE, fit_profile, measure_average_precision
 
 pytestmark = pytest.mark.slow
 
