@@ -90,8 +90,8 @@ def _format_occlusion(certificate: OcclusionCertificate | None) -> TableRow:
 
 
 OCCLUSION_LEGEND = (
-    "hidden: longest time before a conflict in which the other one is hidden from a CAV but known to other CAVs or\n"
-    "RSUs, or only to itself, who can tell by CAM; along the constant-speed and the omniscient drive"
+    "hidden: longest time before a conflict in which the other vehicle is hidden from a CAV but known to other CAVs\n"
+    "or RSUs, or only to itself (it can send a CAM); in the constant-speed and the omniscient episode"
 )
 NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examines it"
 

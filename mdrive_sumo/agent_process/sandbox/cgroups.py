@@ -126,7 +126,7 @@ class Cgroup:
         return tuple(os.open(folder / "cgroup.procs", os.O_WRONLY | os.O_CLOEXEC) for folder in self._group_folders())
 
     def processes(self) -> set[int]:
-        """Who is in it."""
+        """Ids of the processes in the group."""
         return {int(pid) for folder in self._group_folders() for pid in _read_words(folder / "cgroup.procs")}
 
     def kill(self) -> None:

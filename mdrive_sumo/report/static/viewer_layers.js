@@ -22,7 +22,7 @@ class Layers {
   missing() {
     const { talk, replay } = this;
     return {
-      sight: replay.ids.length > 1 ? "" : "Nobody else is in this recording",
+      sight: replay.ids.length > 1 ? "" : "This recording has no other road user",
       shared: talk.has("cpm") ? "" : "No CPM was sent in this recording",
       messages: talk.sent.length ? "" : "No message was sent in this recording",
       intentions: talk.has("mcm") ? "" : "No MCM was sent in this recording",
@@ -200,7 +200,7 @@ class Layers {
     ctx.globalAlpha = 1;
   }
 
-  /** One soft outline around all who take themselves to be in a conflict. */
+  /** One soft outline around all CAVs that consider themselves in a conflict. */
   drawGroup(stations, time, strength) {
     const { ctx, theme, dpr } = this;
     const hull = convexHull(stations.map((station) => this.place(station, time)).filter(Boolean));
@@ -235,12 +235,12 @@ class Layers {
   drawWords(time, tops) {
     const latest = new Map();
     for (let i = countAtOrBefore(this.words, time) - 1; i >= 0 && time - this.words[i].tick < BUBBLE_TICKS; i--) {
-      if (!latest.has(this.words[i].who)) latest.set(this.words[i].who, this.words[i]);
+      if (!latest.has(this.words[i].station)) latest.set(this.words[i].station, this.words[i]);
     }
     const taken = [];
-    for (const [who, { text, tick }] of latest) {
-      const at = this.place(who, time);
-      if (at) this.drawBubble(wrapped(text), at[0], tops.get(who) ?? at[1], this.stationColour(who), (BUBBLE_TICKS - (time - tick)) / 10, taken);
+    for (const [station, { text, tick }] of latest) {
+      const at = this.place(station, time);
+      if (at) this.drawBubble(wrapped(text), at[0], tops.get(station) ?? at[1], this.stationColour(station), (BUBBLE_TICKS - (time - tick)) / 10, taken);
     }
   }
 

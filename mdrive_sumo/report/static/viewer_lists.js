@@ -63,9 +63,9 @@ class Lists {
       const item = element("li", `entry ${entry.spoken ? "spoken" : "noted"}`);
       const button = element("button", "");
       const swatch = element("span", "swatch small");
-      swatch.style.background = entry.who >= 0 && entry.who < this.replay.egos ? colourOf(entry.who) : "var(--ink)";
-      const who = element("b", "", this.talk.stations[entry.who] ?? "");
-      button.append(element("time", "", `${this.replay.seconds(entry.tick).toFixed(1)} s`), swatch, who, element("i", "", entry.kind));
+      swatch.style.background = entry.station >= 0 && entry.station < this.replay.egos ? colourOf(entry.station) : "var(--ink)";
+      const name = element("b", "", this.talk.stations[entry.station] ?? "");
+      button.append(element("time", "", `${this.replay.seconds(entry.tick).toFixed(1)} s`), swatch, name, element("i", "", entry.kind));
       button.append(element("p", "", entry.text));
       button.addEventListener("click", () => this.seek(entry.tick));
       item.append(button);
@@ -156,7 +156,7 @@ function outcome(replay, message, { fate, tick }) {
 
 function headFacts(replay, talk, message) {
   const fates = message.fates.map((one) => `${talk.stations[one.to]}: ${one.fate === "delivered" ? "after " : ""}${outcome(replay, message, one)}`);
-  return [["sent", `${replay.seconds(message.tick).toFixed(2)} s, ${message.bytes} bytes`], ["to", fates.join("\n") || "nobody"]];
+  return [["sent", `${replay.seconds(message.tick).toFixed(2)} s, ${message.bytes} bytes`], ["to", fates.join("\n") || "no station"]];
 }
 
 function contentFacts(replay, own, { type, content }) {
@@ -188,7 +188,7 @@ function mcmFacts(replay, own, mcm) {
 function termFacts(replay, own, { intention, direction, requests, answers, group, until }) {
   const facts = [["intention", `${intention}, ${direction}`], ["group", group.join(", ") || "none"]];
   if (requests.length) facts.push(["asks", wishes(own, requests).join("\n")]);
-  if (answers.length) facts.push(["answers", answers.map(([who, yes]) => `${who}: ${yes ? "yes" : "no"}`).join("\n")]);
+  if (answers.length) facts.push(["answers", answers.map(([station, yes]) => `${station}: ${yes ? "yes" : "no"}`).join("\n")]);
   if (requests.length) facts.push(["until", `${replay.seconds(until).toFixed(1)} s`]);
   return facts;
 }

@@ -3,7 +3,7 @@
 const FLASH_TICKS = 20; // how long a contact glows after it ended
 const MARK_TICKS = 60; // how long an event stays on the map
 const NEAR_SCALE = 5; // px/m (of the style sheet) from which all labels are shown in "near"
-const FADED = 0.22; // whom the selected CAV does not see, in the layer "sight"
+const FADED = 0.22; // opacity of what the selected CAV does not see, in the layer "sight"
 const LIGHTS = { r: "bad", u: "bad", y: "warn", g: "good", G: "good", s: "warn" };
 
 class Scene {
@@ -66,7 +66,7 @@ class Scene {
     const { ctx, view, theme, replay } = this;
     const [length, width] = replay.sizes[i];
     const isEgo = i < replay.egos;
-    const least = (isEgo ? 11 : 5) * this.dpr; // px: from afar everybody stays visible
+    const least = (isEgo ? 11 : 5) * this.dpr; // px: every road user stays visible from afar
     const enlarged = Math.max(1, least / (Math.max(length, width) * view.scale));
     const pixel = this.dpr / (view.scale * enlarged);
     const kind = replay.kinds[i];
@@ -86,7 +86,7 @@ class Scene {
     else if (6 * pixel < width) this.heading(length, width, isEgo);
   }
 
-  /** A prop: nobody is in there. */
+  /** A prop. */
   crossed(length, width, pixel) {
     const { ctx } = this;
     ctx.beginPath();
@@ -98,7 +98,7 @@ class Scene {
     ctx.stroke();
   }
 
-  /** Around whom the selected CAV does not see. */
+  /** Outline of what the selected CAV does not see. */
   dashedEdge(colour, pixel) {
     const { ctx } = this;
     ctx.strokeStyle = colour;

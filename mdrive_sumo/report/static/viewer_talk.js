@@ -1,4 +1,4 @@
-// What was said: who sent what to whom when, what each has received, and what it says. Times in ticks, lengths in m.
+// Messages of the episode: sender, receivers, tick, delivery status and decoded content. Times in ticks, lengths in m.
 
 const FRESH_TICKS = 20; // what is older than a second is not shown as known
 const INTENTIONS = ["stop", "slower", "keep", "faster"];
@@ -129,27 +129,27 @@ class Talk {
   }
 
   /** What the station asked, answered and believed by MCM, whenever that changed. */
-  agreements(who) {
+  agreements(station) {
     const found = [];
     let before = "";
-    for (const { tick, content } of this.bySender.get(`mcm ${who}`) ?? []) {
-      const text = content ? bargain(this.stations[who], content) : before;
-      if (text !== before) found.push({ tick, who, kind: "by MCM", text: text || "in no conflict any more", more: "", spoken: false });
+    for (const { tick, content } of this.bySender.get(`mcm ${station}`) ?? []) {
+      const text = content ? bargain(this.stations[station], content) : before;
+      if (text !== before) found.push({ tick, station, kind: "by MCM", text: text || "in no conflict any more", more: "", spoken: false });
       before = text;
     }
     return found;
   }
 
-  /** All that was said in words, agreed by MCM and noted, in order: [{ tick, who, kind, text, more, spoken }]. */
+  /** All that was said in words, agreed by MCM and noted, in order: [{ tick, station, kind, text, more, spoken }]. */
   transcript() {
     const said = this.texts.map(([row, text]) => {
       const { tick, from } = this.sent[row];
       const head = SPOKEN.exec(text);
       const kind = head ? `${head[3] ? "critic" : "says"} · round ${head[2]}` : "says";
-      return { tick, who: from, kind, text: head ? text.slice(head[0].length) : text, more: "", spoken: true };
+      return { tick, station: from, kind, text: head ? text.slice(head[0].length) : text, more: "", spoken: true };
     });
     const noted = this.replay.notes
-      .map(([tick, ego, kind, text, more]) => ({ tick, who: this.stations.indexOf(ego), kind, text, more, spoken: false }))
+      .map(([tick, ego, kind, text, more]) => ({ tick, station: this.stations.indexOf(ego), kind, text, more, spoken: false }))
       .filter((note) => !joined(said, note));
     const agreed = this.stations.flatMap((_, station) => this.agreements(station));
     return [...said, ...agreed, ...noted].sort((a, b) => a.tick - b.tick);
@@ -158,22 +158,22 @@ class Talk {
 
 /** Whether the note only tells how something came to be said: then what was asked is told there. */
 function joined(said, note) {
-  const same = said.find((entry) => entry.tick === note.tick && entry.who === note.who && entry.text === note.text);
+  const same = said.find((entry) => entry.tick === note.tick && entry.station === note.station && entry.text === note.text);
   if (same) same.more = note.more;
   return same !== undefined;
 }
 
-/** What is asked of whom, all of whom the same is asked in one line; of oneself first. */
+/** Requests grouped by what is asked, one line per group; the sender's own intention first. */
 function wishes(own, requests) {
   const asked = new Map();
-  for (const [who, what] of requests) push(asked, `${who === own ? 0 : 1}${what}`, who === own ? "itself" : who);
+  for (const [station, what] of requests) push(asked, `${station === own ? 0 : 1}${what}`, station === own ? "itself" : station);
   return [...asked].sort(([a], [b]) => (a < b ? -1 : 1)).map(([key, names]) => `${names.join(", ")}: ${key.slice(1).toLowerCase()}`);
 }
 
 /** Requests, answers and group of an MCM in words; "" if there are none. */
 function bargain(own, { requests, answers, group }) {
   const asks = wishes(own, requests).map((wish) => `asks ${wish}`);
-  const says = answers.map(([who, yes]) => (yes ? `agrees with ${who}` : `refuses ${who}`));
+  const says = answers.map(([station, yes]) => (yes ? `agrees with ${station}` : `refuses ${station}`));
   const sees = group.length ? [`in conflict: ${group.join(", ")}`] : [];
   return [...asks, ...says, ...sees].join("\n");
 }
