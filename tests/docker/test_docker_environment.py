@@ -101,6 +101,7 @@ def test_an_image_that_says_nothing_is_no_environment(tmp_path: Path) -> None:
         import_image("mine", tmp_path, HOST, "/usr/bin/true")
 
 
+@pytest.mark.full
 def test_the_command_notes_it_in_the_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MDRIVE_SETTINGS", raising=False)
     words = ("--data", str(tmp_path), "environment", "import", "mine", "/", "--python", PYTHON)

@@ -99,6 +99,7 @@ def test_two_workers_make_the_same_and_verify_and_rescore_agree(crashes: tuple[P
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.full
 def test_the_mode_stands_in_results_and_fingerprint_and_verify_honours_it(tmp_path: Path) -> None:
     npc = actor("it", "vehicle", points=[(60, -30), (60, 60)], speed=9, start_speed=9).model_copy(
         update={"trigger": DistanceTrigger(vehicle="0", distance_m=40.0)}

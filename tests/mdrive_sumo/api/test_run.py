@@ -118,6 +118,7 @@ def test_a_changed_scenario_must_be_saved_first(tmp_path: Path) -> None:
         md.evaluate(suite, seeds=[], out=tmp_path)
 
 
+@pytest.mark.full
 def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     """Worker processes are spawned: Python would import the script in each of them."""
     script = tmp_path / "script.py"

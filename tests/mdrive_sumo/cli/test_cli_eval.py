@@ -154,6 +154,7 @@ def test_a_killed_parent_takes_its_workers_along_and_the_run_continues(fakes: Mo
     assert not Path(f"/proc/{worker}/fd/0").exists()
 
 
+@pytest.mark.full
 def test_two_at_once_on_one_run(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "hang once")
     with start(tmp_path) as process:
@@ -166,6 +167,7 @@ def test_two_at_once_on_one_run(fakes: ModuleType, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.full
 def test_a_disk_that_is_full(fakes: ModuleType, tmp_path: Path) -> None:
     """A limit on the size of files stands in for the disk; the run continues when there is room again."""
     fakes.make_suite(tmp_path / "suite", *["answer"] * 8)
@@ -181,6 +183,7 @@ def test_a_disk_that_is_full(fakes: ModuleType, tmp_path: Path) -> None:
     assert "scenarios are done already" in done.stderr
 
 
+@pytest.mark.full
 def test_a_full_disk_under_a_recording(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "full")
     ended = evaluate(tmp_path)

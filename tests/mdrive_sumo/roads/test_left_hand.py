@@ -146,6 +146,7 @@ def check_both_sides(recording: Recording, folder: Path) -> None:
         )  # where ways through a junction part the first may be either
 
 
+@pytest.mark.full
 def test_the_mirror_image_of_a_log_keeps_to_the_left(tmp_path: Path) -> None:
     check_both_sides(busy_truth(0, Crowd(vehicles=20, walkers=4, all=30)), tmp_path)
 

@@ -32,6 +32,7 @@ def test_the_benchmark_is_as_the_papers_tables_say_and_as_it_was_sealed() -> Non
     assert find_suite_problems(load_suite("mdrive"), ()) == ()
 
 
+@pytest.mark.full
 def test_every_recipe_makes_its_scenario_again() -> None:
     recipes = load_recipes("interaction")
     assert len(recipes) == 112

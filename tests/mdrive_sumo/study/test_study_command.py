@@ -138,6 +138,7 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     assert "4/4" in errors.splitlines()[-1]
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_void_scenarios_are_exit_code_1_and_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fake_suite(monkeypatch, tmp_path, "answer", "kill")

@@ -182,6 +182,7 @@ def test_sumo_drives_slower_where_it_is_slippery_and_the_same_twice() -> None:
     assert wet == speeds(WET)
 
 
+@pytest.mark.full
 def test_rain_and_night_shorten_sight_by_the_command_line(tmp_path: Path) -> None:
     """Cones 41, 45 and 55 m away, beside each other; 60 m of range are 48 m in rain and 42 m at night."""
     (tmp_path / "lookout.py").write_text(LOOKOUT)

@@ -169,6 +169,7 @@ def test_an_implausible_size_is_clamped_and_reported() -> None:
     assert median_size(replace(odd, length=0.0 * odd.length)) == (0.1, 10.0)
 
 
+@pytest.mark.full
 def test_a_batch_cut_into_windows_keeps_what_can_be_converted(small: tuple[Path, Path], tmp_path: Path) -> None:
     """Two halves of the log; a second one of the same name, and a broken one, are listed."""
     shutil.copytree(small[0], tmp_path / "twin" / "small")

@@ -195,6 +195,7 @@ def test_the_page_stays_small(tmp_path: Path) -> None:
     assert len(render_report(found).encode()) < 2_000_000
 
 
+@pytest.mark.full
 def test_a_real_log_has_a_page(shared_data: Path, tmp_path: Path) -> None:
     log = shared_data / "real_logs" / "scenarionet_nuscenes" / "sd_nuscenes_v1.0-mini_scene-0103.pkl"
     found = findings_of(read_scenarionet(log), tmp_path)

@@ -106,6 +106,7 @@ def too_long(session: Session) -> None:
     time.sleep(60)
 
 
+@pytest.mark.full
 def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Answers, says that nothing changed, passes refusals on, and is begun anew where it hangs."""
     url = f"sqlite:///{tmp_path / 'a.sqlite'}"

@@ -173,6 +173,7 @@ def test_a_suite_that_is_not_there_is_said_before_anything_listens(data: Path, m
     assert isinstance(result.exception, InputError) and "/nowhere" in str(result.exception)
 
 
+@pytest.mark.full
 def test_a_server_starts_answers_and_ends(data: Path, tmp_path: Path) -> None:
     with_environment(ServerSettings(data=data))
     with served(tmp_path, "--settings", str(tmp_path / "server.toml"), "--data", str(data)) as (address, process, log):
