@@ -1,12 +1,15 @@
 """Parameters of which `make test` takes a sample; `make test-all` takes all."""
 
 from collections.abc import Collection, Iterable
+from typing import TypeVar
 
 import pytest
 from _pytest.mark.structures import ParameterSet
 
+T = TypeVar("T")
 
-def sampled(values: Iterable[str], kept: Collection[str]) -> list[ParameterSet]:
+
+def sampled(values: Iterable[T], kept: Collection[T]) -> list[ParameterSet]:
     """The values as parameters; those that are not `kept` are marked `full`."""
     values = tuple(values)
     assert set(kept) <= set(values), f"{set(kept) - set(values)} are no values"

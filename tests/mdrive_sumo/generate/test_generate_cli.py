@@ -217,13 +217,8 @@ def test_a_model_proposes_and_its_transcripts_make_the_same_suite_again(tmp_path
     assert command("generate", "--rebuild", suite.folder).exit_code == 0
 
 
-@pytest.mark.parametrize(
-    "category",
-    [
-        pytest.param(one, marks=pytest.mark.slow if one is Category.ROUNDABOUT else pytest.mark.full)
-        for one in Category  # the others of this file generate pre-crash
-    ],
-)
+@pytest.mark.full  # the others of this file generate pre-crash
+@pytest.mark.parametrize("category", Category)
 def test_every_category_is_generated_rebuilt_and_driven(category: Category, tmp_path: Path) -> None:
     generated(tmp_path / "suite", "--seed", 11, category=category)
     assert command("generate", "--rebuild", tmp_path / "suite").exit_code == 0

@@ -51,7 +51,8 @@ def test_loss_and_noise_are_the_same_for_any_worker_count(agent: str, tmp_path: 
     assert said.splitlines()[-1] == "2 of 2 scenarios are identical"
 
 
-@pytest.mark.parametrize("agent", MOST)
+@pytest.mark.full
+@pytest.mark.parametrize("agent", TALKING)
 def test_loss_changes_what_is_driven_and_another_seed_too(agent: str, tmp_path: Path) -> None:
     ideal = evaluated(tmp_path / "ideal", "i13*", "--workers", "1", agent=agent)
     worn = evaluated(tmp_path / "worn", "i13*", "--workers", "1", *WORN, agent=agent)

@@ -64,6 +64,7 @@ def test_the_busy_log_is_as_large_as_its_speed_target_says(tmp_path: Path) -> No
     assert sum(track.category.kind is Kind.PEDESTRIAN for track in moving) == 12
 
 
+@pytest.mark.full  # the converted suite of test_round_trip_convert is the same drive
 def test_a_drive_in_sumo_comes_back(trip: Trip) -> None:
     check(trip)
     assert len(trip.visible) > 20

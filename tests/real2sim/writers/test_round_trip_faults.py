@@ -108,6 +108,7 @@ def test_a_clean_log_needs_no_repair() -> None:
     assert clean_recording(log.recording).report.list_changes(ChangeReason.TELEPORT) == ()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", sorted(PLANTS))
 def test_planted_faults_do_break_the_log(kind: str) -> None:
     """The same checks on what was written, not cleaned."""

@@ -124,6 +124,7 @@ def locked(order: replay_page.ReplayRequest) -> None:
     part.replace(order.page)  # it may be being read
 
 
+@pytest.mark.full
 def test_requests_that_wait_for_replays_do_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
     paths.replay_path(server.settings, mine, "merge", 0).unlink()
