@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.scenario.checks import CAR, compute_first_pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, PathMotion, ReplayMotion
@@ -79,18 +80,18 @@ def _can_hit_static(scenario: Scenario, roads: RoadMap) -> bool:
 def _can_miss_stop_sign(scenario: Scenario, roads: RoadMap) -> bool:
     signs = {sign.lane: sign for sign in roads.stop_signs or ()}
     return any(
-        lane in signs and not _rests_at_line(ego, lane, signs[lane].line_pos_m, roads)
+        lane in signs and not _rests_at_line(ego, signs[lane], roads)
         for ego in scenario.egos
         for lane in ego.lanes[:-1]
     )
 
 
-def _rests_at_line(ego: Ego, lane: str, line_pos_m: float, roads: RoadMap) -> bool:
+def _rests_at_line(ego: Ego, sign: StopSignBox, roads: RoadMap) -> bool:
     """Return whether a CAV starts beyond the line, or at rest so near that this counts as its stop (protocol 7.7)."""
-    if lane != ego.lanes[0]:
+    if sign.lane != ego.lanes[0]:
         return False
-    before_m = line_pos_m - roads.lanes[lane].centre.project(ego.start.x, ego.start.y)[0]
-    return before_m <= 0.0 or (ego.start_speed == 0.0 and before_m <= AHEAD_M)
+    before_m = sign.line_pos_m - roads.lanes[sign.lane].centre.project(ego.start.x, ego.start.y)[0]
+    return before_m <= 0.0 or (ego.start_speed == 0.0 and before_m - sign.length_m <= AHEAD_M)
 
 
 def _can_run_red_light(scenario: Scenario, roads: RoadMap) -> bool:
