@@ -98,6 +98,7 @@ def build_scenario(entry: dict[str, Any]) -> Scenario:
         category=entry["category"],
         network=entry["network"],
         description=entry["description"],
+        signals=entry.get("signals", "frozen-green"),
         egos=egos,
     )
 

@@ -32,6 +32,7 @@ class Episode:
     record: EpisodeRecord
     """Everything that was recorded, as arrays of ticks by road users."""
     scenario: Scenario
+    """As the seed drew it; `scenario.as_written` is that of the suite."""
     roads: RoadMap
     seed: int = 0
 
@@ -142,5 +143,6 @@ def load_episode(path: str | Path, suite: str | Suite | None = None) -> Episode:
         from mdrive_sumo.runs.stored_run import load_stored_run
 
         suite = load_stored_run(path.parent.parent).run.suite
-    scenario, roads = find_scenario(record.scenario, suite)
-    return Episode(record, scenario, roads, int(record.about.get("seed", 0)))
+    seed = int(record.about.get("seed", 0))
+    scenario, roads = find_scenario(record.scenario, suite, seed)
+    return Episode(record, scenario, roads, seed)

@@ -6,14 +6,22 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scenario.variation import vary_scenario
 
 
-def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) -> tuple[Scenario, RoadMap]:
-    """Return a scenario and its network.
+def find_scenario(
+    scenario: str | Scenario, suite: str | Suite | None = None, seed: int = 0
+) -> tuple[Scenario, RoadMap]:
+    """Return a scenario as a seed draws it (seed 0: as written), and its network.
 
     scenario: an id, or a scenario itself. suite: a suite, its name or its folder; None: the packaged suites. A scenario
     whose network belongs to a suite of one's own needs that suite. Raises InputError.
     """
+    found, roads = _find_written(scenario, suite)
+    return vary_scenario(found, roads, seed), roads
+
+
+def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> tuple[Scenario, RoadMap]:
     if suite is not None:
         owner = load_suite(suite) if isinstance(suite, str) else suite
         found = scenario if isinstance(scenario, Scenario) else _find_in(owner, scenario)

@@ -37,14 +37,15 @@ def simulate(
 ) -> Episode:
     """Drive one scenario in this process and return the episode: the same one, bit for bit, as `evaluate` records.
 
-    scenario: an id, or a scenario of a suite. agent: a built-in name, a class, `module:Class`, `path.py:Class` or
-    `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
+    scenario: an id, or a scenario of a suite. seed: of all randomness; 0 is the scenario as written, any other draws
+    starts, triggers and drivers (docs/benchmark.md). agent: a built-in name, a class, `module:Class`, `path.py:Class`
+    or `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
     raise_agent_errors: an agent that fails raises AgentFailure here, with its own exception as the cause, instead of
     ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, as for `evaluate`.
 
     Raises InputError, WorldError and AgentFailure.
     """
-    found, roads = find_scenario(scenario, suite)
+    found, roads = find_scenario(scenario, suite, seed)
     spec = AgentSpec(agent, agent_config or {})
     config = _make_config(found, roads, seed, spec.resolve().name, options)
     Simulation.close_open()
@@ -136,7 +137,7 @@ class Simulation:
 
         There is no agent clock here: the caller may think as long as it likes. Raises InputError.
         """
-        self.scenario, self.roads = find_scenario(scenario, suite)
+        self.scenario, self.roads = find_scenario(scenario, suite, seed)
         self.seed = seed
         egos = [ego.id for ego in self.scenario.egos]
         by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)

@@ -47,7 +47,13 @@ EXECUTORS = ("local", "dask")
     metavar="FILE",
     help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
 )
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Seed of all randomness.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=0,
+    show_default=True,
+    help="Seed of all randomness. 0: the scenarios as written. Others also draw starts, triggers and drivers.",
+)
 @workers_option
 @click.option(
     "--executor",

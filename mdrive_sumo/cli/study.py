@@ -83,7 +83,9 @@ class StudyDisplay(ProgressDisplay):
 @click.option(
     "--grid", type=click.Choice(GRIDS), default=GRIDS[0], show_default=True, help="Combination of the factors."
 )
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed; 0: as written."
+)
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
 @click.option(
     "--captured/--no-captured",

@@ -7,6 +7,7 @@ import click
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.generate.validation import (
     ScenarioValidation,
+    describe_rules,
     describe_suite,
     find_suite_problems,
     sample_scenarios,
@@ -39,7 +40,9 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
     For recordings (buckets V2XPnP, Real2Sim) difficulty is reported, not required, and solvable means RC 100.
 
     Suites named as the paper's are compared with its tables: scenarios, CAVs, routes, actors, categories, weather, and
-    how many conflicts are hidden until late. Kept certificates and recipes must belong to the scenarios.
+    how many conflicts are hidden until late. Kept certificates and recipes must belong to the scenarios. The rules that
+    scenarios exercise are counted (a stop sign on a route, a pedestrian in its way ...); those that none exercises are
+    listed, and fail the whole packaged suite.
 
     Exit codes: 0 everything passes, 1 something fails, 2 unusable input.
     """
@@ -54,7 +57,7 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
         for part in loaded.parts or (loaded,):
             _write_certificates(part, found)
     whole = find_suite_problems(loaded, found)
-    for sentence in (*whole, *describe_suite(loaded)):
+    for sentence in (*whole, *describe_suite(loaded), *describe_rules(loaded)):
         click.echo(sentence)
     failed = sum(bool(one.problems) for one in found)
     difficult, hidden = sum(one.is_difficult for one in found), sum(one.is_occluded for one in found)

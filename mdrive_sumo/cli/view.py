@@ -10,11 +10,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.replay_marks import find_marks
 from mdrive_sumo.report.replay_page import render_replay
-from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, recording_path
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import Results, ScenarioResult
 
 
@@ -55,5 +55,5 @@ def _build_page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) ->
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording_path(run.folder, scenario.id))
-    roads = load_road_map(find_network_folder(scenario.network, run.suite.find_folder(scenario.id)))
-    return render_replay(episode, scenario, roads, find_marks(episode, result))
+    varied, roads = load_varied_scenario(run.suite, scenario, result.seed)
+    return render_replay(episode, varied, roads, find_marks(episode, result))

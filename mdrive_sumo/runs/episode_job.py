@@ -9,12 +9,13 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.open_world import open_world
-from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, open_agents
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 
 
@@ -87,12 +88,12 @@ def rescore(job: EpisodeJob) -> ScenarioResult:
 
 
 def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
-    """Return the scenario of a job and its network. Raises InputError."""
+    """Return the scenario of a job as its seed draws it, and its network. Raises InputError."""
     suite = _load_suite_once(job.suite_folder)
     scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
     if scenario is None:
         raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
-    return scenario, load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
+    return load_varied_scenario(suite, scenario, job.seed)
 
 
 @lru_cache(maxsize=2)

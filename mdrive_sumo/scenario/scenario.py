@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -85,6 +85,18 @@ class Scenario(ScenarioPart):
     weather: WeatherName = "default"
     rsus: tuple[RoadsideUnit, ...] = ()
     notes: tuple[str, ...] = ()
+    _written: "Scenario | None" = PrivateAttr(default=None)
+
+    @property
+    def as_written(self) -> "Scenario":
+        """The scenario of the file: itself, unless a seed drew it (`scenario.variation`)."""
+        return self._written or self
+
+    def derive(self, **changes: object) -> "Scenario":
+        """Return a copy with changed fields, unchecked, that keeps the scenario as written and so its time limit."""
+        derived = self.model_copy(update=changes)
+        derived._written = self.as_written
+        return derived
 
     def __repr__(self) -> str:
         return (

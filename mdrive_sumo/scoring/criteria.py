@@ -77,8 +77,11 @@ def build_reference_along(xy: Float, yaw: Float) -> RouteReference:
 
 
 def compute_time_limit_ticks(scenario: Scenario) -> int:
-    """Return the time limit: int(0.8 s/m * L0 + 8 s) in ticks, with ego 0's route length L0 for every ego (7.6, K3)."""
-    return int(0.8 * build_route_reference(scenario.egos[0]).length + 8.0) * TICKS_PER_SECOND
+    """Return the time limit: int(0.8 s/m * L0 + 8 s) in ticks, with ego 0's route length L0 for every ego (7.6, K3).
+
+    The route is that of the scenario as written, so that every seed has the same time.
+    """
+    return int(0.8 * build_route_reference(scenario.as_written.egos[0]).length + 8.0) * TICKS_PER_SECOND
 
 
 def advance_index(reference: RouteReference, index: int, window: int, x: float, y: float) -> int:

@@ -27,15 +27,16 @@ def write_replay_page(request: ReplayRequest) -> None:
     from mdrive_sumo.episode import load_episode
     from mdrive_sumo.report.replay_marks import find_marks
     from mdrive_sumo.report.replay_page import render_replay
-    from mdrive_sumo.roads import find_network_folder, load_road_map
     from mdrive_sumo.scenario.suite import load_suite
+    from mdrive_sumo.scenario.variation import load_varied_scenario
     from mdrive_sumo.scoring import ScenarioResult
 
     suite = load_suite(request.suite)
-    scenario = next(scenario for scenario in suite.scenarios if scenario.id == request.scenario)
+    result = ScenarioResult.model_validate(request.result)
+    written = next(scenario for scenario in suite.scenarios if scenario.id == request.scenario)
+    scenario, roads = load_varied_scenario(suite, written, result.seed)
     episode = load_episode(request.recording)
-    roads = load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
-    marks = find_marks(episode, ScenarioResult.model_validate(request.result))
+    marks = find_marks(episode, result)
     part = request.page.with_suffix(".part")
     part.write_text(render_replay(episode, scenario, roads, marks), encoding="utf-8")
     part.replace(request.page)

@@ -2,6 +2,7 @@
 suite's name."""
 
 from mdrive_sumo.generate.validation.requirements import FULL_SCORE, NEAR_MISS_TTC_S
+from mdrive_sumo.generate.validation.rule_coverage import describe_rules
 from mdrive_sumo.generate.validation.scenario_validation import (
     ScenarioValidation,
     ValidationTask,
@@ -19,6 +20,7 @@ __all__ = [
     "validate_scenario",
     "validate_scenarios",
     "sample_scenarios",
+    "describe_rules",
     "describe_suite",
     "find_suite_problems",
 ]

@@ -7,6 +7,7 @@ Checksum, recipes and certificates in a suite's folder must belong to its scenar
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
+from mdrive_sumo.generate.validation.rule_coverage import find_missing_rules
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
 from mdrive_sumo.scenario.scenario import Scenario
@@ -35,11 +36,15 @@ def find_suite_problems(suite: Suite, examinations: Sequence[ScenarioValidation]
     The number of hidden conflicts is checked if those of every scenario are known: validated now, or stored with the
     suite.
     """
-    return tuple(
+    of_parts = tuple(
         f"{part.name}: {problem}"
         for part in suite.parts or (suite,)
         for problem in _find_part_problems(part, examinations)
     )
+    if not (suite.parts and is_packaged(suite)):
+        return of_parts
+    missing = find_missing_rules(suite)
+    return (*of_parts, *(f"{suite.name}: expected a scenario that exercises {rule}, found none" for rule in missing))
 
 
 def describe_suite(suite: Suite) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 SAME_ACTOR_TICKS = 5 * TICKS_PER_SECOND
-"""Ticks after a counted collision in which contacts with the same actor are ignored."""
+"""Ticks after the last counted collision, of any kind, in which contacts with the last actor are ignored."""
 SAME_PLACE_M = 3.0
 """Contacts nearer than this [m] to an earlier collision are ignored."""
 FORGET_PLACE_M = 5.0
@@ -27,21 +27,30 @@ INFRACTION_BY_KIND = MappingProxyType(
 
 
 class _CollisionFilter:
-    """The memory of the original's collision sensor of one CAV."""
+    """The memory of the original's collision sensor of one CAV: last actor, last time, places.
+
+    The time is that of the last counted collision, whatever was hit; the actor is that of the last one with an actor.
+    So a wall that is hit within 5 s of a vehicle renews the memory of the vehicle (protocol 7.2).
+    """
 
     def __init__(self) -> None:
         self._places: list[tuple[float, float]] = []
         self._actor, self._tick = "", 0
 
+    def forget_old_actor(self, tick: int) -> None:
+        """Forget the last actor if the last counted collision lies more than 5 s before `tick`."""
+        if tick - self._tick > SAME_ACTOR_TICKS:
+            self._actor = ""
+
     def is_new(self, other: str, tick: int, x: float, y: float) -> bool:
         """Return whether a contact with `other` at (x, y) [m] is a new collision, and remember it if so."""
-        if other and other == self._actor and tick - self._tick <= SAME_ACTOR_TICKS:
+        if other and other == self._actor:
             return False
         if any(math.hypot(x - px, y - py) <= SAME_PLACE_M for px, py in self._places):
             return False
         self._places.append((x, y))
-        if other:
-            self._actor, self._tick = other, tick
+        self._tick = tick
+        self._actor = other or self._actor
         return True
 
     def forget_distant_places(self, x: float, y: float) -> None:
@@ -52,9 +61,10 @@ class _CollisionFilter:
 def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     """Return the collisions of a CAV: continued contact, or contact again at the same place, is one collision.
 
-    Ignored are contacts with the actor of the last collision until more than 5 s have passed since, and contacts
-    within 3 m of an earlier collision; that place is forgotten once the CAV is over 5 m away. The map ("") is never
-    the "last actor". Places are box centres of the CAV.
+    Ignored are contacts with the last actor that was hit, until more than 5 s have passed since the last counted
+    collision of any kind; and contacts within 3 m of an earlier collision, whose place is forgotten once the CAV is
+    over 5 m away. The map ("") is never the "last actor", but hitting it counts as a collision of any kind. Places are
+    box centres of the CAV.
     """
     contacts_by_tick: dict[int, list[tuple[str, Kind]]] = {}
     for tick, contact in track.episode.contacts:
@@ -64,6 +74,7 @@ def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     collision_filter = _CollisionFilter()
     # Between two contacts the CAV may leave a place and return, hence every tick and not only those with contacts.
     for tick, (x, y) in enumerate(track.xy.tolist()) if contacts_by_tick else ():
+        collision_filter.forget_old_actor(tick)
         for other, kind in contacts_by_tick.get(tick, ()):
             if collision_filter.is_new(other, tick, x, y):
                 name, factor = INFRACTION_BY_KIND[kind]

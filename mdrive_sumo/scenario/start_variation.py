@@ -1,0 +1,182 @@
+"""Jittered starts of CAVs: position along the route and start speed, free of overlap, on the lane as written."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.geometry import Polyline, box_corners, wrap_angle
+from mdrive_sumo.core.seeding import draw_uniforms
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.checks import CAR, TOUCHING_M2, compute_first_pose
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import ReplayMotion
+
+
+@dataclass(frozen=True, slots=True)
+class StartBounds:
+    """How far the start of a CAV may be from what is written. Assumptions."""
+
+    shift_m: float = 3.0
+    """Along the route: half a car's length, in which a queue keeps its order."""
+    speed: float = 2.0
+    """[m/s] of a CAV that is written to start at rest: it stops again within half a metre."""
+    speed_share: float = 0.1
+    """Of the speed of a CAV that is written to start in motion."""
+    line_gap_m: float = 1.0
+    """A shifted front bumper stays this far before the end of its lane and before a stop line."""
+    gap_m: float = 2.0
+    """Free length kept before and behind a shifted CAV, as in a queue (SUMO's minimum gap is 2.5 m)."""
+    route_left_m: float = 20.0
+    """A shifted start leaves at least this much of the route."""
+
+
+SHRINKS = (1.0, 0.5, 0.25, 0.0)
+"""Shares of a drawn shift that are tried, in this order, until the start is free."""
+LEAST_SHIFT_M = 0.05
+"""A smaller shift is none: the route needs distinct points."""
+FRONT_M = CAR.length / 2
+
+
+def vary_starts(
+    scenario: Scenario, roads: RoadMap, seed: int, bounds: StartBounds, log_trim_s: float
+) -> tuple[Ego, ...]:
+    """Return the CAVs with other starts. `scenario`: with its actors and traffic already varied.
+
+    A CAV that starts in motion is ahead by what it drives while the log is trimmed by `log_trim_s` [s]. A start that is
+    not free is drawn nearer to the written one, which always fits.
+    """
+    others = list(_iterate_boxes(scenario, roads))
+    starts = {ego.id: _build_box(ego.start) for ego in scenario.egos}
+    varied: list[Ego] = []
+    for ego in scenario.egos:
+        drawn = draw_uniforms(seed, "variation", scenario.id, "cav", ego.id)
+        shift_m = bounds.shift_m * (2.0 * drawn[0] - 1.0) + ego.start_speed * log_trim_s
+        blockers = [*others, *(box for name, box in starts.items() if name != ego.id)]
+        shifted = _find_free_start(ego, shift_m, roads, bounds, blockers)
+        starts[ego.id] = _build_box(shifted.start)
+        varied.append(shifted.model_copy(update={"start_speed": _vary_speed(ego.start_speed, drawn[1], bounds)}))
+    return tuple(varied)
+
+
+def _vary_speed(speed: float, uniform: float, bounds: StartBounds) -> float:
+    if speed == 0.0:
+        return round(bounds.speed * uniform, 3)
+    return round(min(speed * (1.0 + bounds.speed_share * (2.0 * uniform - 1.0)), 60.0), 3)
+
+
+def _find_free_start(
+    ego: Ego, shift_m: float, roads: RoadMap, bounds: StartBounds, blockers: Sequence[shapely.Polygon]
+) -> Ego:
+    """Return the CAV at the largest tried share of the shift at which no blocker is nearer than it was, or `gap_m`."""
+    low, high = _find_range(ego, roads, bounds)
+    for share in SHRINKS:
+        shifted = shift_start(ego, min(max(share * shift_m, low), high), roads)
+        if shifted is ego or not _is_blocked(shifted.start, blockers, bounds):
+            return shifted
+    return ego
+
+
+def _is_blocked(start: Pose, blockers: Sequence[shapely.Polygon], bounds: StartBounds) -> bool:
+    room = _build_box(start, 2.0 * bounds.gap_m)
+    return any(float(shapely.intersection(room, box).area) > TOUCHING_M2 for box in blockers)
+
+
+def _find_range(ego: Ego, roads: RoadMap, bounds: StartBounds) -> tuple[float, float]:
+    """Return the least and greatest shift [m]: on the lane of the start, before its stop lines, with a route left."""
+    lane = roads.lanes[ego.lanes[0]]
+    at = lane.centre.project(ego.start.x, ego.start.y)[0]
+    lines = [sign.line_pos_m for sign in roads.stop_signs or () if sign.lane == lane.id]
+    ends = [line for line in (*lines, lane.centre.length) if line >= at + FRONT_M]
+    ahead = min([lane.centre.length - at, *(end - bounds.line_gap_m - at - FRONT_M for end in ends)])
+    route_left = float(Polyline(ego.xy).length) - bounds.route_left_m
+    return min(-(at - FRONT_M), 0.0), max(min(ahead, route_left), 0.0)
+
+
+def shift_start(ego: Ego, shift_m: float, roads: RoadMap) -> Ego:
+    """Return the CAV that starts `shift_m` [m] further along its route, with the same lateral position.
+
+    The route begins at the new start: it loses its first points, or begins further back on the lane of the start.
+    """
+    if abs(shift_m) < LEAST_SHIFT_M:
+        return ego
+    route = _cut_route(ego, shift_m) if shift_m > 0 else _extend_route(ego, -shift_m, roads.lanes[ego.lanes[0]])
+    route = tuple((round(x, 3), round(y, 3), round(yaw, 4)) for x, y, yaw in route)
+    return ego.model_copy(update={"route": route, "start": _move_pose(ego.start, ego.route[0], route[0])})
+
+
+def _move_pose(pose: Pose, base: tuple[float, float, float], target: tuple[float, float, float]) -> Pose:
+    """Return a pose relative to `target` as it is relative to `base`."""
+    turn = target[2] - base[2]
+    dx, dy = pose.x - base[0], pose.y - base[1]
+    x = target[0] + math.cos(turn) * dx - math.sin(turn) * dy
+    y = target[1] + math.sin(turn) * dx + math.cos(turn) * dy
+    return Pose(x=round(x, 3), y=round(y, 3), yaw=round(pose.yaw + wrap_angle(turn), 4))
+
+
+def _cut_route(ego: Ego, shift_m: float) -> list[tuple[float, float, float]]:
+    """Return the route from `shift_m` [m] on. Its first hop is 0.4 to 1.4 m long."""
+    line = Polyline(ego.xy)
+    before = int(np.searchsorted(line.s, shift_m, side="right")) - 1
+    kept = [point for point, s in zip(ego.route, line.s.tolist(), strict=True) if s >= shift_m + 0.4]
+    return [(*line.at(shift_m), ego.route[before][2]), *kept]
+
+
+def _extend_route(ego: Ego, back_m: float, lane: Lane) -> list[tuple[float, float, float]]:
+    """Return the route begun `back_m` [m] before its first point, at that point's offset from the lane's centre."""
+    x, y, _ = ego.route[0]
+    at, offset = lane.centre.project(x, y)
+    hops = math.ceil(back_m)
+    added: list[tuple[float, float, float]] = []
+    for s in np.linspace(at - back_m, at, hops, endpoint=False).tolist():
+        (cx, cy), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
+        added.append((cx - math.sin(yaw) * offset, cy + math.cos(yaw) * offset, yaw))
+    return [*added, *ego.route]
+
+
+def _iterate_boxes(scenario: Scenario, roads: RoadMap) -> Iterator[shapely.Polygon]:
+    """Yield the boxes of scripted actors and background vehicles that are there in frame 0."""
+    for actor in scenario.actors:
+        if not (isinstance(actor.motion, ReplayMotion) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None):
+            yield _build_box(compute_first_pose(actor, roads), size=(actor.length, actor.width))
+    for vehicle in scenario.background.vehicles:
+        pose = _find_departure_pose(vehicle, roads) if vehicle.depart_s == 0.0 else None
+        if pose is not None:
+            yield _build_box(pose, size=(vehicle.length, vehicle.width))
+
+
+def _find_departure_pose(vehicle: BackgroundVehicle, roads: RoadMap) -> Pose | None:
+    """Return the box centre of a vehicle at its departure; None if its lane is not on the network."""
+    if vehicle.log:
+        _, x, y, yaw = vehicle.log[0]
+        return Pose(x=x, y=y, yaw=yaw)
+    lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
+    ahead = vehicle.depart_pos_m + (vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0)
+    while lane is not None and ahead > lane.centre.length:
+        following = [roads.lanes[name] for name in lane.successors if _leads_to(roads, name, vehicle.edges)]
+        if not following:
+            break
+        lane, ahead = following[0], ahead - lane.centre.length
+    if lane is None:
+        return None
+    x, y = lane.centre.at(ahead - vehicle.length / 2)
+    return Pose(x=x, y=y, yaw=lane.centre.yaw_at(ahead))
+
+
+def _leads_to(roads: RoadMap, name: str, edges: Sequence[str]) -> bool:
+    """Return whether a lane lies on one of the edges, or leads there through a junction."""
+    passed: set[str] = set()
+    while roads.lanes[name].junction and name not in passed:
+        passed.add(name)
+        name = next(iter(roads.lanes[name].successors), name)
+    return roads.lanes[name].edge in edges
+
+
+def _build_box(
+    pose: Pose, longer_m: float = 0.0, size: tuple[float, float] = (CAR.length, CAR.width)
+) -> shapely.Polygon:
+    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, size[0] + longer_m, size[1]))
