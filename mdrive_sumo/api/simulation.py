@@ -40,7 +40,7 @@ def simulate(
     scenario: an id, or a scenario of a suite. agent: a built-in name, a class, `module:Class`, `path.py:Class` or
     `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
     raise_agent_errors: an agent that fails raises AgentFailure here, with its own exception as the cause, instead of
-    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, as for `evaluate`.
+    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, `ids`, as for `evaluate`.
 
     Raises InputError, WorldError and AgentFailure.
     """
@@ -48,7 +48,7 @@ def simulate(
     spec = AgentSpec(agent, agent_config or {})
     config = _make_config(found, roads, seed, spec.resolve().name, options)
     Simulation.close_open()
-    with _open_local_agents(spec, [ego.id for ego in found.egos]) as drivers, open_world(config) as world:
+    with _open_local_agents(spec, config.cav_pseudonyms) as drivers, open_world(config) as world:
         if raise_agent_errors:
             drivers = {ego: cast(AgentDriver, _RaisingDriver(ego, driver)) for ego, driver in drivers.items()}
         try:
@@ -69,14 +69,14 @@ def _make_config(
 
 
 @contextmanager
-def _open_local_agents(spec: AgentSpec, egos: Sequence[str]) -> Generator[Mapping[str, AgentDriver]]:
+def _open_local_agents(spec: AgentSpec, pseudonyms: Mapping[str, str]) -> Generator[Mapping[str, AgentDriver]]:
     """Start an agent for every CAV in this process; only an agent of the CARLA leaderboard needs a child process."""
     if isinstance(spec.agent, str) and (spec.agent in AGENTS or find_carla_file(spec.agent) is not None):
-        with open_agents(spec, egos) as drivers:
+        with open_agents(spec, pseudonyms) as drivers:
             yield drivers
         return
     factory = load_agent_class(spec.agent) if isinstance(spec.agent, str) else spec.agent
-    yield {ego: LocalDriver(factory(spec.config)) for ego in egos}
+    yield {ego: LocalDriver(factory(spec.config)) for ego in pseudonyms}
 
 
 class _AgentError(Exception):

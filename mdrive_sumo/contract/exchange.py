@@ -59,7 +59,7 @@ class Message:
     """"cam", "cpm", "mcm", "text", or a name of the agent's own, at most 16 characters."""
     payload: bytes
     sender: str = ""
-    """Id of the CAV or RSU that sent the message."""
+    """Pseudonym of the CAV or RSU that sent the message."""
     tick: int = 0
     """Tick of sending."""
 
@@ -78,7 +78,7 @@ class Privileged:
     """What only the `privileged` sensor tells: all other CAVs' states, routes and plans of the previous tick."""
 
     ego_ids: tuple[str, ...]
-    """Every active CAV, the receiver included, sorted."""
+    """Pseudonym of every active CAV, the receiver included, sorted."""
     states: tuple[OwnState, ...]
     routes: tuple[Float, ...]
     """(N, 2) route points of each CAV [m]."""

@@ -1,7 +1,8 @@
 """The finished, read-only record of one run of one scenario."""
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -102,6 +103,10 @@ class EpisodeRecord:
     """All messages sent over the channel, in the order of sending, with their delivery."""
     notes: tuple[NoteRecord, ...] = ()
     thinking: tuple[ThinkTime, ...] = ()
+    pseudonyms: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Id in the scenario of every CAV and road-side unit by the id that agents knew it by; empty if they knew it by
+    the same. Payloads of messages and texts of notes contain the ids of agents, everything else those of the scenario.
+    """
 
     @property
     def ticks(self) -> int:
@@ -146,6 +151,20 @@ class EpisodeRecord:
     def control_values(self) -> Float:
         """(T, egos, 3) throttle, brake in [0, 1], steer in [-1, 1]."""
         return self.controls.astype(np.float64) * CONTROL_STEP
+
+    def restore_name(self, station: str) -> str:
+        """Return the scenario's id of a station that an agent names; the same text for anything else."""
+        return self.pseudonyms.get(station, station)
+
+    def restore_names(self, text: str) -> str:
+        """Return a text of an agent with the scenario's ids of stations."""
+        if not self.pseudonyms:
+            return text
+        return self._pseudonym_pattern.sub(lambda found: self.pseudonyms[found[0]], text)
+
+    @cached_property
+    def _pseudonym_pattern(self) -> re.Pattern[str]:
+        return re.compile(rf"\b(?:{'|'.join(map(re.escape, self.pseudonyms))})\b")
 
     def find_ending(self, ego: str) -> Ending:
         """Return the end of a CAV."""

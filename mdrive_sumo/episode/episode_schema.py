@@ -13,7 +13,9 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.state import End, FailureReason, Kind
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
-FORMAT = "mdrive-sumo/episode/2"
+FORMAT = "mdrive-sumo/episode/3"
+READABLE_FORMATS = (FORMAT, "mdrive-sumo/episode/2")
+"""Version 2 has no `pseudonyms` and no `failed_tick`."""
 
 
 class ContactEntry(NamedTuple):
@@ -85,7 +87,7 @@ class EpisodeHeader(BaseModel):
 
     model_config = ConfigDict(use_attribute_docstrings=True, extra="forbid")
 
-    format: Literal["mdrive-sumo/episode/2"]
+    format: Literal["mdrive-sumo/episode/3"]
     scenario: str
     """Scenario id."""
     about: dict[str, Any]
@@ -104,6 +106,8 @@ class EpisodeHeader(BaseModel):
     """Ids that the second column of `fates` refers to, sorted."""
     notes: list[NoteEntry]
     thinking: list[ThinkTimeEntry]
+    pseudonyms: dict[str, str]
+    """Id of a CAV or RSU by the id that agents knew it by, which payloads and notes contain; empty if they agree."""
 
 
 @dataclass(frozen=True)

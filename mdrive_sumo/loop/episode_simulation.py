@@ -11,6 +11,7 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Fram
 from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantize_frame
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
+from mdrive_sumo.loop.pseudonyms import rename_senders
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.scoring import criteria
 from mdrive_sumo.sensing.briefing_builder import build_briefing
@@ -66,7 +67,7 @@ class EpisodeSimulation:
         self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
         self._dimensions = dict.fromkeys(self._vehicle_states, (VEHICLE.length, VEHICLE.width))
-        self._recorder = Recorder(scenario.id, config.about, self._dimensions)
+        self._recorder = Recorder(scenario.id, config.about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""
@@ -138,12 +139,12 @@ class EpisodeSimulation:
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
         limit_s = self._time_limit / TICKS_PER_SECOND
-        return {
-            ego.id: build_briefing(
-                ego, config.roads, facts, derive_seed(config.seed, config.scenario.id, "agent", ego.id), limit_s
-            )
-            for ego in config.scenario.egos
-        }
+        briefings: dict[str, Briefing] = {}
+        for ego in config.scenario.egos:
+            seed = derive_seed(config.seed, config.scenario.id, "agent", ego.id)
+            briefing = build_briefing(ego, config.roads, facts, seed, limit_s)
+            briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id])
+        return briefings
 
     def _begin_tick(self, busy: Collection[str]) -> dict[str, Observation]:
         """End CAVs, deliver messages and return the observations of every active CAV that is not busy."""
@@ -151,7 +152,7 @@ class EpisodeSimulation:
         self._judge(frame)
         self._received = self._channel.deliver(frame.tick, self.active_egos)
         for ego, messages in self._received.items():
-            self._pending_messages[ego] += messages
+            self._pending_messages[ego] += rename_senders(messages, self._config.pseudonyms)
         observers = tuple(ego for ego in self.active_egos if ego not in busy)
         is_scene_needed = self._roadside.is_due(frame.tick) or self._senses.needs_frame(observers)
         self._scene = build_sensing_frame(frame, self._dimensions) if is_scene_needed else None

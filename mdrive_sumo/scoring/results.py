@@ -117,6 +117,8 @@ class RunInfo(_Part):
     """How scripted road users behave: default (reactive, on a global clock), or original as in MDrive's code."""
     friction: str = "dry"
     """How slippery roads are: dry in every weather, or as the scenario's weather makes them."""
+    ids: str = "scenario"
+    """Ids of CAVs in agents and messages: random per episode, or the scenario's (older results have no entry)."""
 
 
 class Results(_Part):

@@ -31,7 +31,7 @@ def crew(path: Path, egos: tuple[str, ...] = EGOS) -> JointAgentSession:
     return JointAgentSession(
         open_agent_connection(AgentProgram(str(path), "carla"), AgentLimits(tick_s=20.0)),
         {"config": "config/my.yaml"},
-        egos,
+        {ego: ego for ego in egos},
     )
 
 
@@ -149,6 +149,6 @@ def test_open_agents_starts_one_process_for_all_cavs(tmp_path: Path) -> None:
     path = carla_agents.plain(tmp_path, "good")
     spec = AgentSpec(f"carla:{path}")
     assert declare_agent(spec).label == "joint"
-    with open_agents(spec, EGOS, tmp_path / "s") as drivers:
+    with open_agents(spec, dict(zip(EGOS, EGOS, strict=True)), tmp_path / "s") as drivers:
         assert [[spec.kind for spec in driver.sensors()] for driver in drivers.values()] == [["speedometer"]] * 2
     assert (tmp_path / "s.all.log").is_file()

@@ -78,16 +78,19 @@ def test_the_privileged_sensor_tells_states_routes_and_last_ticks_plans() -> Non
         return Reply(plan=Plan(np.array([(seen.own.x + 1, 0.0), (seen.own.x + 2, 0.0)]), 0.2))
 
     knows = Says(lambda seen: stand, SensorSpec("privileged"))
-    drive(straight_scenario(straight_ego("0", x=60), straight_ego("1", x=10)), {"0": knows, "1": Says(plan)})
+    scenario = straight_scenario(straight_ego("0", x=60), straight_ego("1", x=10))
+    episode, _ = drive(scenario, {"0": knows, "1": Says(plan)})
     first, second = (seen.privileged for seen in knows.seen[:2])
     assert first is not None
     assert second is not None
-    assert first.ego_ids == ("0", "1")
     assert first.plans == (None, None)
-    assert second.plans[0] is None
-    assert second.plans[1] is not None
-    assert second.plans[1].points[0, 0] == 11.0
-    assert first.routes[1][-1].tolist() == [60.0, 0.0]
+    row = {episode.restore_name(told): row for row, told in enumerate(second.ego_ids)}
+    assert set(row) == {"0", "1"}
+    assert second.plans[row["0"]] is None
+    theirs = second.plans[row["1"]]
+    assert theirs is not None
+    assert theirs.points[0, 0] == 11.0
+    assert first.routes[row["1"]][-1].tolist() == [60.0, 0.0]
 
 
 def test_an_unknown_sensor_is_an_input_error_that_names_what_exists() -> None:

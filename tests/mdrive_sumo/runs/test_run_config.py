@@ -104,7 +104,7 @@ def test_a_class_runs_in_a_process_of_its_own(spec: AgentSpec) -> None:
     in_worker = pickle.loads(pickle.dumps(spec))
     assert in_worker.agent is not spec.agent or in_worker == spec
     assert declare_agent(in_worker).sensors == (SensorSpec("objects", range_m=30.0),)
-    with open_agents(in_worker, ("a",)) as drivers:
+    with open_agents(in_worker, {"a": "a"}) as drivers:
         drivers["a"].sensors()
         drivers["a"].ask(Observation(7, OwnState(0, 0, 0, 0, 0, 0, 0)))
         with pytest.raises(Exception, match="ValueError: tick 7"):
