@@ -170,7 +170,7 @@ class Simulation:
 
     @property
     def active_egos(self) -> tuple[str, ...]:
-        """Ids of the CAVs that have not ended."""
+        """Ids of the CAVs that have not ended, also of those whose agent failed and which brake."""
         return self._simulation.active_egos
 
     @property
@@ -214,7 +214,7 @@ class Simulation:
             raise InputError(f"step: reply of CAV {ego}: {error.text}") from None
 
     def end(self, ego: str, reason: str = "ended by the caller") -> None:
-        """End a CAV in the current tick as a failed agent would."""
+        """Give up the agent of a CAV: the car brakes to a stop, gets no more observations and ends `agent-failed`."""
         self._simulation.fail_agent(ego, AgentFailure(FailureReason.CRASHED, reason))
 
     def close(self) -> None:

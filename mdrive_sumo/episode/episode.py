@@ -21,13 +21,22 @@ ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """The end of one CAV and its tick. `failure` and `text` belong to `End.AGENT_FAILED`."""
+    """The end of one CAV and its tick, the last one in which it is in the world.
+
+    The other fields belong to `End.AGENT_FAILED`: the agent failed in `failed_tick`, and the CAV then braked to a stop.
+    """
 
     ego: str
     tick: int
     end: End
     failure: FailureReason | None = None
     text: str = ""
+    failed_tick: int | None = None
+
+    def __post_init__(self) -> None:
+        """An agent whose failure has no tick of its own failed in the last tick of its CAV, as in older recordings."""
+        if self.end is End.AGENT_FAILED and self.failed_tick is None:
+            object.__setattr__(self, "failed_tick", self.tick)
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,8 +139,10 @@ def _build_messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentM
     return tuple(messages)
 
 
-def _build_ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:
-    return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text)
+def _build_ending(
+    ego: str, tick: int, end: str, failure: str | None, text: str, failed_tick: int | None = None
+) -> Ending:
+    return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text, failed_tick)
 
 
 def _compute_differences(values: Ints) -> Ints:

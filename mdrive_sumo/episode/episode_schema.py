@@ -71,7 +71,7 @@ class ThinkTimeEntry(NamedTuple):
 
 
 class EndingEntry(BaseModel):
-    """The end of a CAV. `failure` and `text` belong to the end "agent-failed"."""
+    """The end of a CAV. The fields behind `end` belong to "agent-failed": the agent failed in `failed_tick`."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -80,6 +80,7 @@ class EndingEntry(BaseModel):
     end: End
     failure: FailureReason | None
     text: str
+    failed_tick: int | None
 
 
 class EpisodeHeader(BaseModel):

@@ -107,7 +107,7 @@ def test_a_bad_control_ends_its_cav_only(tmp_path: Path, two: Scenario, mode: st
     episode = drive(two, crew(carla_agents.plain(tmp_path, mode)))
     assert episode.find_ending("b").end is End.ARRIVED
     bad = episode.find_ending("a")
-    assert (bad.end, bad.failure, bad.text, bad.tick) == (End.AGENT_FAILED, FailureReason.INVALID, text, 3)
+    assert (bad.end, bad.failure, bad.text, bad.failed_tick) == (End.AGENT_FAILED, FailureReason.INVALID, text, 3)
 
 
 def test_a_dead_program_fails_every_call(tmp_path: Path) -> None:
