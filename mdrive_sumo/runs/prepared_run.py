@@ -7,12 +7,13 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import PRIVILEGED, declare_agent, find_unknown_sensor
-from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
@@ -21,6 +22,8 @@ from mdrive_sumo.v2x.comm_settings import describe_comm
 
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
+UNSANDBOXED = "unsandboxed"
+"""Label of a third-party agent that ran without a box, so it could read the scenarios and the other agents."""
 TRANSCRIPTS_FOLDER = "transcripts"
 SIMULATION_LIMIT_S = 600.0
 """Wall clock of one episode without its agents [s]; only a simulator that hangs takes longer."""
@@ -37,13 +40,18 @@ class PreparedRun:
     info: RunInfo
     fingerprint: Fingerprint
 
+    @property
+    def agent(self) -> AgentSpec:
+        """The agent as a worker starts it. Raises InputError if it cannot run in a box but shall."""
+        return _locate_agent(self.config, self.suite, self.folder)
+
     def make_job(self, scenario: Scenario) -> EpisodeJob:
         """Return the job that drives one of the scenarios."""
         config = self.config
         return EpisodeJob(
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
-            agent=config.agent.resolve(),
+            agent=self.agent,
             seed=config.seed,
             score_mode=config.score_mode,
             options=config.options,
@@ -75,8 +83,18 @@ def prepare(config: RunConfig) -> PreparedRun:
     for scenario in scenarios:
         check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id))))
     folder = config.out or config.default_folder(suite.name)
-    info = make_run_info(config, suite, _read_labels(config.agent))
+    if config.sandbox and config.scheduler:
+        raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
+    info = make_run_info(config, suite, _read_labels(_locate_agent(config, suite, folder)))
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))
+
+
+def _locate_agent(config: RunConfig, suite: Suite, run_folder: Path) -> AgentSpec:
+    """Return the agent as any process finds it, in a box if the run is sandboxed. Raises InputError."""
+    agent = config.agent.resolve()
+    if not config.sandbox:
+        return agent
+    return box_agent(agent, list_hidden_folders(suite.folder, RUNS_FOLDER), run_folder)
 
 
 def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...]) -> RunInfo:
@@ -103,17 +121,18 @@ def recording_path(run_folder: Path, scenario: str) -> Path:
 
 
 def _read_labels(agent: AgentSpec) -> tuple[str, ...]:
-    """Create an agent and return its own label, and "privileged" if it declares that sensor. Raises InputError."""
+    """Create an agent and return its own label, `privileged` for that sensor, and `unsandboxed`. Raises InputError."""
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
     if isinstance(agent.agent, str) and not agent.is_builtin and (":" not in name or is_family):
         raise InputError(f"agent {name!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
     try:
-        declaration = declare_agent(agent.resolve())
+        declaration = declare_agent(agent)
     except AgentFailure as error:
         raise InputError(f"agent {name!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
     if unknown := find_unknown_sensor(declaration.sensors):
         raise InputError(unknown)
     label, is_privileged = declaration.label, any(sensor.kind == PRIVILEGED for sensor in declaration.sensors)
-    return (label, PRIVILEGED) if is_privileged and label != PRIVILEGED else (label,)
+    labels = (label, PRIVILEGED) if is_privileged and label != PRIVILEGED else (label,)
+    return labels if agent.is_builtin or agent.box is not None else (*labels, UNSANDBOXED)

@@ -42,6 +42,8 @@ WRITTEN = {
     "agent_clock": "fixed:100",
     "actors": "original",
     "friction": "weather",
+    "ids": "random",
+    "sandbox": False,
     "record": False,
 }
 """What journals hold: a changed form makes every stored run unreadable."""
