@@ -24,7 +24,7 @@ class AgentDriver(Protocol):
 
     @property
     def label(self) -> str:
-        """The kind of agent: one of `contract.LABELS`."""
+        """What the agent says of itself: one of `contract.LABELS`."""
         ...
 
     @property

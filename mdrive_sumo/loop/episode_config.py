@@ -111,8 +111,9 @@ class EpisodeOptions:
 
         Raises KeyError, ValueError or InputError for unusable values.
         """
+        stored = {"ids": StationIds.SCENARIO, **values}  # in older journals, which have no entry, agents knew the ids
         choices: dict[str, Any] = {
-            name: kind(values[key]) for key, (name, kind, _) in cls.list_choices().items() if key in values
+            name: kind(stored[key]) for key, (name, kind, _) in cls.list_choices().items() if key in stored
         }
         return cls(parse_comm(json.loads(values["comm"])), parse_clock(values["agent_clock"]), **choices)
 

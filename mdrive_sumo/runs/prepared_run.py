@@ -1,8 +1,10 @@
 """PreparedRun: an evaluation that is ready to start. Errors in its input are found here, before the first tick."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -12,18 +14,18 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.open_agents import PRIVILEGED, declare_agent, find_unknown_sensor
+from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
 from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import RunInfo
+from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.v2x.comm_settings import describe_comm
+from mdrive_sumo.v2x.messages import TYPES
 
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
-UNSANDBOXED = "unsandboxed"
-"""Label of a third-party agent that ran without a box, so it could read the scenarios and the other agents."""
 TRANSCRIPTS_FOLDER = "transcripts"
 SIMULATION_LIMIT_S = 600.0
 """Wall clock of one episode without its agents [s]; only a simulator that hangs takes longer."""
@@ -85,7 +87,10 @@ def prepare(config: RunConfig) -> PreparedRun:
     folder = config.out or config.default_folder(suite.name)
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
-    info = make_run_info(config, suite, _read_labels(_locate_agent(config, suite, folder)))
+    check_mute(config, scenarios)
+    _check_agent_name(config.agent)
+    declared_label, labels = _read_labels(_locate_agent(config, suite, folder))
+    info = make_run_info(config, suite, labels, declared_label)
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))
 
 
@@ -97,11 +102,12 @@ def _locate_agent(config: RunConfig, suite: Suite, run_folder: Path) -> AgentSpe
     return box_agent(agent, list_hidden_folders(suite.folder, RUNS_FOLDER), run_folder)
 
 
-def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...]) -> RunInfo:
-    """Return the description of a run for its results."""
+def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], declared_label: str) -> RunInfo:
+    """Return the description of a run for its results. labels: those that no episode shows."""
     info = {
         "agent": config.agent.name,
         "labels": labels,
+        "declared_label": declared_label,
         "agent_config": config.agent.config_hash(),
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
@@ -120,19 +126,45 @@ def recording_path(run_folder: Path, scenario: str) -> Path:
     return run_folder / EPISODES_FOLDER / f"{scenario}.npz"
 
 
-def _read_labels(agent: AgentSpec) -> tuple[str, ...]:
-    """Create an agent and return its own label, `privileged` for that sensor, and `unsandboxed`. Raises InputError."""
+def _check_agent_name(agent: AgentSpec) -> None:
+    """Raise InputError for a name that is neither a built-in agent nor a locator."""
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
     if isinstance(agent.agent, str) and not agent.is_builtin and (":" not in name or is_family):
         raise InputError(f"agent {name!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
+
+
+def _read_labels(agent: AgentSpec) -> tuple[str, tuple[str, ...]]:
+    """Create an agent; return the label that it declares, and the labels that follow from it. Raises InputError."""
+    name = agent.name
     try:
         declaration = declare_agent(agent)
     except AgentFailure as error:
         raise InputError(f"agent {name!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
     if unknown := find_unknown_sensor(declaration.sensors):
         raise InputError(unknown)
-    label, is_privileged = declaration.label, any(sensor.kind == PRIVILEGED for sensor in declaration.sensors)
-    labels = (label, PRIVILEGED) if is_privileged and label != PRIVILEGED else (label,)
-    return labels if agent.is_builtin or agent.box is not None else (*labels, UNSANDBOXED)
+    is_joint = isinstance(agent.agent, str) and find_carla_file(agent.agent) is not None
+    facts = {
+        JOINT: is_joint,
+        PRIVILEGED: any(sensor.kind == PRIVILEGED for sensor in declaration.sensors),
+        UNSANDBOXED: not agent.is_builtin and agent.box is None,
+    }
+    return declaration.label, tuple(label for label, holds in facts.items() if holds)
+
+
+def check_mute(config: RunConfig, scenarios: Sequence[Scenario]) -> None:
+    """Raise InputError if `--comm-mute` names a sender or type that the run cannot have, naming those that it can.
+
+    A third-party agent may send types of its own, so for it every type can exist.
+    """
+    senders = {station.id for scenario in scenarios for station in (*scenario.egos, *scenario.rsus)}
+    for pattern in config.options.comm.mute:
+        sender, _, rest = pattern.partition("/")
+        kind = rest.partition("@")[0]
+        if sender not in {"*", *senders}:
+            raise InputError(
+                f"--comm-mute {pattern}: expected a sender among {', '.join(sorted(senders))} or *, found {sender!r}"
+            )
+        if config.agent.is_builtin and kind not in {"*", *TYPES}:
+            raise InputError(f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}")

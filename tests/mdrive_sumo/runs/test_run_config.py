@@ -54,6 +54,10 @@ def test_the_written_form_is_that_of_stored_runs() -> None:
     assert RunConfig.from_dict(WRITTEN) == CONFIG
 
 
+def test_in_a_journal_from_before_pseudonyms_agents_knew_the_ids() -> None:
+    assert RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "ids"}).options.station_ids == "scenario"
+
+
 def test_a_journal_from_before_an_option_has_its_default() -> None:
     assert RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "friction"}).options.friction == "dry"
 
