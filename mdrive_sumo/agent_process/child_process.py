@@ -20,8 +20,8 @@ HOST = "mdrive_sumo.agent_process.host"
 PACKAGE = Path(__file__).parents[1]
 HIDDEN = frozenset({"scenarios"})
 """Parts of our package that are not mounted in a box. Compiled code is mounted, so it is compiled only once."""
-KIT, SITE, PYTHON, FRAMES = "/kit", "/site", "/python", "/frames"
-"""Paths in a box of our code, the environment's packages, its interpreter, and the frames; the agent is in /agent."""
+KIT, SITE, PYTHON, FRAMES, AGENT_FOLDER = "/kit", "/site", "/python", "/frames", "/agent"
+"""Paths in a box of our code, the environment's packages, its interpreter, the frames, and the agent."""
 AGENT_FD = 3
 ENDING_S = 2.0
 """How long a process may take to end after it has closed its socket [s]."""
@@ -82,6 +82,8 @@ class AgentBox:
     rootfs: Path | None = None
     """Unpacked image that replaces this host's programs; `python` is then a path in it."""
     limits: sandbox.BoxLimits = field(default_factory=sandbox.BoxLimits)
+    hidden: tuple[Path, ...] = ()
+    """Folders whose content the agent must not see, wherever they lie in what the box shows."""
 
 
 class PlainAgentProcess:
@@ -132,12 +134,13 @@ class BoxedAgentProcess:
         interpreter, shown = _locate_interpreter(box)
         spec = sandbox.BoxSpec(
             command=(interpreter, *_interpreter_options(box), *program.arguments(AGENT_FD, FRAMES)),
-            readonly={box.folder: "/agent", frames: FRAMES} | shown | _list_library_mounts(box.backend),
+            readonly={box.folder: AGENT_FOLDER, frames: FRAMES} | shown | _list_library_mounts(box.backend),
             # A fixed hash seed: the order of an agent's sets must not differ between runs.
             env={"PYTHONPATH": f"{KIT}:{SITE}" if box.site else KIT, "PYTHONHASHSEED": "0"},
             limits=box.limits,
             backend=box.backend,
             rootfs=box.rootfs,
+            hidden=box.hidden,
         )
         self._backend, self._log = box.backend, program.log
         self._box = sandbox.open_box(spec)

@@ -3,7 +3,7 @@
 Its CAVs share all knowledge without a channel, so they are ranked separately.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,26 +21,33 @@ LABEL = "joint"
 
 
 class JointAgentSession:
-    """One agent process for all CAVs; `drivers` maps each CAV id to its AgentDriver.
+    """One agent process for all CAVs; `drivers` maps each CAV id to its AgentDriver, in the order of the CAVs.
 
     It gets one request per tick with the observations of all CAVs that are asked in that tick. If it fails, all CAVs
     fail; if its reply for one CAV is invalid, that CAV fails.
     """
 
     def __init__(
-        self, line: AgentConnection, config: Mapping[str, Any], egos: Sequence[str], check: SensorCheck | None = None
+        self,
+        line: AgentConnection,
+        config: Mapping[str, Any],
+        pseudonyms: Mapping[str, str],
+        check: SensorCheck | None = None,
     ) -> None:
-        """Take ownership of the connection. check: raises an exception for refused sensors."""
-        self._line, self._egos, self._check_sensors = line, tuple(egos), check
+        """Take ownership of the connection.
+
+        pseudonyms: the id by which the program knows each CAV, by CAV. check: raises an exception for refused sensors.
+        """
+        self._line, self._pseudonyms, self._check_sensors = line, dict(pseudonyms), check
         self._declared: reply_decoding.AgentDeclaration | None = None
         self._failure: AgentFailure | None = None
         self._briefings: dict[str, Briefing] = {}
         self._asked: dict[str, Observation] = {}
         self._answers: dict[str, object] = {}
         self.think_time_s = 0.0
-        self.drivers = {ego: JointDriver(self, ego) for ego in self._egos}
+        self.drivers = {ego: JointDriver(self, ego, told) for ego, told in self._pseudonyms.items()}
         with _FailureKeeper(self):
-            line.send("create", CREATE_TICK, {"config": dict(config), "cavs": self._egos})
+            line.send("create", CREATE_TICK, {"config": dict(config), "cavs": tuple(self._pseudonyms.values())})
 
     def fail(self, error: AgentFailure) -> None:
         """Keep a failure, which every later call raises."""
@@ -58,31 +65,28 @@ class JointAgentSession:
             self._check_sensors(self._declared.sensors)
         return self._declared.sensors
 
-    def brief(self, briefing: Briefing) -> None:
-        """Keep the briefing of a CAV; the program is briefed when all CAVs are."""
+    def brief(self, told: str, briefing: Briefing) -> None:
+        """Keep the briefing of a CAV, given by its pseudonym; the program is briefed when all CAVs are."""
         self._check()
-        self._briefings[briefing.ego_id] = briefing
-        if len(self._briefings) == len(self._egos):
-            gps = {ego: _to_gnss_points(briefing) for ego, briefing in self._briefings.items()}
+        self._briefings[told] = briefing
+        if len(self._briefings) == len(self._pseudonyms):
+            gps = {told: _to_gnss_points(briefing) for told, briefing in self._briefings.items()}
             with _FailureKeeper(self):
                 self._line.send("start", START_TICK, {"briefings": self._briefings, "gps": gps})
                 self._line.receive(reply_decoding.read_none)
             self._check()
 
-    def ask(self, ego: str, observation: Observation) -> None:
-        """Keep an observation until the first answer is requested."""
+    def ask(self, told: str, observation: Observation) -> None:
+        """Keep an observation of a CAV, given by its pseudonym, until the first answer is requested."""
         self._check()
-        self._asked[ego] = observation
+        self._asked[told] = observation
 
-    def answer(self, ego: str) -> Reply:
-        """Return the reply for one CAV."""
+    def answer(self, told: str) -> Reply:
+        """Return the reply for one CAV, given by its pseudonym."""
         if self._asked:
             self._request_replies()
         self._check()
-        try:
-            return reply_decoding.read_reply(self._answers.pop(ego))
-        except reply_decoding.InvalidReplyError as error:
-            raise AgentFailure(FailureReason.INVALID, f"{ego}: {error}") from None
+        return reply_decoding.read_reply(self._answers.pop(told))
 
     def close(self) -> None:
         """End the program."""
@@ -98,8 +102,8 @@ class JointAgentSession:
         tick = next(iter(asked.values())).tick
         with _FailureKeeper(self):
             self._line.send("act", tick, asked)
-            egos = tuple(asked)
-            self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, egos)))
+            told = tuple(asked)
+            self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, told)))
             self.think_time_s = self._line.think_times_s[-1]
 
     def _check(self) -> None:
@@ -128,8 +132,8 @@ class JointDriver:
 
     label = LABEL
 
-    def __init__(self, session: JointAgentSession, ego: str) -> None:
-        self._session, self._ego = session, ego
+    def __init__(self, session: JointAgentSession, ego: str, told: str) -> None:
+        self._session, self._ego, self._told = session, ego, told
 
     @property
     def think_time_s(self) -> float:
@@ -142,15 +146,18 @@ class JointDriver:
 
     def start(self, briefing: Briefing) -> None:
         """See AgentDriver."""
-        self._session.brief(briefing)
+        self._session.brief(self._told, briefing)
 
     def ask(self, observation: Observation) -> None:
         """See AgentDriver."""
-        self._session.ask(self._ego, observation)
+        self._session.ask(self._told, observation)
 
     def answer(self) -> Reply:
         """See AgentDriver."""
-        return self._session.answer(self._ego)
+        try:
+            return self._session.answer(self._told)
+        except reply_decoding.InvalidReplyError as error:
+            raise AgentFailure(FailureReason.INVALID, f"{self._ego}: {error}") from None
 
     def close(self) -> None:
         """See AgentDriver: closing one closes all, because the loop closes them only after the last tick."""

@@ -1,4 +1,8 @@
-"""`perception-swap:*`: the paper's rule planner behind cooperative detectors, which are surrogates here."""
+"""`perception-swap:*`: the paper's rule planner behind a surrogate of a cooperative detector's quality on one vehicle.
+
+The cooperative detector is not run: every CAV has detections as good as the detector's published ones, and the CAVs
+exchange them as CPMs besides.
+"""
 
 import math
 from dataclasses import dataclass
@@ -119,24 +123,24 @@ def has_hazard(own: OwnState, objects: Objects) -> bool:
 
 
 class AttFuseAgent(PerceptionSwapAgent):
-    """Surrogate of the paper's rule planner with AttFuse: CARLA BasicAgent's hazard rule on detections as good."""
+    """Surrogate: AttFuse's detection quality on one vehicle, with CARLA BasicAgent's hazard rule."""
 
     detector = "attfuse"
 
 
 class DiscoNetAgent(PerceptionSwapAgent):
-    """Surrogate of the paper's rule planner with DiscoNet: CARLA BasicAgent's hazard rule on detections as good."""
+    """Surrogate: DiscoNet's detection quality on one vehicle, with CARLA BasicAgent's hazard rule."""
 
     detector = "disconet"
 
 
 class FCooperAgent(PerceptionSwapAgent):
-    """Surrogate of the paper's rule planner with F-Cooper: CARLA BasicAgent's hazard rule on detections as good."""
+    """Surrogate: F-Cooper's detection quality on one vehicle, with CARLA BasicAgent's hazard rule."""
 
     detector = "fcooper"
 
 
 class CoBevtAgent(PerceptionSwapAgent):
-    """Surrogate of the paper's rule planner with CoBEVT: CARLA BasicAgent's hazard rule on detections as good."""
+    """Surrogate: CoBEVT's detection quality on one vehicle, with CARLA BasicAgent's hazard rule."""
 
     detector = "cobevt"

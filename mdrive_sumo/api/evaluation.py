@@ -33,6 +33,7 @@ def evaluate(
     record: bool = True,
     out: str | Path | None = None,
     fresh: bool = False,
+    sandbox: bool = False,
     progress: bool = True,
     **options: Unpack[EpisodeArguments],
 ) -> Run:
@@ -44,8 +45,9 @@ def evaluate(
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
     out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
     the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
+    sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.
     progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
-    `agent_clock`, `actors`, `friction`. They and the other arguments are the options of `mdrive-sumo eval`.
+    `agent_clock`, `actors`, `friction`, `ids`. They and the other arguments are the options of `mdrive-sumo eval`.
 
     Raises InputError, also if the folder holds another run.
     """
@@ -67,6 +69,7 @@ def evaluate(
             record=record,
             out=_choose_folder(out, seed, len(chosen)),
             fresh=fresh,
+            sandbox=sandbox,
         )
         for seed in chosen
     ]

@@ -41,7 +41,7 @@ def simulate(
     starts, triggers and drivers (docs/benchmark.md). agent: a built-in name, a class, `module:Class`, `path.py:Class`
     or `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
     raise_agent_errors: an agent that fails raises AgentFailure here, with its own exception as the cause, instead of
-    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, as for `evaluate`.
+    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, `ids`, as for `evaluate`.
 
     Raises InputError, WorldError and AgentFailure.
     """
@@ -49,7 +49,7 @@ def simulate(
     spec = AgentSpec(agent, agent_config or {})
     config = _make_config(found, roads, seed, spec.resolve().name, options)
     Simulation.close_open()
-    with _open_local_agents(spec, [ego.id for ego in found.egos]) as drivers, open_world(config) as world:
+    with _open_local_agents(spec, config.cav_pseudonyms) as drivers, open_world(config) as world:
         if raise_agent_errors:
             drivers = {ego: cast(AgentDriver, _RaisingDriver(ego, driver)) for ego, driver in drivers.items()}
         try:
@@ -70,14 +70,14 @@ def _make_config(
 
 
 @contextmanager
-def _open_local_agents(spec: AgentSpec, egos: Sequence[str]) -> Generator[Mapping[str, AgentDriver]]:
+def _open_local_agents(spec: AgentSpec, pseudonyms: Mapping[str, str]) -> Generator[Mapping[str, AgentDriver]]:
     """Start an agent for every CAV in this process; only an agent of the CARLA leaderboard needs a child process."""
     if isinstance(spec.agent, str) and (spec.agent in AGENTS or find_carla_file(spec.agent) is not None):
-        with open_agents(spec, egos) as drivers:
+        with open_agents(spec, pseudonyms) as drivers:
             yield drivers
         return
     factory = load_agent_class(spec.agent) if isinstance(spec.agent, str) else spec.agent
-    yield {ego: LocalDriver(factory(spec.config)) for ego in egos}
+    yield {ego: LocalDriver(factory(spec.config)) for ego in pseudonyms}
 
 
 class _AgentError(Exception):
@@ -171,7 +171,7 @@ class Simulation:
 
     @property
     def active_egos(self) -> tuple[str, ...]:
-        """Ids of the CAVs that have not ended."""
+        """Ids of the CAVs that have not ended, also of those whose agent failed and which brake."""
         return self._simulation.active_egos
 
     @property
@@ -215,7 +215,7 @@ class Simulation:
             raise InputError(f"step: reply of CAV {ego}: {error.text}") from None
 
     def end(self, ego: str, reason: str = "ended by the caller") -> None:
-        """End a CAV in the current tick as a failed agent would."""
+        """Give up the agent of a CAV: the car brakes to a stop, gets no more observations and ends `agent-failed`."""
         self._simulation.fail_agent(ego, AgentFailure(FailureReason.CRASHED, reason))
 
     def close(self) -> None:

@@ -25,7 +25,12 @@ _OPTIONS = (
         metavar="POS_M,ROT_DEG[,episode]",
         help=f"Standard deviations of senders' poses, drawn per message or episode, {_EACH}0.6,0.6,cam=0,0.",
     ),
-    click.option("--comm-mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Drop these messages; * is any."),
+    click.option(
+        "--comm-mute",
+        multiple=True,
+        metavar="SENDER/TYPE[@TICK]",
+        help="Drop these messages; * is any. SENDER: an id of the scenarios.",
+    ),
     click.option(
         "--agent-clock",
         default="ideal",

@@ -66,6 +66,11 @@ EXECUTORS = ("local", "dask")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
 @click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
+@click.option(
+    "--sandbox",
+    is_flag=True,
+    help="Run a third-party agent in boxes without the suite's files; else results are labelled unsandboxed.",
+)
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
 @click.option("--captured", is_flag=True, help="Drive the references for captured cooperation too, and show it.")
 @click.pass_context

@@ -43,6 +43,7 @@ class Briefing:
     """All that an agent is told before the first tick."""
 
     ego_id: str
+    """Pseudonym of the CAV, as in `Message.sender`: new in every episode, not the id of the scenario."""
     seed: int
     """The agent's own seed: use no other source of randomness and re-runs are exact."""
     tick_s: float

@@ -10,7 +10,7 @@ from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster,
 from mdrive_sumo.core.geometry import Float
 
 LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
-"""Valid agent labels; the benchmark adds `privileged` to agents that declare that sensor."""
+"""Labels that an agent can declare. Results derive theirs from what it did (docs/agents.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Message:
     """"cam", "cpm", "mcm", "text", or a name of the agent's own, at most 16 characters."""
     payload: bytes
     sender: str = ""
-    """Id of the CAV or RSU that sent the message."""
+    """Pseudonym of the CAV or RSU that sent the message."""
     tick: int = 0
     """Tick of sending."""
 
@@ -78,7 +78,7 @@ class Privileged:
     """What only the `privileged` sensor tells: all other CAVs' states, routes and plans of the previous tick."""
 
     ego_ids: tuple[str, ...]
-    """Every active CAV, the receiver included, sorted."""
+    """Pseudonym of every active CAV, the receiver included, sorted."""
     states: tuple[OwnState, ...]
     routes: tuple[Float, ...]
     """(N, 2) route points of each CAV [m]."""
@@ -124,7 +124,7 @@ class Agent(Protocol):
     """One CAV's driver. An agent class takes its configuration (a mapping) as only argument."""
 
     label: str
-    """One of `LABELS`: how results name this kind of agent."""
+    """One of `LABELS`: what the agent says of itself. Results derive their labels from what it does."""
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensors that the agent needs; called once."""

@@ -18,7 +18,7 @@ class SensorSpec:
     """A sensor that an agent asks for. Only what is declared is computed; docs/sensors.md lists kinds and options.
 
     "objects" (detections of what is in sight), "lidar", "bev" (bird's-eye raster), "gnss", "imu", "speedometer", and
-    "privileged" (every state, every route and every CAV's latest plan), which labels the agent `privileged`.
+    "privileged" (every state, every route and every CAV's latest plan), which labels the run `privileged`.
     """
 
     kind: str

@@ -1,7 +1,8 @@
 """The finished, read-only record of one run of one scenario."""
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -20,13 +21,22 @@ ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """The end of one CAV and its tick. `failure` and `text` belong to `End.AGENT_FAILED`."""
+    """The end of one CAV and its tick, the last one in which it is in the world.
+
+    The other fields belong to `End.AGENT_FAILED`: the agent failed in `failed_tick`, and the CAV then braked to a stop.
+    """
 
     ego: str
     tick: int
     end: End
     failure: FailureReason | None = None
     text: str = ""
+    failed_tick: int | None = None
+
+    def __post_init__(self) -> None:
+        """An agent whose failure has no tick of its own failed in the last tick of its CAV, as in older recordings."""
+        if self.end is End.AGENT_FAILED and self.failed_tick is None:
+            object.__setattr__(self, "failed_tick", self.tick)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +112,10 @@ class EpisodeRecord:
     """All messages sent over the channel, in the order of sending, with their delivery."""
     notes: tuple[NoteRecord, ...] = ()
     thinking: tuple[ThinkTime, ...] = ()
+    pseudonyms: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Id in the scenario of every CAV and road-side unit by the id that agents knew it by; empty if they knew it by
+    the same. Payloads of messages and texts of notes contain the ids of agents, everything else those of the scenario.
+    """
 
     @property
     def ticks(self) -> int:
@@ -146,6 +160,20 @@ class EpisodeRecord:
     def control_values(self) -> Float:
         """(T, egos, 3) throttle, brake in [0, 1], steer in [-1, 1]."""
         return self.controls.astype(np.float64) * CONTROL_STEP
+
+    def restore_name(self, station: str) -> str:
+        """Return the scenario's id of a station that an agent names; the same text for anything else."""
+        return self.pseudonyms.get(station, station)
+
+    def restore_names(self, text: str) -> str:
+        """Return a text of an agent with the scenario's ids of stations."""
+        if not self.pseudonyms:
+            return text
+        return self._pseudonym_pattern.sub(lambda found: self.pseudonyms[found[0]], text)
+
+    @cached_property
+    def _pseudonym_pattern(self) -> re.Pattern[str]:
+        return re.compile(rf"\b(?:{'|'.join(map(re.escape, self.pseudonyms))})\b")
 
     def find_ending(self, ego: str) -> Ending:
         """Return the end of a CAV."""

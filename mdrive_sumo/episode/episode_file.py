@@ -15,7 +15,7 @@ from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
-from mdrive_sumo.episode.episode_schema import FORMAT
+from mdrive_sumo.episode.episode_schema import FORMAT, READABLE_FORMATS
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 _CORRUPT = (
@@ -42,6 +42,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "receivers": _list_receivers(episode.messages),
         "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
         "thinking": [astuple(thinking) for thinking in episode.thinking],
+        "pseudonyms": dict(episode.pseudonyms),
     }
     points = [np.rint(p.points * 100).astype(np.int32) for p in episode.plans]
     arrays = {
@@ -70,7 +71,7 @@ def load_episode(path: Path) -> EpisodeRecord:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             header = json.loads(bytes(data["header"]))
-            if header["format"] != FORMAT:
+            if header["format"] not in READABLE_FORMATS:
                 raise InputError(f"{path}: expected the format {FORMAT}, found {header['format']!r}")
             return _build_record(header, {name: data[name] for name in data.files})
     except FileNotFoundError:
@@ -108,6 +109,7 @@ def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord
         messages=_build_messages(header, data),
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
         thinking=tuple(ThinkTime(*thinking) for thinking in header["thinking"]),
+        pseudonyms=header.get("pseudonyms", {}),
     )
 
 
@@ -137,8 +139,10 @@ def _build_messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentM
     return tuple(messages)
 
 
-def _build_ending(ego: str, tick: int, end: str, failure: str | None, text: str) -> Ending:
-    return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text)
+def _build_ending(
+    ego: str, tick: int, end: str, failure: str | None, text: str, failed_tick: int | None = None
+) -> Ending:
+    return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text, failed_tick)
 
 
 def _compute_differences(values: Ints) -> Ints:

@@ -13,7 +13,9 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.state import End, FailureReason, Kind
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
-FORMAT = "mdrive-sumo/episode/2"
+FORMAT = "mdrive-sumo/episode/3"
+READABLE_FORMATS = (FORMAT, "mdrive-sumo/episode/2")
+"""Version 2 has no `pseudonyms` and no `failed_tick`."""
 
 
 class ContactEntry(NamedTuple):
@@ -69,7 +71,7 @@ class ThinkTimeEntry(NamedTuple):
 
 
 class EndingEntry(BaseModel):
-    """The end of a CAV. `failure` and `text` belong to the end "agent-failed"."""
+    """The end of a CAV. The fields behind `end` belong to "agent-failed": the agent failed in `failed_tick`."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -78,6 +80,7 @@ class EndingEntry(BaseModel):
     end: End
     failure: FailureReason | None
     text: str
+    failed_tick: int | None
 
 
 class EpisodeHeader(BaseModel):
@@ -85,7 +88,7 @@ class EpisodeHeader(BaseModel):
 
     model_config = ConfigDict(use_attribute_docstrings=True, extra="forbid")
 
-    format: Literal["mdrive-sumo/episode/2"]
+    format: Literal["mdrive-sumo/episode/3"]
     scenario: str
     """Scenario id."""
     about: dict[str, Any]
@@ -104,6 +107,8 @@ class EpisodeHeader(BaseModel):
     """Ids that the second column of `fates` refers to, sorted."""
     notes: list[NoteEntry]
     thinking: list[ThinkTimeEntry]
+    pseudonyms: dict[str, str]
+    """Id of a CAV or RSU by the id that agents knew it by, which payloads and notes contain; empty if they agree."""
 
 
 @dataclass(frozen=True)

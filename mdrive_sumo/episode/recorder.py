@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,22 @@ DIGEST_BYTES = 8
 
 
 class Recorder:
-    """Builds an `EpisodeRecord`. `dimensions`: (length, width) [m] of the CAVs, in the order of the scenario file."""
+    """Builds an `EpisodeRecord`."""
 
-    def __init__(self, scenario: str, about: Mapping[str, Any], dimensions: Mapping[str, tuple[float, float]]) -> None:
+    def __init__(
+        self,
+        scenario: str,
+        about: Mapping[str, Any],
+        dimensions: Mapping[str, tuple[float, float]],
+        pseudonyms: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Begin an episode.
+
+        dimensions: (length, width) [m] of the CAVs, in the order of the scenario file. pseudonyms: the ids by which
+        agents know CAVs and road-side units, by id in the scenario.
+        """
         self._scenario, self._about = scenario, about
+        self._pseudonyms = {told: station for station, told in pseudonyms.items() if told != station}
         self._egos = tuple(dimensions)
         self._columns = {ego: i for i, ego in enumerate(self._egos)}
         self._constants: list[tuple[int, float, float]] = [(int(Kind.VEHICLE), *size) for size in dimensions.values()]
@@ -151,6 +164,7 @@ class Recorder:
             messages=tuple(sent),
             notes=tuple(self._notes),
             thinking=tuple(thinking),
+            pseudonyms=self._pseudonyms,
         )
 
 

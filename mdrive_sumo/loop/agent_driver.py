@@ -12,7 +12,7 @@ CONTROLLER_NAMES = frozenset(CONTROLLERS)
 
 
 class AgentFailure(MdriveError):
-    """An agent failed. It ends its CAV with `End.AGENT_FAILED`, and the CAV is scored."""
+    """An agent failed. Its CAV brakes to a stop, ends with `End.AGENT_FAILED`, and is scored."""
 
     def __init__(self, failure: FailureReason, text: str) -> None:
         super().__init__(text)
@@ -24,7 +24,7 @@ class AgentDriver(Protocol):
 
     @property
     def label(self) -> str:
-        """The kind of agent: one of `contract.LABELS`."""
+        """What the agent says of itself: one of `contract.LABELS`."""
         ...
 
     @property

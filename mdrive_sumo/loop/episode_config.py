@@ -4,12 +4,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, TypedDict, Unpack, cast
 
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import Ending, ThinkTime
+from mdrive_sumo.loop.pseudonyms import StationIds, derive_pseudonyms
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import FrictionMode
@@ -27,6 +29,7 @@ class EpisodeArguments(TypedDict, total=False):
     agent_clock: str | Clock
     actors: str
     friction: str
+    ids: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,14 @@ class EpisodeOptions:
         },
     )
     """Road friction. Agents are not informed: the briefing states the limits of a dry road."""
+    station_ids: StationIds = field(
+        default=StationIds.RANDOM,
+        metadata={
+            "key": "ids",
+            "help": "Ids of CAVs and RSUs in agents and messages: random per episode, or the scenario's.",
+        },
+    )
+    """Ids that agents learn. Results and recordings always have the scenario's."""
 
     @classmethod
     def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":
@@ -100,8 +111,9 @@ class EpisodeOptions:
 
         Raises KeyError, ValueError or InputError for unusable values.
         """
+        stored = {"ids": StationIds.SCENARIO, **values}  # in older journals, which have no entry, agents knew the ids
         choices: dict[str, Any] = {
-            name: kind(values[key]) for key, (name, kind, _) in cls.list_choices().items() if key in values
+            name: kind(stored[key]) for key, (name, kind, _) in cls.list_choices().items() if key in stored
         }
         return cls(parse_comm(json.loads(values["comm"])), parse_clock(values["agent_clock"]), **choices)
 
@@ -122,6 +134,17 @@ class EpisodeConfig:
     """Think times of the agents of a recorded run, to re-execute it under a measured clock."""
     pass_through: bool = False
     """Whether boxes may overlap; contacts are recorded in either case."""
+
+    @cached_property
+    def pseudonyms(self) -> Mapping[str, str]:
+        """The id that agents get for every CAV and road-side unit of the scenario."""
+        stations = [station.id for station in (*self.scenario.egos, *self.scenario.rsus)]
+        return derive_pseudonyms(stations, self.options.station_ids, self.seed, self.scenario.id)
+
+    @property
+    def cav_pseudonyms(self) -> dict[str, str]:
+        """The id that agents get for every CAV, in the order of the scenario file."""
+        return {ego.id: self.pseudonyms[ego.id] for ego in self.scenario.egos}
 
     @property
     def road_grip(self) -> float:

@@ -11,9 +11,9 @@ from mdrive_sumo.loop.episode_simulation import EpisodeSimulation, World
 
 
 def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver]) -> EpisodeRecord:
-    """Run one scenario until every CAV has arrived, is blocked, deviated, timed out, or its agent failed.
+    """Run one scenario until every CAV has arrived, is blocked, deviated, timed out, or stands without an agent.
 
-    `drivers` maps the id of every CAV to its agent. An agent that fails ends its own CAV only.
+    `drivers` maps the id of every CAV to its agent. If an agent fails, its own CAV brakes to a stop; others drive on.
     Raises InputError for an invalid sensor and WorldError if the simulator fails.
     """
     failures: dict[str, AgentFailure] = {}

@@ -11,6 +11,7 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Fram
 from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantize_frame
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
+from mdrive_sumo.loop.pseudonyms import rename_senders
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.scoring import criteria
 from mdrive_sumo.sensing.briefing_builder import build_briefing
@@ -61,12 +62,14 @@ class EpisodeSimulation:
         self._controls: dict[str, Control] = dict.fromkeys(self._vehicle_states, STANDSTILL)
         self._plans: dict[str, Plan] = {}
         self._endings: dict[str, Ending] = {}
+        self._failures: dict[str, Ending] = {}
+        """The CAVs without a working agent; their endings once they stand and nothing else drives."""
         self._pending_messages: dict[str, tuple[Message, ...]] = dict.fromkeys(self._vehicle_states, ())
         self._received: ReceivedMessages = {}
         self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
         self._dimensions = dict.fromkeys(self._vehicle_states, (VEHICLE.length, VEHICLE.width))
-        self._recorder = Recorder(scenario.id, config.about, self._dimensions)
+        self._recorder = Recorder(scenario.id, config.about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""
@@ -92,7 +95,7 @@ class EpisodeSimulation:
 
     @property
     def active_egos(self) -> tuple[str, ...]:
-        """Ids of the CAVs that have not ended, in the order of the scenario file."""
+        """Ids of the CAVs in the world, also of those whose agent failed, in the order of the scenario file."""
         return tuple(ego for ego in self._vehicle_states if ego not in self._endings)
 
     def reset(self) -> dict[str, Observation]:
@@ -124,9 +127,16 @@ class EpisodeSimulation:
         return self._begin_tick(busy)
 
     def fail_agent(self, ego: str, error: AgentFailure) -> None:
-        """End a CAV in the current tick (tick 0 before `reset`) because its agent failed."""
+        """Brake a CAV from the current tick on (tick 0 before `reset`) because its agent failed; a second call is void.
+
+        The CAV gets no more observations. It stays in the world, and what it hits or is hit by counts. It ends by the
+        usual criteria, or when it stands and no CAV with an agent is left, in any case as `End.AGENT_FAILED`.
+        """
+        if ego in self._endings:
+            return
         tick = 0 if self._frame is None else self._frame.tick
-        self._endings[ego] = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text)
+        failure = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text, tick)
+        self._failures.setdefault(ego, failure)
 
     def finish(self, think_times: Sequence[ThinkTime] = ()) -> EpisodeRecord:
         """Return the read-only record of the finished episode."""
@@ -138,21 +148,21 @@ class EpisodeSimulation:
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
         limit_s = self._time_limit / TICKS_PER_SECOND
-        return {
-            ego.id: build_briefing(
-                ego, config.roads, facts, derive_seed(config.seed, config.scenario.id, "agent", ego.id), limit_s
-            )
-            for ego in config.scenario.egos
-        }
+        briefings: dict[str, Briefing] = {}
+        for ego in config.scenario.egos:
+            seed = derive_seed(config.seed, config.scenario.id, "agent", ego.id)
+            briefing = build_briefing(ego, config.roads, facts, seed, limit_s)
+            briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id])
+        return briefings
 
     def _begin_tick(self, busy: Collection[str]) -> dict[str, Observation]:
-        """End CAVs, deliver messages and return the observations of every active CAV that is not busy."""
+        """End CAVs, deliver messages and return the observations of every CAV with an agent that is not busy."""
         frame = self.frame
         self._judge(frame)
         self._received = self._channel.deliver(frame.tick, self.active_egos)
         for ego, messages in self._received.items():
-            self._pending_messages[ego] += messages
-        observers = tuple(ego for ego in self.active_egos if ego not in busy)
+            self._pending_messages[ego] += rename_senders(messages, self._config.pseudonyms)
+        observers = tuple(ego for ego in self.active_egos if ego not in busy and ego not in self._failures)
         is_scene_needed = self._roadside.is_due(frame.tick) or self._senses.needs_frame(observers)
         self._scene = build_sensing_frame(frame, self._dimensions) if is_scene_needed else None
         messages_by_observer = {ego: self._pending_messages[ego] for ego in observers}
@@ -164,7 +174,7 @@ class EpisodeSimulation:
 
     def _end_tick(self, replies: Mapping[str, Reply]) -> None:
         """Post messages, update plans and controls, and record the current frame."""
-        replies = {ego: reply for ego, reply in replies.items() if ego not in self._endings}
+        replies = {e: reply for e, reply in replies.items() if e not in self._endings and e not in self._failures}
         self._post_messages(self.frame, replies)
         self._update_plans(replies)
         self._update_controls(self.frame, replies)
@@ -172,7 +182,10 @@ class EpisodeSimulation:
         self.is_done = not self.active_egos
 
     def _judge(self, frame: Frame) -> None:
-        """End the CAVs that arrived, deviated, are blocked or timed out in this frame (protocol 5 to 7)."""
+        """End the CAVs that arrived, deviated, are blocked or timed out in this frame (protocol 5 to 7).
+
+        A CAV whose agent failed keeps that outcome, whatever ends it.
+        """
         for ego in self.active_egos:
             state = frame.egos[ego]
             self._progress[ego] = criteria.update_progress(
@@ -180,10 +193,27 @@ class EpisodeSimulation:
             )
             end = criteria.find_end(self._progress[ego], frame.tick, self._time_limit)
             if end is not None:
-                self._endings[ego] = Ending(ego, frame.tick, end)
+                self._end(ego, end)
+        self._end_failed_cavs()
         for failure in self._config.replayed_failures:
-            if failure.tick == frame.tick and failure.ego not in self._endings:
-                self._endings[failure.ego] = failure
+            if failure.failed_tick == frame.tick and failure.ego not in self._endings:
+                self._failures[failure.ego] = failure
+
+    def _end(self, ego: str, end: End) -> None:
+        failed, tick = self._failures.get(ego), self.frame.tick
+        self._endings[ego] = replace(failed, tick=tick) if failed is not None else Ending(ego, tick, end)
+
+    def _end_failed_cavs(self) -> None:
+        """End the CAVs whose agents failed in an earlier tick once all of them stand and no other CAV is left."""
+        left = self.active_egos
+        tick, egos = self.frame.tick, self.frame.egos
+        failed_ticks = [self._failures[ego].failed_tick for ego in left if ego in self._failures]
+        have_failed = len(failed_ticks) == len(left) and all(
+            found is not None and found < tick for found in failed_ticks
+        )
+        if have_failed and all(egos[ego].speed == 0.0 for ego in left):
+            for ego in left:
+                self._end(ego, End.AGENT_FAILED)
 
     def _post_messages(self, frame: Frame, replies: Mapping[str, Reply]) -> None:
         """Record the notes of the agents, and post the messages of CAVs and road-side units."""
@@ -205,11 +235,15 @@ class EpisodeSimulation:
                 self._plans.pop(ego, None)
 
     def _update_controls(self, frame: Frame, replies: Mapping[str, Reply]) -> None:
-        """Take the control of each reply, or that of the controller that tracks its plan; drop CAVs that ended."""
+        """Take the control of each reply, or that of the controller that tracks its plan; drop CAVs that ended.
+
+        A CAV whose agent failed brakes.
+        """
         for ego, reply in replies.items():
             self._controls[ego] = reply.control if reply.control is not None else self._track_plan(ego, frame.egos[ego])
-        self._plans = {ego: plan for ego, plan in self._plans.items() if ego not in self._endings}
-        self._controls = {ego: self._controls[ego] for ego in self.active_egos}
+        driven = [ego for ego in self.active_egos if ego not in self._failures]
+        self._plans = {ego: self._plans[ego] for ego in driven if ego in self._plans}
+        self._controls = {ego: self._controls[ego] if ego in driven else STANDSTILL for ego in self.active_egos}
 
     def _track_plan(self, ego: str, state: EgoState) -> Control:
         plan = self._plans[ego]

@@ -5,7 +5,7 @@ successive messages of a sender differ little and then compress well.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -43,7 +43,7 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
     stations = _list_stations(episode, scenario)
     column = {station: i for i, station in enumerate(stations)}
     types = sorted({one.message.type for one in sent})
-    rows = list(_list_rows([one.message for one in sent]))
+    rows = list(_list_rows(episode, [one.message for one in sent]))
     mcms = [row for row in rows if isinstance(row.content, Mcm)]
     terms, term_of = _number_terms(mcms)
     places = {rsu.id: _to_cm((rsu.x, rsu.y), origin) for rsu in scenario.rsus}
@@ -83,21 +83,35 @@ def _list_stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:
     return [*known, *sorted({one.message.sender for one in episode.messages} - set(known))]
 
 
-def _list_rows(messages: Sequence[Message]) -> Iterator[_MessageRow]:
+def _list_rows(episode: EpisodeRecord, messages: Sequence[Message]) -> Iterator[_MessageRow]:
     last: dict[tuple[str, str], int] = {}
     for row, message in enumerate(messages):
         source = message.sender, message.type
         shown = message.tick - last.get(source, -SHOWN_EVERY_TICKS) >= SHOWN_EVERY_TICKS
         if shown:
             last[source] = message.tick
-        yield _MessageRow(row, message, _decode(message), shown)
+        yield _MessageRow(row, message, _decode(episode, message), shown)
 
 
-def _decode(message: Message) -> Content | None:
+def _decode(episode: EpisodeRecord, message: Message) -> Content | None:
+    """Return the content with the scenario's ids of stations; None if it cannot be decoded."""
     try:
-        return decode(message)
+        content = decode(message)
     except MessageError:
         return None
+    if isinstance(content, str):
+        return episode.restore_names(content)
+    return _restore_stations(episode, content) if isinstance(content, Mcm) else content
+
+
+def _restore_stations(episode: EpisodeRecord, mcm: Mcm) -> Mcm:
+    rename = episode.restore_name
+    return replace(
+        mcm,
+        requests={rename(station): requested for station, requested in mcm.requests.items()},
+        answers={rename(station): accepted for station, accepted in mcm.answers.items()},
+        group=tuple(sorted(map(rename, mcm.group))),
+    )
 
 
 def _make_table(rows: Any, columns: int) -> Int:

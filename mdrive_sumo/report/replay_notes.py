@@ -10,8 +10,13 @@ MAX_CHARS = 4000
 
 
 def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
-    """Return (tick, CAV, kind, text, details) of every note in order; the page shows details on demand."""
-    return [(note.tick, note.ego, note.note.kind, *_format_note(note)) for note in episode.notes]
+    """Return (tick, CAV, kind, text, details) of every note in order; the page shows details on demand.
+
+    Texts have the scenario's ids of stations.
+    """
+    rows = ((note.tick, note.ego, note.note.kind, *_format_note(note)) for note in episode.notes)
+    rename = episode.restore_names
+    return [(tick, ego, kind, rename(text), rename(details)) for tick, ego, kind, text, details in rows]
 
 
 def _format_note(record: NoteRecord) -> tuple[str, str]:

@@ -32,18 +32,20 @@ class AgentSpec:
     limits: AgentLimits = LOCAL_LIMITS
     box: AgentBox | None = None
     """Sandbox of a third-party agent; None: a plain child process. Built-in agents run in the worker process."""
+    known_as: str = ""
+    """The agent as the user typed it, if `agent` is its place in the box."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle a class by value: a worker process cannot import what a notebook defines."""
         if isinstance(self.agent, str):
-            return AgentSpec, (self.agent, dict(self.config), self.limits, self.box)
-        return _restore, (pickle_agent(self.agent), dict(self.config), self.limits, self.box)
+            return AgentSpec, (self.agent, dict(self.config), self.limits, self.box, self.known_as)
+        return _restore, (pickle_agent(self.agent), dict(self.config), self.limits, self.box, self.known_as)
 
     @property
     def name(self) -> str:
         """The agent as text: what the user typed, or `module:Class` of a class."""
         if isinstance(self.agent, str):
-            return self.agent
+            return self.known_as or self.agent
         return f"{self.agent.__module__}:{getattr(self.agent, '__qualname__', type(self.agent).__qualname__)}"
 
     @property

@@ -112,7 +112,7 @@ def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord
         think_times=job.think_times,
     )
     logs = job.logs / scenario.id if job.logs is not None else None
-    with open_agents(job.agent, [ego.id for ego in scenario.egos], logs) as drivers, open_world(config) as world:
+    with open_agents(job.agent, config.cav_pseudonyms, logs) as drivers, open_world(config) as world:
         try:
             return run_episode(config, world, drivers)
         except InputError as error:  # the scenario has been checked before: it is about the agent's declaration

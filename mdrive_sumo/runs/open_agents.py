@@ -1,7 +1,7 @@
 """Start the agents of an episode: built-in ones in this process, all others in child processes, plain or boxed."""
 
 import json
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def declare_agent(spec: AgentSpec) -> AgentDeclaration:
 
     Raises AgentFailure, BoxError, and InputError, also for sensors that a boxed agent must not have.
     """
-    with open_agents(spec, (DECLARING_CAV,)) as drivers:
+    with open_agents(spec, {DECLARING_CAV: DECLARING_CAV}) as drivers:
         driver = drivers[DECLARING_CAV]
         return AgentDeclaration(driver.label, driver.sensors())
 
@@ -65,31 +65,44 @@ def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
 
 
 @contextmanager
-def open_agents(spec: AgentSpec, egos: Sequence[str], logs: Path | None = None) -> Generator[dict[str, AgentDriver]]:
+def open_agents(
+    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None = None
+) -> Generator[dict[str, AgentDriver]]:
     """Start an agent for every CAV and yield driver by CAV id; the agents end with the block.
 
-    logs: path without ending for the output of child processes: the CAV's id and `.log` are appended, for boxes
-    also a record in `.json`; None discards the output. Raises InputError, BoxError and OSError.
+    pseudonyms: the id by which agents know each CAV, by CAV in the order of the scenario. Other processes are started
+    in the order of the pseudonyms and see no other id of their CAV, because their number and the names of their files
+    are no secret. logs: path without ending for the output of child processes: the CAV's id and `.log` are appended,
+    for boxes also a record in `.json`; None discards the output. Raises InputError, BoxError and OSError.
     """
     with ExitStack() as stack:
-        yield _open(spec, egos, logs, stack)
+        yield _open(spec, pseudonyms, logs, stack)
 
 
-def _open(spec: AgentSpec, egos: Sequence[str], logs: Path | None, stack: ExitStack) -> dict[str, AgentDriver]:
+def _open(
+    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None, stack: ExitStack
+) -> dict[str, AgentDriver]:
     if isinstance(spec.agent, str) and spec.agent in AGENTS:
         if spec.box:
             raise InputError(f"agent {spec.agent!r}: expected a third-party agent for a box, found a built-in one")
-        return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in egos}
+        return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in pseudonyms}
     check = _check_boxed_sensors if spec.box else None
     if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
-        session = JointAgentSession(_connect(spec, "all", logs), spec.config, egos, check)
+        session = JointAgentSession(_connect(spec, "all", logs), spec.config, pseudonyms, check)
         stack.callback(_close, session, spec, _append(logs, "all.json"))
         return {**session.drivers}
     drivers: dict[str, AgentDriver] = {}
-    for ego in egos:
-        drivers[ego] = driver = RemoteDriver(_connect(spec, ego, logs), spec.config, check)
+    for ego, told in sorted(pseudonyms.items(), key=lambda pair: pair[1]):
+        drivers[ego] = driver = RemoteDriver(_connect(spec, told, logs), spec.config, check)
+        stack.callback(_rename, _append(logs, f"{told}.log"), _append(logs, f"{ego}.log"))
         stack.callback(_close, driver, spec, _append(logs, f"{ego}.json"))
     return drivers
+
+
+def _rename(log: Path | None, name: Path | None) -> None:
+    """Give the log of an ended process its final name: a process can read the name of the file that it writes to."""
+    if log is not None and name is not None and log.exists():
+        log.rename(name)
 
 
 def _connect(spec: AgentSpec, name: str, logs: Path | None) -> AgentConnection:

@@ -1,23 +1,28 @@
 """PreparedRun: an evaluation that is ready to start. Errors in its input are found here, before the first tick."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.open_agents import PRIVILEGED, declare_agent, find_unknown_sensor
-from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
+from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import RunInfo
+from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.v2x.comm_settings import describe_comm
+from mdrive_sumo.v2x.messages import TYPES
 
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
@@ -37,13 +42,18 @@ class PreparedRun:
     info: RunInfo
     fingerprint: Fingerprint
 
+    @property
+    def agent(self) -> AgentSpec:
+        """The agent as a worker starts it. Raises InputError if it cannot run in a box but shall."""
+        return _locate_agent(self.config, self.suite, self.folder)
+
     def make_job(self, scenario: Scenario) -> EpisodeJob:
         """Return the job that drives one of the scenarios."""
         config = self.config
         return EpisodeJob(
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
-            agent=config.agent.resolve(),
+            agent=self.agent,
             seed=config.seed,
             score_mode=config.score_mode,
             options=config.options,
@@ -75,15 +85,29 @@ def prepare(config: RunConfig) -> PreparedRun:
     for scenario in scenarios:
         check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id))))
     folder = config.out or config.default_folder(suite.name)
-    info = make_run_info(config, suite, _read_labels(config.agent))
+    if config.sandbox and config.scheduler:
+        raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
+    check_mute(config, scenarios)
+    _check_agent_name(config.agent)
+    declared_label, labels = _read_labels(_locate_agent(config, suite, folder))
+    info = make_run_info(config, suite, labels, declared_label)
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))
 
 
-def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...]) -> RunInfo:
-    """Return the description of a run for its results."""
+def _locate_agent(config: RunConfig, suite: Suite, run_folder: Path) -> AgentSpec:
+    """Return the agent as any process finds it, in a box if the run is sandboxed. Raises InputError."""
+    agent = config.agent.resolve()
+    if not config.sandbox:
+        return agent
+    return box_agent(agent, list_hidden_folders(suite.folder, RUNS_FOLDER), run_folder)
+
+
+def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], declared_label: str) -> RunInfo:
+    """Return the description of a run for its results. labels: those that no episode shows."""
     info = {
         "agent": config.agent.name,
         "labels": labels,
+        "declared_label": declared_label,
         "agent_config": config.agent.config_hash(),
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
@@ -102,18 +126,45 @@ def recording_path(run_folder: Path, scenario: str) -> Path:
     return run_folder / EPISODES_FOLDER / f"{scenario}.npz"
 
 
-def _read_labels(agent: AgentSpec) -> tuple[str, ...]:
-    """Create an agent and return its own label, and "privileged" if it declares that sensor. Raises InputError."""
+def _check_agent_name(agent: AgentSpec) -> None:
+    """Raise InputError for a name that is neither a built-in agent nor a locator."""
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
     if isinstance(agent.agent, str) and not agent.is_builtin and (":" not in name or is_family):
         raise InputError(f"agent {name!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
+
+
+def _read_labels(agent: AgentSpec) -> tuple[str, tuple[str, ...]]:
+    """Create an agent; return the label that it declares, and the labels that follow from it. Raises InputError."""
+    name = agent.name
     try:
-        declaration = declare_agent(agent.resolve())
+        declaration = declare_agent(agent)
     except AgentFailure as error:
         raise InputError(f"agent {name!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
     if unknown := find_unknown_sensor(declaration.sensors):
         raise InputError(unknown)
-    label, is_privileged = declaration.label, any(sensor.kind == PRIVILEGED for sensor in declaration.sensors)
-    return (label, PRIVILEGED) if is_privileged and label != PRIVILEGED else (label,)
+    is_joint = isinstance(agent.agent, str) and find_carla_file(agent.agent) is not None
+    facts = {
+        JOINT: is_joint,
+        PRIVILEGED: any(sensor.kind == PRIVILEGED for sensor in declaration.sensors),
+        UNSANDBOXED: not agent.is_builtin and agent.box is None,
+    }
+    return declaration.label, tuple(label for label, holds in facts.items() if holds)
+
+
+def check_mute(config: RunConfig, scenarios: Sequence[Scenario]) -> None:
+    """Raise InputError if `--comm-mute` names a sender or type that the run cannot have, naming those that it can.
+
+    A third-party agent may send types of its own, so for it every type can exist.
+    """
+    senders = {station.id for scenario in scenarios for station in (*scenario.egos, *scenario.rsus)}
+    for pattern in config.options.comm.mute:
+        sender, _, rest = pattern.partition("/")
+        kind = rest.partition("@")[0]
+        if sender not in {"*", *senders}:
+            raise InputError(
+                f"--comm-mute {pattern}: expected a sender among {', '.join(sorted(senders))} or *, found {sender!r}"
+            )
+        if config.agent.is_builtin and kind not in {"*", *TYPES}:
+            raise InputError(f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}")

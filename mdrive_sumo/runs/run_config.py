@@ -32,6 +32,8 @@ class RunConfig:
     score_mode: ScoreMode = ScoreMode.MDRIVE
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
     record: bool = True
+    sandbox: bool = False
+    """Whether a third-party agent runs in boxes, where it can read neither scenarios nor networks."""
     workers: int = 1
     scheduler: str = ""
     """Address of a Dask scheduler, whose workers then drive; "": own worker processes."""
@@ -56,6 +58,7 @@ class RunConfig:
             "score_mode": str(self.score_mode),
             **self.options.to_dict(),
             "record": self.record,
+            "sandbox": self.sandbox,
         }
 
     @classmethod
@@ -69,6 +72,7 @@ class RunConfig:
             score_mode=ScoreMode(values["score_mode"]),
             options=EpisodeOptions.from_dict(values),
             record=values["record"],
+            sandbox=values.get("sandbox", False),
         )
 
     def default_folder(self, suite_name: str) -> Path:
@@ -85,6 +89,7 @@ class RunConfig:
             *(f"{chosen[key]}-{key}" for key in EpisodeOptions.list_choices() if chosen[key] != default[key]),
             self.score_mode if self.score_mode != ScoreMode.MDRIVE else "",
             "" if self.record else "norecord",
+            "sandbox" if self.sandbox else "",
         ]
         return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
 

@@ -105,7 +105,7 @@ def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Epis
     if recorded.ticks != again.ticks:
         return EpisodeDifference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
     for now, then in zip(again.endings, recorded.endings, strict=True):
-        if (now.tick, now.end) != (then.tick, then.end):
+        if (now.tick, now.end, now.failed_tick) != (then.tick, then.end, then.failed_tick):
             return EpisodeDifference(
                 min(now.tick, then.tick),
                 f"{now.ego!r} ends {now.end} in tick {now.tick}, ended {then.end} in tick {then.tick}",

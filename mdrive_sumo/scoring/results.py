@@ -74,6 +74,8 @@ class ScenarioResult(Means):
     egos: tuple[EgoResult, ...]
     comm: dict[str, int] = Field(default_factory=lambda: {})
     """Messages and payload bytes sent, and per fate how many deliveries; empty if nothing was said."""
+    exchanged: dict[str, int] = Field(default_factory=lambda: {})
+    """Messages of CAVs that reached another CAV, by type. The labels of the run follow from them."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
     """How many notes of each kind the agents left, e.g. fallbacks of a language model."""
 
@@ -100,7 +102,10 @@ class RunInfo(_Part):
 
     agent: str
     labels: tuple[str, ...] = ()
-    """What the agent is: single, sharing, negotiation, joint, privileged."""
+    """What the agent did and declared: single, sharing or negotiation by the messages that its CAVs exchanged; joint,
+    privileged; unsandboxed for a third-party agent without a box."""
+    declared_label: str = ""
+    """What the agent says of itself; nothing depends on it."""
     agent_config: str = ""
     """Hash of the agent's configuration."""
     suite: str
@@ -117,6 +122,8 @@ class RunInfo(_Part):
     """How scripted road users behave: default (reactive, on a global clock), or original as in MDrive's code."""
     friction: str = "dry"
     """How slippery roads are: dry in every weather, or as the scenario's weather makes them."""
+    ids: str = "scenario"
+    """Ids of CAVs in agents and messages: random per episode, or the scenario's (older results have no entry)."""
 
 
 class Results(_Part):

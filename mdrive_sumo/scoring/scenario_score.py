@@ -9,7 +9,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
 from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
-from mdrive_sumo.v2x.channel import count_deliveries
+from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged
 
 
 def score_episode(
@@ -35,6 +35,7 @@ def score_episode(
         ticks=episode.ticks,
         egos=tuple(_ego_result(record) for record in records),
         comm=count_deliveries(episode.messages),
+        exchanged=count_exchanged(episode.messages, episode.ego_ids),
         notes=dict(Counter(record.note.kind for record in episode.notes)),
     )
 

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Iterable, Sequence
 
+from mdrive_sumo.scoring.labels import derive_labels
 from mdrive_sumo.scoring.results import BucketResult, Means, Overall, Results, RunInfo, ScenarioResult
 from mdrive_sumo.scoring.score_mode import compute_mean
 
 
 def summarize_run(run: RunInfo, scenarios: Sequence[ScenarioResult]) -> Results:
-    """Return the results of a run. Raises ValueError without scenarios."""
+    """Return the results of a run, with labels that are derived from its scenarios. Raises ValueError without any."""
     return Results(
-        run=run,
+        run=run.model_copy(update={"labels": derive_labels(run.labels, scenarios)}),
         overall=compute_overall(scenarios),
         buckets=compute_bucket_means(scenarios),
         void=sum(scenario.status == "void" for scenario in scenarios),

@@ -135,19 +135,23 @@ class LidarSensor:
         return np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, stream, tick)))
 
     def _name_hits(self, scene: SensingFrame, owner: Int) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
-        """Return the index of the object that each point lies on, and the names of all objects hit."""
+        """Return the index of the object that each point lies on, and the names of all objects hit, sorted.
+
+        Any other order would follow the scenario file.
+        """
         boxes, buildings = scene.boxes.ids, self._fitting.roads.buildings
         count = np.bincount(owner, minlength=1 + len(boxes) + len(buildings))
-        found = 1 + np.flatnonzero(count[1:])
-        index = np.full(len(count), -1, dtype=np.int32)
-        index[found] = np.arange(len(found))
-        names = (
-            derive_track_name(self._fitting.carrier, boxes[i - 1])
+        carrier, salt = self._fitting.carrier, self._fitting.track_salt
+        number_by_name = {
+            derive_track_name(carrier, boxes[i - 1], salt)
             if i <= len(boxes)
-            else f"building:{buildings[i - 1 - len(boxes)].id}"
-            for i in found.tolist()
-        )
-        return index[owner], tuple(names)
+            else f"building:{buildings[i - 1 - len(boxes)].id}": i
+            for i in (1 + np.flatnonzero(count[1:])).tolist()
+        }
+        names = tuple(sorted(number_by_name))
+        index = np.full(len(count), -1, dtype=np.int32)
+        index[[number_by_name[name] for name in names]] = np.arange(len(names))
+        return index[owner], names
 
 
 def _cast_on_ground(rays: LidarRays, height: float, reach: float) -> HitKeys:

@@ -40,6 +40,7 @@ class ObjectsSensor:
         self._range_m = spec.range_m * fitting.weather.objects_range
         self._exact = self._profile is PROFILES[IDEAL]
         self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
+        self._track_salt = fitting.track_salt
         self._names: dict[str, str] = {}
         self._history: deque[tuple[int, Objects]] = deque(maxlen=self._profile.latency_ticks + 1)
 
@@ -95,7 +96,7 @@ class ObjectsSensor:
     def _name(self, true_id: str) -> str:
         name = self._names.get(true_id)
         if name is None:
-            name = self._names[true_id] = derive_track_name(self._carrier, true_id)
+            name = self._names[true_id] = derive_track_name(self._carrier, true_id, self._track_salt)
         return name
 
 

@@ -38,6 +38,10 @@ class SensorContext:
     weather: Weather
     seed: int
 
+    def derive_track_salt(self, carrier: str) -> int:
+        """Return the salt of the track names of a CAV or road-side unit in this episode."""
+        return derive_seed(self.seed, "tracks", carrier)
+
 
 class ObservationBuilder:
     """The sensors of all CAVs."""
@@ -47,7 +51,7 @@ class ObservationBuilder:
     ) -> None:
         """Build all sensors. Raises InputError for unknown or duplicate sensors and for invalid options."""
         self._briefings = briefings
-        self._carriers = {ego: _Carrier(specs, briefings[ego], common) for ego, specs in sensors.items()}
+        self._carriers = {ego: _Carrier(ego, specs, briefings[ego], common) for ego, specs in sensors.items()}
 
     def needs_frame(self, egos: tuple[str, ...]) -> bool:
         """Return whether any of these CAVs has a sensor."""
@@ -81,32 +85,33 @@ class ObservationBuilder:
         return observations
 
     def _privileged(self, scene: SensingFrame, plans: Mapping[str, Plan]) -> Privileged:
-        ids = tuple(sorted(scene.egos))
+        egos = sorted(scene.egos, key=lambda ego: self._briefings[ego].ego_id)
         return Privileged(
-            ego_ids=ids,
-            states=tuple(to_own_state(scene.egos[ego]) for ego in ids),
-            routes=tuple(self._briefings[ego].route_xy for ego in ids),
-            plans=tuple(plans.get(ego) for ego in ids),
+            ego_ids=tuple(self._briefings[ego].ego_id for ego in egos),
+            states=tuple(to_own_state(scene.egos[ego]) for ego in egos),
+            routes=tuple(self._briefings[ego].route_xy for ego in egos),
+            plans=tuple(plans.get(ego) for ego in egos),
             objects=scene.boxes.take(slice(len(scene.egos), None)),
-            rooms=tuple(self._briefings[ego].route_room for ego in ids),
+            rooms=tuple(self._briefings[ego].route_room for ego in egos),
         )
 
 
 class _Carrier:
     """The sensors of one CAV."""
 
-    def __init__(self, specs: tuple[SensorSpec, ...], briefing: Briefing, common: SensorContext) -> None:
+    def __init__(self, ego: str, specs: tuple[SensorSpec, ...], briefing: Briefing, common: SensorContext) -> None:
         self._single: dict[str, Any] = {}
         self._lidar: dict[str, LidarSensor] = {}
         self._bev: dict[str, RasterSensor] = {}
         self.privileged = any(spec.kind == "privileged" for spec in specs)
         self.has_sensors = bool(specs)
+        salt = common.derive_track_salt(ego)
         for spec in specs:
-            seed = derive_seed(common.seed, "sensor", briefing.ego_id, spec.kind, spec.id)
-            self._add(spec, SensorSetup(briefing.ego_id, seed, common.roads, common.weather, briefing))
+            seed = derive_seed(common.seed, "sensor", ego, spec.kind, spec.id)
+            self._add(spec, SensorSetup(ego, seed, common.roads, common.weather, briefing, salt))
         # A raster shows only what an ideal detector sees: it must not show objects behind walls.
         view = max((spec.range_m for spec in specs if spec.kind == "bev"), default=0.0)
-        ideal = SensorSetup(briefing.ego_id, 0, common.roads, common.weather, briefing)
+        ideal = SensorSetup(ego, 0, common.roads, common.weather, briefing, salt)
         self._sight = ObjectsSensor(SensorSpec("objects", range_m=view), ideal) if self._bev else None
 
     def _add(self, spec: SensorSpec, fitting: SensorSetup) -> None:

@@ -45,7 +45,8 @@ class RoadsideUnits:
 def _build_sensor(unit: RoadsideUnit, common: SensorContext) -> ObjectsSensor:
     spec = SensorSpec("objects", range_m=unit.range_m, options={"profile": unit.profile, "free_space": True})
     seed = derive_seed(common.seed, "sensor", unit.id)
-    return ObjectsSensor(spec, SensorSetup(unit.id, seed, common.roads, common.weather, None))
+    salt = common.derive_track_salt(unit.id)
+    return ObjectsSensor(spec, SensorSetup(unit.id, seed, common.roads, common.weather, None, salt))
 
 
 def _compose_cpm(unit: RoadsideUnit, sensor: ObjectsSensor, scene: SensingFrame) -> Message:

@@ -51,12 +51,15 @@ class SensorSetup:
     weather: Weather
     briefing: Briefing | None
     """None for a road-side unit."""
+    track_salt: int = 0
+    """Of the track names of this carrier in this episode; the same for all its sensors."""
 
 
-def derive_track_name(carrier: str, true_id: str) -> str:
+def derive_track_name(carrier: str, true_id: str, salt: int = 0) -> str:
     """Return the track name of an object for a carrier: constant over time, different for every carrier.
 
     Every sensor includes a perfect tracker; agents must associate the tracks of different carriers themselves.
+    salt: of the carrier in this episode, so that an agent cannot compute which track is which CAV.
     """
-    digest = blake2b(f"{carrier}\x00{true_id}".encode(), digest_size=4).digest()
+    digest = blake2b(f"{salt}\x00{carrier}\x00{true_id}".encode(), digest_size=4).digest()
     return format_track_name(int.from_bytes(digest, "big"))

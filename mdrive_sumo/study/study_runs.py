@@ -114,7 +114,7 @@ def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int,
         prepared,
         config=config,
         folder=folder / name_agent_folder(config.agent) / condition.folder / f"seed{seed}",
-        info=make_run_info(config, prepared.suite, prepared.info.labels),
+        info=make_run_info(config, prepared.suite, prepared.info.labels, prepared.info.declared_label),
         fingerprint=compute_fingerprint(config, prepared.suite, prepared.scenarios),
     )
 

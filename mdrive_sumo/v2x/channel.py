@@ -182,6 +182,20 @@ class _Budget:
         return True
 
 
+def count_exchanged(messages: Iterable[SentMessage], cavs: Collection[str]) -> dict[str, int]:
+    """Return how many messages of a CAV reached at least one other CAV, by type; no message of a road-side unit counts.
+
+    Sorted by type; empty if the CAVs exchanged nothing.
+    """
+    arrived = (
+        one.message.type
+        for one in messages
+        if one.message.sender in cavs
+        and any(status is DeliveryStatus.DELIVERED for status, _ in one.deliveries.values())
+    )
+    return dict(sorted(Counter(arrived).items()))
+
+
 def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
     """Return counts of sent messages ("sent"), payload bytes ("bytes") and receivers by delivery status.
 

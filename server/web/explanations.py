@@ -16,7 +16,7 @@ STATES: Mapping[SubmissionState, str] = {
 }
 VERDICTS: Mapping[str, str] = {
     ScenarioVerdict.OK: "The scenario was completed.",
-    ScenarioVerdict.AGENT_FAILED: "The agent of at least one car failed; the scenario is scored up to that point.",
+    ScenarioVerdict.AGENT_FAILED: "The agent of at least one car failed: it brakes to a stop, at a cost of x 0.60.",
     ScenarioVerdict.FAILED_OURS: "Our evaluation failed: the scenario has no result.",
 }
 REASONS: Mapping[str, str] = {

@@ -177,7 +177,7 @@ def lone_tick(roads: RoadMap, folder: Path) -> Iterator[Row]:
     yield "tick, 4 CAVs, no background", statistics.mean(ticks) * 1e3, "ms", "<= 1.0"
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     with (
-        open_agents(AgentSpec("constant-speed"), list(sizes)) as drivers,
+        open_agents(AgentSpec("constant-speed"), {ego: ego for ego in sizes}) as drivers,
         SumoWorld(scenario, roads, sizes, 1) as world,
     ):
         episode = run_episode(EpisodeConfig(scenario, roads, 0), world, drivers)

@@ -124,7 +124,7 @@ def episode(
 
 def _ending(ego_id: str, tick: int, end: End) -> Ending:
     if end is End.AGENT_FAILED:
-        return Ending(ego_id, tick, end, FailureReason.CRASHED, "ValueError: no")
+        return Ending(ego_id, tick, end, FailureReason.CRASHED, "ValueError: no", tick)
     return Ending(ego_id, tick, end)
 
 

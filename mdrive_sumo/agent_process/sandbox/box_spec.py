@@ -31,6 +31,9 @@ class BoxSpec:
     backend: str = "bubblewrap"
     rootfs: Path | None = None
     """Unpacked container image whose programs the box sees; None: this host's `/usr`."""
+    hidden: tuple[Path, ...] = ()
+    """Folders outside that appear empty wherever they lie in what the box sees; those that do not exist are ignored.
+    The backend `none` hides nothing."""
 
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:

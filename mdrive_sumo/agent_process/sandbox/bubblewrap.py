@@ -34,6 +34,19 @@ def sources(spec: BoxSpec) -> dict[str, Path]:
     return found | {inner: outer.resolve() for outer, inner in spec.readonly.items()}
 
 
+def find_hidden_paths(spec: BoxSpec) -> tuple[str, ...]:
+    """Return where in the box the hidden folders would be seen."""
+    folders = [path.resolve() for path in spec.hidden if path.is_dir()]
+    shown = {inner: outer.resolve() for inner, outer in sources(spec).items() if not outer.is_symlink()}
+    places = [
+        str(PurePosixPath(inner) / path.relative_to(outer))
+        for inner, outer in shown.items()
+        for path in folders
+        if path.is_relative_to(outer)
+    ]
+    return tuple(sorted(set(places)))
+
+
 def working_folder(spec: BoxSpec) -> str:
     """Where the program begins: beside its own files, if it has some."""
     return "/agent" if "/agent" in spec.readonly.values() else "/tmp"
@@ -48,6 +61,8 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
     for inner, outer in sorted(seen.items()):
         link = outer.is_symlink()
         mounts += ("--symlink", str(outer.readlink()), inner) if link else ("--ro-bind", str(outer), inner)
+    for inner in find_hidden_paths(spec):
+        mounts += ("--tmpfs", inner, "--remount-ro", inner)
     environment = ENVIRONMENT | dict(spec.env)
     size = str(spec.limits.tmp_bytes)
     return (

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, sources, working_folder
+from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, sources, working_folder
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 
 PLATFORM = "ptrace"
@@ -55,6 +55,7 @@ def write_bundle(spec: BoxSpec, seen: dict[str, Path], folder: Path, uid: int | 
             continue
         place.touch() if originals[inner].is_file() else place.mkdir(exist_ok=True)
         mounts.append(_make_mount(inner, str(outer), "bind", "rbind", "ro", "nosuid", "nodev"))
+    mounts += [_make_mount(inner, "tmpfs", "tmpfs", "ro", "nosuid", "nodev") for inner in find_hidden_paths(spec)]
     (folder / "bundle" / "config.json").write_text(json.dumps(_make_config(spec, mounts)))
     if uid is not None:
         for path in (folder, *folder.rglob("*")):

@@ -1,6 +1,6 @@
 """The recorded ending of a CAV, checked against its frames (protocol 5.2)."""
 
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.scoring.criteria import (
     RouteProgress,
     compute_completion_percent,
@@ -8,6 +8,7 @@ from mdrive_sumo.scoring.criteria import (
     find_end,
     update_progress,
 )
+from mdrive_sumo.scoring.metrics.collisions import INFRACTION_BY_KIND
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch
 from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
@@ -20,17 +21,27 @@ MARK_BY_END = {
 }
 
 
+AGENT_FAILED_FACTOR = INFRACTION_BY_KIND[Kind.VEHICLE][1]
+"""Penalty factor of an agent's failure, that of a collision with a vehicle: an agent that sees a collision coming must
+not gain by ending its process. A deviation: the original ends the route with what it has."""
+
+
 def find_ending_mark(track: EgoTrack) -> tuple[InfractionEvent, ...]:
-    """Return the mark, without a penalty, of a CAV that did not arrive."""
-    kind = MARK_BY_END.get(track.ending.end)
-    return (track.make_infraction(kind, track.ending.tick),) if kind else ()
+    """Return the mark of a CAV that did not arrive. Only an agent's failure has a penalty; its mark is at its tick."""
+    ending = track.ending
+    kind = MARK_BY_END.get(ending.end)
+    if kind is None:
+        return ()
+    if ending.failed_tick is not None:
+        return (track.make_infraction(kind, ending.failed_tick, factor=AGENT_FAILED_FACTOR),)
+    return (track.make_infraction(kind, ending.tick),)
 
 
 def compute_route_completion(track: EgoTrack) -> float:
     """Return the route completion RC [%], 0 to 100 (protocol 6).
 
-    Raises EpisodeMismatch if the criteria, applied to the recorded frames, end the CAV differently. Only an agent's
-    failure cannot be checked: no frame shows it.
+    Raises EpisodeMismatch if the criteria, applied to the recorded frames, end the CAV differently. No frame shows an
+    agent's failure; the CAV must then end in the same tick as by the criteria, or earlier.
     """
     progress, reference, limit = RouteProgress(), track.reference, compute_time_limit_ticks(track.scenario)
     end: End | None = None
@@ -41,7 +52,10 @@ def compute_route_completion(track: EgoTrack) -> float:
         if end is not None:
             break
     recorded = (track.ending.end, track.ending.tick)
-    if recorded != (end or End.AGENT_FAILED, tick):
+    failed_tick = track.ending.failed_tick
+    if failed_tick is not None and (end is None or failed_tick < tick):
+        end = End.AGENT_FAILED
+    if recorded != (end, tick):
         raise EpisodeMismatch(
             f"episode of {track.episode.scenario}: CAV {track.ego.id} is recorded as {recorded[0]} in tick"
             f" {recorded[1]}, but its frames say {end or 'still driving'} in tick {tick}"

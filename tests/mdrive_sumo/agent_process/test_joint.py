@@ -31,7 +31,7 @@ def crew(path: Path, egos: tuple[str, ...] = EGOS) -> JointAgentSession:
     return JointAgentSession(
         open_agent_connection(AgentProgram(str(path), "carla"), AgentLimits(tick_s=20.0)),
         {"config": "config/my.yaml"},
-        egos,
+        {ego: ego for ego in egos},
     )
 
 
@@ -107,7 +107,7 @@ def test_a_bad_control_ends_its_cav_only(tmp_path: Path, two: Scenario, mode: st
     episode = drive(two, crew(carla_agents.plain(tmp_path, mode)))
     assert episode.find_ending("b").end is End.ARRIVED
     bad = episode.find_ending("a")
-    assert (bad.end, bad.failure, bad.text, bad.tick) == (End.AGENT_FAILED, FailureReason.INVALID, text, 3)
+    assert (bad.end, bad.failure, bad.text, bad.failed_tick) == (End.AGENT_FAILED, FailureReason.INVALID, text, 3)
 
 
 def test_a_dead_program_fails_every_call(tmp_path: Path) -> None:
@@ -149,6 +149,6 @@ def test_open_agents_starts_one_process_for_all_cavs(tmp_path: Path) -> None:
     path = carla_agents.plain(tmp_path, "good")
     spec = AgentSpec(f"carla:{path}")
     assert declare_agent(spec).label == "joint"
-    with open_agents(spec, EGOS, tmp_path / "s") as drivers:
+    with open_agents(spec, dict(zip(EGOS, EGOS, strict=True)), tmp_path / "s") as drivers:
         assert [[spec.kind for spec in driver.sensors()] for driver in drivers.values()] == [["speedometer"]] * 2
     assert (tmp_path / "s.all.log").is_file()

@@ -164,7 +164,7 @@ def test_drivers_of_a_job_in_boxes_leave_a_record_and_a_log(tmp_path: Path, fold
     spec = AgentSpec("/agent/agents.py:Driver", box=box(folder))
     assert pickle.loads(pickle.dumps(spec)) == spec
     assert declare_agent(spec).label == "single"
-    with open_agents(spec, ("a", "b"), logs / "crossing") as drivers:
+    with open_agents(spec, {"a": "77", "b": "66"}, logs / "crossing") as drivers:
         for ego in ("a", "b"):
             drivers[ego].sensors()
             drivers[ego].ask(Observation(0, OWN))

@@ -96,7 +96,7 @@ def test_a_failing_agent_raises_with_its_own_exception_as_the_cause() -> None:
 
 def test_a_failing_agent_ends_its_cav_on_request() -> None:
     endings = md.simulate(SCENARIO, agent=BrokenAgent, raise_agent_errors=False).record.endings
-    assert {(ending.tick, ending.end) for ending in endings} == {(3, End.AGENT_FAILED)}
+    assert {(ending.failed_tick, ending.end) for ending in endings} == {(3, End.AGENT_FAILED)}
 
 
 def test_a_scenario_of_a_suite_can_be_given_itself() -> None:

@@ -1,5 +1,6 @@
 """Recordings: resolution, exact storage, chained digests, corrupt files."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def actors(ids: tuple[str, ...], x: float) -> Actors:
 
 def recorded(ticks: int = 40, seed: int = 0) -> EpisodeRecord:
     rng = np.random.default_rng(seed)
-    recorder = Recorder("s", {"seed": seed}, SIZES)
+    recorder = Recorder("s", {"seed": seed}, SIZES, {"0": "0badcafe", "rsu": "rsu"})
     for tick in range(ticks):
         egos = {"0": EgoState(*rng.normal(0, 50, 4))}
         if tick < ticks // 2:
@@ -47,7 +48,7 @@ def recorded(ticks: int = 40, seed: int = 0) -> EpisodeRecord:
         recorder.note(tick, "0", (Note("why", f"{tick} ü"),) if tick % 7 == 0 else ())
     endings = [
         Ending("0", ticks - 1, End.ARRIVED),
-        Ending("1", ticks // 2 - 1, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: …"),
+        Ending("1", ticks // 2 - 1, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: …", failed_tick=3),
     ]
     return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (ThinkTime("0", 3, 2),))
 
@@ -76,6 +77,7 @@ def equal(a: EpisodeRecord, b: EpisodeRecord) -> bool:
             "messages",
             "notes",
             "thinking",
+            "pseudonyms",
         )
     )
     plans = len(a.plans) == len(b.plans) and all(
@@ -167,11 +169,30 @@ def test_a_corrupt_recording_gets_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="found a corrupt file"):
             load_episode(path)
     np.savez(path, header=np.frombuffer(b'{"format": "mdrive-sumo/episode/9"}', dtype=np.uint8))
-    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/episode/2, found 'mdrive-sumo/episode/9'"):
+    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/episode/3, found 'mdrive-sumo/episode/9'"):
         load_episode(path)
     np.savez(path, header=np.array([object()], dtype=object))
     with pytest.raises(InputError, match="found a corrupt file"):
         load_episode(path)
+
+
+def test_a_recording_of_version_2_is_read(tmp_path: Path) -> None:
+    """It has no pseudonyms, and a CAV ended in the tick in which its agent failed."""
+    path = tmp_path / "e.npz"
+    episode = recorded()
+    save_episode(episode, path)
+    with np.load(path) as data:
+        arrays = dict(data)
+    header = json.loads(bytes(arrays["header"]))
+    header["format"] = "mdrive-sumo/episode/2"
+    del header["pseudonyms"]
+    for ending in header["endings"]:
+        del ending["failed_tick"]
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    np.savez(path, **arrays)
+    old = load_episode(path)
+    assert old.pseudonyms == {} and old.digest == episode.digest
+    assert [ending.failed_tick for ending in old.endings] == [None, old.find_ending("1").tick]
 
 
 def test_every_flipped_byte_is_found_or_harmless(tmp_path: Path) -> None:

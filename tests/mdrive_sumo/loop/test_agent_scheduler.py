@@ -39,8 +39,11 @@ def pair(text: Callable[[int], str] = str) -> tuple[Says, Says]:
 @pytest.mark.parametrize(("latency", "age"), [(0, 1), (1, 1), (6, 6)])
 def test_a_message_is_heard_after_exactly_its_latency_and_never_in_its_own_tick(latency: int, age: int) -> None:
     speaker, listener = pair()
-    drive({"0": speaker, "1": listener}, comm=CommSettings(link=LinkSettings(latency_ticks=latency)))
-    heard = [(seen.tick, m.tick, m.sender, m.payload) for seen in listener.seen for m in seen.messages]
+    comm = CommSettings(link=LinkSettings(latency_ticks=latency))
+    episode = drive({"0": speaker, "1": listener}, comm=comm)
+    heard = [
+        (seen.tick, m.tick, episode.restore_name(m.sender), m.payload) for seen in listener.seen for m in seen.messages
+    ]
     assert heard
     assert all(now - then == age and sender == "0" for now, then, sender, _ in heard)
     assert all(payload == str(then).encode() for _, then, _, payload in heard)
@@ -78,11 +81,11 @@ def test_a_cav_that_has_ended_receives_and_sends_nothing() -> None:
 def test_a_road_side_unit_tells_what_it_sees() -> None:
     listener = Says(lambda seen: QUIET)
     scenario = TWO.model_copy(update={"rsus": (RoadsideUnit(id="rsu", x=60.0, y=10.0, range_m=30.0),)})
-    drive({"0": Says(lambda seen: QUIET), "1": listener}, scenario)
+    episode = drive({"0": Says(lambda seen: QUIET), "1": listener}, scenario)
     (message,) = next(seen.messages for seen in listener.seen if seen.messages)
     told = decode(message)
     assert isinstance(told, Cpm)
-    assert (message.sender, told.roadside) == ("rsu", True)
+    assert (episode.restore_name(message.sender), told.roadside) == ("rsu", True)
     assert told.objects.x == pytest.approx([50.0], abs=0.02)
     assert len(told.objects.free_m)
 

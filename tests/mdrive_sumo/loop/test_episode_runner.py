@@ -1,6 +1,7 @@
 """Episodes with agents: order of observation and control, endings, and failures that end one CAV only."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,16 +79,19 @@ def test_the_privileged_sensor_tells_states_routes_and_last_ticks_plans() -> Non
         return Reply(plan=Plan(np.array([(seen.own.x + 1, 0.0), (seen.own.x + 2, 0.0)]), 0.2))
 
     knows = Says(lambda seen: stand, SensorSpec("privileged"))
-    drive(straight_scenario(straight_ego("0", x=60), straight_ego("1", x=10)), {"0": knows, "1": Says(plan)})
+    scenario = straight_scenario(straight_ego("0", x=60), straight_ego("1", x=10))
+    episode, _ = drive(scenario, {"0": knows, "1": Says(plan)})
     first, second = (seen.privileged for seen in knows.seen[:2])
     assert first is not None
     assert second is not None
-    assert first.ego_ids == ("0", "1")
     assert first.plans == (None, None)
-    assert second.plans[0] is None
-    assert second.plans[1] is not None
-    assert second.plans[1].points[0, 0] == 11.0
-    assert first.routes[1][-1].tolist() == [60.0, 0.0]
+    row = {episode.restore_name(told): row for row, told in enumerate(second.ego_ids)}
+    assert set(row) == {"0", "1"}
+    assert second.plans[row["0"]] is None
+    theirs = second.plans[row["1"]]
+    assert theirs is not None
+    assert theirs.points[0, 0] == 11.0
+    assert first.routes[row["1"]][-1].tolist() == [60.0, 0.0]
 
 
 def test_an_unknown_sensor_is_an_input_error_that_names_what_exists() -> None:
@@ -113,7 +117,7 @@ def test_an_unknown_sensor_is_an_input_error_that_names_what_exists() -> None:
         ),
     ],
 )
-def test_a_failing_agent_ends_its_own_ego_only(
+def test_a_failing_agent_stops_its_own_ego_only(
     answer: Callable[[Observation], object], failure: FailureReason, text: str
 ) -> None:
     bad = Says(lambda seen: answer(seen) if seen.tick == 7 else go)
@@ -122,10 +126,9 @@ def test_a_failing_agent_ends_its_own_ego_only(
         {"0": bad, "1": Says(lambda seen: go)},
     )
     ending = episode.find_ending("0")
-    assert (ending.end, ending.failure, ending.tick) == (End.AGENT_FAILED, failure, 7)
+    assert (ending.end, ending.failure, ending.failed_tick) == (End.AGENT_FAILED, failure, 7)
     assert ending.text.startswith(text)
-    assert episode.valid[:9, 0].tolist() == [True] * 8 + [False]
-    assert world.placed[8] == ("1",)
+    assert world.placed[8] == ("0", "1")
     assert episode.find_ending("1").end is End.ARRIVED
 
 
@@ -135,17 +138,17 @@ def test_an_agent_that_fails_before_the_first_tick_never_drives() -> None:
             raise RuntimeError("no weights")
 
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Broken(lambda seen: go)})
-    assert episode.find_ending("0") == Ending(
-        "0", 0, End.AGENT_FAILED, FailureReason.CRASHED, "RuntimeError: no weights"
-    )
-    assert episode.ticks == 1
+    ending = Ending("0", 1, End.AGENT_FAILED, FailureReason.CRASHED, "RuntimeError: no weights", failed_tick=0)
+    assert episode.find_ending("0") == ending
+    assert episode.ticks == 2
 
 
 def test_a_recorded_timeout_happens_again_without_waiting() -> None:
     timeout = Ending("0", 12, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: no answer within the time limit")
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Says(lambda seen: go)}, replayed=(timeout,))
-    assert episode.endings == (timeout,)
-    assert episode.ticks == 13
+    (ending,) = episode.endings
+    assert replace(ending, tick=12) == timeout
+    assert ending.tick == episode.ticks - 1 > 12
 
 
 def test_standing_for_more_than_thirty_seconds_blocks() -> None:

@@ -68,7 +68,7 @@ def test_a_fixed_clock_lets_a_cav_repeat_its_last_control() -> None:
     assert [one.tick for one in seen["1"].seen[:4]] == [0, 2, 4, 6]
 
 
-def test_a_failed_agent_ends_its_cav_in_the_current_tick() -> None:
+def test_a_failed_agent_gets_no_more_observations_from_the_current_tick_on() -> None:
     simulation = EpisodeSimulation(make_config(), EmptyWorld(), SENSORS)
     observations = simulation.reset()
     for _ in range(3):
@@ -77,8 +77,9 @@ def test_a_failed_agent_ends_its_cav_in_the_current_tick() -> None:
     observations = simulation.step({ego: decide(ego, seen) for ego, seen in observations.items()})
     assert list(observations) == ["1"]
     simulation.fail_agent("1", AgentFailure(FailureReason.TIMEOUT, "no answer"))
-    assert simulation.step({}) == {}
-    assert [(ending.tick, ending.failure) for ending in simulation.finish().endings] == [
+    while not simulation.is_done:
+        assert simulation.step({}) == {}
+    assert [(ending.failed_tick, ending.failure) for ending in simulation.finish().endings] == [
         (3, FailureReason.CRASHED),
         (4, FailureReason.TIMEOUT),
     ]

@@ -26,7 +26,7 @@ def scenario(name: str, bucket: str, category: str, ds: float, *egos: dict[str, 
 def results() -> Results:
     info = RunInfo(
         agent="omniscient",
-        labels=("single", "privileged"),
+        labels=("privileged", "unsandboxed"),
         suite="demo",
         suite_checksum="sha256:00",
         seed=7,
@@ -69,7 +69,7 @@ def test_summary_has_buckets_and_both_means(results: Results) -> None:
 
 def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Results) -> None:
     text = format_summary(results)
-    assert "suite demo, agent omniscient [single, privileged], seed 7, score mode mdrive" in text
+    assert "suite demo, agent omniscient [privileged, unsandboxed], seed 7, score mode mdrive" in text
     assert "outcomes     arrived 2, agent-failed (crashed) 1" in text
     assert "infractions  collision-vehicle 1\n" in text
     assert "void         1" in text

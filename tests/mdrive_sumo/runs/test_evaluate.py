@@ -187,7 +187,8 @@ def test_an_agent_from_a_file_is_labelled_and_part_of_the_fingerprint(fakes: Mod
     fakes.make_suite(tmp_path / "suite", "answer")
     (tmp_path / "mine.py").write_text(AGENT)
     options = {"agent": f"{tmp_path}/mine.py:Driver", "agent_config": {"speed": 3}}
-    assert run(tmp_path, **options).run.labels == ("sharing", "privileged")
+    info = run(tmp_path, **options).run
+    assert (info.labels, info.declared_label) == (("privileged", "unsandboxed"), "sharing")
     (tmp_path / "mine.py").write_text(AGENT + "# changed\n")
     with pytest.raises(InputError, match="another agent_code"):
         run(tmp_path, **options)

@@ -42,6 +42,8 @@ WRITTEN = {
     "agent_clock": "fixed:100",
     "actors": "original",
     "friction": "weather",
+    "ids": "random",
+    "sandbox": False,
     "record": False,
 }
 """What journals hold: a changed form makes every stored run unreadable."""
@@ -50,6 +52,10 @@ WRITTEN = {
 def test_the_written_form_is_that_of_stored_runs() -> None:
     assert CONFIG.to_dict() == WRITTEN
     assert RunConfig.from_dict(WRITTEN) == CONFIG
+
+
+def test_in_a_journal_from_before_pseudonyms_agents_knew_the_ids() -> None:
+    assert RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "ids"}).options.station_ids == "scenario"
 
 
 def test_a_journal_from_before_an_option_has_its_default() -> None:
@@ -104,7 +110,7 @@ def test_a_class_runs_in_a_process_of_its_own(spec: AgentSpec) -> None:
     in_worker = pickle.loads(pickle.dumps(spec))
     assert in_worker.agent is not spec.agent or in_worker == spec
     assert declare_agent(in_worker).sensors == (SensorSpec("objects", range_m=30.0),)
-    with open_agents(in_worker, ("a",)) as drivers:
+    with open_agents(in_worker, {"a": "a"}) as drivers:
         drivers["a"].sensors()
         drivers["a"].ask(Observation(7, OwnState(0, 0, 0, 0, 0, 0, 0)))
         with pytest.raises(Exception, match="ValueError: tick 7"):

@@ -44,7 +44,7 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
     one = data["scenarios"][0]
     assert set(one) == {
         *("id", "bucket", "category", "seed", "status", "reason", "ds", "sr", "rc", "ip"),
-        *("min_ttc", "digest", "ticks", "egos", "comm", "notes"),
+        *("min_ttc", "digest", "ticks", "egos", "comm", "exchanged", "notes"),
     }
     assert set(one["egos"][0]) == {"id", "outcome", "reason", "ds", "rc", "ip", "infractions"}
     assert set(one["egos"][0]["infractions"][0]) == {"kind", "tick", "x", "y", "factor", "other"}

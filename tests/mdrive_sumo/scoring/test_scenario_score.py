@@ -17,11 +17,11 @@ from mdrive_sumo.scoring import (
 
 
 def test_an_episode_makes_a_scenario_result() -> None:
-    """Ego 1 starts on the west lane and stays there, which is no infraction; DS (48 + 19) / 2."""
+    """Ego 1 starts on the west lane and stays there, which is no infraction; DS (48 + 0.6 * 19) / 2."""
     recorded = pair_episode()
     found = score_episode(recorded, PAIR, ROADS, ScoreMode.MDRIVE, seed=7)
     assert (found.id, found.seed, found.status, found.ticks) == ("s", 7, "ok", 203)
-    assert (found.ds, found.sr, found.rc, found.ip) == (33.5, 0.0, 59.5, 0.74)
+    assert (found.ds, found.sr, found.rc, found.ip) == (29.7, 0.0, 59.5, 0.54)
     assert found.digest == recorded.digest
     first, second = found.egos
     assert (first.ds, first.rc, first.ip, first.outcome, first.reason) == (48.0, 100.0, 0.48, "arrived", "")
@@ -29,13 +29,13 @@ def test_an_episode_makes_a_scenario_result() -> None:
         ("collision-vehicle", 20, 0.6),
         ("stop-sign", 101, 0.8),
     ]
-    assert (second.ds, second.outcome, second.reason) == (19.0, "agent-failed", "crashed: ValueError: no")
+    assert (second.ds, second.outcome, second.reason) == (11.4, "agent-failed", "crashed: ValueError: no")
 
 
 def test_the_same_episode_in_every_mode() -> None:
-    """Mean RC 59.5: asis * 1 / 0.8, fixed * 0.48 / 0.8."""
+    """Mean RC 59.5: asis * 0.6 / 0.8, fixed * 0.48 * 0.6 / 0.8."""
     found = {mode: score_episode(pair_episode(), PAIR, ROADS, mode, 1).ds for mode in ScoreMode}
-    assert found == {"mdrive": 33.5, "interdrive_fixed": 35.7, "interdrive_asis": 74.375}
+    assert found == {"mdrive": 29.7, "interdrive_fixed": 21.42, "interdrive_asis": 44.625}
 
 
 steps = st.tuples(st.floats(-0.1, 0.9), st.floats(-0.3, 0.3), st.floats(-3, 3), st.integers(1, 60))

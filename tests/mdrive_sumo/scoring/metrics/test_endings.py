@@ -47,7 +47,7 @@ def test_a_deviation_ends() -> None:
 
 def test_an_agents_failure_is_taken_from_the_recording() -> None:
     found = record(straight(5))
-    assert [(i.kind, i.tick) for i in found.infractions] == [("agent-failed", 4)]
+    assert [(i.kind, i.tick, i.factor) for i in found.infractions] == [("agent-failed", 4, 0.6)]
     assert found.ending.text == "ValueError: no"
 
 
