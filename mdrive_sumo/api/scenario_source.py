@@ -1,6 +1,7 @@
 """Find the scenario that a user names, and its road network."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
@@ -8,8 +9,16 @@ from mdrive_sumo.scenario.scenario import Scenario, load_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
 
 
-def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) -> tuple[Scenario, RoadMap]:
-    """Return a scenario and its network.
+class ScenarioSource(NamedTuple):
+    """A scenario, its network, and the folder of the suite that it lies in; None: of no suite."""
+
+    scenario: Scenario
+    roads: RoadMap
+    suite_folder: Path | None
+
+
+def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) -> ScenarioSource:
+    """Return a scenario with its network and the folder of its suite.
 
     scenario: an id, or a scenario itself. suite: a suite, its name or its folder; None: the packaged suites. A scenario
     whose network belongs to a suite of one's own needs that suite. Raises InputError.
@@ -17,15 +26,16 @@ def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None) ->
     if suite is not None:
         owner = load_suite(suite) if isinstance(suite, str) else suite
         found = scenario if isinstance(scenario, Scenario) else _find_in(owner, scenario)
-        return found, load_road_map(find_network_folder(found.network, owner.find_folder(found.id)))
+        folder = owner.find_folder(found.id)
+        return ScenarioSource(found, load_road_map(find_network_folder(found.network, folder)), folder)
     scenario_id = scenario.id if isinstance(scenario, Scenario) else scenario
     folder = _find_packaged_suite(scenario_id)
     if isinstance(scenario, Scenario):
-        return scenario, load_road_map(find_network_folder(scenario.network, folder))
+        return ScenarioSource(scenario, load_road_map(find_network_folder(scenario.network, folder)), folder)
     if folder is None:
         raise InputError(f"scenario {scenario!r}: expected the id of a scenario in a packaged suite, found none")
     found = load_scenario(folder / scenario / SCENARIO_FILE)
-    return found, load_road_map(find_network_folder(found.network, folder))
+    return ScenarioSource(found, load_road_map(find_network_folder(found.network, folder)), folder)
 
 
 def _find_in(suite: Suite, scenario_id: str) -> Scenario:

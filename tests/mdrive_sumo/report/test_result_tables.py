@@ -19,6 +19,7 @@ def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, floa
 def scenario(name: str, bucket: str, category: str, ds: float, *egos: dict[str, Any]) -> ScenarioResult:
     facts = {"id": name, "bucket": bucket, "category": category, "seed": 0, "status": "ok", "reason": ""}
     scores = {"ds": ds, "sr": ds, "rc": ds, "ip": 0.5, "min_ttc": 0.81, "digest": "ab", "ticks": 600}
+    scores |= {"efficient_sr": ds / 2, "time_ratio": 1.5} if ds == 100.0 else {}
     return ScenarioResult.model_validate(facts | scores | {"egos": egos})
 
 
@@ -62,9 +63,19 @@ def test_a_table_without_rows_is_a_header() -> None:
 def test_summary_has_buckets_and_both_means(results: Results) -> None:
     """InterDrive (100 + 50) / 2 = 75, V2XPnP 0: bucket mean 37.5, scenario mean 150 / 3 = 50."""
     lines = [line.split() for line in format_summary(results).splitlines()]
-    assert ["InterDrive", "2", "75.00", "75.00", "75.00", "0.500"] in lines
-    assert ["bucket", "mean", "2", "37.50", "37.50", "37.50", "0.500"] in lines
-    assert ["scenario", "mean", "3", "50.00", "50.00", "50.00", "0.500"] in lines
+    assert ["InterDrive", "2", "75.00", "75.00", "50.00", "1.50", "75.00", "0.500", "1"] in lines
+    assert ["V2XPnP", "1", "0.00", "0.00", "-", "-", "0.00", "0.500", "0"] in lines
+    assert ["bucket", "mean", "2", "37.50", "37.50", "50.00", "1.50", "37.50", "0.500", "1"] in lines
+    assert ["scenario", "mean", "3", "50.00", "50.00", "50.00", "1.50", "50.00", "0.500", "1"] in lines
+
+
+def test_scenarios_without_reference_times_are_counted_with_the_remedy(results: Results) -> None:
+    remedy = "none for 2 scenarios: `mdrive-sumo validate SUITE --write`, `mdrive-sumo rescore RUN`"
+    assert f"times        {remedy}" in format_summary(results).splitlines()
+    assert remedy in build_run_report(results)
+    timed = summarize_run(results.run, results.scenarios[:1])
+    assert "times  " not in format_summary(timed)
+    assert "Reference times" not in build_run_report(timed)
 
 
 def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Results) -> None:
@@ -84,9 +95,11 @@ def test_marks_without_a_cost_are_no_infractions(results: Results) -> None:
 
 def test_report_has_every_scenario_and_category(results: Results) -> None:
     report = build_run_report(results)
-    assert "| r1 | ins_c | 100.00 | 100.00 | 100.00 | 0.500 | 0.81 | 600 | 0 arrived, 1 arrived |" in report
-    assert "| ins_sl | 1 | 50.00 | 50.00 | 50.00 | 0.500 | 50.00 |" in report
-    assert "| LM | 1 | 100.00 | 100.00 | 100.00 | 0.500 | 100.00 |" in report
+    assert (
+        "| r1 | ins_c | 100.00 | 100.00 | 50.00 | 1.50 | 100.00 | 0.500 | 0.81 | 600 | 0 arrived, 1 arrived |" in report
+    )
+    assert "| ins_sl | 1 | 50.00 | 50.00 | - | - | 50.00 | 0.500 | 0 | 50.00 |" in report
+    assert "| LM | 1 | 100.00 | 100.00 | 50.00 | 1.50 | 100.00 | 0.500 | 1 | 100.00 |" in report
     assert "`mdrive-sumo eval --scenario 'r*'`" in report
     assert "libsumo 1.28.0, mdrive-sumo 0.1.0" in report
 
