@@ -11,6 +11,11 @@ SCORE_HEADER: TableRow = ("DS", "SR", "efficient SR", "time ratio", "RC", "IP")
 TIMED_HEADER = "timed"
 """Scenarios over which the time ratio is a mean."""
 CAPTURED_HEADER = "captured [%]"
+COLLISION_PREFIX = "collision-"
+SLOW_IMPACT, FAST_IMPACT = 1.0, 5.0
+"""Impact speeds [m/s] that separate the classes of severity (issue G): a touch at walking pace, and what injures."""
+UNKNOWN_SPEED = "unknown"
+SEVERITIES = ("below 1 m/s", "1 to 5 m/s", "above 5 m/s", UNKNOWN_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,29 @@ def count_infractions(results: Results) -> Counter[str]:
     )
 
 
+def count_collisions_by_severity(results: Results) -> dict[str, int]:
+    """Count the collisions by impact speed, the slowest class first; empty if there are none.
+
+    Collisions of result files without impact speeds are "unknown".
+    """
+    speeds = [
+        infraction.impact_speed
+        for scenario in results.scenarios
+        for ego in scenario.egos
+        for infraction in ego.infractions
+        if infraction.kind.startswith(COLLISION_PREFIX)
+    ]
+    counts = Counter(_name_severity(speed) for speed in speeds)
+    return {name: counts[name] for name in SEVERITIES if speeds and (counts[name] or name != UNKNOWN_SPEED)}
+
+
+def _name_severity(speed: float | None) -> str:
+    below, between, above, unknown = SEVERITIES
+    if speed is None:
+        return unknown
+    return below if speed < SLOW_IMPACT else above if speed > FAST_IMPACT else between
+
+
 def count_notes(results: Results) -> Counter[str]:
     """Count the notes of the agents by kind, most frequent first, e.g. fallbacks of a language model."""
     return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
@@ -107,6 +135,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     facts = (
         ("outcomes", _listed(count_outcomes(results))),
         ("infractions", _listed(count_infractions(results))),
+        ("severity", _listed(count_collisions_by_severity(results))),
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
         *((("times", missing),) if (missing := describe_missing_reference(results)) else ()),
@@ -123,5 +152,5 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     )
 
 
-def _listed(counts: Counter[str]) -> str:
+def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"

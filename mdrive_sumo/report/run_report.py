@@ -12,6 +12,7 @@ from mdrive_sumo.report.result_tables import (
     TIMED_HEADER,
     CapturedCooperation,
     build_score_rows,
+    count_collisions_by_severity,
     count_infractions,
     count_notes,
     count_outcomes,
@@ -62,6 +63,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results).items()),
         _counts("infraction", "times", count_infractions(results).items()),
+        _counts("impact speed", "collisions", count_collisions_by_severity(results).items(), "No collisions."),
         *((_counts("note", "times", count_notes(results).items()),) if count_notes(results) else ()),
         _void_list(results),
         "## Categories",
@@ -105,9 +107,9 @@ def _score_table(results: Results, captured: CapturedCooperation | None) -> str:
     return format_markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
 
 
-def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]]) -> str:
+def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:
     rows = [(kind, str(count)) for kind, count in counts]
-    return format_markdown_table((name, unit), rows) if rows else f"No {name}s."
+    return format_markdown_table((name, unit), rows) if rows else empty or f"No {name}s."
 
 
 def _void_list(results: Results) -> str:

@@ -32,6 +32,8 @@ class Infraction(_Part):
     factor: Number
     other: str
     """Id of what it concerns, "" where there is none."""
+    impact_speed: Number | None = Field(default=None, exclude_if=lambda speed: speed is None)
+    """Of a collision: relative speed [m/s] in the tick before the contact. Absent for everything else."""
 
 
 class EgoResult(_Part):

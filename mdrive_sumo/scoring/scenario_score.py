@@ -86,7 +86,9 @@ def _ego_result(record: EgoRecord) -> EgoResult:
         ip=record.ip,
         ticks=ending.tick,
         infractions=tuple(
-            Infraction(kind=i.kind, tick=i.tick, x=i.x, y=i.y, factor=i.factor, other=i.other)
+            Infraction(
+                kind=i.kind, tick=i.tick, x=i.x, y=i.y, factor=i.factor, other=i.other, impact_speed=i.impact_speed
+            )
             for i in record.infractions
         ),
     )

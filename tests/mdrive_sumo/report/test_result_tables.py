@@ -6,7 +6,12 @@ from typing import Any
 import pytest
 
 from mdrive_sumo.core.tables import format_text_table
-from mdrive_sumo.report.result_tables import count_infractions, count_outcomes, format_summary
+from mdrive_sumo.report.result_tables import (
+    count_collisions_by_severity,
+    count_infractions,
+    count_outcomes,
+    format_summary,
+)
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
@@ -91,6 +96,19 @@ def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Resu
 def test_marks_without_a_cost_are_no_infractions(results: Results) -> None:
     assert count_infractions(results) == {"collision-vehicle": 1}
     assert sum(count_outcomes(results).values()) == 3
+
+
+def test_collisions_are_counted_by_impact_speed(results: Results) -> None:
+    """0 and 0.99 m/s are slow, 1 and 5 in between, 5.01 fast; red lights have no severity."""
+    assert count_collisions_by_severity(results) == {"below 1 m/s": 0, "1 to 5 m/s": 0, "above 5 m/s": 0, "unknown": 1}
+    hits = ego("0", "arrived", "", *(("collision-static", 0.65),) * 5, ("red-light", 0.7))
+    for mark, speed in zip(hits["infractions"], (0.0, 0.99, 1.0, 5.0, 5.01), strict=False):
+        mark["impact_speed"] = speed
+    found = summarize_run(results.run, (scenario("r1", "InterDrive", "ins_c", 10.0, hits),))
+    assert "severity     below 1 m/s 2, 1 to 5 m/s 2, above 5 m/s 1\n" in format_summary(found)
+    assert "| above 5 m/s | 1 |" in build_run_report(found)
+    clean = summarize_run(results.run, (scenario("r1", "InterDrive", "ins_c", 10.0),))
+    assert "severity     none" in format_summary(clean) and "No collisions." in build_run_report(clean)
 
 
 def test_report_has_every_scenario_and_category(results: Results) -> None:

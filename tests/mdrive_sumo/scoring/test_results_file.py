@@ -47,7 +47,9 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
         *("min_ttc", "digest", "ticks", "egos", "comm", "notes"),
     }
     assert set(one["egos"][0]) == {"id", "outcome", "reason", "ds", "rc", "ip", "ticks", "time_ratio", "infractions"}
-    assert set(one["egos"][0]["infractions"][0]) == {"kind", "tick", "x", "y", "factor", "other"}
+    collision, stop_sign = one["egos"][0]["infractions"]
+    assert set(stop_sign) == {"kind", "tick", "x", "y", "factor", "other"}
+    assert set(collision) == set(stop_sign) | {"impact_speed"}
 
 
 def test_the_schema_describes_every_key_of_the_file() -> None:
